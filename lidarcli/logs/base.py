@@ -1,0 +1,142 @@
+"""What every container must offer, and what is shared by all of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from lidarcli.sweeps import RawSweeps
+
+LASERSCAN = "sensor_msgs/msg/LaserScan"
+MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
+FOXGLOVE_SCAN = "foxglove.LaserScan"
+SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, FOXGLOVE_SCAN})
+
+POSE_TYPES = frozenset(
+    {
+        "nav_msgs/msg/Odometry",
+        "tf2_msgs/msg/TFMessage",
+        "tf/msg/tfMessage",
+        "geometry_msgs/msg/PoseStamped",
+        "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "foxglove.PoseInFrame",
+        "foxglove.FrameTransform",
+    }
+)
+
+MAX_BEAMS = 1_000_000
+"""A sweep that declares more beams than this is refused: no 2D LiDAR comes near it."""
+
+
+def ros_type(name: str) -> str:
+    """One spelling for a message type: `sensor_msgs/LaserScan` → `sensor_msgs/msg/LaserScan`.
+
+    >>> ros_type("sensor_msgs/LaserScan")
+    'sensor_msgs/msg/LaserScan'
+    """
+    parts = name.split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of a log. `messages` is None while nobody has counted."""
+
+    name: str
+    type: str
+    """As `ros_type` spells it, or the schema's name (`foxglove.LaserScan`)."""
+    encoding: str
+    """`cdr`, `ros1`, `json`, `protobuf`, or `csv`."""
+    messages: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A part of a log that could not be read: one line for the user."""
+
+    place: str
+    """Where: `byte 1234`, `line 12`, `chunk at byte 99`, `metadata.yaml`."""
+    cause: str
+    """What is wrong, and what it cost where that is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One raw message of a topic that is not a LaserScan (poses), undecoded."""
+
+    topic: str
+    type: str
+    encoding: str
+    record_ns: int
+    data: bytes
+
+
+@dataclass(slots=True)
+class ReadReport:
+    """What reading has met so far. A reader appends; the pipeline and `info` show it."""
+
+    damage: list[Damage] = field(default_factory=list)
+    """Damaged parts (exit code 3). At most `MAX_DAMAGE` are kept, the rest is counted in `damage_more`."""
+    damage_more: int = 0
+    refused: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """(topic, cause) → messages that were whole but cannot be a sweep (NaN geometry, count beyond the message)."""
+    notes: list[str] = field(default_factory=list)
+    """Choices the reader made that a user should know (the CSV layout taken, a missing metadata.yaml)."""
+    bytes_read: int = 0
+    """Progress: position in the source [bytes]."""
+
+    MAX_DAMAGE = 20
+
+    def add_damage(self, place: str, cause: str) -> None:
+        """Record damage, bounded whatever a hostile file does."""
+        if len(self.damage) < ReadReport.MAX_DAMAGE:
+            self.damage.append(Damage(place, cause))
+        else:
+            self.damage_more += 1
+
+
+@dataclass(frozen=True, slots=True)
+class CsvOptions:
+    """What a CSV may need to be told. Angles in radians, ranges in metres."""
+
+    angle_min: float | None = None
+    angle_increment: float | None = None
+    fov: float | None = None
+    range_max: float | None = None
+    range_scale: float = 1.0
+    """Factor from the file's unit to metres (`--range-unit mm`: 0.001)."""
+
+
+class Log(Protocol):
+    """One open log. Closing it releases files; using it as a context manager closes it.
+
+    A constructor reads as little as it needs to know the format and raises `UnreadableError` when nothing at all can be
+    read. Later damage never raises: it goes to `report`, and everything readable is still yielded.
+    """
+
+    path: str
+    """As the user wrote it; `-` for standard input."""
+    format: str
+    """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`."""
+    compression: str
+    """`none`, `lz4`, `zstd`, `bz2`, `gzip`, or several joined by `+`."""
+    size: int | None
+    """Bytes of the source; None where unknown (a pipe)."""
+    report: ReadReport
+
+    def topics(self) -> list[Topic] | None:
+        """All topics where the log has an index of them, else None (a pipe, a log that lost its summary)."""
+
+    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+        """Blocks of sweeps in log order within each topic; `topics` None means every LaserScan topic."""
+
+    def messages(self, types: Collection[str]) -> Iterator[Message]:
+        """Raw messages of the given types in log order (poses)."""
+
+    def close(self) -> None: ...
+
+    def __enter__(self) -> Log: ...
+
+    def __exit__(self, *exc: object) -> None: ...

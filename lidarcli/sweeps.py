@@ -1,0 +1,307 @@
+"""Sweeps: the one type that all rooms share, and the only place where ranges are normalised.
+
+A log is a stream of sweeps; sweeps travel in batches of 2-D arrays, row = sweep, column = beam. Sensors whose
+beam count changes from turn to turn stay in one batch: short rows are padded, padding has its own status.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.errors import OptionError
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]
+
+TURN = 2.0 * np.pi
+
+
+class Status(IntEnum):
+    """What a beam says: a range, or why there is none (ROS REP 117, and what drivers really write)."""
+
+    VALID = 0
+    NO_RETURN = 1
+    TOO_CLOSE = 2
+    INVALID = 3
+    PADDING = 4
+
+
+class Closure(IntEnum):
+    """How a sweep closes to a full turn (docs/formalism.md, *Full turn*)."""
+
+    OPEN = 0
+    """A partial view: the first beam has no predecessor."""
+    CLOSED = 1
+    """N |Δθ| ≈ 2π: N distinct bearings."""
+    SHARED = 2
+    """(N - 1) |Δθ| ≈ 2π: the first and the last beam share one bearing, which counts once."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawSweeps:
+    """Sweeps of one topic as a log holds them, in log order, before any range is judged.
+
+    Shapes: S sweeps, B = the largest beam count of the block. Angles in radians, ranges in metres, times in int64
+    nanoseconds since the epoch of their clock. `ranges[i, beams[i]:]` is padding of any value.
+    """
+
+    topic: str
+    frame_ids: tuple[str, ...]
+    """Distinct frame names of the block."""
+    frame: Int32
+    """(S,) index into `frame_ids`."""
+    stamp_ns: Int64
+    """(S,) header stamp; 0 where the header has none."""
+    record_ns: Int64
+    """(S,) time at which the log recorded the message; equal to `stamp_ns` where the log has none (CSV)."""
+    angle_min: Float64
+    angle_increment: Float64
+    range_min: Float32
+    range_max: Float32
+    beams: Int32
+    """(S,) number of ranges of each sweep."""
+    ranges: Float32
+    """(S, B)"""
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def rows(self, index: slice | NDArray[np.intp] | Bool) -> RawSweeps:
+        """The same block with the rows of `index` alone."""
+        picked = {name: getattr(self, name)[index] for name in _ROW_FIELDS}
+        return replace(self, **picked)
+
+
+_ROW_FIELDS = (
+    "frame",
+    "stamp_ns",
+    "record_ns",
+    "angle_min",
+    "angle_increment",
+    "range_min",
+    "range_max",
+    "beams",
+    "ranges",
+)
+
+
+def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
+    """Join blocks of one topic into one, padding to the widest, with one list of frames."""
+    if len(blocks) == 1:
+        return blocks[0]
+    frame_ids = tuple(dict.fromkeys(name for block in blocks for name in block.frame_ids))
+    code = {name: i for i, name in enumerate(frame_ids)}
+    width = max(block.ranges.shape[1] for block in blocks)
+    ranges = np.empty((sum(map(len, blocks)), width), np.float32)
+    frames = []
+    row = 0
+    for block in blocks:
+        rows, columns = block.ranges.shape
+        ranges[row : row + rows, :columns] = block.ranges
+        ranges[row : row + rows, columns:] = np.nan
+        recode = np.array([code[name] for name in block.frame_ids], np.int32)
+        frames.append(recode[block.frame])
+        row += rows
+    joined = {
+        name: np.concatenate([getattr(block, name) for block in blocks])
+        for name in _ROW_FIELDS
+        if name not in ("frame", "ranges")
+    }
+    return RawSweeps(
+        topic=blocks[0].topic, frame_ids=frame_ids, frame=np.concatenate(frames), ranges=ranges, **joined
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RangeRules:
+    """How raw ranges become a range and a status. `no_return` holds words and metres, see `parse_no_return`."""
+
+    no_return: frozenset[str] = frozenset({"inf", "zero", "max", "above"})
+    markers: tuple[float, ...] = ()
+    """Magic values [m] that stand for "no return" on some drivers (81.91, 50, ...)."""
+    limits: tuple[float, float] | None = None
+    """Range limits [m] that replace those of the messages."""
+
+
+NO_RETURN_WORDS = ("inf", "zero", "max", "above", "nan", "negative", "below")
+
+
+def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
+    """Split a `--no-return` list (`zero,max,81.91`) into its words and its markers [m].
+
+    >>> parse_no_return("zero,81.91")
+    (frozenset({'zero'}), (81.91,))
+    """
+    words, markers = set(), []
+    for item in filter(None, (part.strip().lower() for part in text.split(","))):
+        if item in NO_RETURN_WORDS:
+            words.add(item)
+            continue
+        try:
+            markers.append(float(item))
+        except ValueError:
+            raise OptionError(
+                f"--no-return: '{item}' is neither a number nor one of {', '.join(NO_RETURN_WORDS)}"
+            ) from None
+    return frozenset(words), tuple(markers)
+
+
+@dataclass(frozen=True, slots=True)
+class SweepBatch:
+    """S sweeps of one topic in log order, ranges normalised; arrays are (S,) or (S, B), see `RawSweeps`."""
+
+    topic: str
+    frame_ids: tuple[str, ...]
+    frame: Int32
+    sweep: Int64
+    """(S,) index of the sweep within its topic, in log order, from 0."""
+    stamp_ns: Int64
+    """(S,) header stamp, or the record time where the header has none."""
+    record_ns: Int64
+    angle_min: Float64
+    angle_increment: Float64
+    range_min: Float32
+    range_max: Float32
+    beams: Int32
+    ranges: Float32
+    """(S, B) metres; NaN wherever `status` is not VALID."""
+    status: UInt8
+    """(S, B) `Status`; PADDING from `beams[i]` on."""
+    closure: UInt8 = field(default_factory=lambda: np.empty(0, np.uint8))
+    """(S,) `Closure`; derived from the geometry."""
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    @property
+    def width(self) -> int:
+        """B, the number of columns."""
+        return int(self.ranges.shape[1])
+
+    def bearings(self) -> Float64:
+        """(S, B) θ_n = angle_min + n angle_increment [rad], also for padding."""
+        columns = np.arange(self.width)
+        bearings: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * columns
+        return bearings
+
+
+def closure(beams: Int32, angle_increment: Float64) -> UInt8:
+    """Which sweeps close to a full turn, and how (`Closure`), from beam count and increment.
+
+    A turn may fall short by half an increment or by 0.25 % of the turn: drivers that round `angle_increment` leave a
+    seam of up to three beams which no beam belongs to.
+
+    >>> step = TURN / 360
+    >>> closure(np.array([360, 361, 270], np.int32), np.array([step, -step, step])).tolist()
+    [1, 2, 0]
+    """
+    step = np.abs(angle_increment)
+    turn = np.asarray(beams) * step
+    slack = np.maximum(0.5 * step, 0.0025 * TURN)
+    enough = np.asarray(beams) > 3
+    shared = np.abs(turn - step - TURN) <= 0.5 * step
+    closed = (turn >= TURN - slack) & (turn <= TURN + 0.5 * step) & ~shared
+    kind: UInt8 = np.where(shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)).astype(
+        np.uint8
+    )
+    return kind
+
+
+def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
+    """Judge every range once: `RawSweeps` → `SweepBatch`.
+
+    Parameters
+    ----------
+    raw : RawSweeps
+    sweep : (S,) int64, index of each row within its topic
+    rules : RangeRules
+
+    Notes
+    -----
+    By default NaN and negative values are INVALID, +inf, 0, exactly `range_max` and anything above are NO_RETURN, and
+    -inf and values below `range_min` are TOO_CLOSE. A limit that is not finite, or not above the other, is no limit.
+    """
+    rows, width = raw.ranges.shape
+    range_min, range_max = raw.range_min, raw.range_max
+    if rules.limits is not None:
+        range_min = np.full(rows, rules.limits[0], np.float32)
+        range_max = np.full(rows, rules.limits[1], np.float32)
+    low = np.where(np.isfinite(range_min), np.maximum(range_min, 0), 0).astype(np.float32)
+    high = np.where(np.isfinite(range_max) & (range_max > low), range_max, np.inf).astype(np.float32)
+
+    ranges = raw.ranges
+    at_max_counts = "max" not in rules.no_return
+    with np.errstate(invalid="ignore"):
+        valid = ranges < high[:, None]
+        if at_max_counts:
+            valid |= (ranges == high[:, None]) & np.isfinite(ranges)
+        valid &= ranges >= low[:, None]
+        valid &= ranges > 0
+        for marker in rules.markers:
+            valid &= ~np.isclose(ranges, marker, rtol=0, atol=1e-4)
+    ragged = bool((raw.beams < width).any())
+    if ragged:
+        padding = np.arange(width) >= raw.beams[:, None]
+        valid &= ~padding
+
+    status = np.zeros((rows, width), np.uint8)
+    clean = ranges.astype(np.float32)
+    row, column = np.nonzero(~valid)
+    status[row, column] = _status_without_range(ranges[row, column], low[row], high[row], rules)
+    clean[row, column] = np.nan
+    if ragged:
+        status[padding] = Status.PADDING
+    return SweepBatch(
+        topic=raw.topic,
+        frame_ids=raw.frame_ids,
+        frame=raw.frame,
+        sweep=sweep,
+        stamp_ns=np.where(raw.stamp_ns == 0, raw.record_ns, raw.stamp_ns),
+        record_ns=raw.record_ns,
+        angle_min=raw.angle_min,
+        angle_increment=raw.angle_increment,
+        range_min=range_min,
+        range_max=range_max,
+        beams=raw.beams,
+        ranges=clean,
+        status=status,
+        closure=closure(raw.beams, raw.angle_increment),
+    )
+
+
+def _status_without_range(value: Float32, low: Float32, high: Float32, rules: RangeRules) -> UInt8:
+    """Status of the (K,) raw values that are no valid range."""
+    with np.errstate(invalid="ignore"):
+        nan = np.isnan(value)
+        inf = value == np.inf
+        zero = value == 0
+        negative = (value < 0) & (value != -np.inf)
+        below = (value > 0) & (value < low)
+        at_max = (value == high) & ~inf
+        above = (value > high) & ~inf
+    status = np.full(len(value), Status.INVALID, np.uint8)
+    status[below | (value == -np.inf)] = Status.TOO_CLOSE
+    kinds: Iterable[tuple[str, Bool]] = (
+        ("nan", nan),
+        ("inf", inf),
+        ("zero", zero),
+        ("negative", negative),
+        ("below", below),
+        ("max", at_max),
+        ("above", above),
+    )
+    for word, mask in kinds:
+        if word in rules.no_return:
+            status[mask] = Status.NO_RETURN
+    for marker in rules.markers:
+        status[np.isclose(value, marker, rtol=0, atol=1e-4)] = Status.NO_RETURN
+    return status
