@@ -1,0 +1,131 @@
+"""The things a scene can hold, each drawn as segments and circles in its own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lidarcli.simulate.scene import STILL, Entity, Motion
+from lidarcli.sweeps import TURN, Float64
+
+
+def closed(points: Float64) -> Float64:
+    """(P, 4) the sides of a polygon with the corners (P, 2)."""
+    return np.hstack([points, np.roll(points, -1, axis=0)])
+
+
+def rectangle(length: float, width: float, x: float = 0.0, y: float = 0.0) -> Float64:
+    """(4, 4) the sides of an upright rectangle around (x, y)."""
+    half = np.array([length / 2, width / 2])
+    return closed(np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + [x, y])
+
+
+def wall(points: Sequence[Sequence[float]] | Float64) -> Entity:
+    """A polyline of the building, fixed in the world."""
+    corners = np.asarray(points, float)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    centre = (low + high) / 2
+    local = corners - centre
+    length, width = high - low
+    return Entity(
+        "wall", *centre, 0.0, float(length), float(width), segments=np.hstack([local[:-1], local[1:]])
+    )
+
+
+def box(x: float, y: float, length: float, width: float, yaw: float = 0.0, motion: Motion = STILL) -> Entity:
+    """A closed rectangular box."""
+    return Entity("box", x, y, yaw, length, width, segments=rectangle(length, width), motion=motion)
+
+
+def cylinder(x: float, y: float, radius: float, motion: Motion = STILL) -> Entity:
+    """A round thing: a pillar, a bin, a pole."""
+    return Entity(
+        "cylinder", x, y, 0.0, 2 * radius, 2 * radius, circles=np.array([[0, 0, radius]]), motion=motion
+    )
+
+
+def legged(
+    kind: str,
+    x: float,
+    y: float,
+    length: float,
+    width: float,
+    leg: float,
+    yaw: float = 0.0,
+    motion: Motion = STILL,
+) -> Entity:
+    """A thing on four legs of the thickness `leg` in the corners of length × width: a ladder, a chair, a table.
+
+    A ladder's legs are rails, twice as deep as thick; a chair's are round, a table's square.
+    """
+    depth = 2 * leg if kind == "ladder" else leg
+    ax, ay = (length - depth) / 2, (width - leg) / 2
+    corners = [(-ax, -ay), (ax, -ay), (ax, ay), (-ax, ay)]
+    if kind == "chair":
+        circles = np.array([[cx, cy, leg / 2] for cx, cy in corners])
+        return Entity(kind, x, y, yaw, length, width, circles=circles, motion=motion)
+    segments = np.vstack([rectangle(depth, leg, cx, cy) for cx, cy in corners])
+    return Entity(kind, x, y, yaw, length, width, segments=segments, motion=motion)
+
+
+def person(
+    x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float = 0.12, motion: Motion = STILL
+) -> Entity:
+    """Two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`. A stride swings them in turn."""
+    circles = np.array([[0, gap / 2, leg / 2], [0, -gap / 2, leg / 2]])
+    return Entity("person", x, y, yaw, motion.stride + leg, gap + leg, circles=circles, motion=motion)
+
+
+def plant(
+    x: float, y: float, radius: float, seed: int = 0, yaw: float = 0.0, motion: Motion = STILL
+) -> Entity:
+    """Leaves around a stem: a ragged star polygon whose tips lie between half and all of the radius."""
+    rng = np.random.Generator(np.random.PCG64(seed))
+    leaves = int(rng.integers(9, 16))
+    angle = (np.arange(2 * leaves) + rng.uniform(-0.3, 0.3, 2 * leaves)) * (TURN / (2 * leaves))
+    reach = radius * rng.uniform(0.5, 1.0, 2 * leaves)
+    reach[1::2] *= 0.5
+    points = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)])
+    extent = np.abs(points).max(axis=0)
+    return Entity("plant", x, y, yaw, 2 * extent[0], 2 * extent[1], segments=closed(points), motion=motion)
+
+
+def legs_of(entity: Entity) -> list[Entity]:
+    """The legs of a legged thing as entities of their own (kind `leg`); anything else is returned as it is."""
+    if entity.kind not in ("ladder", "chair", "table", "person"):
+        return [entity]
+    cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
+    legs = []
+    for number, (cx, cy, radius) in enumerate(entity.circles):
+        ring = np.array([[0.0, 0.0, radius]])
+        swing = (1 - 2 * (number % 2)) * entity.motion.stride
+        legs.append(
+            replace(
+                entity,
+                kind="leg",
+                x=entity.x + cos * cx - sin * cy,
+                y=entity.y + sin * cx + cos * cy,
+                length=2 * radius,
+                width=2 * radius,
+                circles=ring,
+                motion=replace(entity.motion, stride=swing),
+            )
+        )
+    for sides in entity.segments.reshape(-1, 4, 4):
+        middle = sides[:, :2].mean(axis=0)
+        local = sides - np.tile(middle, 2)
+        extent = 2 * np.abs(local).max(axis=0)
+        legs.append(
+            replace(
+                entity,
+                kind="leg",
+                x=entity.x + cos * middle[0] - sin * middle[1],
+                y=entity.y + sin * middle[0] + cos * middle[1],
+                length=float(extent[0]),
+                width=float(extent[1]),
+                segments=local,
+            )
+        )
+    return legs

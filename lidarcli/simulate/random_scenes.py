@@ -1,0 +1,312 @@
+"""Random scenes with known answers: rooms, corridors at grazing incidence, crowded halls open to infinity.
+
+The sensor stands at a random pose; entities touch neither each other, nor the walls, nor the sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from lidarcli.simulate import entities as make
+from lidarcli.simulate.scene import Entity, Path, Scene, Sensor
+from lidarcli.sweeps import TURN, Float64
+
+Kind = Literal["room", "corridor", "hall"]
+KINDS: tuple[Kind, ...] = ("room", "corridor", "hall")
+Rng = np.random.Generator
+
+SENSORS = {
+    "361": Sensor(361, -np.pi, TURN / 360, 0.1, 12.0),
+    "720": Sensor(720, 0.0, TURN / 720, 0.1, 12.0),
+    "1081": Sensor(1081, -0.75 * np.pi, 1.5 * np.pi / 1080, 0.1, 30.0),
+}
+"""A closed ±180°, a [0°, 360°) and a 270° view."""
+FAULTS = ((0.0, 0.0), (0.01, 0.003), (0.03, 0.01))
+"""(noise [m], share of lost beams) of a perfect, a good and a poor sensor."""
+
+_FREE = 0.15
+"""Least distance between two entities [m]."""
+_AROUND = 0.4
+"""Least distance between the sensor and anything [m]."""
+_TRIES = 60
+
+
+def sensor_with(sensor: Sensor, noise: float, lost: float) -> Sensor:
+    """The same sensor with faults: half of the lost beams come back as inf, half as NaN."""
+    return replace(sensor, noise=noise, lost=lost, lost_as="mixed")
+
+
+def random_scene(kind: Kind, seed: int, sensor: Sensor, *, legged: bool = True) -> Scene:
+    """A scene of one kind; the same seed gives the same scene for every sensor.
+
+    Without `legged` there are no ladders, chairs, tables and two-legged persons.
+    """
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([KINDS.index(kind), seed])))
+    plan = {"room": _room, "corridor": _corridor, "hall": _hall}[kind](rng, legged)
+    path = Path(np.array([plan.sensor[:2]]), yaw=plan.sensor[2])
+    return Scene(f"{kind}-{seed}", sensor, tuple(plan.walls + plan.entities), path)
+
+
+@dataclass(eq=False, slots=True)
+class _Plan:
+    """A scene in the making."""
+
+    walls: list[Entity]
+    sensor: tuple[float, float, float]
+    entities: list[Entity]
+
+    def add(self, entity: Entity, from_walls: float = 0.05, inside: Float64 | None = None) -> bool:
+        """Take the entity if nothing is in its way."""
+        if inside is not None and not _inside(np.array([entity.x, entity.y]), inside):
+            return False
+        outline = _outline(entity)
+        here = np.array([[*self.sensor[:2], *self.sensor[:2]]])
+        if _distance(outline, here) < _AROUND or _covers(entity, self.sensor[:2]):
+            return False
+        if any(_distance(outline, _outline(wall)) < from_walls for wall in self.walls):
+            return False
+        for other in self.entities:
+            reach = np.hypot(entity.length, entity.width) + np.hypot(other.length, other.width)
+            if np.hypot(entity.x - other.x, entity.y - other.y) > reach / 2 + _FREE:
+                continue
+            apart = _distance(outline, _outline(other)) >= _FREE
+            if not apart or _covers(entity, (other.x, other.y)) or _covers(other, (entity.x, entity.y)):
+                return False
+        self.entities.append(entity)
+        return True
+
+    def fill(
+        self, count: int, draw: Callable[[], Entity], from_walls: float = 0.05, inside: Float64 | None = None
+    ) -> None:
+        """Add up to `count` entities, each with a bounded number of tries."""
+        for _ in range(count):
+            for _ in range(_TRIES):
+                if self.add(draw(), from_walls, inside):
+                    break
+
+
+def _room(rng: Rng, legged: bool) -> _Plan:
+    a, b = rng.uniform(4, 10, 2)
+    corners = np.array([[0, 0], [a, 0], [a, b], [0, b]])
+    if rng.random() < 0.4:
+        ca, cb = a * rng.uniform(0.4, 0.7), b * rng.uniform(0.4, 0.7)
+        corners = np.array([[0, 0], [a, 0], [a, cb], [ca, cb], [ca, b], [0, b]])
+    walls = _walls_with_doors(rng, corners, int(rng.integers(0, 4)))
+    for _ in range(1000):
+        spot = rng.uniform(0, 1, 2) * [a, b]
+        if _inside(spot, corners) and _distance(make.closed(corners), np.tile(spot, 2)[None]) > 0.8:
+            break
+    plan = _Plan(walls, (spot[0], spot[1], rng.uniform(-np.pi, np.pi)), [])
+    count = int(rng.integers(3, 11))
+    near = int(rng.binomial(count, 0.3))
+    plan.fill(near, lambda: _beside_wall(rng, corners, rng.uniform(0.1, 0.4)), 0.08, corners)
+    plan.fill(
+        count - near,
+        lambda: _thing(rng, *(rng.uniform(0, 1, 2) * [a, b]), legged),
+        rng.uniform(0.1, 0.4),
+        corners,
+    )
+    return plan
+
+
+def _corridor(rng: Rng, legged: bool) -> _Plan:
+    length, width = rng.uniform(15, 40), rng.uniform(1.5, 3.0)
+    walls: list[Entity] = []
+    for side in (0.0, width):
+        walls += _corridor_side(rng, length, side, 1.0 if side else -1.0)
+    for end in (0.0, length):
+        if rng.random() < 0.6:
+            walls.append(make.wall([[end, 0], [end, width]]))
+    spot = (rng.uniform(0.15, 0.85) * length, rng.uniform(0.35, 0.65) * width)
+    heading = rng.normal(0, 0.15) + (np.pi if rng.random() < 0.5 else 0)
+    plan = _Plan(walls, (*spot, heading), [])
+    area = np.array([[0, 0], [length, 0], [length, width], [0, width]])
+    reach = 9.0
+
+    def along() -> float:
+        return float(np.clip(spot[0] + rng.uniform(-reach, reach), 0.3, length - 0.3))
+
+    def near_wall() -> Entity:
+        size = rng.uniform(0.2, 0.6, 2) * [1, 0.8]
+        gap = rng.uniform(0.15, 0.35) + size[1] / 2
+        turn = rng.normal(0, 0.03)
+        return make.box(along(), gap if rng.random() < 0.5 else width - gap, size[0], size[1], turn)
+
+    def pole() -> Entity:
+        return make.cylinder(along(), rng.uniform(0.2, width - 0.2), rng.uniform(0.02, 0.06))
+
+    def thing() -> Entity:
+        return _thing(rng, along(), rng.uniform(0.3, width - 0.3), legged, largest=0.5)
+
+    plan.fill(int(rng.integers(2, 6)), near_wall, 0.12, area)
+    plan.fill(int(rng.integers(2, 5)), pole, 0.12, area)
+    plan.fill(int(rng.integers(0, 3)), thing, 0.15, area)
+    return plan
+
+
+def _hall(rng: Rng, legged: bool) -> _Plan:
+    walls = []
+    for _ in range(int(rng.choice([0, 0, 1, 2]))):
+        away, angle, half = rng.uniform(6, 11), rng.uniform(-np.pi, np.pi), rng.uniform(2, 6)
+        out = np.array([np.cos(angle), np.sin(angle)])
+        side = np.array([-out[1], out[0]])
+        walls.append(make.wall([out * away - side * half, out * away + side * half]))
+    plan = _Plan(walls, (0.0, 0.0, rng.uniform(-np.pi, np.pi)), [])
+
+    def thing() -> Entity:
+        # Uniform over the disc in the square of the radius would leave the neighbourhood empty: a crowd is near.
+        away, angle = rng.uniform(1.0, 10.0), rng.uniform(-np.pi, np.pi)
+        return _thing(rng, away * np.cos(angle), away * np.sin(angle), legged)
+
+    plan.fill(int(rng.integers(15, 41)), thing, 0.15)
+    return plan
+
+
+def _thing(rng: Rng, x: float, y: float, legged: bool, largest: float = 1.2) -> Entity:
+    """Something of a random kind."""
+    yaw = float(rng.uniform(-np.pi, np.pi))
+    kinds = ["box", "cylinder", "pole", "plant", "person", "chair", "table", "ladder"]
+    odds = np.array([0.36, 0.18, 0.1, 0.08, 0.12, 0.07, 0.04, 0.05])
+    if not legged:
+        kinds, odds = kinds[:4], odds[:4]
+    kind = str(rng.choice(kinds, p=odds / odds.sum()))
+    if kind == "box":
+        return make.box(x, y, *np.sort(rng.uniform(0.15, largest, 2))[::-1], yaw)
+    if kind == "cylinder":
+        return make.cylinder(x, y, rng.uniform(0.1, min(0.4, largest / 2)))
+    if kind == "pole":
+        return make.cylinder(x, y, rng.uniform(0.02, 0.06))
+    if kind == "plant":
+        return make.plant(x, y, rng.uniform(0.2, min(0.45, largest / 2)), int(rng.integers(1 << 30)), yaw)
+    if kind == "person":
+        return make.person(x, y, yaw, rng.uniform(0.18, 0.32), rng.uniform(0.09, 0.15))
+    sizes = {"chair": (0.38, 0.5), "table": (0.7, min(1.4, 2 * largest)), "ladder": (0.35, 0.6)}
+    length = rng.uniform(*sizes[kind])
+    return make.legged(kind, x, y, length, length * rng.uniform(0.6, 1.0), rng.uniform(0.02, 0.05), yaw)
+
+
+def _beside_wall(rng: Rng, corners: Float64, gap: float) -> Entity:
+    """A box that stands along one of the walls of a counter-clockwise polygon."""
+    number = int(rng.integers(len(corners)))
+    start, end = corners[number], corners[(number + 1) % len(corners)]
+    along = (end - start) / np.hypot(*(end - start))
+    inward = np.array([-along[1], along[0]])
+    length, width = rng.uniform(0.2, 1.2), rng.uniform(0.15, 0.6)
+    place = start + along * rng.uniform(0, np.hypot(*(end - start))) + inward * (gap + width / 2)
+    return make.box(*place, length, width, float(np.arctan2(along[1], along[0])))
+
+
+def _walls_with_doors(rng: Rng, corners: Float64, doors: int) -> list[Entity]:
+    """The walls of a room, with doorways that open into nothing."""
+    openings: dict[int, tuple[float, float]] = {}
+    for side in rng.permutation(len(corners))[:doors]:
+        extent = float(np.hypot(*(corners[(side + 1) % len(corners)] - corners[side])))
+        gap = rng.uniform(0.8, 1.2)
+        if extent > gap + 1.0:
+            begin = rng.uniform(0.4, extent - gap - 0.4)
+            openings[int(side)] = (begin / extent, (begin + gap) / extent)
+    if not openings:
+        return [make.wall(np.vstack([corners, corners[:1]]))]
+    jamb = rng.uniform(0.08, 0.25) if rng.random() < 0.6 else 0.0
+    order = [(side + min(openings)) % len(corners) for side in range(len(corners))]
+    walls, run = [], []
+    for side in [*order, order[0]]:
+        start, end = corners[side], corners[(side + 1) % len(corners)]
+        run.append(start)
+        if side in openings:
+            along = (end - start) / np.hypot(*(end - start))
+            outward = np.array([along[1], -along[0]]) * jamb
+            first, last = (start + share * (end - start) for share in openings[side])
+            run += [first, first + outward] if jamb else [first]
+            walls.append(run)
+            run = [last + outward, last] if jamb else [last]
+    # The walk began in the middle of a run and came round to its first doorway again.
+    walls = walls[1:]
+    return [make.wall(points) for points in walls]
+
+
+def _corridor_side(rng: Rng, length: float, y: float, outward: float) -> list[Entity]:
+    """One side of a corridor: doorways of about a metre that open into nothing or into a side room."""
+    walls: list[Entity] = []
+    jamb = rng.uniform(0.08, 0.25) if rng.random() < 0.6 else 0.0
+    run: list[list[float]] = [[0.0, y]]
+    at = rng.uniform(0.5, 5)
+    last_room = 0.0
+    while at + 2.0 < length:
+        gap = rng.uniform(0.85, 1.2)
+        until = at + gap + rng.uniform(2.0, 6.0)
+        run += [[at, y], [at, y + outward * jamb]] if jamb else [[at, y]]
+        walls.append(make.wall(run))
+        run = [[at + gap, y + outward * jamb], [at + gap, y]] if jamb else [[at + gap, y]]
+        if rng.random() < 0.5:
+            left = max(last_room + 0.2, at - rng.uniform(0.2, 2.0))
+            right = min(until - 0.2, at + gap + rng.uniform(0.2, 2.0))
+            near, far = y + outward * jamb, y + outward * rng.uniform(2.0, 5.0)
+            corners = [[at, near], [left, near], [left, far], [right, far], [right, near], [at + gap, near]]
+            walls.append(make.wall(corners))
+            last_room = right
+        else:
+            last_room = at + gap
+        at = until
+    walls.append(make.wall([*run, [length, y]]))
+    return walls
+
+
+def _outline(entity: Entity) -> Float64:
+    """(K, 4) sides of a wall, or of the bounding rectangle of anything else, in the world."""
+    local = entity.segments if entity.wall else make.rectangle(entity.length, entity.width)
+    cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
+    turn = np.array([[cos, sin], [-sin, cos]])
+    ends = local.reshape(-1, 2) @ turn + [entity.x, entity.y]
+    return ends.reshape(-1, 4)
+
+
+def _covers(entity: Entity, point: tuple[float, float]) -> bool:
+    """True where the point lies in the bounding rectangle."""
+    cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
+    dx, dy = point[0] - entity.x, point[1] - entity.y
+    return bool(
+        abs(cos * dx + sin * dy) <= entity.length / 2 and abs(cos * dy - sin * dx) <= entity.width / 2
+    )
+
+
+def _inside(point: Float64, corners: Float64) -> bool:
+    """True where the point lies in the polygon (even number of crossings is outside)."""
+    start, end = corners, np.roll(corners, -1, axis=0)
+    crosses = (start[:, 1] > point[1]) != (end[:, 1] > point[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = start[:, 0] + (point[1] - start[:, 1]) / (end[:, 1] - start[:, 1]) * (end[:, 0] - start[:, 0])
+    return bool(np.count_nonzero(crosses & (at > point[0])) % 2)
+
+
+def _distance(a: Float64, b: Float64) -> float:
+    """Least distance between any segment of (K, 4) and any of (L, 4); 0 where two cross."""
+    p, r = a[:, None, :2], a[:, None, 2:] - a[:, None, :2]
+    q, s = b[None, :, :2], b[None, :, 2:] - b[None, :, :2]
+    area = r[..., 0] * s[..., 1] - r[..., 1] * s[..., 0]
+    gap = q - p
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (gap[..., 0] * s[..., 1] - gap[..., 1] * s[..., 0]) / area
+        u = (gap[..., 0] * r[..., 1] - gap[..., 1] * r[..., 0]) / area
+        if ((t >= 0) & (t <= 1) & (u >= 0) & (u <= 1)).any():
+            return 0.0
+    ends = [
+        _to_segments(b[:, :2], a),
+        _to_segments(b[:, 2:], a),
+        _to_segments(a[:, :2], b),
+        _to_segments(a[:, 2:], b),
+    ]
+    return float(min(ends))
+
+
+def _to_segments(points: Float64, segments: Float64) -> float:
+    """Least distance between (P, 2) points and (K, 4) segments."""
+    start, step = segments[None, :, :2], segments[None, :, 2:] - segments[None, :, :2]
+    gap = points[:, None] - start
+    length = np.maximum((step**2).sum(-1), 1e-18)
+    foot = np.clip((gap * step).sum(-1) / length, 0, 1)
+    return float(np.sqrt(((gap - foot[..., None] * step) ** 2).sum(-1)).min())

@@ -1,0 +1,190 @@
+"""What a scene is made of: a sensor, the path that carries it, and entities that stand or move.
+
+An entity is drawn once, in its own frame, as straight segments and circles; where it stands at a time is its pose.
+Lengths in metres, angles in radians, times in seconds from the first sweep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from lidarcli.sweeps import TURN, Bool, Float64
+
+LostAs = Literal["inf", "nan", "mixed", "zero", "max"]
+LOST_AS: tuple[LostAs, ...] = ("inf", "nan", "mixed", "zero", "max")
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A 2D LiDAR: its beams, its limits and its faults."""
+
+    beams: int = 361
+    angle_min: float = -np.pi
+    angle_increment: float = TURN / 360
+    """Negative for a sensor mounted upside down."""
+    range_min: float = 0.1
+    range_max: float = 12.0
+    noise: float = 0.0
+    """Standard deviation of a range along its beam."""
+    lost: float = 0.0
+    """Share of the beams that return nothing although something is there."""
+    lost_as: LostAs = "mixed"
+    """What a beam without a return is written as; `mixed` means inf where there is nothing, inf or NaN where lost."""
+    rate: float = 10.0
+    """Sweeps per second."""
+    topic: str = "/scan"
+    frame_id: str = "laser"
+    beams_jitter: int = 0
+    """Beam counts vary by up to this many from sweep to sweep, over the same view, as on real 360° sensors."""
+    mixed_pixels: float = 0.0
+    """Share of the beams at an edge that report a range between the two surfaces."""
+
+    def bearings(self) -> Float64:
+        """(B,) bearings of an undisturbed sweep."""
+        bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams)
+        return bearings
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """How an entity moves, and when it is there at all."""
+
+    velocity: tuple[float, float] = (0.0, 0.0)
+    """World frame [m/s]."""
+    yaw_rate: float = 0.0
+    appears: float = -np.inf
+    disappears: float = np.inf
+    stride: float = 0.0
+    """Legs of a walker swing forth and back by half of this, in turn [m]."""
+    cadence: float = 0.0
+    """Full swings per second."""
+
+    @property
+    def still(self) -> bool:
+        """True where every sweep sees the entity alike."""
+        return self == STILL
+
+
+STILL = Motion()
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Entity:
+    """One thing in the world. `segments` (K, 4) x0 y0 x1 y1 and `circles` (C, 3) x y radius are in its own frame."""
+
+    kind: str
+    """`box`, `cylinder`, `ladder`, `chair`, `table`, `plant`, `person`, `leg` or `wall`."""
+    x: float
+    y: float
+    yaw: float
+    length: float
+    """Extent along its own x axis, symmetric about its origin."""
+    width: float
+    segments: Float64 = field(default_factory=lambda: np.empty((0, 4)))
+    circles: Float64 = field(default_factory=lambda: np.empty((0, 3)))
+    motion: Motion = STILL
+
+    @property
+    def wall(self) -> bool:
+        """True for what is part of the building."""
+        return self.kind == "wall"
+
+    def poses(self, seconds: Float64) -> Float64:
+        """(S, 3) world x, y, yaw at the given times."""
+        velocity = self.motion.velocity
+        return np.column_stack(
+            [
+                self.x + velocity[0] * seconds,
+                self.y + velocity[1] * seconds,
+                self.yaw + self.motion.yaw_rate * seconds,
+            ]
+        )
+
+    def present(self, seconds: Float64) -> Bool:
+        """(S,) True while the entity is there."""
+        there: Bool = (seconds >= self.motion.appears) & (seconds < self.motion.disappears)
+        return there
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Path:
+    """A closed polyline driven at constant speed; one point is a parked sensor. The heading is the direction of travel."""
+
+    points: Float64
+    """(P, 2) corners, the last one joins the first."""
+    speed: float = 0.0
+    yaw: float = 0.0
+    """Heading of a parked sensor."""
+
+    @property
+    def parked(self) -> bool:
+        """True where every sweep is taken from one pose."""
+        return len(self.points) < 2 or self.speed == 0
+
+    def poses(self, seconds: Float64) -> Float64:
+        """(S, 3) world x, y, yaw at the given times."""
+        if self.parked:
+            return np.tile([self.points[0, 0], self.points[0, 1], self.yaw], (len(seconds), 1))
+        loop = np.vstack([self.points, self.points[:1]])
+        step = np.diff(loop, axis=0)
+        way = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
+        travelled = np.mod(self.speed * seconds, way[-1])
+        leg = np.clip(np.searchsorted(way, travelled, side="right") - 1, 0, len(step) - 1)
+        return np.column_stack(
+            [
+                np.interp(travelled, way, loop[:, 0]),
+                np.interp(travelled, way, loop[:, 1]),
+                np.arctan2(step[leg, 1], step[leg, 0]),
+            ]
+        )
+
+
+def super_ellipse(a: float, b: float, exponent: float, points: int = 720) -> Float64:
+    """(points, 2) of |x/a|^n + |y/b|^n = 1, counter-clockwise from (a, 0): the course of the paper's robot.
+
+    >>> super_ellipse(2.0, 1.0, 4.0, points=4).round(6).tolist()
+    [[2.0, 0.0], [0.0, 1.0], [-2.0, 0.0], [-0.0, -1.0]]
+    """
+    angle = np.arange(points) * (TURN / points)
+    cos, sin = np.cos(angle).round(15), np.sin(angle).round(15)
+    power = 2.0 / exponent
+    return np.column_stack([a * np.sign(cos) * np.abs(cos) ** power, b * np.sign(sin) * np.abs(sin) ** power])
+
+
+PARKED = Path(np.zeros((1, 2)))
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """What the robot says of its own pose. Noise accumulates with the way driven."""
+
+    topic: str = "/odom"
+    frame_id: str = "odom"
+    child_frame_id: str = "base_link"
+    noise: float = 0.0
+    """Standard deviation of the position's drift after one metre [m]."""
+    yaw_noise: float = 0.0
+    """Standard deviation of the heading's drift after one metre [rad]."""
+    tf: bool = True
+    """Also write /tf and /tf_static."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scene:
+    """A sensor, its path and everything it can see."""
+
+    name: str
+    sensor: Sensor
+    entities: tuple[Entity, ...]
+    path: Path = PARKED
+    odometry: Odometry | None = None
+    sweeps: int = 100
+    """How many sweeps a run takes when nobody says."""
+
+    @property
+    def still(self) -> bool:
+        """True where every sweep sees the same, noise aside."""
+        return self.path.parked and all(entity.motion.still for entity in self.entities)
