@@ -1,0 +1,1 @@
+"""Readers of logs: one file per container behind one protocol (`base.Log`)."""

@@ -1,0 +1,318 @@
+"""Columnar decoding of `sensor_msgs/LaserScan`, in CDR (ROS 2) and in ROS 1 serialisation.
+
+Messages are never turned into objects: the fields of all messages of a block are gathered at once from the
+bytes they lie in. What a message declares is compared with its end before anything of that size is allocated.
+A message that cannot be a sweep is refused and counted, its neighbours go on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.logs.base import MAX_BEAMS, ReadReport
+from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate
+
+BLOCK_ROWS = 1024
+"""Most sweeps of one block."""
+BLOCK_VALUES = 1 << 20
+"""Most ranges of one block, padding included, unless one sweep alone has more."""
+MAX_FRAME_ID = 4096
+"""Longest frame name [bytes] that is believed."""
+
+SHORTEST = 48
+"""Bytes of a LaserScan with an empty frame name and no beams, in either serialisation."""
+
+SHORT = "shorter than a LaserScan"
+ENCAPSULATION = "not plain CDR (unknown encapsulation)"
+FRAME_BEYOND = "frame_id longer than the message"
+FRAME_LONG = f"frame_id of more than {MAX_FRAME_ID} bytes"
+RANGES_BEYOND = "more ranges declared than the message holds"
+TOO_MANY = f"more than {MAX_BEAMS} beams declared"
+ANGLE_MIN = "angle_min is not finite"
+INCREMENT = "angle_increment is not finite"
+INCREMENT_ZERO = "angle_increment is zero"
+
+# Plain CDR and plain XCDR2 (both ids in use): without 8-byte members a LaserScan looks the same in both.
+_BIG_ENDIAN_CDR = (0x00, 0x06, 0x10)
+_LITTLE_ENDIAN_CDR = (0x01, 0x07, 0x11)
+
+
+@dataclass(frozen=True, slots=True)
+class _Heads:
+    """What stands before the ranges, of the K messages that have not been refused."""
+
+    row: NDArray[np.intp]
+    """Which message of the caller's."""
+    start: Int64
+    """Where the message begins."""
+    end: Int64
+    """Where it ends."""
+    big: Bool
+    """Big-endian ones."""
+    stamp_ns: Int64
+    frame_length: Int64
+    at: Int64
+    """Where the first of the floats stands."""
+    geometry: Float32
+    """(K, 7) angle_min, angle_max, angle_increment, time_increment, scan_time, range_min, range_max"""
+    beams: Int64
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def take(self, index: slice | Bool) -> _Heads:
+        """The messages of `index` alone."""
+        return _Heads(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+def decode_blocks(
+    topic: str,
+    buffer: UInt8,
+    offsets: Int64,
+    lengths: Int64,
+    record_ns: Int64,
+    encoding: str,
+    report: ReadReport,
+    multi_echo: bool = False,
+) -> Iterator[RawSweeps]:
+    """Decode the messages at `offsets` of `buffer` into blocks of bounded size, in their order.
+
+    `encoding` is `cdr` or `ros1`. A block ends where it is full, or where padding would outweigh its sweeps
+    (one sweep of 100,000 beams among sweeps of 361).
+    """
+    for first in range(0, len(offsets), BLOCK_ROWS):
+        part = slice(first, first + BLOCK_ROWS)
+        heads = _read_heads(topic, buffer, offsets[part], lengths[part], encoding, report)
+        if multi_echo:
+            heads, echoes = _first_echoes(topic, buffer, heads, report)
+        for rows in split_rows(heads.beams):
+            some = heads.take(rows)
+            ranges = pad_rows(echoes[rows]) if multi_echo else _gather_ranges(buffer, some)
+            yield _block(topic, buffer, some, record_ns[part][some.row], ranges)
+
+
+def decode(
+    topic: str,
+    buffer: UInt8,
+    offsets: Int64,
+    lengths: Int64,
+    record_ns: Int64,
+    encoding: str,
+    report: ReadReport,
+    multi_echo: bool = False,
+) -> RawSweeps | None:
+    """`decode_blocks` as one block, None without a sweep: for callers that know their messages to be few."""
+    blocks = list(decode_blocks(topic, buffer, offsets, lengths, record_ns, encoding, report, multi_echo))
+    return concatenate(blocks) if blocks else None
+
+
+def split_rows(
+    counts: Int32 | Int64, max_rows: int = BLOCK_ROWS, max_values: int = BLOCK_VALUES
+) -> Iterator[slice]:
+    """Cut sweeps of `counts` beams into runs that may be padded to one width.
+
+    A run has at most `max_rows` sweeps and `max_values` values, more than three quarters of them padding
+    only where the run is small. One sweep always fits.
+    """
+    first = 0
+    while first < len(counts):
+        ahead = np.maximum(counts[first : first + max_rows].astype(np.int64), 1)
+        values = np.maximum.accumulate(ahead) * np.arange(1, len(ahead) + 1)
+        fits = (values <= max_values) & (values <= np.maximum(4 * np.cumsum(ahead), max_values // 8))
+        rows = len(ahead) if fits.all() else max(1, int(np.argmin(fits)))
+        yield slice(first, first + rows)
+        first += rows
+
+
+def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:
+    """(K, width) the bytes from each of `at` on, by one gather of whole rows."""
+    if not len(at) or not width:
+        return np.empty((len(at), width), np.uint8)
+    views = np.ndarray((len(buffer) - width + 1,), f"V{width}", buffer, strides=(1,))
+    rows: UInt8 = views[at].view(np.uint8).reshape(len(at), width)
+    return rows
+
+
+def _words(rows: UInt8, big: Bool) -> NDArray[np.uint32]:
+    """Bytes as 32-bit words, each row in its own byte order."""
+    words: NDArray[np.uint32] = rows.view("<u4").astype(np.uint32, copy=False)
+    if big.any():
+        words[big] = words[big].byteswap()
+    return words
+
+
+def _read_heads(
+    topic: str, buffer: UInt8, offsets: Int64, lengths: Int64, encoding: str, report: ReadReport
+) -> _Heads:
+    """Read and check all that stands before the ranges; a message that fails is refused and counted."""
+
+    def check(heads: _Heads, *causes: tuple[Bool, str]) -> _Heads:
+        refused = np.zeros(len(heads), np.bool_)
+        for bad, cause in causes:
+            fresh = bad & ~refused
+            if fresh.any():
+                report.refused[(topic, cause)] += int(fresh.sum())
+                refused |= fresh
+        return heads.take(~refused) if refused.any() else heads
+
+    many = len(offsets)
+    heads = _Heads(
+        row=np.arange(many),
+        start=offsets,
+        end=offsets + lengths,
+        big=np.zeros(many, np.bool_),
+        stamp_ns=np.zeros(many, np.int64),
+        frame_length=np.zeros(many, np.int64),
+        at=offsets,
+        geometry=np.zeros((many, 7), np.float32),
+        beams=np.zeros(many, np.int64),
+    )
+    outside = (lengths < SHORTEST) | (lengths > len(buffer)) | (offsets < 0) | (heads.end > len(buffer))
+    heads = check(heads, (outside, SHORT))
+
+    if encoding == "cdr":
+        marks = _windows(buffer, heads.start, 2)
+        big = np.isin(marks[:, 1], _BIG_ENDIAN_CDR)
+        heads = replace(heads, big=big)
+        plain = (marks[:, 0] == 0) & (big | np.isin(marks[:, 1], _LITTLE_ENDIAN_CDR))
+        heads = check(heads, (~plain, ENCAPSULATION))
+
+    words = _words(_windows(buffer, heads.start, 16), heads.big)
+    name = words[:, 3].astype(np.int64)
+    seconds = (
+        words[:, 1].astype(np.int64) if encoding == "ros1" else words[:, 1].view(np.int32).astype(np.int64)
+    )
+    # CDR aligns what follows the name, counted from the end of its 4-byte encapsulation; ROS 1 does not.
+    at = heads.start + 16 + (name if encoding == "ros1" else (name + 3) & ~3)
+    heads = replace(heads, stamp_ns=seconds * 1_000_000_000 + words[:, 2], frame_length=name, at=at)
+    heads = check(heads, (at + 32 > heads.end, FRAME_BEYOND), (name > MAX_FRAME_ID, FRAME_LONG))
+
+    words = _words(_windows(buffer, heads.at, 32), heads.big)
+    beams = words[:, 7].astype(np.int64)
+    geometry = words[:, :7].view(np.float32)
+    heads = replace(heads, geometry=geometry, beams=beams)
+    return check(
+        heads,
+        (beams > MAX_BEAMS, TOO_MANY),
+        # A list of echoes has at least its own count: four bytes per beam hold for both types.
+        (heads.at + 32 + 4 * beams > heads.end, RANGES_BEYOND),
+        (~np.isfinite(geometry[:, 0]), ANGLE_MIN),
+        (~np.isfinite(geometry[:, 2]), INCREMENT),
+        ((geometry[:, 2] == 0) & (beams > 1), INCREMENT_ZERO),
+    )
+
+
+def _gather_ranges(buffer: UInt8, heads: _Heads) -> Float32:
+    """(K, B) the ranges, short rows padded with NaN."""
+    width = int(heads.beams.max(initial=0))
+    at = heads.at + 32
+    # A window as wide as the widest sweep reads past a short message's end, which does no harm inside the
+    # buffer; the few rows for which it would not fit are copied one by one.
+    inside = at + 4 * width <= len(buffer)
+    if inside.all():
+        words = _windows(buffer, at, 4 * width)
+    else:
+        words = np.empty((len(heads), 4 * width), np.uint8)
+        words[inside] = _windows(buffer, at[inside], 4 * width)
+        for row in np.flatnonzero(~inside).tolist():
+            size = 4 * int(heads.beams[row])
+            words[row, :size] = buffer[at[row] : at[row] + size]
+    ranges: Float32 = _words(words, heads.big).view(np.float32)
+    if (heads.beams != width).any():
+        ranges[np.arange(width) >= heads.beams[:, None]] = np.nan
+    return ranges
+
+
+def _frames(buffer: UInt8, heads: _Heads) -> tuple[Int32, tuple[str, ...]]:
+    """The frame of each message as an index, and the distinct frame names."""
+    names: dict[str, int] = {}
+    codes = np.zeros(len(heads), np.int32)
+    for length in np.unique(heads.frame_length).tolist():
+        rows = np.flatnonzero(heads.frame_length == length)
+        raw = _windows(buffer, heads.start[rows] + 16, length)
+        if not length or (raw == raw[0]).all():
+            distinct, inverse = raw[:1], np.zeros(len(rows), np.intp)
+        else:
+            views, inverse = np.unique(raw.view(f"V{length}")[:, 0], return_inverse=True)
+            distinct = views.view(np.uint8).reshape(len(views), length)
+        decoded = (row.tobytes().split(b"\0")[0].decode("utf-8", "replace") for row in distinct)
+        known = np.array([names.setdefault(name, len(names)) for name in decoded], np.int32)
+        codes[rows] = known[inverse]
+    return codes, tuple(names)
+
+
+def _block(topic: str, buffer: UInt8, heads: _Heads, record_ns: Int64, ranges: Float32) -> RawSweeps:
+    frame, frame_ids = _frames(buffer, heads)
+    return RawSweeps(
+        topic=topic,
+        frame_ids=frame_ids,
+        frame=frame,
+        stamp_ns=heads.stamp_ns,
+        record_ns=record_ns,
+        angle_min=heads.geometry[:, 0].astype(np.float64),
+        angle_increment=heads.geometry[:, 2].astype(np.float64),
+        range_min=heads.geometry[:, 5].copy(),
+        range_max=heads.geometry[:, 6].copy(),
+        beams=heads.beams.astype(np.int32),
+        ranges=ranges,
+    )
+
+
+def pad_rows(rows: list[Float32]) -> Float32:
+    """Rows of different length as one array, padded with NaN."""
+    padded = np.full((len(rows), max(map(len, rows), default=0)), np.nan, np.float32)
+    for values, row in zip(padded, rows, strict=True):
+        values[: len(row)] = row
+    return padded
+
+
+def _first_echoes(
+    topic: str, buffer: UInt8, heads: _Heads, report: ReadReport
+) -> tuple[_Heads, list[Float32]]:
+    """The first echo of every beam, message by message; a beam without an echo is NaN."""
+    echoes = []
+    whole = np.ones(len(heads), np.bool_)
+    for row, (start, end, beams, big) in enumerate(
+        zip(
+            (heads.at + 32).tolist(),
+            heads.end.tolist(),
+            heads.beams.tolist(),
+            heads.big.tolist(),
+            strict=True,
+        )
+    ):
+        words = np.frombuffer(buffer[start:end].tobytes(), ">u4" if big else "<u4", (end - start) // 4)
+        at = _echo_starts(words, beams)
+        if at is None:
+            whole[row] = False
+            continue
+        values = np.append(words, 0).astype(np.uint32).view(np.float32)[np.minimum(at + 1, len(words))]
+        echoes.append(np.where(words[at] > 0, values, np.float32(np.nan)))
+    if not whole.all():
+        report.refused[(topic, RANGES_BEYOND)] += int((~whole).sum())
+        heads = heads.take(whole)
+    return heads, echoes
+
+
+def _echo_starts(words: NDArray[np.uint32], beams: int) -> NDArray[np.intp] | None:
+    """Where the echo count of each beam stands among the words; None where the echoes pass the end."""
+    if not beams:
+        return np.zeros(0, np.intp)
+    step = int(words[0]) + 1
+    if step * beams <= len(words):
+        at = np.arange(beams) * step
+        if (words[at] == words[0]).all():
+            return at
+    counts = words.tolist()
+    starts = []
+    place = 0
+    for _ in range(beams):
+        if place >= len(counts):
+            return None
+        starts.append(place)
+        place += 1 + counts[place]
+    return np.array(starts, np.intp) if place <= len(counts) else None

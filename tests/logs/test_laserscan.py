@@ -1,0 +1,230 @@
+"""The columnar decoder against a slow reader of single messages."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarcli.logs import laserscan
+from lidarcli.logs.base import MAX_BEAMS, ReadReport
+from lidarcli.logs.laserscan import decode, decode_blocks, split_rows
+from lidarcli.sweeps import RawSweeps
+
+GEOMETRY = (-1.5, 1.5, 0.01, 1e-4, 0.1, 0.05, 12.0)
+
+
+def scan(
+    ranges: list[float] | np.ndarray[Any, Any],
+    *,
+    encoding: str = "cdr",
+    frame: bytes = b"laser",
+    sec: int = 7,
+    nsec: int = 8,
+    geometry: tuple[float, ...] = GEOMETRY,
+    big: bool = False,
+    echoes: list[list[float]] | None = None,
+    intensities: int = 0,
+    declared: int | None = None,
+) -> bytes:
+    """One message, written field by field."""
+    order = ">" if big else "<"
+    body = b""
+    if encoding == "cdr":
+        name = frame + b"\0"
+        body += struct.pack(order + "iII", sec, nsec, len(name)) + name
+        body += b"\0" * (-len(body) % 4)
+    else:
+        body += struct.pack("<IIII", 3, sec, nsec, len(frame)) + frame
+    body += struct.pack(order + "7f", *geometry)
+    if echoes is None:
+        body += struct.pack(order + "I", len(ranges) if declared is None else declared)
+        body += struct.pack(f"{order}{len(ranges)}f", *ranges)
+    else:
+        body += struct.pack(order + "I", len(echoes))
+        for echo in echoes:
+            body += struct.pack(f"{order}I{len(echo)}f", len(echo), *echo)
+    body += struct.pack(f"{order}I{intensities}f", intensities, *[1.0] * intensities)
+    return (b"\0\0\0\0" if big else b"\0\1\0\0") + body if encoding == "cdr" else body
+
+
+def pack(messages: list[bytes], gap: int = 3) -> tuple[Any, Any, Any, Any]:
+    """Messages at unaligned places of one buffer."""
+    buffer, offsets = b"", []
+    for message in messages:
+        buffer += b"\xaa" * gap
+        offsets.append(len(buffer))
+        buffer += message
+    lengths = np.array([len(message) for message in messages], np.int64)
+    record_ns = np.arange(len(messages), dtype=np.int64) * 100
+    return np.frombuffer(buffer, np.uint8), np.array(offsets, np.int64), lengths, record_ns
+
+
+def read(messages: list[bytes], encoding: str = "cdr", **kwargs: Any) -> tuple[RawSweeps | None, ReadReport]:
+    report = ReadReport()
+    return decode("/scan", *pack(messages), encoding, report, **kwargs), report
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+def test_every_field_of_a_message(encoding: str) -> None:
+    raw, report = read([scan([1.0, 2.0, np.inf], encoding=encoding, intensities=3)], encoding)
+    assert raw is not None
+    assert raw.topic == "/scan"
+    assert raw.frame_ids == ("laser",)
+    assert raw.frame.tolist() == [0]
+    assert raw.stamp_ns.tolist() == [7_000_000_008]
+    assert raw.record_ns.tolist() == [0]
+    assert raw.angle_min.tolist() == [np.float32(-1.5)]
+    assert raw.angle_increment.tolist() == [float(np.float32(0.01))]
+    assert raw.range_min.tolist() == [np.float32(0.05)]
+    assert raw.range_max.tolist() == [np.float32(12)]
+    assert raw.beams.tolist() == [3]
+    assert raw.ranges.tolist() == [[1.0, 2.0, np.inf]]
+    assert raw.ranges.dtype == np.float32
+    assert not report.refused
+
+
+messages = st.lists(
+    st.tuples(
+        st.lists(st.floats(width=32), max_size=12),
+        st.sampled_from([b"", b"a", b"/laser", b"base", b"caf\xc3\xa9", b"\xff"]),
+        st.integers(-(2**31), 2**31 - 1),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=9,
+)
+
+
+@settings(deadline=None)
+@given(messages, st.sampled_from(["cdr", "ros1"]))
+def test_any_mixture_equals_its_parts(rows: list[tuple[Any, ...]], encoding: str) -> None:
+    cdr = encoding == "cdr"
+    coded = [
+        scan(ranges, encoding=encoding, frame=frame, sec=sec if cdr else abs(sec), big=big and cdr)
+        for ranges, frame, sec, big in rows
+    ]
+    raw, report = read(coded, encoding)
+    assert raw is not None
+    assert not report.refused
+    assert len(raw) == len(rows)
+    for i, (ranges, frame, sec, _) in enumerate(rows):
+        seen = raw.ranges[i, : raw.beams[i]]
+        np.testing.assert_array_equal(seen, np.array(ranges, np.float32))
+        assert np.isnan(raw.ranges[i, raw.beams[i] :]).all()
+        assert raw.frame_ids[raw.frame[i]] == frame.decode("utf-8", "replace")
+        assert raw.stamp_ns[i] == (sec if cdr else abs(sec)) * 10**9 + 8
+    assert len(set(raw.frame_ids)) == len(raw.frame_ids)
+
+
+@pytest.mark.parametrize(
+    ("bad", "cause"),
+    [
+        (b"", laserscan.SHORT),
+        (scan([1.0])[:40], laserscan.SHORT),
+        (b"\0\3" + scan([1.0])[2:], laserscan.ENCAPSULATION),
+        (b"\1\1" + scan([1.0])[2:], laserscan.ENCAPSULATION),
+        (scan([1.0])[:12] + b"\xff\xff\xff\xff" + scan([1.0])[16:], laserscan.FRAME_BEYOND),
+        (scan([1.0], frame=b"x" * 5000), laserscan.FRAME_LONG),
+        (scan([1.0], declared=3), laserscan.RANGES_BEYOND),
+        (scan([1.0], declared=MAX_BEAMS + 1), laserscan.TOO_MANY),
+        (scan([1.0], declared=2**32 - 1), laserscan.TOO_MANY),
+        (scan([1.0], geometry=(np.nan, *GEOMETRY[1:])), laserscan.ANGLE_MIN),
+        (scan([1.0], geometry=(*GEOMETRY[:2], np.inf, *GEOMETRY[3:])), laserscan.INCREMENT),
+        (scan([1.0, 2.0], geometry=(*GEOMETRY[:2], 0.0, *GEOMETRY[3:])), laserscan.INCREMENT_ZERO),
+    ],
+)
+def test_a_bad_message_is_refused_alone(bad: bytes, cause: str) -> None:
+    raw, report = read([scan([1.0]), bad, scan([2.0, 3.0])])
+    assert raw is not None
+    assert raw.record_ns.tolist() == [0, 200]
+    np.testing.assert_array_equal(raw.ranges, np.float32([[1, np.nan], [2, 3]]))
+    assert report.refused == {("/scan", cause): 1}
+
+
+def test_nothing_left_is_none() -> None:
+    raw, report = read([b"", b""])
+    assert raw is None
+    assert report.refused == {("/scan", laserscan.SHORT): 2}
+    assert read([])[0] is None
+
+
+def test_a_sweep_without_beams_is_a_sweep() -> None:
+    still = (*GEOMETRY[:2], 0.0, *GEOMETRY[3:])
+    raw, report = read([scan([], geometry=still), scan([1.0], geometry=still)])
+    assert raw is not None
+    assert raw.beams.tolist() == [0, 1]
+    assert not report.refused
+    alone, _ = read([scan([])])
+    assert alone is not None
+    assert alone.ranges.shape == (1, 0)
+
+
+def test_every_cut_of_a_message_is_refused_or_whole() -> None:
+    whole = scan(np.arange(9.0), frame=b"laser_link", intensities=9)
+    needed = len(whole) - 4 * 10
+    for end in range(len(whole) + 1):
+        raw, report = read([whole[:end]])
+        assert (raw is not None) == (end >= needed)
+        assert sum(report.refused.values()) == (end < needed)
+
+
+def test_one_wide_sweep_does_not_widen_its_neighbours() -> None:
+    counts = [361] * 700 + [100_000] + [361] * 700
+    blocks = list(decode_blocks("/scan", *pack([scan(np.full(n, 2.0)) for n in counts]), "cdr", ReadReport()))
+    assert np.concatenate([block.beams for block in blocks]).tolist() == counts
+    assert np.concatenate([block.record_ns for block in blocks]).tolist() == [100 * i for i in range(1401)]
+    assert sum(block.ranges.size for block in blocks) < 5 * sum(counts)
+    assert max(block.ranges.size for block in blocks) <= laserscan.BLOCK_VALUES
+
+
+@given(st.lists(st.integers(0, 5000), max_size=60), st.integers(1, 20), st.integers(1, 20_000))
+def test_split_rows_covers_all_within_its_bounds(counts: list[int], rows: int, values: int) -> None:
+    parts = list(split_rows(np.array(counts, np.int64), rows, values))
+    assert [i for part in parts for i in range(part.start, part.stop)] == list(range(len(counts)))
+    for part in parts:
+        size = part.stop - part.start
+        assert 1 <= size <= rows
+        assert size == 1 or size * max(1, *counts[part]) <= values
+
+
+def test_narrow_and_wide_publishers_on_one_topic_share_blocks() -> None:
+    assert len(list(split_rows(np.tile(np.array([180, 1081], np.int64), 400)))) == 1
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+def test_multi_echo_takes_the_first(encoding: str) -> None:
+    uniform = scan([], encoding=encoding, echoes=[[1.0, 9.0], [2.0, 8.0]])
+    mixed = scan([], encoding=encoding, echoes=[[3.0], [], [4.0, 5.0, 6.0]])
+    empty = scan([], encoding=encoding, echoes=[])
+    raw, report = read([uniform, mixed, mixed[:-18], empty], encoding, multi_echo=True)
+    assert raw is not None
+    assert raw.beams.tolist() == [2, 3, 0]
+    np.testing.assert_array_equal(
+        raw.ranges, np.float32([[1, 2, np.nan], [3, np.nan, 4], [np.nan, np.nan, np.nan]])
+    )
+    assert report.refused == {("/scan", laserscan.RANGES_BEYOND): 1}
+
+
+def test_many_frames_keep_their_rows() -> None:
+    names = [f"f{i % 50}".encode() for i in range(200)]
+    raw, _ = read([scan([1.0], frame=name) for name in names])
+    assert raw is not None
+    assert [raw.frame_ids[code] for code in raw.frame] == [name.decode() for name in names]
+    assert len(raw.frame_ids) == 50
+
+
+def test_random_bytes_never_raise() -> None:
+    rng = np.random.default_rng(1)
+    good = scan(np.arange(20.0))
+    for _ in range(300):
+        noisy = bytearray(good)
+        for place in rng.integers(0, len(noisy), 4):
+            noisy[place] = rng.integers(256)
+        for encoding in ("cdr", "ros1"):
+            raw, report = read([bytes(noisy), good], encoding)
+            assert (len(raw) if raw is not None else 0) + sum(report.refused.values()) == 2
