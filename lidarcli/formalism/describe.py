@@ -1,0 +1,177 @@
+"""What is known of each object once the runs are chosen: its numbers, vertices, faces, box and shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lidarcli.formalism.box import bounding_boxes
+from lidarcli.formalism.detection import CORNER, END, EXTREMUM, NOISE, OBJECT, START, WALL, Detection
+from lidarcli.formalism.difference import difference, scatter
+from lidarcli.formalism.faces import Faces
+from lidarcli.formalism.objects import visibility
+from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_min, span_sum, spans
+from lidarcli.formalism.runs import Runs
+from lidarcli.formalism.shape import classify
+from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, UInt8
+
+
+@dataclass(frozen=True, slots=True)
+class Segmentation:
+    """Which runs are what, and how they divide into faces."""
+
+    faces: Faces
+    extremum: Bool
+    """(M,) inner vertices that are extrema of r rather than corners."""
+    is_object: Bool
+    """(R,)"""
+    is_wall: Bool
+    """(R,) walls to report."""
+
+
+def describe(
+    batch: SweepBatch,
+    runs: Runs,
+    segmentation: Segmentation,
+    d_mean: Float64,
+    sweep_d_th: Float64,
+    sigma: Float64,
+    per_beam: bool,
+) -> Detection:
+    """Fill a `Detection` from the chosen runs.
+
+    Parameters
+    ----------
+    batch : S sweeps
+    runs, segmentation : R runs over M points, and which of them are objects or walls
+    d_mean, sweep_d_th, sigma : (S,) Def. 3's mean, the threshold used, the noise [m]
+    per_beam : whether the beams themselves are wanted
+    """
+    faces, points = segmentation.faces, runs.points
+    rows = len(batch)
+    chosen = _in_order(runs, segmentation)
+    row, wall = runs.row[chosen], segmentation.is_wall[chosen]
+    count = np.bincount(row[~wall], minlength=rows)
+    number = np.arange(len(chosen)) - offsets_of(np.bincount(row, minlength=rows))[row] + 1
+
+    first, last = runs.first[chosen], runs.last[chosen]
+    index, owner, offsets = spans(first, last - first + 1)
+    face, _, face_offsets = spans(faces.offsets[chosen], np.diff(faces.offsets)[chosen])
+    ranges = points.range[index]
+    r_min = span_min(ranges, offsets)
+    nearest = index[span_first(ranges == r_min[owner], owner, len(chosen))]
+    size = (last - first + 1).astype(np.float64)
+    width = np.hypot(points.x[last] - points.x[first], points.y[last] - points.y[first])
+    box = bounding_boxes(points, index, owner, offsets, faces, face, face_offsets)
+    shape = classify(
+        points,
+        index,
+        owner,
+        offsets,
+        np.diff(face_offsets),
+        _worst_rms(faces, face, face_offsets),
+        width,
+        sigma[row],
+    )
+    shape[wall] = WALL
+
+    reverse = points.geometry.reverse[row]
+    beam_first = points.geometry.beam(row, points.position[first])
+    beam_last = points.geometry.beam(row, points.position[last])
+    object_beams = np.bincount(row[~wall], size[~wall], minlength=rows).astype(np.int32)
+    vertex_offsets, vertex_theta, vertex_r, vertex_kind = _vertices(
+        runs, segmentation, face, face_offsets, chosen
+    )
+    result = Detection(
+        row=row,
+        object=number.astype(np.int32),
+        set=np.where(wall, NOISE, OBJECT).astype(np.uint8),
+        shape=shape,
+        visibility=visibility(runs)[chosen],
+        beam_i=np.where(reverse, beam_last, beam_first).astype(np.int32),
+        beam_f=np.where(reverse, beam_first, beam_last).astype(np.int32),
+        beams=size.astype(np.int32),
+        theta_i=points.theta(first),
+        theta_f=points.theta(last),
+        r_i=points.range[first],
+        r_f=points.range[last],
+        s_i=runs.s_start[chosen],
+        s_f=runs.s_end[chosen],
+        d_th=runs.d_th[first],
+        theta_min=points.theta(nearest),
+        r_min=r_min,
+        x=span_sum(points.x[index], offsets) / size,
+        y=span_sum(points.y[index], offsets) / size,
+        width=width,
+        box_x=box.x,
+        box_y=box.y,
+        box_length=box.length,
+        box_width=box.width,
+        box_yaw=box.yaw,
+        vertex_offsets=vertex_offsets.astype(np.int32),
+        vertex_theta=vertex_theta,
+        vertex_r=vertex_r,
+        vertex_kind=vertex_kind,
+        face_offsets=face_offsets.astype(np.int32),
+        face_theta_i=points.theta(faces.first[face]),
+        face_theta_f=points.theta(faces.last[face]),
+        face_length=faces.length[face],
+        face_rms=faces.rms[face],
+        d_mean=d_mean,
+        sweep_d_th=sweep_d_th,
+        noise=sigma,
+        objects=count.astype(np.int32),
+        agents=np.zeros(rows, np.int32),
+        object_beams=object_beams,
+        agent_beams=np.zeros(rows, np.int32),
+        noise_beams=batch.beams - object_beams,
+    )
+    if not per_beam:
+        return result
+    member = np.zeros(len(points), np.int32)
+    member[index] = np.where(wall, 0, number)[owner]
+    beam_object = scatter(points, member, batch.width, 0)
+    return replace(
+        result,
+        beam_object=beam_object,
+        beam_set=np.where(beam_object > 0, OBJECT, NOISE).astype(np.uint8),
+        beam_s=difference(batch),
+    )
+
+
+def _in_order(runs: Runs, segmentation: Segmentation) -> Int64:
+    """The chosen runs, sweep by sweep: objects by increasing bearing, then walls."""
+    chosen = np.flatnonzero(segmentation.is_object | segmentation.is_wall)
+    order: Int64 = chosen[np.lexsort((segmentation.is_wall[chosen], runs.row[chosen]))]
+    return order
+
+
+def _worst_rms(faces: Faces, face: Int64, face_offsets: Int64) -> Float64:
+    """(K,) largest rms of a straight fit among the faces of each object [m]; 0 without faces."""
+    worst = np.zeros(len(face_offsets) - 1)
+    filled = np.flatnonzero(np.diff(face_offsets) > 0)
+    if len(filled):
+        worst[filled] = span_max(faces.rms[face], np.append(face_offsets[filled], len(face)))
+    return worst
+
+
+def _vertices(
+    runs: Runs, segmentation: Segmentation, face: Int64, face_offsets: Int64, chosen: Int64
+) -> tuple[Int64, Float64, Float64, UInt8]:
+    """Vertices of the chosen runs (Def. 6): P_i, the points between faces, P_f. Offsets, bearings, ranges, kinds.
+
+    A run of a single point has one vertex, which is start and end at once and is called start.
+    """
+    faces, points = segmentation.faces, runs.points
+    sizes = np.diff(face_offsets) + 1
+    offsets = offsets_of(sizes)
+    at = np.empty(offsets[-1], np.int64)
+    at[offsets[:-1]] = runs.first[chosen]
+    follows = np.ones(len(at), bool)
+    follows[offsets[:-1]] = False
+    at[follows] = faces.last[face]
+    kind = np.where(segmentation.extremum[at], EXTREMUM, CORNER).astype(np.uint8)
+    kind[offsets[1:] - 1] = END
+    kind[offsets[:-1]] = START
+    return offsets, points.theta(at), points.range[at], kind

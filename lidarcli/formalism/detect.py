@@ -1,0 +1,115 @@
+"""From a batch of sweeps to its objects: the definitions in their order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.formalism import vertices
+from lidarcli.formalism.describe import Segmentation, describe
+from lidarcli.formalism.detection import Detection
+from lidarcli.formalism.difference import predecessor_gap
+from lidarcli.formalism.discontinuity import REACH, adaptive_threshold, jumps, one_sided_jumps
+from lidarcli.formalism.faces import faces_between, split_straight
+from lidarcli.formalism.objects import fully_visible, partly_visible
+from lidarcli.formalism.parameters import Parameters
+from lidarcli.formalism.points import Neighbours, Points, collect, neighbours
+from lidarcli.formalism.runs import Runs, split
+from lidarcli.formalism.threshold import mean_difference, noise, noise_threshold
+from lidarcli.formalism.walls import extent, on_wall_lines
+from lidarcli.sweeps import Bool, Float64, SweepBatch
+
+STRAIGHT = 0.02
+"""[m] A face may leave its chord by this much plus three times the noise."""
+STRAIGHT_NOISE = 3.0
+
+
+def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam: bool = False) -> Detection:
+    """Objects of every sweep of a batch (Definitions 2 to 7).
+
+    Parameters
+    ----------
+    batch : SweepBatch of S sweeps; the result for a sweep does not depend on the others
+    parameters : Parameters, by default those of profile `robust`
+    per_beam : also fill `beam_set`, `beam_object` and `beam_s`
+
+    Returns
+    -------
+    Detection
+
+    Examples
+    --------
+    >>> from lidarcli.formalism import sweep
+    >>> ranges = [4.0] * 20 + [2.0] * 5 + [4.0] * 20
+    >>> found = detect(sweep(ranges, angle_min=-0.22, angle_increment=0.01), Parameters.for_profile("paper"))
+    >>> found.beam_i.tolist(), found.beam_f.tolist()
+    ([20], [24])
+    """
+    parameters = parameters or Parameters()
+    points = collect(batch)
+    s, missing = predecessor_gap(points)
+    around = neighbours(points, REACH)
+    sigma = noise(points, around)
+    d_mean = mean_difference(s, missing, points)
+    found = _discontinuities(points, around, s, d_mean, sigma, parameters)
+    runs = split(batch, points, s, missing, found.jump, found.d_th, parameters.max_gap)
+    segmentation = (_literal if parameters.profile == "paper" else _robust)(runs, sigma, parameters)
+    return describe(batch, runs, segmentation, d_mean, found.sweep_d_th, sigma, per_beam)
+
+
+@dataclass(frozen=True, slots=True)
+class _Discontinuities:
+    """Where f jumps: (M,) before each point, the threshold there, and the threshold of each sweep (S,)."""
+
+    jump: Bool
+    d_th: Float64
+    sweep_d_th: Float64
+
+
+def _discontinuities(
+    points: Points, around: Neighbours, s: Float64, d_mean: Float64, sigma: Float64, parameters: Parameters
+) -> _Discontinuities:
+    """Def. 3 by the threshold that the parameters ask for."""
+    if parameters.threshold == "adaptive":
+        d_th = adaptive_threshold(points, sigma, s)
+        jump = one_sided_jumps(points, around, s, d_th, parameters.max_gap)
+        return _Discontinuities(jump, d_th, noise_threshold(sigma))
+    if parameters.threshold == "mean":
+        sweep_d_th = d_mean
+    else:
+        sweep_d_th = np.full(len(d_mean), float(parameters.threshold))
+    d_th = sweep_d_th[points.row]
+    return _Discontinuities(jumps(s, d_th), d_th, sweep_d_th)
+
+
+def _literal(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
+    """Profile `paper`: Definitions 5 to 7 as printed."""
+    extremum, corner = vertices.literal(runs, runs.d_th)
+    faces = faces_between(runs, extremum | corner)
+    small = extent(runs, faces) <= parameters.max_width
+    enough = runs.size >= parameters.min_beams
+    visible = fully_visible(runs)
+    return Segmentation(
+        faces=faces,
+        extremum=extremum,
+        is_object=visible & small & enough,
+        is_wall=~(visible & small) & enough & parameters.walls,
+    )
+
+
+def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
+    """Profile `robust`: the same definitions with the estimates a real sensor needs."""
+    corner = split_straight(runs, STRAIGHT + STRAIGHT_NOISE * sigma[runs.row])
+    faces = faces_between(runs, corner)
+    small = extent(runs, faces) <= parameters.max_width
+    enough = runs.size >= parameters.min_beams
+    wall = ~small & enough
+    candidate = small & enough & partly_visible(runs)
+    on_wall = on_wall_lines(runs, faces, wall, candidate, sigma)
+    return Segmentation(
+        faces=faces,
+        extremum=np.zeros(len(runs.points), bool),
+        is_object=candidate & ~on_wall,
+        is_wall=(wall | on_wall) & parameters.walls,
+    )

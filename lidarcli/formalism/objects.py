@@ -1,0 +1,37 @@
+"""Definition 5: which runs are objects."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lidarcli.formalism.detection import BOTH_HIDDEN, CUT, END_HIDDEN, FULL, START_HIDDEN
+from lidarcli.formalism.runs import HIDDEN, OPEN, OWN, VIEW, Runs
+from lidarcli.sweeps import Bool, UInt8
+
+
+def fully_visible(runs: Runs) -> Bool:
+    """Profile `paper`: runs whose edges are both their own; beside a beam without a return the background is beyond range.
+
+    (R,)
+    """
+    own_start = (runs.start_edge == OWN) | (runs.start_edge == OPEN)
+    own_end = (runs.end_edge == OWN) | (runs.end_edge == OPEN)
+    both: Bool = own_start & own_end
+    return both
+
+
+def partly_visible(runs: Runs) -> Bool:
+    """Profile `robust`: runs with at least one edge that is not hidden behind a neighbour. (R,)"""
+    visible: Bool = (runs.start_edge != HIDDEN) | (runs.end_edge != HIDDEN)
+    return visible
+
+
+def visibility(runs: Runs) -> UInt8:
+    """(R,) codes into `VISIBILITIES`: what the two edges of a run say together."""
+    hidden_start, hidden_end = runs.start_edge == HIDDEN, runs.end_edge == HIDDEN
+    codes = np.full(len(runs), FULL, np.uint8)
+    codes[hidden_start] = START_HIDDEN
+    codes[hidden_end] = END_HIDDEN
+    codes[hidden_start & hidden_end] = BOTH_HIDDEN
+    codes[(runs.start_edge == VIEW) | (runs.end_edge == VIEW)] = CUT
+    return codes

@@ -1,0 +1,74 @@
+"""The parameters of a detection: every one has a unit, a default per profile and an option on the command line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+from lidarcli.errors import OptionError
+
+Profile = Literal["robust", "paper"]
+PROFILES: tuple[Profile, ...] = ("robust", "paper")
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """What `detect` may assume about the sensor and the objects. The defaults are those of profile `robust`."""
+
+    profile: Profile = "robust"
+    threshold: Literal["adaptive", "mean"] | float = "adaptive"
+    """d_th: `adaptive` (noise and one-sided limits), `mean` (Def. 3), or metres."""
+    min_beams: int = 3
+    """Runs with fewer valid beams are noise."""
+    max_width: float = 2.0
+    """A run that extends further than this [m] is background."""
+    max_gap: int = 2
+    """Up to so many lost beams are bridged where both sides continue each other."""
+    group_gap: float = 0.0
+    """Objects closer together than this [m] become one (the legs of a chair); 0: never."""
+    walls: bool = False
+    """Also report walls: set S, shape wall."""
+
+    @staticmethod
+    def for_profile(profile: Profile = "robust", **overrides: Any) -> Parameters:
+        """The defaults of a profile, with every override that is not None.
+
+        Profile `paper` takes the formulas as printed: no least beam count, no greatest width, no bridged gap.
+
+        >>> Parameters.for_profile("paper").threshold
+        'mean'
+        """
+        if profile not in PROFILES:
+            raise OptionError(f"--profile: '{profile}' is not one of {', '.join(PROFILES)}")
+        unknown = set(overrides) - {field.name for field in fields(Parameters)}
+        if unknown:
+            raise OptionError(f"no such parameter: {', '.join(sorted(unknown))}")
+        values: dict[str, Any] = {"profile": profile}
+        if profile == "paper":
+            values.update(threshold="mean", min_beams=1, max_width=float("inf"), max_gap=0)
+        values.update({name: value for name, value in overrides.items() if value is not None})
+        parameters = Parameters(**values)
+        parameters.validate()
+        return parameters
+
+    def validate(self) -> None:
+        """Refuse values without a meaning (`OptionError`)."""
+        if isinstance(self.threshold, str):
+            if self.threshold not in ("adaptive", "mean"):
+                raise OptionError(
+                    f"--threshold: '{self.threshold}' is not adaptive, mean or a number of metres"
+                )
+        elif not 0 <= self.threshold < float("inf"):
+            raise OptionError(f"--threshold: {self.threshold} m is not a distance")
+        for name, least in (("min_beams", 1), ("max_gap", 0), ("group_gap", 0)):
+            if not getattr(self, name) >= least:
+                raise OptionError(f"--{name.replace('_', '-')}: {getattr(self, name)} is below {least}")
+        if not self.max_width > 0:
+            raise OptionError(f"--max-width: {self.max_width} m is not a width")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values by name, for the tables' metadata; an infinite width is None."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        if values["max_width"] == float("inf"):
+            values["max_width"] = None
+        return values

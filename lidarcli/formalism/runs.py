@@ -1,0 +1,140 @@
+"""Definition 5: the runs between two discontinuities, and what each of their edges says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.formalism.points import Points
+from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, UInt8
+
+OWN, HIDDEN, OPEN, UNKNOWN, VIEW = range(5)
+"""An edge of a run: the run is the nearer side; the neighbour is, and hides the rest; a beam without a return is beside
+it; an invalid or too close one is; the view ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """R runs of points, in order of their rows and bearings; none crosses the end of a row of `points`."""
+
+    points: Points
+    start: Int64
+    """(R + 1,) the points of run j are `start[j]:start[j + 1]`."""
+    row: Int64
+    """(R,)"""
+    start_edge: UInt8
+    end_edge: UInt8
+    s_start: Float64
+    """(R,) signed difference on entering the run [m]; NaN where undefined."""
+    s_end: Float64
+    """(R,) signed difference on leaving it."""
+    d_th: Float64
+    """(M,) threshold at each point towards its predecessor [m]."""
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    @property
+    def first(self) -> Int64:
+        """(R,) index of the first point, P_i."""
+        return self.start[:-1]
+
+    @property
+    def last(self) -> Int64:
+        """(R,) index of the last point, P_f."""
+        return self.start[1:] - 1
+
+    @property
+    def size(self) -> Int64:
+        """(R,) number of points."""
+        return np.diff(self.start)
+
+
+def split(
+    batch: SweepBatch,
+    points: Points,
+    s: Float64,
+    missing: Float64,
+    jump: Bool,
+    d_th: Float64,
+    max_gap: int,
+) -> Runs:
+    """Cut the points into runs at every discontinuity (Def. 5); on a full turn a run may cross the seam.
+
+    Parameters
+    ----------
+    batch : the sweeps the points come from
+    points : M points
+    s, missing : (M,) as `difference.predecessor_gap` gives them
+    jump, d_th : (M,) whether f is discontinuous before a point, and the threshold used there
+    max_gap : a gap of more beams without a range is a discontinuity by itself
+    """
+    broken = jump | (missing > max_gap)
+    order, position, first_break = _from_first_break(points, broken)
+    begins = broken[order]
+    filled = np.diff(points.start) > 0
+    begins[points.start[:-1][filled]] = True
+    turned = points.take(order, position)
+    first = np.flatnonzero(begins)
+    start = np.append(first, len(points))
+    row = turned.row[first]
+    last = start[1:] - 1
+
+    # The discontinuity that ends a run is the one before the point that follows it, over the seam on a full turn.
+    following = start[1:] % max(len(points), 1)
+    ends_row = start[1:] == points.start[row + 1]
+    wraps = points.geometry.period[row] > 0
+    following = np.where(ends_row, points.start[row], following)
+    s, missing = s[order], missing[order]
+    whole = (points.start[row] == first) & ends_row & ~first_break[row]
+    exists = ~ends_row | wraps
+    s_start, s_end = s[first], np.where(exists, s[following], np.nan)
+    gap_start, gap_end = missing[first], np.where(exists, missing[following], np.inf)
+    start_edge = _edge(-s_start, gap_start, max_gap, batch, turned, first, -1)
+    end_edge = _edge(s_end, gap_end, max_gap, batch, turned, last, +1)
+    s_start = np.where((gap_start <= max_gap) & ~whole, s_start, np.nan)
+    s_end = np.where((gap_end <= max_gap) & ~whole, s_end, np.nan)
+    start_edge[whole & wraps] = HIDDEN
+    end_edge[whole & wraps] = HIDDEN
+    return Runs(turned, start, row, start_edge, end_edge, s_start, s_end, d_th[order])
+
+
+def _from_first_break(points: Points, broken: Bool) -> tuple[Int64, Int64, Bool]:
+    """Turn each full-turn row so that it starts at its first discontinuity: no run then crosses the end of its row.
+
+    Returns the order (M,), the positions in that order (M,), and per row whether it has a discontinuity at all.
+    """
+    count = len(points)
+    order = np.arange(count)
+    at = np.flatnonzero(broken)
+    rows = len(points.start) - 1
+    any_break = np.zeros(rows, bool)
+    any_break[points.row[at]] = True
+    row, index = np.unique(points.row[at], return_index=True)
+    shift = np.zeros(rows, np.int64)
+    shift[row] = at[index] - points.start[row]
+    shift[points.geometry.period == 0] = 0
+    if not shift.any():
+        return order, points.position, any_break
+    size = np.diff(points.start)
+    moved = order + shift[points.row]
+    beyond = moved >= points.start[points.row + 1]
+    moved -= beyond * size[points.row]
+    return moved, points.position[moved] + beyond * points.geometry.period[points.row], any_break
+
+
+def _edge(
+    drop: Float64, gap: Float64, max_gap: int, batch: SweepBatch, points: Points, index: Int64, side: int
+) -> UInt8:
+    """What lies beside the points of `index`: `drop` > 0 means the neighbour is further away than the run."""
+    row = points.row[index]
+    edge = np.where(drop > 0, OWN, HIDDEN).astype(np.uint8)
+    lone = gap > max_gap
+    beside = points.position[index[lone]] + side
+    row = row[lone]
+    beam = points.geometry.beam(row, beside)
+    outside = (beam < 0) | (beam >= batch.beams[row])
+    status = batch.status[row, np.clip(beam, 0, max(batch.width - 1, 0))]
+    edge[lone] = np.where(outside, VIEW, np.where(status == Status.NO_RETURN, OPEN, UNKNOWN))
+    return edge

@@ -1,0 +1,85 @@
+"""§2.2: walls, told from objects by their extent and by the lines they share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lidarcli.formalism.faces import Faces
+from lidarcli.formalism.points import Points
+from lidarcli.formalism.ragged import offsets_of, span_max, spans
+from lidarcli.formalism.runs import Runs
+from lidarcli.sweeps import Bool, Float64, Int64
+
+LINE_LENGTH = 0.5
+"""[m] A shorter face says too little about the direction of a wall."""
+LINE_POINTS = 4
+COLLINEAR = 0.03
+"""[m] Walls are as plane as this; skirting boards and door frames stand out less."""
+NOISE_GAIN = 3.0
+REACH_LIMIT = 0.15
+"""[m] Greatest distance at which a piece still counts as on the line, however uncertain the line is."""
+
+
+def extent(runs: Runs, faces: Faces) -> Float64:
+    """(R,) how far a run reaches [m]: the greatest distance of a vertex from its first or last point."""
+    points = runs.points
+    reach = np.hypot(points.x[runs.last] - points.x[runs.first], points.y[runs.last] - points.y[runs.first])
+    filled = np.flatnonzero(np.diff(faces.offsets) > 0)
+    if len(filled):
+        offsets = np.append(faces.offsets[filled], len(faces))
+        for end in (runs.first, runs.last):
+            anchor = end[faces.run]
+            away = np.hypot(points.x[faces.last] - points.x[anchor], points.y[faces.last] - points.y[anchor])
+            reach[filled] = np.maximum(reach[filled], span_max(away, offsets))
+            away = np.hypot(
+                points.x[faces.first] - points.x[anchor], points.y[faces.first] - points.y[anchor]
+            )
+            reach[filled] = np.maximum(reach[filled], span_max(away, offsets))
+    return reach
+
+
+def on_wall_lines(runs: Runs, faces: Faces, wall: Bool, candidate: Bool, sigma: Float64) -> Bool:
+    """Which small runs lie on the line of a wall: a wall between two doorways is short, but continues its neighbours.
+
+    Parameters
+    ----------
+    runs, faces : R runs and their F faces
+    wall : (R,) runs known as walls, whose long faces give the lines
+    candidate : (R,) runs to decide on
+    sigma : (S,) noise of the ranges [m]
+
+    Returns
+    -------
+    (R,) True where every face of a candidate lies on the line of some wall of its sweep
+    """
+    rows = len(runs.points.start) - 1
+    size = faces.last - faces.first + 1
+    line = np.flatnonzero(wall[faces.run] & (faces.length >= LINE_LENGTH) & (size >= LINE_POINTS))
+    lines = offsets_of(np.bincount(runs.row[faces.run[line]], minlength=rows))
+    piece = np.flatnonzero(candidate[faces.run])
+    row = runs.row[faces.run[piece]]
+    which, owner, _ = spans(lines[row], np.diff(lines)[row])
+    fits = _within(runs.points, faces, line[which], piece[owner], sigma[row[owner]])
+    matched = np.zeros(len(piece), bool)
+    matched[owner[fits]] = True
+    unmatched = np.bincount(faces.run[piece[~matched]], minlength=len(runs))
+    result: Bool = candidate & (unmatched == 0) & (np.diff(faces.offsets) > 0)
+    return result
+
+
+def _within(points: Points, faces: Faces, line: Int64, piece: Int64, sigma: Float64) -> Bool:
+    """(T,) whether both ends of face `piece` lie on the straight line of face `line`, within what is known of it."""
+    middle_x, middle_y = faces.middle_x[line], faces.middle_y[line]
+    direction_x, direction_y = faces.direction_x[line], faces.direction_y[line]
+    length = faces.length[line]
+    count = (faces.last - faces.first + 1)[line]
+    spread = np.maximum(faces.rms[line], sigma) / np.sqrt(count)
+    fits = np.ones(len(line), bool)
+    for end in (faces.first[piece], faces.last[piece]):
+        dx, dy = points.x[end] - middle_x, points.y[end] - middle_y
+        away = np.abs(dx * direction_y - dy * direction_x)
+        along = dx * direction_x + dy * direction_y
+        line_error = spread * np.sqrt(1.0 + 12.0 * (along / length) ** 2)
+        known = np.minimum(NOISE_GAIN * line_error, REACH_LIMIT)
+        fits &= away <= COLLINEAR + NOISE_GAIN * sigma + known
+    return fits
