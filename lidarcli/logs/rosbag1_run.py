@@ -1,0 +1,200 @@
+"""A run of message and connection records in a ROS 1 bag, read from a feed whatever is broken in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from lidarcli.logs.rosbag1_feeds import Feed
+from lidarcli.logs.rosbag1_records import (
+    MAX_HEADER,
+    OVERLAP,
+    Judged,
+    Op,
+    Record,
+    Search,
+    Walk,
+    judge,
+    parse,
+    walk,
+)
+from lidarcli.sweeps import Int64, UInt8
+
+WINDOW = 1 << 20
+"""Bytes read at a time."""
+MAX_MESSAGE = 64 << 20
+"""Longest message that is read into memory [bytes]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Messages in a buffer, by column, and the connections that were declared among them."""
+
+    data: UInt8
+    connection: Int64
+    time_ns: Int64
+    starts: Int64
+    """Where each message's own bytes begin."""
+    lengths: Int64
+    connections: list[tuple[Record, bytes]]
+    """Connection records and their data."""
+
+
+class Stop(Enum):
+    """Why a run ended."""
+
+    END = "the feed ended with a whole record"
+    CUT = "the feed ended inside a record"
+    OTHER = "a record of another kind stands here"
+    LARGE = "a record too large for memory stands here"
+
+
+class Run:
+    """Reads records until the feed ends or, where `others_end` says so, until a record of another kind."""
+
+    def __init__(
+        self,
+        feed: Feed,
+        search: Search,
+        damaged: Callable[[int, str], None],
+        *,
+        others_end: bool,
+        lost: bool = False,
+    ) -> None:
+        """`damaged` is told the position in the feed and the cause; with `lost` a record must be found first."""
+        self.stop = Stop.END
+        self.at = 0
+        """Position in the feed where the run stopped, or how far it has come."""
+        self._feed, self._search, self._damaged, self._others_end = feed, search, damaged, others_end
+        self._data = b""
+        self._base = 0
+        self._ended = False
+        self._lost: int | None = 0 if lost else None
+
+    def blocks(self) -> Iterator[Block]:
+        """The messages, window by window."""
+        at = self._slide(0)
+        while True:
+            if self._lost is not None:
+                found = self._find(at)
+                if found is None:
+                    return
+                at = found
+            walked = walk(self._data, at)
+            judged = judge(self._data, walked)
+            whole = judged.good == len(walked.starts)
+            at = walked.stop if whole else int(walked.starts[judged.good])
+            record = parse(self._data, at) if whole else judged.foreign
+            if record is not None and self._others_end and record.op not in (Op.MESSAGE, Op.CONNECTION):
+                yield self._block(walked, judged)
+                return self._finish(Stop.OTHER, at)
+            if not whole or (record is None and len(self._data) - at >= 8 + MAX_HEADER):
+                cut = self._end_of_last(walked, judged.good, at)
+                yield self._block(walked, judged, cut=cut)
+                at = self._lose(at, at + 1) if cut is None else cut
+            elif record is not None and record.end - at > MAX_MESSAGE:
+                yield self._block(walked, judged)
+                if record.end - len(self._data) > self._feed.left:
+                    at = self._lose(at, record.data_start)
+                elif self._others_end:
+                    return self._finish(Stop.LARGE, at)
+                else:
+                    at = self._skip(record)
+            elif not self._ended:
+                # The last whole record waits: only a sane record behind it proves its length.
+                held = max(0, judged.good - 1)
+                yield self._block(walked, judged, rows=held)
+                keep = int(walked.starts[held]) if judged.good else at
+                at = self._slide(keep, 0 if record is None else record.end - at)
+            else:
+                yield self._block(walked, judged)
+                if at == len(self._data):
+                    return self._finish(Stop.END, at)
+                after = self._search.next(self._data, at + 1 if record is None else record.data_start)
+                if after is None:
+                    return self._finish(Stop.CUT, at)
+                self._damaged(self._base + at, "a record has a wrong length")
+                if record is not None and record.op == Op.MESSAGE:
+                    yield _single(self._data, record, after)
+                at = after
+
+    def _slide(self, keep: int, need: int = 0) -> int:
+        """Drop what stands before `keep` and read on; 0, where `keep` stands now."""
+        more = max(WINDOW, need)
+        new = self._feed.read(more)
+        self._ended = len(new) < more
+        self._base += keep
+        self.at = self._base
+        self._data = self._data[keep:] + new
+        return 0
+
+    def _skip(self, record: Record) -> int:
+        """Read past a record that is too large for memory."""
+        self._damaged(self._base + record.start, f"a message of {record.data_length:,} bytes was not read")
+        missing = record.end - len(self._data)
+        self._base += record.end
+        self._data = b""
+        while missing > 0 and (data := self._feed.read(min(missing, WINDOW))):
+            missing -= len(data)
+        return self._slide(0)
+
+    def _finish(self, stop: Stop, at: int) -> None:
+        self.stop, self.at = stop, self._base + at
+
+    def _lose(self, at: int, search_from: int) -> int:
+        """A broken record stands at `at`."""
+        self._lost = self._base + at
+        return search_from
+
+    def _find(self, at: int) -> int | None:
+        """Go to the next plausible record, None where there is none up to the feed's end."""
+        lost = self._lost or 0
+        while (found := self._search.next(self._data, at)) is None:
+            if self._ended or self._search.budget <= 0:
+                self._finish(Stop.CUT, lost - self._base)
+                return None
+            at = self._slide(max(at, len(self._data) - OVERLAP))
+        self._damaged(lost, f"{self._base + found - lost:,} bytes are broken and were skipped")
+        self._lost = None
+        return found
+
+    def _end_of_last(self, walked: Walk, good: int, at: int) -> int | None:
+        """Where the record before the broken one at `at` really ends, if it swallowed the start of others."""
+        if not good:
+            return None
+        start = int(walked.starts[good - 1] + 8 + walked.header_lengths[good - 1])
+        inside = self._search.next(self._data[:at], start)
+        if inside is not None:
+            self._damaged(self._base + inside, "a record has a wrong length")
+        return inside
+
+    def _block(self, walked: Walk, judged: Judged, cut: int | None = None, rows: int | None = None) -> Block:
+        """The first rows of a walk; `cut` is where the last of them really ends."""
+        rows = judged.good if rows is None else rows
+        starts = walked.starts[:rows] + 8 + walked.header_lengths[:rows]
+        lengths = walked.data_lengths[:rows].copy()
+        if cut is not None:
+            lengths[-1] = cut - starts[-1]
+        connections = [
+            (record, self._data[starts[row] : starts[row] + lengths[row]])
+            for row, record in judged.others
+            if row < rows
+        ]
+        data = np.frombuffer(self._data, np.uint8)
+        return Block(data, judged.connection[:rows], judged.time_ns[:rows], starts, lengths, connections)
+
+
+def _single(data: bytes, record: Record, end: int) -> Block:
+    """One message, whose own length is wrong: it ends where the next record begins."""
+    seconds, nanoseconds = np.frombuffer(record.value(b"time"), "<u4").tolist()
+    return Block(
+        np.frombuffer(data, np.uint8),
+        np.array([record.number(b"conn")]),
+        np.array([seconds * 1_000_000_000 + nanoseconds]),
+        np.array([record.data_start]),
+        np.array([end - record.data_start]),
+        [],
+    )
