@@ -29,8 +29,9 @@ def wall(points: Sequence[Sequence[float]] | Float64) -> Entity:
     centre = (low + high) / 2
     local = corners - centre
     length, width = high - low
+    sides: Float64 = np.hstack([local[:-1], local[1:]])
     return Entity(
-        "wall", *centre, 0.0, float(length), float(width), segments=np.hstack([local[:-1], local[1:]])
+        "wall", float(centre[0]), float(centre[1]), 0.0, float(length), float(width), segments=sides
     )
 
 
@@ -56,7 +57,7 @@ def legged(
     yaw: float = 0.0,
     motion: Motion = STILL,
 ) -> Entity:
-    """A thing on four legs of the thickness `leg` in the corners of length × width: a ladder, a chair, a table.
+    """A thing on four legs of the thickness `leg`, in the corners of length × width.
 
     A ladder's legs are rails, twice as deep as thick; a chair's are round, a table's square.
     """
@@ -73,7 +74,7 @@ def legged(
 def person(
     x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float = 0.12, motion: Motion = STILL
 ) -> Entity:
-    """Two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`. A stride swings them in turn."""
+    """Two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`; a stride swings them."""
     circles = np.array([[0, gap / 2, leg / 2], [0, -gap / 2, leg / 2]])
     return Entity("person", x, y, yaw, motion.stride + leg, gap + leg, circles=circles, motion=motion)
 
@@ -93,7 +94,7 @@ def plant(
 
 
 def legs_of(entity: Entity) -> list[Entity]:
-    """The legs of a legged thing as entities of their own (kind `leg`); anything else is returned as it is."""
+    """The legs of a legged thing as entities of their own (kind `leg`); anything else as it is."""
     if entity.kind not in ("ladder", "chair", "table", "person"):
         return [entity]
     cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)

@@ -1,7 +1,7 @@
 """Sweeps of a scene, with the entity every beam hit: ray casting, then the sensor's faults.
 
-Every kind of fault draws from its own stream in sweep order, so that neither the block size nor the number of sweeps
-changes a sweep that both runs hold.
+Every kind of fault draws from its own stream in sweep order, so that neither the block size nor the number of
+sweeps changes a sweep that both runs hold.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -
         if scene.still and not scene.sensor.beams_jitter:
             if still is None:
                 still = cast(place(scene.entities, poses[:1], seconds[:1]), bearings[:1])
-            ideal, entity = (np.repeat(part, len(index), axis=0) for part in still)
+            ideal = np.repeat(still[0], len(index), axis=0)
+            entity = np.repeat(still[1], len(index), axis=0)
         else:
             ideal, entity = cast(place(scene.entities, poses, seconds), bearings)
         padding = np.arange(bearings.shape[1]) >= beams[:, None]
@@ -62,7 +63,7 @@ def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -
 def simulate_sweep_arrays(
     scene: Scene, n_sweeps: int, seed: int = 0
 ) -> tuple[RawSweeps, Int32, tuple[Entity, ...]]:
-    """All sweeps at once, in memory: the sweeps, the (S, B) entity of every beam (-1: none), and the entities."""
+    """All sweeps at once: the sweeps, the (S, B) entity of every beam (-1: none), and the entities."""
     blocks = list(simulate_blocks(scene, n_sweeps, seed))
     raw = concatenate([block.raw for block in blocks])
     entity = np.full(raw.ranges.shape, -1, np.int32)
@@ -127,7 +128,11 @@ class _Faults:
             entity[edge] = -1
         if sensor.noise:
             measured = measured + sensor.noise * self._normal(ideal.shape)
-        measured = measured.astype(np.float32)
+        return self._limit(measured.astype(np.float32), entity, padding)
+
+    def _limit(self, measured: Float32, entity: Int32, padding: Bool) -> Float32:
+        """What the sensor says where it has no range: out of limits, lost, or padding."""
+        sensor = self.sensor
         nothing = ~(measured <= np.float32(sensor.range_max))
         measured[nothing] = self._fill()
         close = measured < np.float32(sensor.range_min)
@@ -135,7 +140,7 @@ class _Faults:
         measured[close] = -np.inf
         nothing |= close
         if sensor.lost:
-            draw = self._uniform(self.lost, ideal.shape)[0]
+            draw = self._uniform(self.lost, measured.shape)[0]
             lost = (draw < sensor.lost) & ~nothing
             measured[lost] = self._fill()
             if sensor.lost_as == "mixed":

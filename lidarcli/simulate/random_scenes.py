@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.scene import Entity, Path, Scene, Sensor
+from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64
 
 Kind = Literal["room", "corridor", "hall"]
@@ -47,7 +47,7 @@ def random_scene(kind: Kind, seed: int, sensor: Sensor, *, legged: bool = True) 
     """
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([KINDS.index(kind), seed])))
     plan = {"room": _room, "corridor": _corridor, "hall": _hall}[kind](rng, legged)
-    path = Path(np.array([plan.sensor[:2]]), yaw=plan.sensor[2])
+    path = Course(np.array([plan.sensor[:2]]), yaw=plan.sensor[2])
     return Scene(f"{kind}-{seed}", sensor, tuple(plan.walls + plan.entities), path)
 
 
@@ -106,7 +106,7 @@ def _room(rng: Rng, legged: bool) -> _Plan:
     plan.fill(near, lambda: _beside_wall(rng, corners, rng.uniform(0.1, 0.4)), 0.08, corners)
     plan.fill(
         count - near,
-        lambda: _thing(rng, *(rng.uniform(0, 1, 2) * [a, b]), legged),
+        lambda: _thing(rng, rng.uniform(0, a), rng.uniform(0, b), legged),
         rng.uniform(0.1, 0.4),
         corners,
     )
@@ -154,11 +154,11 @@ def _hall(rng: Rng, legged: bool) -> _Plan:
         away, angle, half = rng.uniform(6, 11), rng.uniform(-np.pi, np.pi), rng.uniform(2, 6)
         out = np.array([np.cos(angle), np.sin(angle)])
         side = np.array([-out[1], out[0]])
-        walls.append(make.wall([out * away - side * half, out * away + side * half]))
+        walls.append(make.wall(np.array([out * away - side * half, out * away + side * half])))
     plan = _Plan(walls, (0.0, 0.0, rng.uniform(-np.pi, np.pi)), [])
 
     def thing() -> Entity:
-        # Uniform over the disc in the square of the radius would leave the neighbourhood empty: a crowd is near.
+        # Uniform in the distance, not over the area, which would leave the neighbourhood empty.
         away, angle = rng.uniform(1.0, 10.0), rng.uniform(-np.pi, np.pi)
         return _thing(rng, away * np.cos(angle), away * np.sin(angle), legged)
 
@@ -175,7 +175,8 @@ def _thing(rng: Rng, x: float, y: float, legged: bool, largest: float = 1.2) -> 
         kinds, odds = kinds[:4], odds[:4]
     kind = str(rng.choice(kinds, p=odds / odds.sum()))
     if kind == "box":
-        return make.box(x, y, *np.sort(rng.uniform(0.15, largest, 2))[::-1], yaw)
+        width, length = np.sort(rng.uniform(0.15, largest, 2))
+        return make.box(x, y, length, width, yaw)
     if kind == "cylinder":
         return make.cylinder(x, y, rng.uniform(0.1, min(0.4, largest / 2)))
     if kind == "pole":
@@ -197,7 +198,7 @@ def _beside_wall(rng: Rng, corners: Float64, gap: float) -> Entity:
     inward = np.array([-along[1], along[0]])
     length, width = rng.uniform(0.2, 1.2), rng.uniform(0.15, 0.6)
     place = start + along * rng.uniform(0, np.hypot(*(end - start))) + inward * (gap + width / 2)
-    return make.box(*place, length, width, float(np.arctan2(along[1], along[0])))
+    return make.box(place[0], place[1], length, width, float(np.arctan2(along[1], along[0])))
 
 
 def _walls_with_doors(rng: Rng, corners: Float64, doors: int) -> list[Entity]:
@@ -262,7 +263,8 @@ def _outline(entity: Entity) -> Float64:
     cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
     turn = np.array([[cos, sin], [-sin, cos]])
     ends = local.reshape(-1, 2) @ turn + [entity.x, entity.y]
-    return ends.reshape(-1, 4)
+    sides: Float64 = ends.reshape(-1, 4)
+    return sides
 
 
 def _covers(entity: Entity, point: tuple[float, float]) -> bool:

@@ -72,7 +72,7 @@ def relative(poses: Float64, origin: Float64) -> Float64:
 
 
 def cast(primitives: Primitives, bearings: Float64) -> tuple[Float64, Int32]:
-    """The nearest hit of every beam: (S, B) range [m], inf where there is none, and (S, B) entity, -1 for none.
+    """The nearest hit of every beam: (S, B) range [m], inf for none, and (S, B) entity, -1 for none.
 
     `bearings` is (B,) or (S, B).
     """

@@ -1,7 +1,7 @@
 """What a scene is made of: a sensor, the path that carries it, and entities that stand or move.
 
-An entity is drawn once, in its own frame, as straight segments and circles; where it stands at a time is its pose.
-Lengths in metres, angles in radians, times in seconds from the first sweep.
+An entity is drawn once, in its own frame, as straight segments and circles; where it stands at a time is its
+pose. Lengths in metres, angles in radians, times in seconds from the first sweep.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ class Sensor:
     lost: float = 0.0
     """Share of the beams that return nothing although something is there."""
     lost_as: LostAs = "mixed"
-    """What a beam without a return is written as; `mixed` means inf where there is nothing, inf or NaN where lost."""
+    """What a beam without a return is written as; `mixed`: inf where nothing is, inf or NaN where lost."""
     rate: float = 10.0
     """Sweeps per second."""
     topic: str = "/scan"
     frame_id: str = "laser"
     beams_jitter: int = 0
-    """Beam counts vary by up to this many from sweep to sweep, over the same view, as on real 360° sensors."""
+    """Beam counts vary by up to this many from sweep to sweep, as on real 360° sensors."""
     mixed_pixels: float = 0.0
     """Share of the beams at an edge that report a range between the two surfaces."""
 
     def bearings(self) -> Float64:
         """(B,) bearings of an undisturbed sweep."""
-        bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams)
+        bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
         return bearings
 
 
@@ -73,7 +73,7 @@ STILL = Motion()
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Entity:
-    """One thing in the world. `segments` (K, 4) x0 y0 x1 y1 and `circles` (C, 3) x y radius are in its own frame."""
+    """One thing in the world: `segments` (K, 4) x0 y0 x1 y1 and `circles` (C, 3) x y radius, own frame."""
 
     kind: str
     """`box`, `cylinder`, `ladder`, `chair`, `table`, `plant`, `person`, `leg` or `wall`."""
@@ -110,8 +110,8 @@ class Entity:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Path:
-    """A closed polyline driven at constant speed; one point is a parked sensor. The heading is the direction of travel."""
+class Course:
+    """A closed polyline driven at constant speed, facing ahead; one point is a parked sensor."""
 
     points: Float64
     """(P, 2) corners, the last one joins the first."""
@@ -154,7 +154,7 @@ def super_ellipse(a: float, b: float, exponent: float, points: int = 720) -> Flo
     return np.column_stack([a * np.sign(cos) * np.abs(cos) ** power, b * np.sign(sin) * np.abs(sin) ** power])
 
 
-PARKED = Path(np.zeros((1, 2)))
+PARKED = Course(np.zeros((1, 2)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +179,7 @@ class Scene:
     name: str
     sensor: Sensor
     entities: tuple[Entity, ...]
-    path: Path = PARKED
+    path: Course = PARKED
     odometry: Odometry | None = None
     sweeps: int = 100
     """How many sweeps a run takes when nobody says."""

@@ -1,0 +1,90 @@
+"""Writing ROS 1 and ROS 2 bags."""
+
+from __future__ import annotations
+
+import sqlite3
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+
+from lidarcli.errors import OutputError
+from lidarcli.simulate.definitions import ROS1, ROS2
+from lidarcli.simulate.messages import CDR, ROS1_BYTES
+from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.outgoing import outgoing
+from lidarcli.sweeps import RawSweeps
+
+DATABASE_ERRORS: tuple[type[Exception], ...] = (sqlite3.Error,)
+try:
+    import apsw
+except ImportError:  # older releases of rosbags write through the standard library
+    pass
+else:
+    DATABASE_ERRORS += (apsw.Error,)
+
+BAG_COMPRESSIONS = {
+    "none": None,
+    "bz2": rosbag1.Writer.CompressionFormat.BZ2,
+    "lz4": rosbag1.Writer.CompressionFormat.LZ4,
+}
+FOLDER_COMPRESSIONS = {
+    "none": CompressionMode.NONE,
+    "zstd": CompressionMode.FILE,
+    "zstd-message": CompressionMode.MESSAGE,
+}
+
+
+def write_bag(
+    path: Path, blocks: Iterable[RawSweeps], *, compression: str = "none", poses: PoseRows | None = None
+) -> None:
+    """Write a ROS 1 bag."""
+    writer = rosbag1.Writer(path)
+    if (form := BAG_COMPRESSIONS[compression]) is not None:
+        writer.set_compression(form)
+    with writer:
+        channels: dict[str, Connection] = {}
+        for message in outgoing(blocks, poses, ROS1_BYTES):
+            if message.topic not in channels:
+                channels[message.topic] = writer.add_connection(message.topic, message.type, typestore=ROS1)
+            writer.write(channels[message.topic], message.record_ns, message.data)
+
+
+def write_folder(
+    path: Path,
+    blocks: Iterable[RawSweeps],
+    *,
+    storage: str = "sqlite3",
+    compression: str = "none",
+    poses: PoseRows | None = None,
+) -> None:
+    """Write a ROS 2 bag: a folder with its metadata and one file, `sqlite3` or `mcap`."""
+    plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
+    writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
+    mode = FOLDER_COMPRESSIONS[compression]
+    if storage == "mcap" and compression == "zstd":
+        mode = CompressionMode.STORAGE  # the MCAP file packs its own chunks, and stays readable as it is
+    if mode != CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    try:
+        with writer:
+            channels: dict[str, Connection] = {}
+            for message in outgoing(blocks, poses, CDR):
+                if message.topic not in channels:
+                    channels[message.topic] = writer.add_connection(
+                        message.topic, message.type, typestore=ROS2
+                    )
+                writer.write(channels[message.topic], message.record_ns, message.data)
+    except DATABASE_ERRORS as err:
+        raise OutputError(f"{path}: cannot write the database: {err}") from err
+
+
+def write_db3(path: Path, blocks: Iterable[RawSweeps], *, poses: PoseRows | None = None) -> None:
+    """Write the bare database of a ROS 2 bag, without its folder."""
+    with tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as scratch:
+        folder = Path(scratch) / path.stem
+        write_folder(folder, blocks, poses=poses)
+        next(folder.glob("*.db3")).replace(path)

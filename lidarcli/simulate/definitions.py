@@ -1,0 +1,71 @@
+"""Message definitions that logs carry along with their messages."""
+
+from __future__ import annotations
+
+from rosbags.typesys import Stores, get_typestore
+
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+ROS2 = get_typestore(Stores.ROS2_HUMBLE)
+
+SCAN = "sensor_msgs/msg/LaserScan"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TF = "tf2_msgs/msg/TFMessage"
+
+RULE = "=" * 80
+
+LASERSCAN_IDL = f"""\
+{RULE}
+IDL: sensor_msgs/msg/LaserScan
+module sensor_msgs {{
+  module msg {{
+    struct LaserScan {{
+      std_msgs::msg::Header header;
+      float angle_min;
+      float angle_max;
+      float angle_increment;
+      float time_increment;
+      float scan_time;
+      float range_min;
+      float range_max;
+      sequence<float> ranges;
+      sequence<float> intensities;
+    }};
+  }};
+}};
+
+{RULE}
+IDL: std_msgs/msg/Header
+module std_msgs {{
+  module msg {{
+    struct Header {{
+      builtin_interfaces::msg::Time stamp;
+      string frame_id;
+    }};
+  }};
+}};
+
+{RULE}
+IDL: builtin_interfaces/msg/Time
+module builtin_interfaces {{
+  module msg {{
+    struct Time {{
+      int32 sec;
+      uint32 nanosec;
+    }};
+  }};
+}};
+"""
+
+
+def ros2_definition(name: str) -> str:
+    """The ROS 2 .msg text of a type with everything it contains."""
+    return ROS2.generate_msgdef(name, ros_version=2)[0]
+
+
+def ros1_definition(name: str) -> str:
+    """The same as ROS 1 writes it: its Header has a `seq`."""
+    return ROS1.generate_msgdef(name, ros_version=1)[0]
+
+
+LASERSCAN_MSG = ros2_definition(SCAN)
+LASERSCAN_MSG_ROS1 = ros1_definition(SCAN)

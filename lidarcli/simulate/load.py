@@ -1,0 +1,218 @@
+"""Scene files: TOML → `Scene`. Degrees in the file, radians from here on; samples/README.md lists the keys."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from math import degrees, hypot, radians
+from pathlib import Path
+
+import numpy as np
+
+from lidarcli.errors import UnreadableError
+from lidarcli.simulate import entities as make
+from lidarcli.simulate.fields import Fields
+from lidarcli.simulate.scene import (
+    LOST_AS,
+    Course,
+    Entity,
+    LostAs,
+    Motion,
+    Odometry,
+    Scene,
+    Sensor,
+    super_ellipse,
+)
+
+MAX_BEAMS = 100_000
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read a scene file; whatever is wrong with it is one line that names the file and the key."""
+    file = str(path)
+    try:
+        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as err:
+        raise UnreadableError(f"{file}: cannot read the scene: {err.strerror or err}") from err
+    except UnicodeDecodeError as err:
+        raise UnreadableError(f"{file}: byte {err.start}: not UTF-8 text; a scene is a TOML file") from err
+    except tomllib.TOMLDecodeError as err:
+        raise UnreadableError(f"{file}: not valid TOML: {err}") from err
+
+    top = Fields(file, "the scene", document)
+    head = Fields(file, "[scene]", document.get("scene", {}))
+    sensor = _sensor(Fields(file, "[sensor]", document.get("sensor", {})))
+    path_driven, odometry = _robot(Fields(file, "[robot]", document.get("robot", {})))
+    found: list[Entity] = []
+    for key, values in document.items():
+        if key not in _ENTITIES:
+            continue
+        items = values if isinstance(values, list) else [values]
+        for number, item in enumerate(items, 1):
+            fields = Fields(file, f"[[{key}]] number {number}", item)
+            found.append(_ENTITIES[key](fields))
+            fields.done()
+    scene = Scene(
+        name=head.text("name", Path(path).stem),
+        sensor=sensor,
+        entities=tuple(found),
+        path=path_driven,
+        odometry=odometry,
+        sweeps=head.whole("sweeps", 100, low=0, high=10_000_000),
+    )
+    head.done()
+    top.asked = ["scene", "sensor", "robot", *_ENTITIES]
+    top.done()
+    return scene
+
+
+def _sensor(fields: Fields) -> Sensor:
+    """The table [sensor]; the view is given by its two ends, or by `fov` around straight ahead."""
+    default = Sensor()
+    beams = fields.whole("beams", default.beams, low=1, high=MAX_BEAMS)
+    if fields.has("fov"):
+        if fields.has("angle_min", "angle_max"):
+            fields.fail("fov", "and angle_min/angle_max exclude each other: leave one out")
+        view = fields.number("fov", above=0, high=360)
+        # A full turn has no two ends: the beam after the last one is the first one.
+        steps = beams if view == 360 else max(beams - 1, 1)
+        first, step = -view / 2, view / steps
+    else:
+        first = fields.number("angle_min", -180.0, low=-720, high=720)
+        last = fields.number("angle_max", 180.0, low=-720, high=720)
+        if last <= first:
+            fields.fail(
+                "angle_max", "must be above angle_min; for a sensor turning clockwise set clockwise = true"
+            )
+        step = (last - first) / max(beams - 1, 1)
+    if fields.flag("clockwise", False):
+        first, step = first + step * (beams - 1), -step
+    range_min = fields.number("range_min", default.range_min, low=0)
+    lost_as: LostAs = "mixed"
+    named = fields.text("lost_as", lost_as, LOST_AS)
+    lost_as = next(name for name in LOST_AS if name == named)
+    sensor = Sensor(
+        beams=beams,
+        angle_min=radians(first),
+        angle_increment=radians(step),
+        range_min=range_min,
+        range_max=fields.number("range_max", default.range_max, above=range_min),
+        noise=fields.number("noise", 0.0, low=0),
+        lost=fields.number("lost", 0.0, low=0, high=1),
+        lost_as=lost_as,
+        rate=fields.number("rate", default.rate, above=0, high=1e6),
+        topic=fields.text("topic", default.topic),
+        frame_id=fields.text("frame_id", default.frame_id),
+        beams_jitter=fields.whole("beams_jitter", 0, low=0, high=beams - 1),
+        mixed_pixels=fields.number("mixed_pixels", 0.0, low=0, high=1),
+    )
+    fields.done()
+    return sensor
+
+
+def _robot(fields: Fields) -> tuple[Course, Odometry | None]:
+    """The table [robot]: parked at a pose, or driving a closed course."""
+    x, y = fields.number("x", 0.0), fields.number("y", 0.0)
+    yaw = radians(fields.number("yaw", 0.0))
+    speed = fields.number("speed", 0.0, low=0)
+    points = np.array([[x, y]])
+    if fields.has("waypoints"):
+        if fields.has("super_ellipse"):
+            fields.fail("waypoints", "and super_ellipse exclude each other: leave one out")
+        points = np.array(fields.points("waypoints", 2))
+    elif fields.has("super_ellipse"):
+        course = fields.table("super_ellipse")
+        a, b = course.number("a", above=0), course.number("b", above=0)
+        points = super_ellipse(a, b, course.number("exponent", 4.0, above=0)) + np.array([x, y])
+        course.done()
+    if fields.has("waypoints", "super_ellipse") and speed == 0:
+        fields.fail("speed", "must be above 0 for a robot that drives")
+    odometry = None
+    if fields.has("odometry"):
+        table = fields.table("odometry")
+        default = Odometry()
+        odometry = Odometry(
+            topic=table.text("topic", default.topic),
+            frame_id=table.text("frame_id", default.frame_id),
+            child_frame_id=table.text("child_frame_id", default.child_frame_id),
+            noise=table.number("noise", 0.0, low=0),
+            yaw_noise=radians(table.number("yaw_noise", 0.0, low=0)),
+            tf=table.flag("tf", True),
+        )
+        table.done()
+    fields.done()
+    return Course(points, speed, yaw), odometry
+
+
+def _motion(fields: Fields) -> Motion:
+    """The keys of whatever moves, appears or disappears."""
+    return Motion(
+        velocity=fields.pair("velocity", (0.0, 0.0)),
+        yaw_rate=radians(fields.number("yaw_rate", 0.0)),
+        appears=fields.number("appears") if fields.has("appears") else -np.inf,
+        disappears=fields.number("disappears") if fields.has("disappears") else np.inf,
+    )
+
+
+def _place(fields: Fields) -> tuple[float, float]:
+    return fields.number("x"), fields.number("y")
+
+
+def _yaw(fields: Fields, default: float = 0.0) -> float:
+    return radians(fields.number("yaw", default))
+
+
+def _wall(fields: Fields) -> Entity:
+    points = fields.points("points", 2)
+    if fields.flag("closed", False):
+        points = [*points, points[0]]
+    return make.wall(points)
+
+
+def _box(fields: Fields) -> Entity:
+    size = fields.number("length", above=0), fields.number("width", above=0)
+    return make.box(*_place(fields), *size, _yaw(fields), _motion(fields))
+
+
+def _cylinder(fields: Fields) -> Entity:
+    return make.cylinder(*_place(fields), fields.number("radius", above=0), _motion(fields))
+
+
+def _legged(kind: str, length: float, width: float, leg: float) -> Callable[[Fields], Entity]:
+    """A loader of legged things with these default sizes."""
+
+    def load(fields: Fields) -> Entity:
+        sizes = [fields.number(key, value, above=0) for key, value in (("length", length), ("width", width))]
+        thick = fields.number("leg", leg, above=0, high=min(sizes) / 2)
+        return make.legged(kind, *_place(fields), sizes[0], sizes[1], thick, _yaw(fields), _motion(fields))
+
+    return load
+
+
+def _plant(fields: Fields) -> Entity:
+    radius, seed = fields.number("radius", above=0), fields.whole("seed", 0, low=0, high=2**31)
+    return make.plant(*_place(fields), radius, seed, _yaw(fields), _motion(fields))
+
+
+def _person(fields: Fields) -> Entity:
+    """Two legs; a walker looks ahead and swings them in step with its speed unless told otherwise."""
+    motion = _motion(fields)
+    speed = hypot(*motion.velocity)
+    heading = degrees(np.arctan2(motion.velocity[1], motion.velocity[0])) if speed else 0.0
+    stride = fields.number("stride", 0.5 if speed else 0.0, low=0)
+    cadence = fields.number("cadence", speed / (2 * stride) if stride else 0.0, low=0)
+    gait = Motion(motion.velocity, motion.yaw_rate, motion.appears, motion.disappears, stride, cadence)
+    gap, leg = fields.number("gap", 0.25, above=0), fields.number("leg", 0.12, above=0)
+    return make.person(*_place(fields), _yaw(fields, heading), gap, leg, gait)
+
+
+_ENTITIES: dict[str, Callable[[Fields], Entity]] = {
+    "wall": _wall,
+    "box": _box,
+    "cylinder": _cylinder,
+    "ladder": _legged("ladder", 0.5, 0.4, 0.03),
+    "chair": _legged("chair", 0.45, 0.42, 0.03),
+    "table": _legged("table", 1.2, 0.7, 0.05),
+    "plant": _plant,
+    "person": _person,
+}

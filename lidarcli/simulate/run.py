@@ -1,0 +1,117 @@
+"""From a scene file to a log and its truth tables."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from lidarcli.errors import OptionError, OutputError
+from lidarcli.simulate.load import load_scene
+from lidarcli.sweeps import RawSweeps
+
+_SUFFIXES = (".csv.gz", ".mcap", ".bag", ".db3", ".csv")
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """What a run has written."""
+
+    scene: str
+    sweeps: int
+    log: Path
+    truth: Path
+    truth_beams: Path
+
+
+def simulate(
+    scene_path: str | Path,
+    out: str | Path,
+    *,
+    sweeps: int | None = None,
+    duration: float | None = None,
+    seed: int = 0,
+    container: str | None = None,
+    compression: str | None = None,
+    encoding: str | None = None,
+    layout: str | None = None,
+    chunk_size: int = 1 << 20,
+    overwrite: bool = False,
+) -> Simulated:
+    """Ray-cast the scene into the log `out`, with `<log>.truth.parquet` and `<log>.truth-beams.parquet` beside it.
+
+    The number of sweeps comes from `sweeps`, else from `duration` [s], else from the scene. All files appear whole, under
+    their own names, or not at all; files that exist are refused without `overwrite`. See `write_log` for the formats.
+    """
+    # The writers bring half a second of imports along, which `import lidarcli.simulate` need not pay.
+    from lidarcli.simulate.generate import simulate_blocks
+    from lidarcli.simulate.odometry import simulate_odometry
+    from lidarcli.simulate.truth import TruthWriter
+    from lidarcli.simulate.writers import check_options, write_log
+
+    if sweeps is not None and duration is not None:
+        raise OptionError("--sweeps and --duration exclude each other: leave one out")
+    if sweeps is not None and sweeps < 0:
+        raise OptionError(f"--sweeps must not be negative, not {sweeps}")
+    if duration is not None and not 0 <= duration < float("inf"):
+        raise OptionError(f"--duration must be a number of seconds, not {duration}")
+    if seed < 0:
+        raise OptionError(f"--seed must not be negative, not {seed}")
+    log = Path(out)
+    check_options(log, container, compression, encoding, layout)
+    scene = load_scene(scene_path)
+    count = scene.sweeps if sweeps is None else sweeps
+    if duration is not None:
+        count = round(duration * scene.sensor.rate)
+    result = Simulated(scene.name, count, log, *truth_paths(log))
+    targets = [result.log, result.truth, result.truth_beams]
+    for target in targets:
+        if os.path.lexists(target) and not overwrite:
+            raise OutputError(f"{target}: exists already; --overwrite replaces it")
+
+    try:
+        with tempfile.TemporaryDirectory(prefix=f".{log.name}.", dir=log.parent) as scratch:
+            parts = [Path(scratch) / target.name for target in targets]
+            with TruthWriter(parts[1], parts[2], scene, seed) as truth:
+
+                def raw() -> Iterator[RawSweeps]:
+                    for block in simulate_blocks(scene, count, seed):
+                        truth.write(block)
+                        yield block.raw
+
+                write_log(
+                    parts[0],
+                    raw(),
+                    container=container,
+                    compression=compression,
+                    encoding=encoding,
+                    layout=layout,
+                    chunk_size=chunk_size,
+                    poses=simulate_odometry(scene, count, seed),
+                )
+            for part, target in zip(parts, targets, strict=True):
+                _replace(part, target, Path(scratch))
+    except OSError as err:
+        raise OutputError(f"{out}: cannot write: {err.strerror or err}") from err
+    return result
+
+
+def truth_paths(log: Path) -> tuple[Path, Path]:
+    """Where the truth of a log stands: beside it, under its stem."""
+    name = log.name
+    stem = next((name[: -len(suffix)] for suffix in _SUFFIXES if name.lower().endswith(suffix)), name)
+    return log.with_name(f"{stem}.truth.parquet"), log.with_name(f"{stem}.truth-beams.parquet")
+
+
+def _replace(part: Path, target: Path, scratch: Path) -> None:
+    """Give a finished file its name; a folder can only take the place of one that has gone out of the way."""
+    if target.is_dir() and not target.is_symlink():
+        old = scratch / "replaced"
+        shutil.rmtree(old, ignore_errors=True)
+        target.rename(old)
+    elif part.is_dir() and os.path.lexists(target):
+        target.unlink()
+    part.replace(target)

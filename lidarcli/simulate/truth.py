@@ -1,0 +1,168 @@
+"""The truth beside a simulated log: who was visible in each sweep and where, and what every beam hit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from lidarcli import __version__
+from lidarcli.simulate.generate import Block
+from lidarcli.simulate.raycast import relative
+from lidarcli.simulate.scene import Scene
+from lidarcli.sweeps import TURN, Float64
+
+Index = NDArray[np.intp]
+
+_ROW_GROUP = 1 << 20
+
+
+def _column(name: str, kind: pa.DataType, meaning: str, unit: str = "") -> pa.Field:
+    metadata = {"description": meaning, **({"unit": unit} if unit else {})}
+    return pa.field(name, kind, metadata=metadata)
+
+
+TRUTH = pa.schema(
+    [
+        _column("sweep", pa.int64(), "index of the sweep, from 0"),
+        _column("stamp", pa.timestamp("ns", tz="UTC"), "header stamp of the sweep"),
+        _column("entity", pa.int32(), "index of the entity in the scene, from 0"),
+        _column("kind", pa.dictionary(pa.int8(), pa.string()), "box, cylinder, ladder, plant, wall, ..."),
+        _column("wall", pa.bool_(), "true for what is part of the building"),
+        _column("beams", pa.int32(), "beams of the sweep that hit it"),
+        _column(
+            "theta_i", pa.float64(), "bearing of the first of them, counter-clockwise; null for walls", "rad"
+        ),
+        _column("theta_f", pa.float64(), "bearing of the last of them, above theta_i; null for walls", "rad"),
+        _column("x", pa.float64(), "centre in the sensor frame", "m"),
+        _column("y", pa.float64(), "centre in the sensor frame", "m"),
+        _column("yaw", pa.float64(), "orientation in the sensor frame", "rad"),
+        _column("length", pa.float64(), "extent along its own x axis", "m"),
+        _column("width", pa.float64(), "extent along its own y axis", "m"),
+        _column("world_x", pa.float64(), "centre in the world", "m"),
+        _column("world_y", pa.float64(), "centre in the world", "m"),
+        _column("world_yaw", pa.float64(), "orientation in the world", "rad"),
+    ]
+)
+TRUTH_BEAMS = pa.schema(
+    [
+        _column("sweep", pa.int64(), "index of the sweep, from 0"),
+        _column("beam", pa.int32(), "index of the beam, from 0"),
+        _column("entity", pa.int32(), "index of the entity it hit, -1 for none"),
+    ]
+)
+
+
+class TruthWriter:
+    """Writes both truth tables, block by block."""
+
+    def __init__(self, truth: Path, beams: Path, scene: Scene, seed: int) -> None:
+        self.scene = scene
+        metadata = {"lidarcli": __version__, "scene": scene.name, "seed": str(seed)}
+        self.truth = pq.ParquetWriter(truth, TRUTH.with_metadata(metadata), compression="zstd")
+        self.beams = pq.ParquetWriter(
+            beams,
+            TRUTH_BEAMS.with_metadata(metadata),
+            compression="zstd",
+            column_encoding=dict.fromkeys(TRUTH_BEAMS.names, "DELTA_BINARY_PACKED"),
+            use_dictionary=False,
+        )
+        self.pending: list[pa.RecordBatch] = []
+
+    def write(self, block: Block) -> None:
+        """Append the truth of a block."""
+        self.pending.append(truth_rows(block, self.scene))
+        if sum(len(batch) for batch in self.pending) >= _ROW_GROUP:
+            self._flush()
+        self.beams.write_batch(beam_rows(block), row_group_size=_ROW_GROUP)
+
+    def _flush(self) -> None:
+        if self.pending:
+            self.truth.write_table(pa.Table.from_batches(self.pending), row_group_size=_ROW_GROUP)
+            self.pending = []
+
+    def __enter__(self) -> TruthWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._flush()
+        self.truth.close()
+        self.beams.close()
+
+
+def truth_rows(block: Block, scene: Scene) -> pa.RecordBatch:
+    """One row per sweep and visible entity."""
+    entities = scene.entities
+    sweeps, count = len(block.raw), len(entities)
+    sweep, beam = np.nonzero(block.entity >= 0)
+    cell = sweep * count + block.entity[sweep, beam]
+    hits = np.bincount(cell, minlength=sweeps * count).astype(np.int32)
+    seen = np.flatnonzero(hits)
+    row, entity = np.divmod(seen, max(count, 1))
+
+    world = np.empty((len(seen), 3))
+    for number in np.unique(entity):
+        mine = entity == number
+        world[mine] = entities[number].poses(block.seconds[row[mine]])
+    local = relative(world, block.poses[row])
+    theta_i, theta_f = _extent(block, sweep, beam, cell, np.arctan2(local[:, 1], local[:, 0]), seen)
+
+    kinds = [thing.kind for thing in entities]
+    names = sorted(set(kinds))
+    code = np.array([names.index(kind) for kind in kinds], np.int8)
+    wall = np.array([thing.wall for thing in entities], bool)
+    size = np.array([[thing.length, thing.width] for thing in entities]).reshape(-1, 2)
+    columns = [
+        block.first + row,
+        block.raw.stamp_ns[row],
+        entity.astype(np.int32),
+        pa.DictionaryArray.from_arrays(code[entity], pa.array(names, pa.string())),
+        wall[entity],
+        hits[seen],
+        pa.array(theta_i, mask=wall[entity]),
+        pa.array(theta_f, mask=wall[entity]),
+        local[:, 0],
+        local[:, 1],
+        _wrap(local[:, 2]),
+        size[entity, 0],
+        size[entity, 1],
+        world[:, 0],
+        world[:, 1],
+        _wrap(world[:, 2]),
+    ]
+    arrays = [pa.array(values, field.type) for values, field in zip(columns, TRUTH, strict=True)]
+    return pa.RecordBatch.from_arrays(arrays, schema=TRUTH)
+
+
+def beam_rows(block: Block) -> pa.RecordBatch:
+    """One row per beam."""
+    sweep, beam = np.nonzero(np.arange(block.entity.shape[1]) < block.raw.beams[:, None])
+    columns = [block.first + sweep, beam.astype(np.int32), block.entity[sweep, beam]]
+    return pa.RecordBatch.from_arrays([pa.array(values) for values in columns], schema=TRUTH_BEAMS)
+
+
+def _extent(
+    block: Block, sweep: Index, beam: Index, cell: Index, centre: Float64, seen: Index
+) -> tuple[Float64, Float64]:
+    """First and last bearing of each visible entity, measured from its centre: no seam comes between."""
+    bearing = block.raw.angle_min[sweep] + block.raw.angle_increment[sweep] * beam
+    rank = np.searchsorted(seen, cell)
+    offset = _wrap(bearing - centre[rank])
+    low, high = np.full(len(seen), np.inf), np.full(len(seen), -np.inf)
+    np.minimum.at(low, rank, offset)
+    np.maximum.at(high, rank, offset)
+    theta_i = _wrap(centre + low)
+    return theta_i, theta_i + (high - low)
+
+
+def _wrap(angle: Float64) -> Float64:
+    """The same direction in [-π, π)."""
+    wrapped: Float64 = np.mod(angle + np.pi, TURN) - np.pi
+    return wrapped

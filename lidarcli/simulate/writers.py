@@ -1,0 +1,119 @@
+"""One log in any supported container: the path's suffix says which, unless told otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from lidarcli.errors import OptionError, OutputError
+from lidarcli.simulate.bag_writers import (
+    BAG_COMPRESSIONS,
+    FOLDER_COMPRESSIONS,
+    write_bag,
+    write_db3,
+    write_folder,
+)
+from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS, write_mcap
+from lidarcli.simulate.odometry import PoseRows
+from lidarcli.sweeps import RawSweeps
+
+CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv")
+"""`ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
+
+_SUFFIXES = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv", ".csv.gz": "csv", "": "ros2"}
+
+
+def container_of(path: Path) -> str:
+    """The container that a path's suffix asks for; a name without a suffix is a ROS 2 bag folder."""
+    name = path.name.lower()
+    for suffix, container in _SUFFIXES.items():
+        if suffix and name.endswith(suffix):
+            return container
+    if not path.suffix:
+        return _SUFFIXES[""]
+    raise OptionError(
+        f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .csv.gz, "
+        "or no suffix for a ROS 2 bag folder"
+    )
+
+
+def write_log(
+    path: str | Path,
+    blocks: Iterable[RawSweeps],
+    *,
+    container: str | None = None,
+    compression: str | None = None,
+    encoding: str | None = None,
+    layout: str | None = None,
+    chunk_size: int = 1 << 20,
+    poses: PoseRows | None = None,
+) -> None:
+    """Write sweeps into a new log; the same sweeps and options give the same bytes.
+
+    `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
+    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout`: of a CSV. `poses` go where they fit: a CSV
+    has no place for them. Raises OptionError for options that do not fit the container, OutputError for a path that exists.
+    """
+    target = Path(path)
+    kind = container or container_of(target)
+    write = _writer(str(path), kind, compression, encoding, layout, chunk_size, poses)
+    if target.exists() or target.is_symlink():
+        raise OutputError(f"{path}: exists already")
+    write(target, blocks)
+
+
+def check_options(
+    path: Path, container: str | None, compression: str | None, encoding: str | None, layout: str | None
+) -> None:
+    """Raise OptionError where `write_log` would, before any work is done."""
+    _writer(str(path), container or container_of(path), compression, encoding, layout, 1, None)
+
+
+def _writer(
+    path: str,
+    container: str,
+    compression: str | None,
+    encoding: str | None,
+    layout: str | None,
+    chunk_size: int,
+    poses: PoseRows | None,
+) -> Callable[[Path, Iterable[RawSweeps]], None]:
+    """Check the options against the container and bind them to its writer."""
+
+    def one_of(option: str, value: str | None, choices: Sequence[str], default: str) -> str:
+        if value is None:
+            return default
+        if not choices:
+            raise OptionError(f"{path}: {option} '{value}' does not apply to the container '{container}'")
+        if value not in choices:
+            raise OptionError(f"{path}: {option} '{value}' is not one of {', '.join(choices)} ({container})")
+        return value
+
+    encodings = tuple(ENCODINGS) if container == "mcap" else ()
+    encode = one_of("encoding", encoding, encodings, "cdr")
+    if container != "csv":
+        one_of("layout", layout, (), "")
+    if container == "mcap":
+        packed = one_of("compression", compression, tuple(COMPRESSIONS), "zstd")
+        return lambda target, blocks: write_mcap(
+            target, blocks, encoding=encode, compression=packed, chunk_size=chunk_size, poses=poses
+        )
+    if container == "bag":
+        packed = one_of("compression", compression, tuple(BAG_COMPRESSIONS), "none")
+        return lambda target, blocks: write_bag(target, blocks, compression=packed, poses=poses)
+    if container in ("ros2", "ros2-mcap"):
+        packed = one_of("compression", compression, tuple(FOLDER_COMPRESSIONS), "none")
+        storage = "mcap" if container == "ros2-mcap" else "sqlite3"
+        return lambda target, blocks: write_folder(
+            target, blocks, storage=storage, compression=packed, poses=poses
+        )
+    if container == "db3":
+        one_of("compression", compression, ("none",), "none")
+        return lambda target, blocks: write_db3(target, blocks, poses=poses)
+    if container == "csv":
+        from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
+
+        one_of("compression", compression, ("none",), "none")
+        arranged = one_of("layout", layout, tuple(LAYOUTS), next(iter(LAYOUTS)))
+        return lambda target, blocks: write_csv(target, blocks, arranged)
+    raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")
