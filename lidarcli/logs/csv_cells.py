@@ -1,0 +1,184 @@
+"""The cells of a block of lines: where they are, and their numbers in bulk.
+
+All numbers of a block are parsed as ONE column, whatever the number of beams: separators become line ends, and the
+C++ parser of pyarrow sees a file of a single column. So a block of few long rows costs what one of many short
+rows costs, ragged rows are no special case, and the result is row-major already.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from lidarcli.sweeps import Bool, Int64
+
+NEWLINE = 10
+_NULLS = ("", "null", "None", "NULL", "none", "NA", "N/A", "n/a", "#N/A", "<NA>", "-", "--", ".nan", ".NaN")
+_WORDS = {
+    **{word.lower().encode(): None for word in _NULLS},
+    b"nil": None,
+    b"1.#qnan": None,
+    b"-1.#ind": None,
+    b".inf": np.inf,
+    b"+.inf": np.inf,
+    b"-.inf": -np.inf,
+    b"1.#inf": np.inf,
+    b"-1.#inf": -np.inf,
+}
+_ONE_BY_ONE = 64
+"""Below this many rows the search for a bad row stops halving."""
+
+
+class Cells:
+    """Where each cell of each row lies in a text of lines without quotes."""
+
+    def __init__(self, text: bytes, separator: bytes) -> None:
+        self.text = text
+        self.separator = separator
+        buffer = np.frombuffer(text, np.uint8)
+        self._ends = np.flatnonzero((buffer == separator[0]) | (buffer == NEWLINE))
+        last = np.flatnonzero(buffer[self._ends] == NEWLINE)
+        self._starts = np.empty_like(self._ends)
+        self._starts[:1] = 0
+        self._starts[1:] = self._ends[:-1] + 1
+        self._first = np.empty_like(last)
+        self._first[:1] = 0
+        self._first[1:] = last[:-1] + 1
+        self.count: Int64 = last - self._first + 1
+        """(R,) cells of each row; an empty line has one."""
+        self.length: Int64 = self._ends[last] - self._starts[self._first]
+        """(R,) bytes of each row."""
+
+    def spans(self, rows: Int64, first: int | Int64, count: int | Int64) -> list[bytes]:
+        """The text of `count` cells from cell `first` on, of each of `rows`; b'' for a count of 0."""
+        begin = self._first[rows] + first
+        end = self._ends[begin + np.maximum(count, 1) - 1]
+        start = self._starts[np.minimum(begin, len(self._starts) - 1)]
+        end = np.where(np.asarray(count) > 0, end, start)
+        text = self.text
+        # One slice per row: copying bytes, not looking at them.
+        return [text[i:j] for i, j in zip(start.tolist(), end.tolist(), strict=True)]
+
+    def column(self, rows: Int64, index: int) -> list[bytes]:
+        """Cell `index` of each of `rows`, which all have it."""
+        return self.spans(rows, index, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """Numbers of rows of cells, one after the other."""
+
+    values: NDArray[Any]
+    """NaN where a cell holds none."""
+    empty: Bool | None
+    """True for cells without a value (empty, null); None: there are no such cells."""
+    bad: dict[int, str]
+    """Row → cause, for rows with a cell that is no number; their values are NaN."""
+
+
+def parse_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: DTypeLike) -> Numbers:
+    """Parse rows of `counts` cells each; a row with a cell that is no number is named, not raised."""
+    total = int(counts.sum())
+    if not total:
+        return Numbers(np.empty(0, dtype), None, {})
+    try:
+        some = [part for part, count in zip(parts, counts.tolist(), strict=True) if count]
+        values, empty = _parse_flat(b"\n".join(some).replace(separator, b"\n"), total, dtype)
+        return Numbers(values, empty, {})
+    except ValueError:
+        pass
+    if len(parts) > _ONE_BY_ONE:
+        half = len(parts) // 2
+        left = parse_rows(parts[:half], counts[:half], separator, dtype)
+        right = parse_rows(parts[half:], counts[half:], separator, dtype)
+        return _join(left, right, half)
+    return _slow_rows(parts, counts, separator, dtype)
+
+
+def parse_number(cell: bytes) -> float | None:
+    """One cell, with every spelling that logs use; None for an empty one, ValueError for a text.
+
+    >>> parse_number(b" -.inf "), parse_number(b"null")
+    (-inf, None)
+    """
+    text = cell.strip().lower()
+    if text in _WORDS:
+        return _WORDS[text]
+    if b"_" in text:
+        raise ValueError(text)
+    return float(text)
+
+
+def say(cell: bytes, most: int = 24) -> str:
+    """A cell as an error message shows it: short, printable.
+
+    >>> say(b"abc")
+    "'abc'"
+    """
+    text = cell.decode("utf-8", "replace").strip()
+    text = "".join(char if char.isprintable() else "?" for char in text)
+    return f"'{text[:most]}…'" if len(text) > most else f"'{text}'"
+
+
+def _parse_flat(text: bytes, total: int, dtype: DTypeLike) -> tuple[NDArray[Any], Bool | None]:
+    """One cell per line → numbers and empties; ValueError where any cell is no number."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    kind = pa.float32() if np.dtype(dtype) == np.float32 else pa.float64()
+    table = csv.read_csv(
+        pa.py_buffer(text + b"\n"),
+        read_options=csv.ReadOptions(column_names=["value"], block_size=1 << 20),
+        parse_options=csv.ParseOptions(delimiter="\x01", quote_char=False, ignore_empty_lines=False),
+        convert_options=csv.ConvertOptions(
+            column_types={"value": kind}, null_values=list(_NULLS), check_utf8=False
+        ),
+    )
+    column = table.column(0)
+    if len(column) != total:
+        raise ValueError(f"{len(column)} cells where {total} were counted")
+    values = column.to_numpy()
+    return values, np.asarray(column.is_null()) if column.null_count else None
+
+
+def _slow_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: DTypeLike) -> Numbers:
+    """Cell by cell: the few rows among which one is bad, or in which numbers are spelled oddly."""
+    values: list[float] = []
+    empty: list[bool] = []
+    bad = {}
+    for row, (part, count) in enumerate(zip(parts, counts.tolist(), strict=True)):
+        if not count:
+            continue
+        numbers: list[float | None] = []
+        for place, cell in enumerate(part.split(separator)):
+            try:
+                numbers.append(parse_number(cell))
+            except ValueError:
+                bad[row] = _not_a_number(cell, place)
+                numbers = [np.nan] * count
+                break
+        values += [np.nan if number is None else number for number in numbers]
+        empty += [number is None for number in numbers]
+    with np.errstate(over="ignore"):
+        flat = np.array(values, np.float64).astype(dtype)
+    return Numbers(flat, np.array(empty, np.bool_) if any(empty) else None, bad)
+
+
+def _not_a_number(cell: bytes, place: int) -> str:
+    if cell.strip(b" \"'") in (b"...", b"\xe2\x80\xa6"):
+        return "the array was abbreviated ('...') when the log was written (ros2 topic echo: --full-length)"
+    return f"{say(cell)} is not a number"
+
+
+def _join(left: Numbers, right: Numbers, rows: int) -> Numbers:
+    empty = None
+    if left.empty is not None or right.empty is not None:
+        empty = np.concatenate(
+            [np.zeros(len(n.values), np.bool_) if n.empty is None else n.empty for n in (left, right)]
+        )
+    bad = left.bad | {row + rows: cause for row, cause in right.bad.items()}
+    return Numbers(np.concatenate([left.values, right.values]), empty, bad)

@@ -1,0 +1,150 @@
+"""How the cells of a text are set apart, and lines made plain: no comments, quotes, repeated headers, blanks."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.logs.base import ReadReport
+from lidarcli.logs.csv_source import Block
+from lidarcli.sweeps import Int64
+
+_LISTS = re.compile(rb'\[[^\]]*\]|"[^"]*"')
+_DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a file separates its cells."""
+
+    separator: bytes
+    decimal_comma: bool = False
+    trailing: bool = False
+    """Every line ends with a separator, behind which there is no cell."""
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return {b",": "comma", b";": "semicolon", b"\t": "tab"}.get(self.separator, "space")
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Plain lines and their numbers in the file."""
+
+    text: bytes
+    """Each line ended by one newline."""
+    numbers: Int64
+    cut: bool
+    """The last line had no line end."""
+
+
+def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
+    """The separator that most lines hold, outside quotes and lists; None for text that is no table."""
+    bare = [_LISTS.sub(b'"', line) for line in lines]
+    enough = max(1, (len(bare) + 1) // 2)
+
+    def common(separator: bytes) -> bool:
+        return sum(separator in line.strip() for line in bare) >= enough
+
+    if common(b",") and common(b" ") and not common(b";") and not common(b"\t"):
+        # Decimal commas set apart by spaces: every word of the last line is such a number.
+        words = bare[-1].split()
+        if len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words):
+            return Dialect(b" ", decimal_comma=True)
+    for separator in (b";", b"\t", b",", b" "):
+        if common(separator):
+            break
+    else:
+        return None
+    trailing = separator != b" " and all(line.rstrip(b" ").endswith(separator) for line in bare)
+    comma = separator in b";\t" and any(
+        _DECIMAL_COMMA.fullmatch(cell.strip(b'"')) for line in lines for cell in line.split(separator)
+    )
+    return Dialect(separator, comma, trailing)
+
+
+def split_line(line: bytes, dialect: Dialect) -> list[bytes]:
+    """The cells of one line, quotes taken off."""
+    plain = plain_text(line + b"\n", dialect)[:-1]
+    return [cell.strip() for cell in plain.split(dialect.separator)]
+
+
+def plain_text(text: bytes, dialect: Dialect) -> bytes:
+    """Lines without quotes, runs of spaces, decimal commas and trailing separators."""
+    separator = dialect.separator
+    if b'"' in text:
+        text = _unquote(text, separator)
+    if separator == b" ":
+        text = re.sub(rb"[ \t]+", b" ", text).replace(b" \n", b"\n").replace(b"\n ", b"\n").removeprefix(b" ")
+    if dialect.decimal_comma:
+        text = text.replace(b",", b".")
+    if dialect.trailing:
+        text = text.replace(separator + b"\n", b"\n")
+    return text
+
+
+def read_lines(block: Block, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport) -> Lines:
+    """The lines of a block that can be rows, made plain where a dialect is given.
+
+    Parameters
+    ----------
+    skip : a line that is left out wherever it stands (the header, repeated where files were joined); b'' for none
+    start : number of the first line that is data
+    """
+    text = block.text
+    numbers = block.line + np.arange(text.count(b"\n"))
+    awkward = block.line < start or b"#" in text or b"\0" in text or b"\n\n" in text or text[:1] == b"\n"
+    last = block.line + len(numbers) - 1
+    if awkward or (skip and skip[:32] in text):
+        kept, place = [], []
+        for number, line in enumerate(text.split(b"\n")[:-1], block.line):
+            if number < start or line == skip or not line.strip(b" \t\0,;") or line.lstrip()[:1] == b"#":
+                if b"\0" in line:
+                    report.add_damage(f"line {number}", "nothing but NUL bytes")
+            elif b"\0" in line:
+                report.add_damage(f"line {number}", "NUL bytes among the text: the line is dropped")
+            else:
+                kept.append(line)
+                place.append(number)
+        text = b"".join(line + b"\n" for line in kept)
+        numbers = np.array(place, np.int64)
+    if dialect is not None:
+        text = plain_text(text, dialect)
+    return Lines(text, numbers, block.cut and bool(len(numbers)) and int(numbers[-1]) == last)
+
+
+def csv_cells(line: str, separator: str) -> list[str]:
+    """The cells of a line with quotes; ValueError where the quotes do not match."""
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    except csv.Error as err:
+        raise ValueError(str(err)) from err
+
+
+def _unquote(text: bytes, separator: bytes) -> bytes:
+    """Take off quotes; what stood for a separator inside them becomes a space, or a decimal point."""
+    text = re.sub(rb'"([^"\n' + re.escape(separator) + rb']*)"', rb"\1", text)
+    if b'"' not in text:
+        return text
+    lines = text.split(b"\n")
+    mark = separator.decode()
+    for place, line in enumerate(lines):
+        if b'"' not in line:
+            continue
+        try:
+            cells = csv_cells(line.decode("utf-8", "surrogateescape"), mark)
+        except ValueError:
+            continue
+        plain = [
+            cell.replace(",", ".")
+            if _DECIMAL_COMMA.fullmatch(cell.encode("utf-8", "surrogateescape"))
+            else cell.replace(mark, " ").replace("\n", " ")
+            for cell in cells
+        ]
+        lines[place] = mark.join(plain).encode("utf-8", "surrogateescape")
+    return b"\n".join(lines)

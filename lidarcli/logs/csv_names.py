@@ -1,0 +1,173 @@
+"""What the columns of a CSV header mean: beams, geometry, times, frames."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.sweeps import Int64
+
+DEFAULT_TOPIC = "/scan"
+
+_INDEXED = re.compile(r"(?P<stem>.*?)[\[\s._/-]*(?P<index>\d{1,7})\]?(?P<echo>[._/]echoes[\[._]?0\]?)?")
+_RANGE_WORD = re.compile(
+    r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$"
+)
+_UNIT = r"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec)\)?)?"
+_FIELDS = {
+    name: re.compile(pattern)
+    for name, pattern in {
+        "angle_min": r"(?:angle_min|anglemin|min_angle|start_angle)",
+        "angle_max": r"(?:angle_max|anglemax|max_angle|end_angle)",
+        "angle_increment": r"(?:angle_increment|angleincrement|angle_inc|angular_resolution)",
+        "time_increment": r"time_increment",
+        "scan_time": r"scan_time",
+        "range_min": r"(?:range_min|rangemin|min_range)",
+        "range_max": r"(?:range_max|rangemax|max_range)",
+        "seconds": r"(?:(?:header_)?(?:stamp_)?(?:secs?|seconds))",
+        "nanoseconds": r"(?:(?:header_)?(?:stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
+        "stamp": rf"(?:header_)?stamp{_UNIT}",
+        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record)?_?time|t|date|record){_UNIT}",
+        "frame": r"(?:header_)?(?:frame_id|frame)",
+        "header": r"header",
+        "seq": r"(?:header_)?(?:seq|sequence|index|id)",
+    }.items()
+}
+_ANGLE = re.compile(
+    r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi)s?(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?"
+    r"|(?P<bare>deg|degrees?|rad|radians?)"
+)
+_RANGE = re.compile(
+    r"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?(?:m|mm|cm|met[er]{2}s?)\)?)?"
+)
+_SWEEP = re.compile(
+    r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """Columns that hold the beams of one scan."""
+
+    prefix: str
+    """What stands before the word for ranges: `field.`, `/scan/`, or nothing."""
+    columns: Int64
+    """(B,) the column of each beam."""
+
+    @property
+    def topic(self) -> str:
+        """The topic the prefix names; `/scan` where it names none."""
+        name = self.prefix.rstrip("._/ ")
+        return DEFAULT_TOPIC if name.lower() in ("", "field", "msg", "data") else name
+
+
+@dataclass(frozen=True, slots=True)
+class LongColumns:
+    """Columns of a table with one beam per row."""
+
+    angle: int
+    range: int
+    sweep: int | None
+    degrees: bool | None
+    """None: the name does not say."""
+
+
+def canonical(name: str) -> str:
+    """One spelling for a column name: `/scan/header.stamp` → `scan_header_stamp`.
+
+    >>> canonical("%time"), canonical("field.header.frame_id"), canonical("Angle Min")
+    ('time', 'field_header_frame_id', 'angle_min')
+    """
+    return re.sub(r"[./\[\]\s%#:]+", "_", name.strip().lower()).strip("_")
+
+
+def find_fields(names: Sequence[str], prefix: str) -> dict[str, int]:
+    """The columns of the fields of one scan: those with its prefix first, then those without any."""
+    fields: dict[str, int] = {}
+    start = canonical(prefix) + "_" if canonical(prefix) else ""
+    plain = [canonical(name) for name in names]
+    for begin in dict.fromkeys((start, "")):
+        for column, name in enumerate(plain):
+            if not name.startswith(begin):
+                continue
+            for field, pattern in _FIELDS.items():
+                if field not in fields and pattern.fullmatch(name[len(begin) :]):
+                    fields[field] = column
+                    break
+    if not {"seconds", "nanoseconds"} <= fields.keys():
+        fields.pop("nanoseconds", None)
+        fields.pop("seconds", None)
+    return fields
+
+
+def find_families(names: Sequence[str]) -> list[Family]:
+    """The groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
+    found: dict[str, dict[int, int]] = {}
+    for column, name in enumerate(names):
+        match = _INDEXED.fullmatch(name.strip())
+        if match is None or "intens" in name.lower():
+            continue
+        found.setdefault(match["stem"], {}).setdefault(int(match["index"]), column)
+    families = []
+    for stem, columns in found.items():
+        word = re.split(r"[./]", stem)[-1].strip(" _-").lower()
+        indices = sorted(columns)
+        whole = len(indices) >= 3 and indices[-1] - indices[0] == len(indices) - 1
+        if whole and _RANGE_WORD.fullmatch(word):
+            end = stem.lower().rfind("ranges")
+            prefix = stem[:end] if end >= 0 else stem[: len(stem) - len(word)]
+            ranged = end >= 0
+            families.append((ranged, Family(prefix, np.array([columns[i] for i in indices], np.int64))))
+    if any(ranged for ranged, _ in families):
+        return [family for ranged, family in families if ranged]
+    return (
+        [max((family for _, family in families), key=lambda family: len(family.columns))] if families else []
+    )
+
+
+def find_bearings(names: Sequence[str]) -> tuple[Family, float, float] | None:
+    """Columns that are named by their bearing: the columns, the first bearing and the step, as written."""
+    numbers: dict[int, float] = {}
+    for column, name in enumerate(names):
+        text = name.strip().rstrip("°")
+        if re.fullmatch(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+", text):
+            numbers[column] = float(text)
+    columns = np.array(list(numbers), np.int64)
+    values = np.array(list(numbers.values()))
+    if len(values) < 3 or (np.diff(columns) != 1).any():
+        return None
+    step = (values[-1] - values[0]) / (len(values) - 1)
+    even = np.abs(values - values[0] - step * np.arange(len(values))).max() <= 0.25 * abs(step)
+    counted = step == 1 and values[0] in (0, 1) and not any("." in names[c] for c in numbers)
+    if not even or counted or not step:
+        return None
+    return Family("", columns), float(values[0]), float(step)
+
+
+def find_long(names: Sequence[str]) -> LongColumns | None:
+    """The columns of a table with one beam per row; None where it is none."""
+    plain = [canonical(name) for name in names]
+    angle = next(((i, m) for i, name in enumerate(plain) if (m := _ANGLE.fullmatch(name))), None)
+    distance = next((i for i, name in enumerate(plain) if _RANGE.fullmatch(name)), None)
+    if angle is None or distance is None:
+        return None
+    unit = angle[1]["unit"] or angle[1]["bare"]
+    sweep = next((i for i, name in enumerate(plain) if _SWEEP.fullmatch(name)), None)
+    return LongColumns(angle[0], distance, sweep, None if unit is None else not unit.startswith("rad"))
+
+
+def list_column(names: Sequence[str], cells: Mapping[int, str]) -> tuple[int, str] | None:
+    """The column whose cell is a list of ranges, and the prefix of its name."""
+    for column, cell in cells.items():
+        text = cell.strip()
+        if not re.match(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(", text):
+            continue
+        name = names[column].strip()
+        word = re.split(r"[./]", name)[-1].lower()
+        if "intens" not in word and re.fullmatch(r".*(?:ranges?|scan|distances?|data|values?)", word):
+            end = name.lower().rfind("ranges")
+            return column, name[:end] if end >= 0 else ""
+    return None

@@ -1,0 +1,143 @@
+"""Times as people write them into CSV, to int64 nanoseconds without a detour over floats."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from datetime import date
+from decimal import Decimal, InvalidOperation
+
+import numpy as np
+
+from lidarcli.sweeps import Bool, Int64
+
+NS, US, MS, S = 1, 1_000, 1_000_000, 1_000_000_000
+DATE = 0
+"""Stands for a date and time of day in place of a unit."""
+
+_UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
+_UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
+_UNIT_IN_NAME = re.compile(rf"[_(\[ ]({'|'.join(_UNITS)})[)\]]*$")
+_DATE = re.compile(
+    rb"\s*(\d{4})[-/.](\d\d?)[-/.](\d\d?)"
+    rb"(?:[T_ ]+(\d\d?):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?)?\s*(?:Z|UTC|([+-])(\d\d):?(\d\d)?)?\s*",
+    re.IGNORECASE,
+)
+_EPOCH = date(1970, 1, 1).toordinal()
+_MIN, _MAX = -(1 << 63), (1 << 63) - 1
+
+
+def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
+    """Nanoseconds per unit of a time column (`DATE` for dates), from its name or the size of its values.
+
+    None where the samples are no times. Seconds since 1970 have 10 digits before the point, milliseconds 13,
+    microseconds 16, nanoseconds 19: no clock that a robot carries comes near the next unit.
+
+    >>> time_unit("time", [b"1714555596445048407"]), time_unit("t", [b"12.5"]), time_unit("t_ms", [b"5"])
+    (1, 1000000000, 1000000)
+    """
+    samples = [cell for cell in samples if cell.strip()]
+    if not samples:
+        return None
+    if all(_DATE.fullmatch(cell) for cell in samples):
+        return DATE
+    try:
+        largest = max(abs(Decimal(cell.decode().strip())) for cell in samples)
+    except (InvalidOperation, UnicodeDecodeError):
+        return None
+    if not largest.is_finite():
+        return None
+    if named := _UNIT_IN_NAME.search(name.lower()):
+        return _UNITS[named[1]]
+    for unit, least in ((NS, 10**17), (US, 10**14), (MS, 10**11)):
+        if largest >= least:
+            return unit
+    return S
+
+
+def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool | None]:
+    """Nanoseconds of each cell, and which cells are no times (their value is 0); None: all are."""
+    convert = _CONVERTERS[unit]
+    try:
+        return np.fromiter(map(convert, cells), np.int64, len(cells)), None
+    except (ValueError, OverflowError, ArithmeticError):
+        pass
+    times = np.zeros(len(cells), np.int64)
+    bad = np.zeros(len(cells), np.bool_)
+    for row, cell in enumerate(cells):
+        try:
+            times[row] = convert(cell)
+        except (ValueError, OverflowError, ArithmeticError):
+            bad[row] = True
+    return times, bad
+
+
+def seconds_and_nanoseconds(seconds: Sequence[bytes], rest: Sequence[bytes]) -> tuple[Int64, Bool | None]:
+    """Nanoseconds from a column of whole seconds and one of nanoseconds."""
+    high, bad_high = to_ns(seconds, S)
+    low, bad_low = to_ns(rest, NS)
+    total = high + low
+    # The sum of two int64 can wrap around; no such time is meant.
+    wrapped = (np.abs(high) > _MAX // 2) | (np.abs(low) > _MAX // 2)
+    if bad_high is None and bad_low is None and not wrapped.any():
+        return total, None
+    bad = wrapped
+    for part in (bad_high, bad_low):
+        bad = bad if part is None else bad | part
+    return np.where(bad, 0, total), bad
+
+
+def _checked(value: int) -> int:
+    if not _MIN <= value <= _MAX:
+        raise ValueError("beyond 64 bits")
+    return value
+
+
+def _decimal(cell: bytes, unit: int) -> int:
+    """Any decimal spelling, exact."""
+    text = cell.decode("ascii").strip()
+    number = Decimal(text)
+    if not number.is_finite() or abs(number.adjusted()) > 30:
+        if number.is_finite() and number.adjusted() < 0:
+            return 0
+        raise ValueError(text)
+    return _checked(int((number * unit).to_integral_value()))
+
+
+def _seconds(cell: bytes) -> int:
+    whole, _, fraction = cell.partition(b".")
+    if len(fraction) == 9 and fraction.isdigit():
+        return int(whole + fraction)
+    if len(fraction) < 9 and (not fraction or fraction.isdigit()) and whole.lstrip(b"-").isdigit():
+        return int(whole + fraction.ljust(9, b"0"))
+    return _decimal(cell, S)
+
+
+def _nanoseconds(cell: bytes) -> int:
+    return int(cell) if cell.isdigit() else _decimal(cell, NS)
+
+
+def _date(cell: bytes) -> int:
+    match = _DATE.fullmatch(cell)
+    if match is None:
+        raise ValueError("not a date")
+    year, month, day, hour, minute, second, fraction, sign, off_hours, off_minutes = match.groups()
+    days = date(int(year), int(month), int(day)).toordinal() - _EPOCH
+    seconds = days * 86400 + int(hour or 0) * 3600 + int(minute or 0) * 60 + int(second or 0)
+    if sign:
+        offset = int(off_hours) * 3600 + int(off_minutes or 0) * 60
+        seconds += offset if sign == b"-" else -offset
+    return _checked(seconds * S + int((fraction or b"").ljust(9, b"0")[:9]))
+
+
+def _of_unit(unit: int) -> Callable[[bytes], int]:
+    return lambda cell: int(cell) * unit if cell.isdigit() else _decimal(cell, unit)
+
+
+_CONVERTERS: dict[int, Callable[[bytes], int]] = {
+    DATE: _date,
+    NS: _nanoseconds,
+    US: _of_unit(US),
+    MS: _of_unit(MS),
+    S: _seconds,
+}
