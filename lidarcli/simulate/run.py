@@ -71,6 +71,8 @@ def simulate(
     for target in targets:
         if os.path.lexists(target) and not overwrite:
             raise OutputError(f"{target}: exists already; --overwrite replaces it")
+        if target.is_dir() and not _is_bag(target):
+            raise OutputError(f"{target}: is a folder that holds more than a ROS 2 bag; it will not be replaced")
 
     try:
         with tempfile.TemporaryDirectory(prefix=f".{log.name}.", dir=log.parent) as scratch:
@@ -104,6 +106,12 @@ def truth_paths(log: Path) -> tuple[Path, Path]:
     name = log.name
     stem = next((name[: -len(suffix)] for suffix in _SUFFIXES if name.lower().endswith(suffix)), name)
     return log.with_name(f"{stem}.truth.parquet"), log.with_name(f"{stem}.truth-beams.parquet")
+
+
+def _is_bag(folder: Path) -> bool:
+    """True for an empty folder and for one that holds the files of a ROS 2 bag alone."""
+    names = [entry.name for entry in folder.iterdir()]
+    return all(name == "metadata.yaml" or name.endswith((".db3", ".mcap", ".zstd")) for name in names)
 
 
 def _replace(part: Path, target: Path, scratch: Path) -> None:
