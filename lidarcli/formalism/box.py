@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.faces import Faces
-from lidarcli.formalism.points import Points
+from lidarcli.formalism.points import Cloud
 from lidarcli.formalism.ragged import span_max, span_min
 from lidarcli.sweeps import Float64, Int64
 
@@ -27,7 +27,7 @@ class Boxes:
 
 
 def bounding_boxes(
-    points: Points, index: Int64, owner: Int64, offsets: Int64, faces: Faces, face: Int64, face_offsets: Int64
+    points: Cloud, index: Int64, owner: Int64, offsets: Int64, faces: Faces, face: Int64, face_offsets: Int64
 ) -> Boxes:
     """Smallest of the rectangles around each object that have a side along one of its longest faces, or its chord.
 

@@ -9,6 +9,7 @@ import numpy as np
 from lidarcli.formalism.box import bounding_boxes
 from lidarcli.formalism.detection import CORNER, END, EXTREMUM, NOISE, OBJECT, START, WALL, Detection
 from lidarcli.formalism.difference import difference, scatter
+from lidarcli.formalism.discontinuity import adaptive_threshold
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.objects import visibility
 from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_min, span_sum, spans
@@ -36,6 +37,7 @@ def describe(
     segmentation: Segmentation,
     d_mean: Float64,
     sweep_d_th: Float64,
+    adaptive: bool,
     sigma: Float64,
     per_beam: bool,
 ) -> Detection:
@@ -46,6 +48,7 @@ def describe(
     batch : S sweeps
     runs, segmentation : R runs over M points, and which of them are objects or walls
     d_mean, sweep_d_th, sigma : (S,) Def. 3's mean, the threshold used, the noise [m]
+    adaptive : whether the threshold grows with range
     per_beam : whether the beams themselves are wanted
     """
     faces, points = segmentation.faces, runs.points
@@ -98,7 +101,11 @@ def describe(
         r_f=points.range[last],
         s_i=runs.s_start[chosen],
         s_f=runs.s_end[chosen],
-        d_th=runs.d_th[first],
+        d_th=adaptive_threshold(
+            sigma[row], points.geometry.step[row], points.range[first], runs.s_start[chosen]
+        )
+        if adaptive
+        else sweep_d_th[row],
         theta_min=points.theta(nearest),
         r_min=r_min,
         x=span_sum(points.x[index], offsets) / size,

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism import vertices
 from lidarcli.formalism.describe import Segmentation, describe
 from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.difference import predecessor_gap
-from lidarcli.formalism.discontinuity import REACH, adaptive_threshold, jumps, one_sided_jumps
+from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, split_straight
 from lidarcli.formalism.objects import fully_visible, partly_visible
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.formalism.points import Neighbours, Points, collect, neighbours
+from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
 from lidarcli.formalism.threshold import mean_difference, noise, noise_threshold
 from lidarcli.formalism.walls import extent, on_wall_lines
-from lidarcli.sweeps import Bool, Float64, SweepBatch
+from lidarcli.sweeps import Float64, SweepBatch
 
 STRAIGHT = 0.02
 """[m] A face may leave its chord by this much plus three times the noise."""
@@ -49,43 +47,34 @@ def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam:
     parameters = parameters or Parameters()
     points = collect(batch)
     s, missing = predecessor_gap(points)
-    around = neighbours(points, REACH)
-    sigma = noise(points, around)
+    sigma = noise(batch)
     d_mean = mean_difference(s, missing, points)
-    found = _discontinuities(points, around, s, d_mean, sigma, parameters)
-    runs = split(batch, points, s, missing, found.jump, found.d_th, parameters.max_gap)
-    segmentation = (_literal if parameters.profile == "paper" else _robust)(runs, sigma, parameters)
-    return describe(batch, runs, segmentation, d_mean, found.sweep_d_th, sigma, per_beam)
-
-
-@dataclass(frozen=True, slots=True)
-class _Discontinuities:
-    """Where f jumps: (M,) before each point, the threshold there, and the threshold of each sweep (S,)."""
-
-    jump: Bool
-    d_th: Float64
-    sweep_d_th: Float64
-
-
-def _discontinuities(
-    points: Points, around: Neighbours, s: Float64, d_mean: Float64, sigma: Float64, parameters: Parameters
-) -> _Discontinuities:
-    """Def. 3 by the threshold that the parameters ask for."""
-    if parameters.threshold == "adaptive":
-        d_th = adaptive_threshold(points, sigma, s)
-        jump = one_sided_jumps(points, around, s, d_th, parameters.max_gap)
-        return _Discontinuities(jump, d_th, noise_threshold(sigma))
-    if parameters.threshold == "mean":
-        sweep_d_th = d_mean
+    sweep_d_th = _sweep_threshold(d_mean, sigma, parameters)
+    adaptive = parameters.threshold == "adaptive"
+    if adaptive:
+        jump = one_sided_jumps(points, s, sigma, parameters.max_gap)
     else:
-        sweep_d_th = np.full(len(d_mean), float(parameters.threshold))
-    d_th = sweep_d_th[points.row]
-    return _Discontinuities(jumps(s, d_th), d_th, sweep_d_th)
+        jump = jumps(s, sweep_d_th[points.row])
+    runs = split(batch, points, s, missing, jump, parameters.max_gap)
+    if parameters.profile == "paper":
+        segmentation = _literal(runs, sweep_d_th, parameters)
+    else:
+        segmentation = _robust(runs, sigma, parameters)
+    return describe(batch, runs, segmentation, d_mean, sweep_d_th, adaptive, sigma, per_beam)
 
 
-def _literal(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
+def _sweep_threshold(d_mean: Float64, sigma: Float64, parameters: Parameters) -> Float64:
+    """(S,) d_th of each sweep [m]; with `adaptive` the part of it that does not grow with range."""
+    if parameters.threshold == "adaptive":
+        return noise_threshold(sigma)
+    if parameters.threshold == "mean":
+        return d_mean
+    return np.full(len(d_mean), float(parameters.threshold))
+
+
+def _literal(runs: Runs, d_th: Float64, parameters: Parameters) -> Segmentation:
     """Profile `paper`: Definitions 5 to 7 as printed."""
-    extremum, corner = vertices.literal(runs, runs.d_th)
+    extremum, corner = vertices.literal(runs, d_th)
     faces = faces_between(runs, extremum | corner)
     small = extent(runs, faces) <= parameters.max_width
     enough = runs.size >= parameters.min_beams

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.points import Points, collect
+from lidarcli.formalism.points import Cloud, Points, collect
 from lidarcli.sweeps import Float64, SweepBatch
 
 
@@ -67,7 +67,7 @@ def difference(batch: SweepBatch) -> Float64:
     return beams
 
 
-def scatter(points: Points, values: NDArray[Any], width: int, fill: float) -> NDArray[Any]:
+def scatter(points: Points | Cloud, values: NDArray[Any], width: int, fill: float) -> NDArray[Any]:
     """(S, width) array with `values` (M,) at the beams of `points`, `fill` elsewhere."""
     out = np.full((len(points.start) - 1, width), fill, dtype=values.dtype)
     out[points.row, points.geometry.beam(points.row, points.position)] = values

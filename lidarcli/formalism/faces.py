@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.points import Points
+from lidarcli.formalism.points import Cloud
 from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_sum, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.sweeps import Bool, Float64, Int64
@@ -124,9 +124,7 @@ def faces_between(runs: Runs, inner: Bool) -> Faces:
     )
 
 
-def fit_lines(
-    points: Points, first: Int64, last: Int64
-) -> tuple[Float64, Float64, Float64, Float64, Float64]:
+def fit_lines(points: Cloud, first: Int64, last: Int64) -> tuple[Float64, Float64, Float64, Float64, Float64]:
     """Total least squares line through the points `first[j] … last[j]`: middle x, y, direction x, y, rms [m], (J,) each."""
     if not len(first):
         empty = np.empty(0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lidarcli.formalism.ragged import offsets_of
 from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, Int64, Status, SweepBatch
 
 
@@ -45,19 +46,18 @@ class Geometry:
         )
 
     def beam(self, row: Int64, position: Int64) -> Int64:
-        """Index in the log of the beam at a position, which may lie beyond the seam (Def. 1's n)."""
-        period = self.period[row]
-        position = np.where(period > 0, position % np.maximum(period, 1), position)
-        beam: Int64 = np.where(self.reverse[row], self.beams[row] - 1 - position, position)
-        return beam
+        """Index in the log of the beam at a position, at most one turn beyond the seam on either side (Def. 1's n)."""
+        if self.period.any():
+            period = self.period[row]
+            position = position - period * (position >= period) + period * ((position < 0) & (period > 0))
+        if self.reverse.any():
+            position = np.where(self.reverse[row], self.beams[row] - 1 - position, position)
+        return position
 
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """M valid beams of S sweeps, row after row, counter-clockwise within each.
-
-    In a full turn a row may start anywhere; positions then run on past the seam, so that they always increase.
-    """
+    """M valid beams of S sweeps, row after row, counter-clockwise within each."""
 
     geometry: Geometry
     start: Int64
@@ -68,6 +68,21 @@ class Points:
     """(M,) counter-clockwise position of its beam."""
     range: Float64
     """(M,) r [m], Def. 1."""
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+
+@dataclass(frozen=True, slots=True)
+class Cloud:
+    """Points with their coordinates. In a full turn a row may start anywhere: positions run on past the seam."""
+
+    geometry: Geometry
+    start: Int64
+    row: Int64
+    position: Int64
+    """(M,) increasing within each row."""
+    range: Float64
     x: Float64
     """(M,) forward [m], sensor frame."""
     y: Float64
@@ -83,18 +98,6 @@ class Points:
         beyond = (position >= period) & (period > 0)
         theta: Float64 = self.geometry.first[row] + self.geometry.step[row] * (position - beyond * period)
         return theta + beyond * TURN
-
-    def take(self, order: Int64, position: Int64) -> Points:
-        """The points in another order within each row, with their new positions."""
-        return Points(
-            geometry=self.geometry,
-            start=self.start,
-            row=self.row,
-            position=position,
-            range=self.range[order],
-            x=self.x[order],
-            y=self.y[order],
-        )
 
 
 def counted_once(batch: SweepBatch) -> Bool:
@@ -118,87 +121,52 @@ def collect(batch: SweepBatch) -> Points:
     """
     geometry = Geometry.of(batch)
     valid = counted_once(batch)
-    width = batch.width
+    start = offsets_of(np.count_nonzero(valid, axis=1))
     flat = np.flatnonzero(valid)
+    row = np.repeat(np.arange(len(batch)), np.diff(start))
+    position = flat - row * batch.width
     if geometry.reverse.any():
-        flat = flat[_counter_clockwise(flat, geometry, width)]
-    row, column = np.divmod(flat, max(width, 1))
-    position = (
-        np.where(geometry.reverse[row], batch.beams[row] - 1 - column, column)
-        if geometry.reverse.any()
-        else column
-    )
-    counts = np.count_nonzero(valid, axis=1)
-    start = np.zeros(len(batch) + 1, np.int64)
-    np.cumsum(counts, out=start[1:])
+        position = np.where(geometry.reverse[row], geometry.beams[row] - 1 - position, position)
+        order = np.lexsort((position, row))
+        flat, position = flat[order], position[order]
     ranges = batch.ranges.reshape(-1)[flat].astype(np.float64)
-    cos, sin = _directions(batch, row, column)
-    return Points(geometry, start, row, position, ranges, ranges * cos, ranges * sin)
+    return Points(geometry, start, row, position, ranges)
 
 
-def _counter_clockwise(flat: Int64, geometry: Geometry, width: int) -> Int64:
-    """Order that turns the points of clockwise rows round, each row in its place."""
-    row, column = np.divmod(flat, width)
-    order: Int64 = np.lexsort((np.where(geometry.reverse[row], -column, column), row))
-    return order
+def place(batch: SweepBatch, points: Points, order: Int64, position: Int64) -> Cloud:
+    """Put the points in another order within their rows, at the given positions, and give them coordinates."""
+    ranges = points.range[order]
+    beam = points.geometry.beam(points.row, position)
+    cos, sin = _directions(batch, points.row, beam)
+    return Cloud(points.geometry, points.start, points.row, position, ranges, ranges * cos, ranges * sin)
 
 
-def _directions(batch: SweepBatch, row: Int64, column: Int64) -> tuple[Float64, Float64]:
+def _directions(batch: SweepBatch, row: Int64, beam: Int64) -> tuple[Float64, Float64]:
     """cos θ and sin θ of points: computed once per distinct geometry of the batch, then looked up."""
     pairs = np.stack([batch.angle_min, batch.angle_increment], axis=1)
-    if (pairs == pairs[0]).all():
-        distinct, code = pairs[:1], None
-    else:
-        distinct, code = np.unique(pairs, axis=0, return_inverse=True)
-        code = code.reshape(-1)
+    uniform = bool((pairs == pairs[:1]).all())
+    distinct, code = (pairs[:1], None) if uniform else np.unique(pairs, axis=0, return_inverse=True)
     bearings = distinct[:, :1] + distinct[:, 1:] * np.arange(batch.width)
-    cos, sin = np.cos(bearings), np.sin(bearings)
-    if code is None:
-        return cos[0][column], sin[0][column]
-    index = code[row] * batch.width + column
-    return cos.reshape(-1)[index], sin.reshape(-1)[index]
+    index = beam if code is None else code.reshape(-1)[row] * batch.width + beam
+    return np.cos(bearings).reshape(-1)[index], np.sin(bearings).reshape(-1)[index]
 
 
-@dataclass(frozen=True, slots=True)
-class Neighbours:
-    """Points with `reach` neighbours repeated at both ends of each row, so that a window slides over the seam.
+def neighbour(points: Points, index: Int64, offset: int) -> tuple[Int64, Int64, Bool]:
+    """The points `offset` places further along their sweep than those of `index`, over the seam on a full turn.
 
-    All arrays are (E,), E = M + 2 reach S. In a partial view the neighbours beyond the edges do not exist: `inside`
-    is False there, and values are those of some point of the row.
+    Returns
+    -------
+    other : indices; where there is no such point, some point of the same row
+    position : their positions, beyond the turn (or below 0) where the seam lies between
+    exists : whether there is such a point
     """
-
-    reach: int
-    core: Int64
-    """(M,) where each point stands in the extended arrays."""
-    range: Float64
-    position: Int64
-    inside: Bool
-
-
-def neighbours(points: Points, reach: int) -> Neighbours:
-    """Extend each row of `points` by `reach` neighbours at both ends; over the seam on a full turn."""
-    counts = np.diff(points.start)
-    rows = len(counts)
-    size = np.where(counts > 0, counts + 2 * reach, 0)
-    begin = np.cumsum(size) - size
-    row = np.repeat(np.arange(rows), size)
-    offset = np.arange(len(row)) - np.repeat(begin + reach, size)
-    turn, within = np.divmod(offset, counts[row])
-    source = points.start[:-1][row] + within
+    row = points.row[index]
+    begin, end = points.start[row], points.start[row + 1]
+    moved = index + offset
+    size = end - begin
+    turns = (moved >= end).astype(np.int64) - (moved < begin)
+    other = moved - turns * size
     period = points.geometry.period[row]
-    position: Int64 = points.position[source] + turn * period
-    return Neighbours(
-        reach=reach,
-        core=np.arange(len(points))
-        + (2 * points.row + 1) * reach
-        - 2 * reach * _empty_before(counts)[points.row],
-        range=points.range[source],
-        position=position,
-        inside=(turn == 0) | (period > 0),
-    )
-
-
-def _empty_before(counts: Int64) -> Int64:
-    """(S,) how many rows without any point come before each row."""
-    empty: Int64 = np.cumsum(counts == 0)
-    return empty
+    exists = (turns == 0) | ((period > 0) & (other >= begin) & (other < end))
+    other = np.clip(other, begin, end - 1)
+    return other, points.position[other] + turns * period, exists

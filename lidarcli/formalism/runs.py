@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.points import Points
+from lidarcli.formalism.points import Cloud, Points, place
 from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, UInt8
 
 OWN, HIDDEN, OPEN, UNKNOWN, VIEW = range(5)
@@ -18,7 +18,7 @@ it; an invalid or too close one is; the view ends."""
 class Runs:
     """R runs of points, in order of their rows and bearings; none crosses the end of a row of `points`."""
 
-    points: Points
+    points: Cloud
     start: Int64
     """(R + 1,) the points of run j are `start[j]:start[j + 1]`."""
     row: Int64
@@ -29,8 +29,6 @@ class Runs:
     """(R,) signed difference on entering the run [m]; NaN where undefined."""
     s_end: Float64
     """(R,) signed difference on leaving it."""
-    d_th: Float64
-    """(M,) threshold at each point towards its predecessor [m]."""
 
     def __len__(self) -> int:
         return len(self.row)
@@ -57,7 +55,6 @@ def split(
     s: Float64,
     missing: Float64,
     jump: Bool,
-    d_th: Float64,
     max_gap: int,
 ) -> Runs:
     """Cut the points into runs at every discontinuity (Def. 5); on a full turn a run may cross the seam.
@@ -67,18 +64,17 @@ def split(
     batch : the sweeps the points come from
     points : M points
     s, missing : (M,) as `difference.predecessor_gap` gives them
-    jump, d_th : (M,) whether f is discontinuous before a point, and the threshold used there
+    jump : (M,) whether f is discontinuous before a point
     max_gap : a gap of more beams without a range is a discontinuity by itself
     """
     broken = jump | (missing > max_gap)
     order, position, first_break = _from_first_break(points, broken)
+    cloud = place(batch, points, order, position)
     begins = broken[order]
-    filled = np.diff(points.start) > 0
-    begins[points.start[:-1][filled]] = True
-    turned = points.take(order, position)
+    begins[points.start[:-1][np.diff(points.start) > 0]] = True
     first = np.flatnonzero(begins)
     start = np.append(first, len(points))
-    row = turned.row[first]
+    row = cloud.row[first]
     last = start[1:] - 1
 
     # The discontinuity that ends a run is the one before the point that follows it, over the seam on a full turn.
@@ -86,18 +82,18 @@ def split(
     ends_row = start[1:] == points.start[row + 1]
     wraps = points.geometry.period[row] > 0
     following = np.where(ends_row, points.start[row], following)
-    s, missing = s[order], missing[order]
     whole = (points.start[row] == first) & ends_row & ~first_break[row]
     exists = ~ends_row | wraps
-    s_start, s_end = s[first], np.where(exists, s[following], np.nan)
-    gap_start, gap_end = missing[first], np.where(exists, missing[following], np.inf)
-    start_edge = _edge(-s_start, gap_start, max_gap, batch, turned, first, -1)
-    end_edge = _edge(s_end, gap_end, max_gap, batch, turned, last, +1)
+    entering, leaving = order[first], order[following]
+    s_start, s_end = s[entering], np.where(exists, s[leaving], np.nan)
+    gap_start, gap_end = missing[entering], np.where(exists, missing[leaving], np.inf)
+    start_edge = _edge(-s_start, gap_start, max_gap, batch, cloud, first, -1)
+    end_edge = _edge(s_end, gap_end, max_gap, batch, cloud, last, +1)
     s_start = np.where((gap_start <= max_gap) & ~whole, s_start, np.nan)
     s_end = np.where((gap_end <= max_gap) & ~whole, s_end, np.nan)
     start_edge[whole & wraps] = HIDDEN
     end_edge[whole & wraps] = HIDDEN
-    return Runs(turned, start, row, start_edge, end_edge, s_start, s_end, d_th[order])
+    return Runs(cloud, start, row, start_edge, end_edge, s_start, s_end)
 
 
 def _from_first_break(points: Points, broken: Bool) -> tuple[Int64, Int64, Bool]:
@@ -125,7 +121,7 @@ def _from_first_break(points: Points, broken: Bool) -> tuple[Int64, Int64, Bool]
 
 
 def _edge(
-    drop: Float64, gap: Float64, max_gap: int, batch: SweepBatch, points: Points, index: Int64, side: int
+    drop: Float64, gap: Float64, max_gap: int, batch: SweepBatch, points: Cloud, index: Int64, side: int
 ) -> UInt8:
     """What lies beside the points of `index`: `drop` > 0 means the neighbour is further away than the run."""
     row = points.row[index]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism.detection import IRREGULAR, PRISMATIC, ROUND, UNKNOWN
-from lidarcli.formalism.points import Points
+from lidarcli.formalism.points import Cloud
 from lidarcli.formalism.ragged import span_sum
 from lidarcli.sweeps import Float64, Int64, UInt8
 
@@ -37,7 +37,7 @@ def circle_fit(
 
 
 def classify(
-    points: Points,
+    points: Cloud,
     index: Int64,
     owner: Int64,
     offsets: Int64,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.formalism.points import Neighbours, Points
-from lidarcli.sweeps import Float64
+from lidarcli.formalism.points import Points
+from lidarcli.sweeps import Closure, Float32, Float64, SweepBatch
 
 NOISE_FLOOR = 0.003
 """[m] No scanner is better than this; keeps a noise-free simulation from splitting on rounding."""
@@ -52,37 +52,41 @@ def mean_difference(s: Float64, missing: Float64, points: Points) -> Float64:
     return mean
 
 
-def noise(points: Points, around: Neighbours) -> Float64:
+def noise(batch: SweepBatch) -> Float64:
     """Standard deviation σ of the ranges of each sweep, from the median of second differences.
 
     On a straight surface 1/r is a sinusoid of the bearing, so u₋ + u₊ - 2 cos Δθ u vanishes for u = 1/r whatever the
     incidence: what is left is noise. The median does not see the few triples that straddle an edge.
 
+    Parameters
+    ----------
+    batch : SweepBatch of S sweeps
+
     Returns
     -------
     (S,) metres, at least `NOISE_FLOOR`.
     """
-    u = 1.0 / around.range
-    core = around.core
-    triple = (
-        around.inside[core - 1]
-        & around.inside[core + 1]
-        & (around.position[core + 1] - around.position[core - 1] == 2)
-    )
-    cosine = np.cos(points.geometry.step)[points.row]
-    second = np.abs(u[core - 1] + u[core + 1] - 2.0 * cosine * u[core]) * points.range**2
-    median = _row_median(second, triple, points)
-    return np.maximum(median * (MEDIAN_TO_SIGMA / SECOND_DIFFERENCE_GAIN), NOISE_FLOOR)
+    rows, width = batch.ranges.shape
+    second = np.full((rows, width), np.inf, np.float32)
+    if width >= 3:
+        u = np.float32(1.0) / batch.ranges
+        cosine = (2.0 * np.cos(batch.angle_increment)).astype(np.float32)[:, None]
+        second[:, 1:-1] = u[:, :-2] + u[:, 2:] - cosine * u[:, 1:-1]
+        _close(second, u, cosine, batch)
+        second *= batch.ranges * batch.ranges
+        np.abs(second, out=second)
+    second.sort(axis=1)  # NaN, where a beam has no range, sorts last
+    count = np.count_nonzero(np.isfinite(second), axis=1)
+    median = second[np.arange(rows), np.maximum(count - 1, 0) // 2] if width else np.zeros(rows)
+    sigma = np.where(count > 0, median, 0.0) * (MEDIAN_TO_SIGMA / SECOND_DIFFERENCE_GAIN)
+    return np.maximum(sigma, NOISE_FLOOR)
 
 
-def _row_median(values: Float64, use: np.ndarray, points: Points) -> Float64:
-    """(S,) lower median of the used values of each row; 0 for a row without any."""
-    rows = len(points.start) - 1
-    row = points.row[use]
-    count = np.bincount(row, minlength=rows)
-    begin = np.cumsum(count) - count
-    table = np.full((rows, max(int(count.max(initial=0)), 1)), np.inf, np.float32)
-    table[row, np.arange(len(row)) - begin[row]] = values[use]
-    table.sort(axis=1)
-    median = table[np.arange(rows), np.maximum(count - 1, 0) // 2].astype(np.float64)
-    return np.where(count > 0, median, 0.0)
+def _close(second: Float32, u: Float32, cosine: Float32, batch: SweepBatch) -> None:
+    """Fill in the two second differences over the seam of the sweeps that make a full turn."""
+    rows = np.flatnonzero(batch.closure != Closure.OPEN)
+    last = batch.beams[rows] - 1 - (batch.closure[rows] == Closure.SHARED)
+    second[rows, 0] = u[rows, last] + u[rows, 1] - cosine[rows, 0] * u[rows, 0]
+    second[rows, last] = u[rows, last - 1] + u[rows, 0] - cosine[rows, 0] * u[rows, last]
+    repeated = rows[batch.closure[rows] == Closure.SHARED]
+    second[repeated, batch.beams[repeated] - 1] = np.nan

@@ -18,7 +18,7 @@ def literal(runs: Runs, d_th: Float64) -> tuple[Bool, Bool]:
     Parameters
     ----------
     runs : R runs over M points
-    d_th : (M,) threshold at each point [m]
+    d_th : (S,) threshold of each sweep [m]
 
     Returns
     -------
@@ -31,7 +31,7 @@ def literal(runs: Runs, d_th: Float64) -> tuple[Bool, Bool]:
     before = r[inner] - r[inner - 1]
     after = r[inner + 1] - r[inner]
     extremum[inner] = (before != 0) & (before * after <= 0)
-    corner[inner] = (np.abs(after - before) > d_th[inner]) & ~extremum[inner]
+    corner[inner] = (np.abs(after - before) > d_th[runs.points.row[inner]]) & ~extremum[inner]
     return extremum, corner
 
 

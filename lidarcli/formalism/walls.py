@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism.faces import Faces
-from lidarcli.formalism.points import Points
+from lidarcli.formalism.points import Cloud
 from lidarcli.formalism.ragged import offsets_of, span_max, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.sweeps import Bool, Float64, Int64
@@ -50,7 +50,7 @@ def on_wall_lines(runs: Runs, faces: Faces, wall: Bool, candidate: Bool, sigma: 
 
     Returns
     -------
-    (R,) True where every face of a candidate lies on the line of some wall of its sweep
+    (R,) True where most of the length of a candidate lies on the line of some wall of its sweep
     """
     rows = len(runs.points.start) - 1
     size = faces.last - faces.first + 1
@@ -62,12 +62,13 @@ def on_wall_lines(runs: Runs, faces: Faces, wall: Bool, candidate: Bool, sigma: 
     fits = _within(runs.points, faces, line[which], piece[owner], sigma[row[owner]])
     matched = np.zeros(len(piece), bool)
     matched[owner[fits]] = True
-    unmatched = np.bincount(faces.run[piece[~matched]], minlength=len(runs))
-    result: Bool = candidate & (unmatched == 0) & (np.diff(faces.offsets) > 0)
+    on_line = np.where(matched, 1.0, -1.0) * faces.length[piece]
+    balance = np.bincount(faces.run[piece], on_line, minlength=len(runs))
+    result: Bool = candidate & (balance > 0)
     return result
 
 
-def _within(points: Points, faces: Faces, line: Int64, piece: Int64, sigma: Float64) -> Bool:
+def _within(points: Cloud, faces: Faces, line: Int64, piece: Int64, sigma: Float64) -> Bool:
     """(T,) whether both ends of face `piece` lie on the straight line of face `line`, within what is known of it."""
     middle_x, middle_y = faces.middle_x[line], faces.middle_y[line]
     direction_x, direction_y = faces.direction_x[line], faces.direction_y[line]
