@@ -13,7 +13,8 @@ CAREFUL_INPUT = 512
 """The same where the data is known to be broken, so that everything before the break comes out."""
 MAX_CHUNK = 1 << 30
 """Most bytes that are unpacked from one chunk."""
-CODECS = ("bz2", "lz4")
+CODECS = {"bz2": b"BZh", "lz4": b"\x04\x22\x4d\x18"}
+"""Known compressions and how their data begins."""
 
 
 def read_at(file: BinaryIO, at: int, size: int) -> bytes:

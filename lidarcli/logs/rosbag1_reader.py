@@ -11,7 +11,7 @@ import numpy as np
 from lidarcli.logs.rosbag1_feeds import CODECS, MAX_CHUNK, ChunkFeed, FileFeed, read_at
 from lidarcli.logs.rosbag1_index import Connection, Index, State, connection_of
 from lidarcli.logs.rosbag1_records import MAGIC, MAX_HEADER, Op, Record, Search, parse
-from lidarcli.logs.rosbag1_run import Block, Run, Stop
+from lidarcli.logs.rosbag1_run import WINDOW, Block, Run, Stop
 
 Wanted = Callable[[Connection], bool]
 Damaged = Callable[[str, str], None]
@@ -76,7 +76,7 @@ class Pass:
         else:
             self._cut_off(record.start, "inside a record that holds no messages")
 
-    def _run(self, start: int, lost: bool = False) -> Iterator[Block]:
+    def _run(self, start: int, lost: bool = False, expected: int = WINDOW) -> Iterator[Block]:
         """Messages and connections that stand in the file itself: those of an uncompressed chunk, too."""
         feed = FileFeed(self._file, start, self._size)
         run = Run(
@@ -85,6 +85,7 @@ class Pass:
             lambda at, cause: self._damaged(f"byte {start + at}", cause),
             others_end=True,
             lost=lost,
+            expected=expected,
         )
         for block in run.blocks():
             yield self._take(block)
@@ -104,7 +105,7 @@ class Pass:
         yield from self._pass_over(record, record.end)
 
     def _chunk(self, record: Record) -> Iterator[Block]:
-        codec = record.value(b"compression").decode("utf-8", "replace")
+        codec = self._codec(record)
         self.codecs[codec] = None
         behind = self._unwanted(record)
         if behind is not None:
@@ -112,13 +113,25 @@ class Pass:
         elif codec == "none":
             # Its records stand in the file as any others: whatever its length says, none is lost.
             self.at = record.data_start
+            if self._record(self.at) is not None:
+                yield from self._run(self.at, expected=record.data_length)
         elif codec in CODECS:
             yield from self._unpack(record, codec)
         else:
             self._damaged(
-                f"chunk at byte {record.start}", f"unknown compression '{codec[:40]}': the chunk is lost"
+                f"chunk at byte {record.start}", f"unknown compression '{codec}': the chunk is lost"
             )
             yield from self._pass_over(record, record.end)
+
+    def _codec(self, record: Record) -> str:
+        """The chunk's compression; where its name is broken, what its first bytes look like."""
+        codec = record.value(b"compression").decode("utf-8", "replace")[:40]
+        if codec != "none" and codec not in CODECS:
+            head = read_at(self._file, record.data_start, 4)
+            if self._record(record.data_start) is not None:
+                return "none"
+            return next((known for known, magic in CODECS.items() if head.startswith(magic)), codec)
+        return codec
 
     def _unpack(self, record: Record, codec: str) -> Iterator[Block]:
         """Messages of a compressed chunk."""
@@ -126,7 +139,13 @@ class Pass:
         sane = self._sane(record.end)
         size = record.number(b"size")
         feed = ChunkFeed(self._file, record.data_start, record.end if sane else self._size, codec, size)
-        run = Run(feed, self._search, lambda _, cause: self._damaged(place, cause), others_end=False)
+        run = Run(
+            feed,
+            self._search,
+            lambda _, cause: self._damaged(place, cause),
+            others_end=False,
+            expected=size,
+        )
         before = self.counts.total()
         for block in run.blocks():
             yield self._take(block)

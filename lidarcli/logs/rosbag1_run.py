@@ -25,6 +25,10 @@ from lidarcli.sweeps import Int64, UInt8
 
 WINDOW = 1 << 20
 """Bytes read at a time."""
+MAX_WINDOW = 4 << 20
+"""Most bytes read at once to have a whole chunk in one piece."""
+BEHIND = 1024
+"""Bytes read beyond a chunk, so that the record behind it proves its end."""
 MAX_MESSAGE = 64 << 20
 """Longest message that is read into memory [bytes]."""
 
@@ -63,8 +67,12 @@ class Run:
         *,
         others_end: bool,
         lost: bool = False,
+        expected: int = WINDOW,
     ) -> None:
-        """`damaged` is told the position in the feed and the cause; with `lost` a record must be found first."""
+        """`damaged` is told the position in the feed and the cause; with `lost` a record must be found first.
+
+        `expected` is how long the run should be, if its chunk is right about that: it is read in one piece then.
+        """
         self.stop = Stop.END
         self.at = 0
         """Position in the feed where the run stopped, or how far it has come."""
@@ -73,6 +81,7 @@ class Run:
         self._base = 0
         self._ended = False
         self._lost: int | None = 0 if lost else None
+        self._window = min(max(expected, OVERLAP), MAX_WINDOW) + BEHIND
 
     def blocks(self) -> Iterator[Block]:
         """The messages, window by window."""
@@ -98,7 +107,12 @@ class Run:
             elif record is not None and record.end - at > MAX_MESSAGE:
                 yield self._block(walked, judged)
                 if record.end - len(self._data) > self._feed.left:
-                    at = self._lose(at, record.data_start)
+                    after = self._search.next(self._data, record.data_start)
+                    if after is None:
+                        at = self._lose(at, record.data_start)
+                    else:
+                        yield from self._shorten(record, after)
+                        at = after
                 elif self._others_end:
                     return self._finish(Stop.LARGE, at)
                 else:
@@ -116,14 +130,22 @@ class Run:
                 after = self._search.next(self._data, at + 1 if record is None else record.data_start)
                 if after is None:
                     return self._finish(Stop.CUT, at)
-                self._damaged(self._base + at, "a record has a wrong length")
-                if record is not None and record.op == Op.MESSAGE:
-                    yield _single(self._data, record, after)
+                if record is None:
+                    self._damaged(self._base + at, f"{after - at:,} bytes are broken and were skipped")
+                else:
+                    yield from self._shorten(record, after)
                 at = after
+
+    def _shorten(self, record: Record, end: int) -> Iterator[Block]:
+        """A record whose own length is too large ends where the next one begins."""
+        self._damaged(self._base + record.start, "a record has a wrong length")
+        if record.op == Op.MESSAGE:
+            yield _single(self._data, record, end)
 
     def _slide(self, keep: int, need: int = 0) -> int:
         """Drop what stands before `keep` and read on; 0, where `keep` stands now."""
-        more = max(WINDOW, need)
+        more = max(self._window, need)
+        self._window = WINDOW
         new = self._feed.read(more)
         self._ended = len(new) < more
         self._base += keep
@@ -166,9 +188,10 @@ class Run:
         if not good:
             return None
         start = int(walked.starts[good - 1] + 8 + walked.header_lengths[good - 1])
-        inside = self._search.next(self._data[:at], start)
-        if inside is not None:
-            self._damaged(self._base + inside, "a record has a wrong length")
+        inside = self._search.next(self._data, start)
+        if inside is None or inside >= at:
+            return None
+        self._damaged(self._base + inside, "a record has a wrong length")
         return inside
 
     def _block(self, walked: Walk, judged: Judged, cut: int | None = None, rows: int | None = None) -> Block:

@@ -1,0 +1,583 @@
+"""ROS 1 bags: every compression read back value by value, and every kind of damage stepped over."""
+
+from __future__ import annotations
+
+import io
+import os
+import random
+import re
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs import rosbag1_feeds, rosbag1_run
+from lidarcli.logs.base import LASERSCAN, Topic
+from lidarcli.logs.rosbag1 import Rosbag1Log
+from lidarcli.logs.rosbag1_records import Search, judge, parse, walk
+
+STORE = get_typestore(Stores.ROS1_NOETIC)
+TYPES = STORE.types
+REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
+EPOCH = 1_700_000_000
+
+
+def header(index: int, frame: str = "laser") -> Any:
+    stamp = TYPES["builtin_interfaces/msg/Time"](sec=EPOCH + index // 10, nanosec=index % 10 * 10**8)
+    return TYPES["std_msgs/msg/Header"](seq=index, stamp=stamp, frame_id=frame)
+
+
+def ranges_of(index: int, beams: int = 37) -> Any:
+    return (np.arange(beams) * 0.01 + index).astype(np.float32)
+
+
+def scan(index: int, beams: int = 37) -> bytes:
+    message = TYPES["sensor_msgs/msg/LaserScan"](
+        header=header(index),
+        angle_min=-1.5,
+        angle_max=1.5,
+        angle_increment=3.0 / (beams - 1),
+        time_increment=0.0,
+        scan_time=0.1,
+        range_min=0.05,
+        range_max=12.0,
+        ranges=ranges_of(index, beams),
+        intensities=np.zeros(0, np.float32),
+    )
+    return bytes(STORE.serialize_ros1(message, "sensor_msgs/msg/LaserScan"))
+
+
+def text(size: int) -> bytes:
+    return bytes(STORE.serialize_ros1(TYPES["std_msgs/msg/String"](data="x" * size), "std_msgs/msg/String"))
+
+
+def write_bag(path: Path, scans: int = 60, codec: str = "none", chunk: int = 4000, strings: int = 0) -> bytes:
+    """A bag of scans on /scan, with a string on /chatter after every `strings`-th of them."""
+    writer = Writer(path)
+    writer.chunk_threshold = chunk
+    if codec != "none":
+        writer.set_compression(Writer.CompressionFormat[codec.upper()])
+    with writer:
+        scan_topic = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=STORE)
+        chatter = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=STORE)
+        for index in range(scans):
+            writer.write(scan_topic, record_time(index), scan(index))
+            if strings and index % strings == 0:
+                writer.write(chatter, record_time(index) + 1, text(20 + index % 7))
+    return path.read_bytes()
+
+
+def record_time(index: int) -> int:
+    return (EPOCH + 5) * 10**9 + index * 10**8
+
+
+def indices(log: Rosbag1Log, **options: Any) -> list[int]:
+    """The index of every sweep read, each checked against the values that were written for it."""
+    found: list[int] = []
+    for block in log.scans(**options):
+        for row in range(len(block)):
+            beams = int(block.beams[row])
+            index = round(float(block.ranges[row, 0]))
+            np.testing.assert_array_equal(block.ranges[row, :beams], ranges_of(index, beams))
+            assert block.stamp_ns[row] == EPOCH * 10**9 + index * 10**8
+            assert block.record_ns[row] == record_time(index)
+            assert block.frame_ids[block.frame[row]] == "laser"
+            found.append(index)
+    return found
+
+
+def read(data: bytes) -> tuple[list[int], list[str]]:
+    """Indices of the sweeps of a bag's bytes, and its damage."""
+    with Rosbag1Log("test.bag", io.BytesIO(data)) as log:
+        found = indices(log)
+        return found, [f"{item.place}: {item.cause}" for item in log.report.damage]
+
+
+def records(data: bytes) -> list[tuple[int, int, int]]:
+    """(start, op, end) of the records of a whole bag, chunks as one."""
+    at, found = 13, []
+    while at < len(data):
+        record = parse(data, at)
+        assert record is not None
+        found.append((at, record.op, record.end))
+        at = record.end
+    return found
+
+
+@pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
+def test_reads_back_every_value(tmp_path: Path, codec: str) -> None:
+    path = tmp_path / "a.bag"
+    write_bag(path, 300, codec, strings=3)
+    with Rosbag1Log(str(path)) as log:
+        assert log.format == "ros1 bag"
+        assert log.compression == codec
+        assert log.size == path.stat().st_size
+        assert log.topics() == [
+            Topic("/scan", LASERSCAN, "ros1", 300),
+            Topic("/chatter", "std_msgs/msg/String", "ros1", 100),
+        ]
+        assert indices(log) == list(range(300))
+        assert log.report.damage == []
+        assert log.report.bytes_read == log.size
+
+
+def test_geometry(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", 2)
+    with Rosbag1Log(str(tmp_path / "a.bag")) as log:
+        (block,) = log.scans()
+    assert block.topic == "/scan"
+    assert block.angle_min.tolist() == [-1.5, -1.5]
+    np.testing.assert_allclose(block.angle_increment, 3.0 / 36, rtol=1e-6)
+    np.testing.assert_array_equal(block.range_min, np.float32(0.05))
+    np.testing.assert_array_equal(block.range_max, np.float32(12))
+    assert block.beams.tolist() == [37, 37]
+
+
+def test_large_chunks_are_decoded_where_they_lie(tmp_path: Path) -> None:
+    data = write_bag(tmp_path / "a.bag", 3000, chunk=1 << 20)
+    assert read(data) == (list(range(3000)), [])
+
+
+def test_beam_counts_may_change(tmp_path: Path) -> None:
+    with Writer(tmp_path / "a.bag") as writer:
+        topic = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=STORE)
+        for index in range(100):
+            writer.write(topic, record_time(index), scan(index, 30 + index % 5))
+    assert read((tmp_path / "a.bag").read_bytes()) == (list(range(100)), [])
+
+
+def test_two_topics_and_two_publishers(tmp_path: Path) -> None:
+    with Writer(tmp_path / "a.bag") as writer:
+        kind = "sensor_msgs/msg/LaserScan"
+        topics = [
+            writer.add_connection("/left", kind, typestore=STORE, callerid="/one"),
+            writer.add_connection("right", kind, typestore=STORE),
+            writer.add_connection("/left", kind, typestore=STORE, callerid="/two"),
+        ]
+        for index in range(90):
+            writer.write(topics[index % 3], record_time(index), scan(index))
+    with Rosbag1Log(str(tmp_path / "a.bag")) as log:
+        assert log.topics() == [Topic("/left", LASERSCAN, "ros1", 60), Topic("right", LASERSCAN, "ros1", 30)]
+        assert indices(log, topics=["/left"]) == [i for i in range(90) if i % 3 != 1]
+        assert indices(log, topics={"right"}) == list(range(1, 90, 3))
+        assert indices(log, topics=["/other"]) == []
+
+
+def test_first_echo_of_multi_echo(tmp_path: Path) -> None:
+    echo = TYPES["sensor_msgs/msg/LaserEcho"]
+    message = TYPES["sensor_msgs/msg/MultiEchoLaserScan"](
+        header=header(3),
+        angle_min=0.0,
+        angle_max=0.2,
+        angle_increment=0.1,
+        time_increment=0.0,
+        scan_time=0.1,
+        range_min=0.1,
+        range_max=9.0,
+        ranges=[echo(np.array(e, np.float32)) for e in ([1, 2], [], [3])],
+        intensities=[],
+    )
+    kind = "sensor_msgs/msg/MultiEchoLaserScan"
+    with Writer(tmp_path / "a.bag") as writer:
+        topic = writer.add_connection("/echoes", kind, typestore=STORE)
+        writer.write(topic, record_time(3), STORE.serialize_ros1(message, kind))
+    with Rosbag1Log(str(tmp_path / "a.bag")) as log:
+        (block,) = log.scans()
+    np.testing.assert_array_equal(block.ranges, [[1, np.nan, 3]])
+
+
+def test_messages(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", 50, "lz4", strings=5)
+    with Rosbag1Log(str(tmp_path / "a.bag")) as log:
+        found = list(log.messages({"std_msgs/msg/String"}))
+        assert [m.record_ns for m in found] == [record_time(i) + 1 for i in range(0, 50, 5)]
+        assert [m.data for m in found] == [text(20 + i % 7) for i in range(0, 50, 5)]
+        assert {(m.topic, m.type, m.encoding) for m in found} == {("/chatter", "std_msgs/msg/String", "ros1")}
+        assert list(log.messages({"nav_msgs/msg/Odometry"})) == []
+
+
+# Index: reading never depends on it.
+
+
+def bag_with_foreign_chunks(path: Path) -> bytes:
+    """Chunks 0, 2, 4... hold scans, the others strings alone."""
+    writer = Writer(path)
+    writer.chunk_threshold = 1000
+    with writer:
+        topic = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=STORE)
+        chatter = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=STORE)
+        for part in range(10):
+            for index in range(4 * part, 4 * part + 4):
+                writer.write(topic, record_time(index), scan(index, 55))
+            writer.write(chatter, record_time(part), text(1100))
+    return path.read_bytes()
+
+
+def test_chunks_without_scans_are_skipped(tmp_path: Path) -> None:
+    data = bytearray(bag_with_foreign_chunks(tmp_path / "a.bag"))
+    assert read(bytes(data)) == (list(range(40)), [])
+    for found in re.finditer(rb"x{1100}", bytes(data)):
+        data[found.start() - 4 : found.start()] = b"\xff" * 4
+    assert read(bytes(data)) == (list(range(40)), [])
+
+
+def test_a_chunk_is_not_skipped_where_the_indexes_disagree(tmp_path: Path) -> None:
+    data = bytearray(bag_with_foreign_chunks(tmp_path / "a.bag"))
+    # Chunk infos lie: they name the strings' connection for every chunk.
+    for start, op, end in records(bytes(data)):
+        if op == 6:
+            record = parse(bytes(data), start)
+            assert record is not None
+            for at in range(record.data_start, end, 8):
+                data[at : at + 4] = struct.pack("<I", 1)
+    assert read(bytes(data))[0] == list(range(40))
+
+
+@pytest.mark.parametrize("codec", ["none", "lz4"])
+def test_index_records_with_a_wrong_length(tmp_path: Path, codec: str) -> None:
+    data = bytearray(write_bag(tmp_path / "a.bag", 60, codec))
+    for start, op, _ in records(bytes(data)):
+        if op == 4:
+            record = parse(bytes(data), start)
+            assert record is not None
+            struct.pack_into("<I", data, record.data_start - 4, 20 * record.number(b"count"))
+    assert read(bytes(data)) == (list(range(60)), [])
+
+
+@pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
+def test_unindexed_active_bag(tmp_path: Path, codec: str) -> None:
+    data = write_bag(tmp_path / "a.bag", 60, codec)
+    first_info = next(start for start, op, _ in records(data) if op == 7)
+    at = data.index(b"index_pos=") + 10
+    data = data[:at] + bytes(8) + data[at + 8 : first_info]
+    assert read(data) == (
+        list(range(60)),
+        ["index: the bag was not closed properly and has no index; all 60 messages were read without it"],
+    )
+    with Rosbag1Log("run.bag.active", io.BytesIO(data)) as log:
+        assert log.topics() == [
+            Topic("/scan", LASERSCAN, "ros1", 60),
+            Topic("/chatter", "std_msgs/msg/String", "ros1", 0),
+        ]
+        assert log.report.damage == []
+
+
+def test_cut_before_the_index(tmp_path: Path) -> None:
+    data = write_bag(tmp_path / "a.bag", 60)
+    first_info = next(start for start, op, _ in records(data) if op == 7)
+    assert read(data[:first_info]) == (
+        list(range(60)),
+        ["index: the bag is cut off before its index; all 60 messages were read without it"],
+    )
+
+
+# Truncation: everything before the cut, nothing behind it.
+
+
+@pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
+def test_truncation_gives_the_prefix(tmp_path: Path, codec: str) -> None:
+    data = write_bag(tmp_path / "a.bag", 60, codec, strings=4)
+    if codec == "none":
+        ends = [(0, 0)] + [(data.index(scan(i)) + len(scan(i)), i + 1) for i in range(60)]
+    else:
+        # A chunk counts as soon as its last byte is there.
+        chunks = [(start, end) for start, op, end in records(data) if op == 5]
+        ends = [(0, 0)] + [(end, len(read(data[:end])[0])) for _, end in chunks]
+        assert ends[-1][1] == 60
+    before = -1
+    for size in [*range(13, len(data) - 1, 97), len(data) - 1]:
+        found, damage = read(data[:size])
+        assert found == list(range(len(found))), size
+        assert len(found) >= max(count for end, count in ends if end <= size), size
+        if codec == "none":
+            assert len(found) == max(count for end, count in ends if end <= size), size
+        assert len(damage) == 1, (size, damage)
+        assert re.search(r"; (all )?[\d,]+ messages were read", damage[0]), damage
+        assert len(found) >= before
+        before = len(found)
+
+
+def test_truncated_lz4_chunk_gives_its_unpacked_part(tmp_path: Path) -> None:
+    rng = random.Random(1)
+    writer = Writer(tmp_path / "a.bag")
+    writer.set_compression(Writer.CompressionFormat.LZ4)
+    with writer:
+        topic = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=STORE)
+        noise = writer.add_connection("/noise", "std_msgs/msg/String", typestore=STORE)
+        for index in range(200):
+            writer.write(topic, record_time(index), scan(index))
+            body = "".join(chr(rng.randrange(32, 127)) for _ in range(1500))
+            message = TYPES["std_msgs/msg/String"](data=body)
+            writer.write(noise, record_time(index), STORE.serialize_ros1(message, "std_msgs/msg/String"))
+    data = (tmp_path / "a.bag").read_bytes()
+    found, damage = read(data[: len(data) // 2])
+    assert found == list(range(len(found)))
+    assert 60 <= len(found) <= 110
+    assert "inside a lz4 chunk" in damage[0]
+
+
+def test_damage_names_place_and_cost(tmp_path: Path) -> None:
+    data = write_bag(tmp_path / "a.bag", 60)
+    start = data.index(b"laser", 6000)
+    found, damage = read(data[: start + 40])
+    assert damage == [
+        f"byte {start + 40} (end of file): cut off inside a message: the 102 bytes from byte {start - 62} on"
+        f" hold no whole record; {len(found)} messages were read"
+    ]
+
+
+# Flipped bytes.
+
+
+def chunk_bounds(data: bytes) -> list[tuple[int, int]]:
+    return [(start, end) for start, op, end in records(data) if op == 5]
+
+
+@pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
+def test_a_flipped_chunk_costs_no_other(tmp_path: Path, codec: str) -> None:
+    data = write_bag(tmp_path / "a.bag", 120, codec)
+    chunks = chunk_bounds(data)
+    start, end = chunks[2]
+    before = len(read(data[: chunks[1][1]])[0])
+    behind = len(read(data[:end])[0])
+    broken = bytearray(data)
+    broken[start + 60 : end] = bytes(random.Random(3).randbytes(end - start - 60))
+    found, damage = read(bytes(broken))
+    assert found == [*range(before), *range(behind, 120)]
+    assert damage
+    assert any("are lost" in line or "the rest is lost" in line for line in damage)
+
+
+def header_bytes(data: bytes) -> list[int]:
+    """Where lengths and headers of the bag's own records stand, in and outside of (plain) chunks."""
+    places: list[int] = []
+    for found in re.finditer(rb"(?s)op=[\x02\x04-\x07]", data):
+        places.extend(range(max(13, found.start() - 30), min(len(data), found.end() + 30)))
+    return places
+
+
+@pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
+def test_flips_in_lengths_and_headers_cost_little(tmp_path: Path, codec: str) -> None:
+    data = write_bag(tmp_path / "a.bag", 60, codec, strings=4)
+    rng = random.Random(7)
+    per_chunk = 60 if codec == "none" else 20
+    for at in rng.sample(header_bytes(data), 300):
+        flipped = bytearray(data)
+        flipped[at] ^= 1 << rng.randrange(8)
+        with Rosbag1Log("test.bag", io.BytesIO(bytes(flipped))) as log:
+            found = [round(float(first)) for block in log.scans() for first in block.ranges[:, 0]]
+        assert len(set(found)) == len(found)
+        lost = set(range(60)) - set(found)
+        assert len(lost) <= (2 if codec == "none" else per_chunk), (at, lost)
+
+
+def test_a_lying_message_length_costs_nothing(tmp_path: Path) -> None:
+    data = write_bag(tmp_path / "a.bag", 60, chunk=100_000)
+    size = len(scan(0))
+    places = [m.start() for m in re.finditer(re.escape(struct.pack("<II", size, 10)), data)]
+    assert len(places) == 1
+    for lie in (0, 3, size - 30, size + 5, size + 4000, 20_000_000, 2**31, 2**32 - 1):
+        lying = bytearray(data)
+        struct.pack_into("<I", lying, places[0], lie)
+        with Rosbag1Log("test.bag", io.BytesIO(bytes(lying))) as log:
+            found = indices(log)
+            assert log.report.damage
+        assert found == [i for i in range(60) if i != 10 or lie > size], lie
+
+
+def test_a_lying_chunk_length_costs_nothing(tmp_path: Path) -> None:
+    for codec in ("none", "bz2", "lz4"):
+        data = write_bag(tmp_path / f"{codec}.bag", 60, codec)
+        record = parse(data, chunk_bounds(data)[1][0])
+        assert record is not None
+        for lie in (0, 5, record.data_length - 7, record.data_length + 9, 100_000, 2**32 - 1):
+            lying = bytearray(data)
+            struct.pack_into("<I", lying, record.data_start - 4, lie)
+            assert read(bytes(lying))[0] == list(range(60)), (codec, lie)
+
+
+@pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
+def test_a_broken_compression_name_is_seen_through(tmp_path: Path, codec: str) -> None:
+    data = write_bag(tmp_path / "a.bag", 60, codec)
+    named = b"compression=" + codec.encode()
+    assert read(data.replace(named, named[:-1] + b"?")) == (list(range(60)), [])
+
+
+def test_unknown_compression(tmp_path: Path) -> None:
+    data = write_bag(tmp_path / "a.bag", 60, "lz4")
+    start, _ = chunk_bounds(data)[1]
+    at = data.index(b"compression=lz4", start)
+    magic = data.index(b"\x04\x22\x4d\x18", start)
+    found, damage = read(data[: at + 12] + b"zip" + data[at + 15 : magic] + b"PK.." + data[magic + 4 :])
+    assert 30 < len(found) < 60
+    assert damage == [
+        f"chunk at byte {start}: unknown compression 'zip': the chunk is lost",
+        f"index: {60 - len(found)} of 60 messages are lost",
+    ]
+
+
+# Hostile input.
+
+
+def chunk_record(codec: bytes, size: int, data: bytes) -> bytes:
+    fields = [b"op=\x05", b"compression=" + codec, b"size=" + struct.pack("<I", size)]
+    head = b"".join(struct.pack("<I", len(field)) + field for field in fields)
+    return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+
+def test_a_bomb_is_unpacked_to_its_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import bz2
+
+    monkeypatch.setattr(rosbag1_feeds, "MAX_CHUNK", 30_000)
+    data = write_bag(tmp_path / "a.bag", 20)
+    start = chunk_bounds(data)[0][0]
+    bomb = bz2.compress(bytes(50_000_000))
+    for declared in (1000, 2**32 - 1):
+        found, damage = read(data[:start] + chunk_record(b"bz2", declared, bomb) + data[start:])
+        assert found == list(range(20))
+        assert damage[0].startswith(f"chunk at byte {start}: ")
+
+
+def test_a_message_too_large_for_memory_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rosbag1_run, "MAX_MESSAGE", 50_000)
+    for codec in ("none", "bz2", "lz4"):
+        writer = Writer(tmp_path / f"{codec}.bag")
+        if codec != "none":
+            writer.set_compression(Writer.CompressionFormat[codec.upper()])
+        with writer:
+            topic = writer.add_connection("/scan", "sensor_msgs/msg/LaserScan", typestore=STORE)
+            chatter = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=STORE)
+            for index in range(20):
+                writer.write(topic, record_time(index), scan(index))
+                if index == 10:
+                    writer.write(chatter, record_time(index), text(3_000_000))
+        found, damage = read((tmp_path / f"{codec}.bag").read_bytes())
+        assert found == list(range(20)), codec
+        if codec == "none":
+            assert damage == []
+
+
+def test_search_has_a_budget() -> None:
+    search = Search(budget=50)
+    assert search.next(b"\x04\x00\x00\x00op=\x02" * 100_000, 0) is None
+    assert search.budget <= 0
+
+
+def test_random_bytes_never_raise(tmp_path: Path) -> None:
+    data = write_bag(tmp_path / "a.bag", 30, "lz4", strings=2)
+    rng = random.Random(11)
+    for _ in range(150):
+        mutated = bytearray(data)
+        for _ in range(rng.randrange(1, 8)):
+            at = rng.randrange(13, len(mutated))
+            mutated[at : at + rng.randrange(6)] = rng.randbytes(rng.randrange(6))
+        with Rosbag1Log("test.bag", io.BytesIO(bytes(mutated))) as log:
+            log.topics()
+            list(log.messages({"std_msgs/msg/String"}))
+            for block in log.scans():
+                assert block.ranges.shape[0] == len(block)
+
+
+def test_walk_takes_equal_records_at_once_and_others_one_by_one() -> None:
+    def message(connection: int, time: int, data: bytes) -> bytes:
+        fields = [
+            b"op=\x02",
+            b"conn=" + struct.pack("<I", connection),
+            b"time=" + struct.pack("<II", time, 7),
+        ]
+        head = b"".join(struct.pack("<I", len(field)) + field for field in fields)
+        return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+    rng = random.Random(5)
+    sizes = [9] * 50 + [rng.randrange(20) for _ in range(100)] + [9] * 30
+    parts = [message(i % 3, i, b"d" * size) for i, size in enumerate(sizes)]
+    data = b"".join(parts)
+    starts = np.cumsum([0] + [len(part) for part in parts])
+    for cut in (len(data), len(data) - 1, int(starts[50]) + 3):
+        walked = walk(data[:cut])
+        whole = int(np.searchsorted(starts, cut, "right")) - 1
+        assert walked.starts.tolist() == starts[:whole].tolist()
+        assert walked.data_lengths.tolist() == sizes[:whole]
+        assert walked.stop == starts[whole]
+        judged = judge(data[:cut], walked)
+        assert judged.connection.tolist() == [i % 3 for i in range(whole)]
+        assert judged.time_ns.tolist() == [i * 10**9 + 7 for i in range(whole)]
+
+
+# What is refused.
+
+
+def test_old_format(tmp_path: Path) -> None:
+    path = tmp_path / "old.bag"
+    path.write_bytes(b"#ROSRECORD V1.2\n" + bytes(100))
+    with pytest.raises(UnreadableError) as err:
+        Rosbag1Log(str(path))
+    assert str(err.value) == (
+        f"{path}: this ROS 1 bag has format 1.2, which predates 2.0; write a new one with ROS 1's"
+        " 'rosbag fix OLD.bag NEW.bag' and read that"
+    )
+
+
+@pytest.mark.parametrize("data", [b"", b"#ROSBAG", b"hello\n"])
+def test_not_a_bag(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "a.bag"
+    path.write_bytes(data)
+    with pytest.raises(UnreadableError, match="not a ROS 1 bag"):
+        Rosbag1Log(str(path))
+
+
+def test_encrypted(tmp_path: Path) -> None:
+    data = write_bag(tmp_path / "a.bag", 2)
+    field = b"encryptor=rosbag/AesCbcEncryptor"
+    record = parse(data, 13)
+    assert record is not None
+    head = record.header + struct.pack("<I", len(field)) + field
+    fresh = data[:13] + struct.pack("<I", len(head)) + head + data[record.data_start - 4 :]
+    with pytest.raises(UnreadableError, match=r"encrypted \(rosbag/AesCbcEncryptor\)"):
+        Rosbag1Log("a.bag", io.BytesIO(fresh))
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableError, match="cannot be read: No such file or directory"):
+        Rosbag1Log(str(tmp_path / "none.bag"))
+
+
+# Real logs.
+
+COUNTS = {
+    "scan_tools/laser_scan_matcher_demo.bag": {"/scan": 360},
+    "scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag": {"/scan": 360},
+    "obstacle_detector/scans_demo.bag": {"/front_scan": 331, "/rear_scan": 330},
+    "leg_tracker/demo_stationary_simple_environment.bag": {"/scan": 1265},
+    "leg_tracker/negative_2.bag": {"/left_scan": 435, "/rear_scan": 435, "/right_scan": 434},
+    "leg_tracker/positive_1_extracted.bag": {"/training_scan": 197},
+    "leg_tracker/positive_2_extracted.bag": {"/training_scan": 83},
+    "leg_tracker/positive_3_extracted.bag": {"/training_scan": 175},
+    "leg_tracker/positive_6_extracted.bag": {"/training_scan": 187},
+    "datmo/overtake_ego.bag": {"/scan": 135},
+    "datmo/parallel.bag": {"/scan": 219},
+    "robots_ii/mylaserdata_20151128.bag": {"/car_1/scan": 199},
+    "robots_ii/src_mylaserdata_20151128.bag": {"/robot_0/base_scan": 153},
+    "turtlebot/topics.bag": {"/scan": 9},
+    "pr2/mylaserdata.bag": {"/base_scan": 32},
+}
+
+
+@pytest.mark.skipif(not REAL.name, reason="LIDARCLI_REAL_LOGS is not set")
+@pytest.mark.parametrize("name", COUNTS)
+def test_real_logs(name: str) -> None:
+    with Rosbag1Log(str(REAL / name)) as log:
+        counts: dict[str, int] = {}
+        for block in log.scans():
+            counts[block.topic] = counts.get(block.topic, 0) + len(block)
+        assert counts == COUNTS[name]
+        assert log.report.damage == []
+        assert not log.report.refused
+        assert {t.name: t.messages for t in log.topics() if t.type == LASERSCAN} == counts
