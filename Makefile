@@ -1,0 +1,66 @@
+# Everything a developer or CI does. Needs Python 3.11+, pip and make; `make help` lists the targets.
+
+VENV ?= .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# The first interpreter that is new enough.
+PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.11 python; do \
+	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check format samples golden docs bench clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(VENV)/installed ## install, detect the objects of a sample log and show the table
+	$(BIN)/lidarcli detect samples/room.mcap -o demo --overwrite
+	@$(BIN)/python tools/show_objects.py demo/room.objects.parquet
+
+test: check ## install what the tests need, then check
+
+check: $(VENV)/installed-dev ## lint, format, types and tests
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/pytest -n auto
+
+format: $(VENV)/installed-dev ## sort imports and format the code
+	$(BIN)/ruff check --select I --fix
+	$(BIN)/ruff format
+
+samples: $(VENV)/installed ## make the sample logs again from their scenes
+	$(BIN)/python tools/make_samples.py
+
+golden: $(VENV)/installed-dev ## accept today's tables as the expected ones (then read the diff)
+	$(BIN)/python tools/update_golden.py
+	git diff --stat -- tests/golden
+
+docs: $(VENV)/installed ## write docs/cli.md and docs/tables.md from the code
+	$(BIN)/python tools/make_docs.py
+
+bench: $(VENV)/installed ## throughput and memory of detect, beside merely reading the log
+	$(BIN)/python benchmarks/bench.py $(BENCH)
+
+clean: ## remove the environment and everything that was built
+	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+# The environments' stamps: installed again only when the dependencies may have changed. The install is
+# editable, so that the code at hand is the code that runs.
+$(VENV)/installed: pyproject.toml | $(BIN)/python
+	@echo "Installing lidarcli into $(VENV) ..."
+	@$(PIP) install --editable .
+	@touch $@
+
+$(VENV)/installed-dev: pyproject.toml | $(BIN)/python
+	@echo "Installing lidarcli and what its tests need into $(VENV) ..."
+	@$(PIP) install --editable '.[dev]'
+	@touch $(VENV)/installed $@
+
+# Debian leaves ensurepip to the package python3-venv; without it the pip at hand fills the environment.
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is needed; name it with make PYTHON=..."; exit 1; }
+	@$(PYTHON) -m venv $(VENV) 2>/dev/null \
+		|| { $(PYTHON) -m venv --clear --without-pip $(VENV) \
+			&& $(PYTHON) -m pip --disable-pip-version-check --quiet --python $(VENV)/bin/python install pip; } \
+		|| { rm -rf $(VENV); echo "Cannot create $(VENV): install the package python3-venv, or name an environment that exists with make VENV=..."; exit 1; }

@@ -1,0 +1,239 @@
+"""Throughput and memory of `lidarcli detect`, beside merely iterating the same log's messages.
+
+Every measurement is a process of its own; the contestants take turns, so that a busy machine hits all of them alike.
+This process imports nothing heavy: on Linux the peak memory of a child counts from that of its parent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from statistics import median
+
+HERE = Path(__file__).parent
+LIDARCLI = str(Path(sys.executable).with_name("lidarcli"))
+RSS_UNIT = 1 if sys.platform == "darwin" else 1024
+"""Bytes in a unit of `ru_maxrss`."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One process: seconds from start to end, and its peak memory [MB]."""
+
+    seconds: float
+    peak_mb: float
+    output: str
+
+
+@dataclass
+class Result:
+    """Repeated runs of one contestant over `sweeps` sweeps."""
+
+    name: str
+    sweeps: int
+    seconds: list[float] = field(default_factory=list)
+    peak_mb: float = 0.0
+
+    @property
+    def per_second(self) -> float:
+        """Sweeps per second of the median run."""
+        return self.sweeps / median(self.seconds)
+
+    @property
+    def best_per_second(self) -> float:
+        """Sweeps per second of the fastest run."""
+        return self.sweeps / min(self.seconds)
+
+    def add(self, run: Run, seconds: float | None = None) -> None:
+        """Count a run; `seconds` where not all of its time is to count."""
+        self.seconds.append(run.seconds if seconds is None else seconds)
+        self.peak_mb = max(self.peak_mb, run.peak_mb)
+
+
+@dataclass
+class Figures:
+    """Everything that was measured."""
+
+    machine: str
+    log_mb: float
+    iterate: Result
+    robust: Result
+    paper: Result
+    changing: Result
+    tenth: Result
+    objects_per_sweep: float = 0.0
+    help_ms: dict[str, float] = field(default_factory=dict)
+
+    def results(self) -> tuple[Result, ...]:
+        """All contestants, the yardstick first."""
+        return self.iterate, self.robust, self.paper, self.changing, self.tenth
+
+    def ratio(self, result: Result) -> float:
+        """Time per sweep, as a multiple of the time that iterating takes."""
+        return self.iterate.per_second / result.per_second
+
+    @property
+    def growth(self) -> float:
+        """Peak memory of a log, as a multiple of that of a tenth of it."""
+        return self.robust.peak_mb / self.tenth.peak_mb
+
+    @property
+    def changing_geometry(self) -> float:
+        """Throughput where the beam count changes from sweep to sweep, as a share of that where it does not."""
+        return self.changing.per_second / self.robust.per_second
+
+
+def run(*command: str) -> Run:
+    """Run a command to its end; a failure ends the benchmark with what it said."""
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        started = time.perf_counter()
+        process = subprocess.Popen(command, stdout=out, stderr=err)
+        _, status, usage = os.wait4(process.pid, 0)
+        seconds = time.perf_counter() - started
+        process.returncode = os.waitstatus_to_exitcode(status)
+        out.seek(0)
+        if process.returncode:
+            err.seek(0)
+            said = err.read().decode(errors="replace")
+            sys.exit(f"{' '.join(command)}: exit code {process.returncode}\n{said}")
+        return Run(seconds, usage.ru_maxrss * RSS_UNIT / 1e6, out.read().decode())
+
+
+def make_log(folder: Path, name: str, sweeps: int, beams_jitter: int = 0) -> Path:
+    """Simulate a log of the benchmark's scene."""
+    log = folder / f"{name}.mcap"
+    print(f"writing {name}: {sweeps:,} sweeps ...", file=sys.stderr)
+    arguments = (str(HERE / "scene.toml"), str(sweeps), str(beams_jitter), str(log))
+    run(sys.executable, str(HERE / "make_log.py"), *arguments)
+    return log
+
+
+def iterate(log: Path, result: Result) -> None:
+    """Time the loop over the raw messages alone, without the start of Python."""
+    done = run(sys.executable, str(HERE / "iterate.py"), str(log))
+    seconds, count = done.output.split()
+    if int(count) != result.sweeps:
+        sys.exit(f"{log} holds {count} messages, not {result.sweeps}")
+    result.add(done, float(seconds))
+
+
+def detect(log: Path, folder: Path, result: Result, profile: str = "robust") -> None:
+    """Time `lidarcli detect` from the start of Python to its end."""
+    out = folder / "tables"
+    result.add(run(LIDARCLI, "-q", "detect", str(log), "--profile", profile, "-o", str(out), "--overwrite"))
+
+
+def count_objects(folder: Path, log: Path) -> int:
+    """Objects in the table that `detect` wrote last."""
+    script = "import sys, pyarrow.parquet as pq; print(pq.ParquetFile(sys.argv[1]).metadata.num_rows)"
+    table = folder / "tables" / f"{log.stem}.objects.parquet"
+    return int(run(sys.executable, "-c", script, str(table)).output)
+
+
+def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
+    """Run everything and gather the figures."""
+    log = make_log(folder, "fixed", sweeps)
+    changing = make_log(folder, "changing", sweeps, beams_jitter=3)
+    tenth = make_log(folder, "tenth", max(sweeps // 10, 1))
+
+    figures = Figures(
+        machine=f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        log_mb=log.stat().st_size / 1e6,
+        iterate=Result("iterate messages (mcap)", sweeps),
+        paper=Result("detect --profile paper", sweeps),
+        changing=Result("detect, 358 to 364 beams", sweeps),
+        tenth=Result("detect, a tenth of the log", max(sweeps // 10, 1)),
+        robust=Result("detect", sweeps),
+    )
+    for turn in range(repeats):
+        print(f"round {turn + 1} of {repeats} ...", file=sys.stderr)
+        iterate(log, figures.iterate)
+        detect(tenth, folder, figures.tenth)
+        detect(changing, folder, figures.changing)
+        detect(log, folder, figures.paper, "paper")
+        detect(log, folder, figures.robust)
+    figures.objects_per_sweep = count_objects(folder, log) / sweeps
+    for command in ((), ("detect",)):
+        times = [run(LIDARCLI, *command, "--help").seconds for _ in range(max(repeats, 5))]
+        figures.help_ms[" ".join(("lidarcli", *command, "--help"))] = 1e3 * median(times)
+    return figures
+
+
+def show(figures: Figures) -> None:
+    """Print the figures as a table."""
+    print(
+        f"{figures.machine}; MCAP zstd, {figures.log_mb:.0f} MB, {figures.robust.sweeps:,} sweeps,", end=" "
+    )
+    print(f"{figures.objects_per_sweep:.1f} objects per sweep\n")
+    print(f"{'':28}{'sweeps/s':>10}{'best':>10}{'x iterate':>11}{'peak MB':>9}")
+    for result in figures.results():
+        print(
+            f"{result.name:28}{result.per_second:>10,.0f}{result.best_per_second:>10,.0f}"
+            f"{figures.ratio(result):>11.2f}{result.peak_mb:>9.0f}"
+        )
+    print(f"\npeak memory of the whole log / of a tenth of it   {figures.growth:6.2f}")
+    print(f"throughput of changing / of fixed geometry        {figures.changing_geometry:6.2f}")
+    for name, milliseconds in figures.help_ms.items():
+        print(f"{name:50}{milliseconds:6.0f} ms")
+
+
+def broken(figures: Figures) -> list[str]:
+    """The limits that do not hold."""
+    checks = (
+        ("time of detect / of iterating", figures.ratio(figures.robust), 5.0),
+        ("peak memory [MB]", figures.robust.peak_mb, 400.0),
+        ("peak memory of the whole log / of a tenth of it", figures.growth, 1.25),
+        ("throughput of fixed / of changing geometry", 1 / figures.changing_geometry, 2.0),
+        ("lidarcli --help [ms]", figures.help_ms["lidarcli --help"], 150.0),
+    )
+    return [f"{name}: {value:.2f} is above {limit:g}" for name, value, limit in checks if value > limit]
+
+
+def as_json(figures: Figures) -> str:
+    """The measurements and what follows from them."""
+    derived = {
+        "ratio": {result.name: figures.ratio(result) for result in figures.results()},
+        "sweeps_per_second": {result.name: result.per_second for result in figures.results()},
+        "growth": figures.growth,
+        "changing_geometry": figures.changing_geometry,
+    }
+    return json.dumps({**asdict(figures), **derived}, indent=2) + "\n"
+
+
+def main() -> None:
+    """Parse the arguments, measure, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--sweeps", type=int, default=100_000, help="length of the log (default: %(default)s)"
+    )
+    parser.add_argument("--repeats", type=int, default=3, help="runs of each (default: %(default)s)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures as JSON")
+    parser.add_argument(
+        "--assert", dest="limits", action="store_true", help="exit code 1 unless the limits hold"
+    )
+    arguments = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(prefix="lidarcli-bench-"))
+    try:
+        figures = measure(arguments.sweeps, arguments.repeats, folder)
+    finally:
+        shutil.rmtree(folder)
+    show(figures)
+    if arguments.json:
+        arguments.json.write_text(as_json(figures), encoding="utf-8")
+    if arguments.limits and (failures := broken(figures)):
+        sys.exit("\n".join(failures))
+
+
+if __name__ == "__main__":
+    main()
