@@ -1,3 +1,32 @@
-"""From a 2D LiDAR log to a table of objects: the public Python API."""
+"""From a 2D LiDAR log to a table of objects: the public Python API.
+
+>>> import lidarcli
+>>> objects = lidarcli.detect("run.mcap")  # doctest: +SKIP
+>>> for batch in lidarcli.read("run.mcap"):  # doctest: +SKIP
+...     print(batch.topic, batch.ranges.shape)
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lidarcli import formalism
+    from lidarcli.pipeline.api import detect, read
 
 __version__ = "0.1.0"
+__all__ = ["__version__", "detect", "formalism", "read"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use, so that `import lidarcli` and `lidarcli --help` stay light."""
+    if name in ("detect", "read"):
+        return getattr(import_module("lidarcli.pipeline.api"), name)
+    if name == "formalism":
+        return import_module("lidarcli.formalism")
+    raise AttributeError(f"module 'lidarcli' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,6 @@
+"""`python -m lidarcli` is `lidarcli`."""
+
+from lidarcli.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""The command line: parses options, calls the pipeline, turns errors into exit codes. Nothing heavy at import."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+
+import click
+
+from lidarcli import __version__
+from lidarcli.cli.messages import Messages
+from lidarcli.errors import LidarcliError
+
+COMMANDS = ("info", "detect", "simulate")
+"""Each is a file of this package with a command of its name."""
+
+INTERRUPTED = 130
+
+
+class LazyCommands(click.Group):
+    """A group that imports a command only when somebody asks for it."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names in the order of the work."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command from the file of its name."""
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = getattr(import_module(f"lidarcli.cli.{cmd_name}"), cmd_name)
+        return command
+
+
+@click.group(
+    cls=LazyCommands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80},
+    epilog="Exit codes: 0 done, 2 usage, 3 some input unreadable, 4 no LaserScan, 5 output refused, "
+    "70 internal error, 130 interrupted.",
+)
+@click.option("-v", "--verbose", is_flag=True, help="Say more on stderr.")
+@click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")
+@click.version_option(__version__, prog_name="lidarcli", message="%(prog)s %(version)s")
+@click.pass_context
+def cli(ctx: click.Context, verbose: bool, quiet: bool) -> None:
+    """From a 2D LiDAR log to a table of objects, without a running ROS system.
+
+    LOG is an MCAP file, a ROS 1 or ROS 2 bag, a CSV file, a folder to search,
+    or - for standard input.
+    """
+    if verbose and quiet:
+        raise click.UsageError("--verbose and --quiet exclude each other")
+    ctx.obj = Messages(quiet=quiet, verbose=verbose)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit with its code."""
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; its exit code. The one place where errors become exit codes."""
+    say = Messages()
+    try:
+        code = cli.main(arguments, prog_name="lidarcli", standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.Exit as err:
+        return err.exit_code
+    except click.ClickException as err:
+        err.show()
+        return err.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        say.error("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has had enough (`| head`). Python must not find out again at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except LidarcliError as err:
+        say.error(str(err))
+        return err.exit_code
+    except Exception:
+        say.bug(traceback.format_exc())
+        return LidarcliError.exit_code
+    return code if isinstance(code, int) else 0

@@ -1,0 +1,216 @@
+"""`lidarcli detect`: objects of every sweep as tables, or as a stream on stdout."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import (
+    LOGS,
+    METRES,
+    SECONDS,
+    GroupedCommand,
+    Number,
+    Threshold,
+    csv_geometry,
+    csv_options,
+    option,
+    range_options,
+    range_rules,
+)
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.detecting import DetectOptions
+    from lidarcli.pipeline.many import Outcome
+
+OUTPUT, SELECT, OBJECTS = "Output", "Sweeps to read", "Objects"
+STDOUT = "-"
+
+
+@click.command(
+    cls=GroupedCommand,
+    epilog="""Examples:
+
+\b
+  lidarcli detect run.mcap
+  lidarcli detect bags/ -o tables --jobs 4 --overwrite
+  lidarcli detect run.bag --topic /front_scan --start 10 --end 20 --beams
+  lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
+  lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
+  cat run.mcap | lidarcli detect - -o - --format csv | head""",
+)
+@LOGS
+@option(
+    "-o",
+    "--output",
+    heading=OUTPUT,
+    metavar="DIR",
+    default=".",
+    show_default="the current directory",
+    help="Folder for <log>.objects.parquet and <log>.sweeps.parquet; - streams the objects to stdout.",
+)
+@option(
+    "--format",
+    "kind",
+    heading=OUTPUT,
+    type=click.Choice(["ndjson", "csv", "arrow", "parquet"]),
+    default=None,
+    help="Format of the stream of -o -.  [default: ndjson]",
+)
+@option("--beams", heading=OUTPUT, is_flag=True, help="Also write <log>.beams.parquet, one row per beam.")
+@option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
+@option(
+    "--jobs",
+    heading=OUTPUT,
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Logs to process at the same time.",
+)
+@option(
+    "--topic",
+    "topics",
+    heading=SELECT,
+    metavar="NAME",
+    multiple=True,
+    help="LaserScan topic to read; may be repeated.  [default: all]",
+)
+@option(
+    "--start", heading=SELECT, type=SECONDS, help="Skip what is before, from the first sweep.  [default: 0]"
+)
+@option("--end", heading=SELECT, type=SECONDS, help="Skip what is after.  [default: the end]")
+@option(
+    "--every",
+    heading=SELECT,
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Take every N-th sweep.",
+)
+@option(
+    "--profile",
+    heading=OBJECTS,
+    type=click.Choice(["robust", "paper"]),
+    default="robust",
+    show_default=True,
+    help="Estimates for real sensors, or the paper's formulas to the letter.",
+)
+@option(
+    "--threshold",
+    heading=OBJECTS,
+    type=Threshold(),
+    help="Discontinuity: by noise and range, the mean of |s| (Def. 3), or fixed.  "
+    "[default: adaptive; paper: mean]",
+)
+@option(
+    "--min-beams",
+    heading=OBJECTS,
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Fewer valid beams are noise.  [default: 3; paper: 1]",
+)
+@option(
+    "--max-width",
+    heading=OBJECTS,
+    type=Number("METRES", above=0),
+    help="What extends further is background.  [default: 2; paper: no limit]",
+)
+@option(
+    "--max-gap",
+    heading=OBJECTS,
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Lost beams bridged inside one surface.  [default: 2; paper: 0]",
+)
+@option(
+    "--group-gap",
+    heading=OBJECTS,
+    type=METRES,
+    help="Objects closer than this are one, as the legs of a chair.  [default: 0, never]",
+)
+@option("--walls", heading=OBJECTS, is_flag=True, help="Also rows for walls, with the corners of the room.")
+@range_options
+@csv_options
+@click.pass_obj
+def detect(
+    say: Messages,
+    /,
+    logs: tuple[str, ...],
+    output: str,
+    kind: str | None,
+    beams: bool,
+    overwrite: bool,
+    jobs: int,
+    topics: tuple[str, ...],
+    start: float | None,
+    end: float | None,
+    every: int,
+    no_return: Any,
+    limits: tuple[float, float] | None,
+    angle_min: float | None,
+    angle_increment: float | None,
+    fov: float | None,
+    range_max: float | None,
+    degrees: bool,
+    range_unit: str,
+    **parameters: Any,
+) -> int:
+    """Find the objects of every sweep of every LaserScan topic.
+
+    Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
+    DIR/<log>.sweeps.parquet. A log found below a folder keeps its place below DIR.
+    """
+    if output == STDOUT and beams:
+        raise click.UsageError("--beams writes a file: give -o DIR")
+    if output != STDOUT and kind is not None:
+        raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
+    if start is not None and end is not None and not start < end:
+        raise click.UsageError(f"--start {start:g} is not before --end {end:g}")
+    rules = range_rules(no_return, limits)
+    geometry = csv_geometry(angle_min, angle_increment, fov, range_max, degrees, range_unit)
+
+    from lidarcli.formalism import Parameters
+    from lidarcli.logs.batches import ReadOptions
+    from lidarcli.pipeline.detecting import DetectOptions
+
+    options = DetectOptions(
+        parameters=Parameters.for_profile(**parameters),
+        read=ReadOptions(
+            topics=frozenset(topics) if topics else None, start=start, end=end, every=every, rules=rules
+        ),
+        csv=geometry,
+        beams=beams,
+        overwrite=overwrite,
+    )
+    return _detect(say, logs, output, kind or "ndjson", options, jobs)
+
+
+def _detect(
+    say: Messages, logs: tuple[str, ...], output: str, kind: str, options: DetectOptions, jobs: int
+) -> int:
+    from lidarcli.cli.progress import progress_bar
+    from lidarcli.cli.summary import show, show_total
+    from lidarcli.pipeline.inputs import find_logs, refuse_clashes
+    from lidarcli.pipeline.many import detect_files, detect_stream, exit_code
+
+    sources = find_logs(logs)
+    refuse_clashes(sources)
+    outcomes: list[Outcome] = []
+    with progress_bar(sources, say) as report:
+        results: Iterator[Outcome]
+        if output == STDOUT:
+            results = detect_stream(sources, sys.stdout.buffer, kind, options, report)
+        else:
+            results = detect_files(sources, Path(output), options, jobs, report)
+        for outcome in results:
+            show(outcome, say)
+            outcomes.append(outcome)
+    show_total(outcomes, say)
+    return exit_code(outcome.exit_code for outcome in outcomes)

@@ -1,0 +1,87 @@
+"""`lidarcli info`: what is in a log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import (
+    LOGS,
+    GroupedCommand,
+    csv_geometry,
+    csv_options,
+    option,
+    range_options,
+    range_rules,
+)
+
+
+@click.command(
+    cls=GroupedCommand,
+    epilog="""Examples:
+
+\b
+  lidarcli info run.mcap
+  lidarcli info bags/ --format json | jq '.[].scans[].rate'
+  lidarcli info ranges.csv --fov 270 --degrees --range-unit mm""",
+)
+@LOGS
+@option(
+    "--format",
+    "kind",
+    heading="Output",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="For people, or a JSON list with one object per log.",
+)
+@range_options
+@csv_options
+@click.pass_obj
+def info(
+    say: Messages,
+    /,
+    logs: tuple[str, ...],
+    kind: str,
+    no_return: Any,
+    limits: tuple[float, float] | None,
+    **geometry: Any,
+) -> int:
+    """Show what is in a log: topics, sweeps, geometry, clocks, beams, damage.
+
+    Reads every log once, from end to end.
+    """
+    rules = range_rules(no_return, limits)
+    csv = csv_geometry(**geometry)
+
+    from lidarcli.cli.info_text import as_json, as_text
+    from lidarcli.cli.progress import progress_bar
+    from lidarcli.errors import NoScanError
+    from lidarcli.pipeline.inputs import find_logs
+    from lidarcli.pipeline.inspecting import LogInfo
+    from lidarcli.pipeline.many import Failure, exit_code, inspect_logs
+
+    sources = find_logs(logs)
+    found: list[LogInfo] = []
+    codes = []
+    with progress_bar(sources, say) as report:
+        for source, result in inspect_logs(sources, csv, rules, report):
+            codes.append(result.exit_code)
+            if isinstance(result, Failure):
+                if result.trace:
+                    say.bug(result.trace)
+                say.error(source.label, result.error)
+                continue
+            for line in result.damage:
+                say.error(source.label, line)
+            if result.exit_code == NoScanError.exit_code:
+                say.error(source.label, "no LaserScan topic in this log")
+            found.append(result)
+            if kind == "text":
+                with say.paused():
+                    click.echo(("\n" if len(found) > 1 else "") + as_text(result))
+    if kind == "json":
+        click.echo(as_json(found))
+    return exit_code(codes)

@@ -1,0 +1,154 @@
+"""A `LogInfo` as text for people and as JSON for programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from lidarcli.pipeline.clock import ClockInfo
+from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
+
+_CLOSURES = {
+    "open": "partial view",
+    "closed": "full turn",
+    "shared": "full turn, first and last beam share a bearing",
+}
+
+
+def as_text(info: LogInfo) -> str:
+    """Lines of at most 80 columns, but for names that are longer."""
+    lines = [
+        info.path,
+        _line("format", f"{info.format}, compression {info.compression}"),
+        _line("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
+    ]
+    if not info.topics:
+        lines.append(_line("topics", "none"))
+    for index, topic in enumerate(info.topics):
+        count = "" if topic.messages is None else f"  {topic.messages:,}"
+        lines.append(_line("" if index else "topics", f"{topic.name}  {topic.type}{count}"))
+    for name in info.pose_topics:
+        lines.append(_line("poses", name))
+    lines += [_line("dropped", f"{count:,} of {topic}: {cause}") for topic, cause, count in info.dropped]
+    lines += [_line("note", note) for note in info.notes]
+    lines += [_line("damage", damage) for damage in info.damage]
+    for scan in info.scans:
+        lines += _scan_lines(scan)
+    return "\n".join(lines)
+
+
+def as_json(infos: Sequence[LogInfo]) -> str:
+    """A list with one object per log; angles in radians, ranges in metres, times in seconds."""
+    return json.dumps([_log_json(info) for info in infos], indent=2, ensure_ascii=False)
+
+
+def _scan_lines(scan: ScanInfo) -> list[str]:
+    frame = f"frame {scan.frame_id}" if scan.frame_id else "no frame"
+    clock = scan.clock
+    total = sum(scan.by_status.values())
+    lines = [
+        f"  {scan.topic} ({frame})",
+        _line("sweeps", f"{scan.sweeps:,}", 4),
+        _line("beams", _span(scan.beams, "{:,.0f}"), 4),
+        _line(
+            "view",
+            f"{_span(scan.view, '{:.2f}', math.degrees)} deg from {_span(scan.angle_min, '{:.2f}', math.degrees)} "
+            f"deg, step {_span(scan.increment, '{:.4f}', math.degrees)} deg",
+            4,
+        ),
+        _line("closure", "; ".join(_CLOSURES[name] for name in scan.closure), 4),
+        _line("limits", f"{_span(scan.range_min, '{:g}')} m to {_span(scan.range_max, '{:g}')} m", 4),
+        _line("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
+    ]
+    if clock.start_ns is not None and clock.end_ns is not None:
+        lines.append(_line("time", f"{_stamp(clock.start_ns)} to {_stamp(clock.end_ns)}", 4))
+        lines.append(_line("span", f"{clock.span:.3f} s", 4))
+    lines.append(_line("clock", _clock(clock, scan.sweeps), 4))
+    for name, count in scan.by_status.items():
+        share = f"{count / total:.2%}" if total else "-"
+        lines.append(_line(name.replace("_", " "), f"{count:,} beams ({share})", 4))
+    return lines
+
+
+def _clock(clock: ClockInfo, sweeps: int) -> str:
+    parts = ["monotonic"]
+    if not clock.monotonic:
+        parts = [f"jumps back {clock.backward}x (at most {clock.largest_backward:.3f} s)"]
+    if clock.zero_stamps:
+        parts.append(f"{clock.zero_stamps:,} of {sweeps:,} stamps zero")
+    if clock.offset is not None:
+        parts.append(f"record - header {clock.offset:+.3f} s")
+    return ", ".join(parts)
+
+
+def _log_json(info: LogInfo) -> dict[str, Any]:
+    return {
+        "path": info.path,
+        "format": info.format,
+        "compression": info.compression,
+        "size": info.size,
+        "topics": [
+            {"name": topic.name, "type": topic.type, "encoding": topic.encoding, "messages": topic.messages}
+            for topic in info.topics
+        ],
+        "scans": [_scan_json(scan) for scan in info.scans],
+        "pose_topics": list(info.pose_topics),
+        "dropped": [
+            {"topic": topic, "cause": cause, "messages": count} for topic, cause, count in info.dropped
+        ],
+        "notes": list(info.notes),
+        "damage": list(info.damage),
+    }
+
+
+def _scan_json(scan: ScanInfo) -> dict[str, Any]:
+    clock = scan.clock
+    return {
+        "topic": scan.topic,
+        "frame_id": scan.frame_id,
+        "sweeps": scan.sweeps,
+        "beams": [int(scan.beams.low), int(scan.beams.high)],
+        "field_of_view": _pair(scan.view),
+        "angle_min": _pair(scan.angle_min),
+        "angle_increment": _pair(scan.increment),
+        "closure": list(scan.closure),
+        "range_min": _pair(scan.range_min),
+        "range_max": _pair(scan.range_max),
+        "rate": clock.rate,
+        "start_ns": clock.start_ns,
+        "end_ns": clock.end_ns,
+        "span": clock.span,
+        "clock": {
+            "monotonic": clock.monotonic,
+            "backward_steps": clock.backward,
+            "largest_backward_step": clock.largest_backward,
+            "zero_stamps": clock.zero_stamps,
+            "record_minus_header": clock.offset,
+        },
+        "beams_by_status": dict(scan.by_status),
+    }
+
+
+def _line(name: str, value: str, indent: int = 2) -> str:
+    return f"{' ' * indent}{name:<{14 - indent}}{value}"
+
+
+def _span(span: Span, form: str, convert: Any = float) -> str:
+    low, high = form.format(convert(span.low)), form.format(convert(span.high))
+    return low if low == high else f"{low} .. {high}"
+
+
+def _pair(span: Span) -> list[float | None]:
+    """JSON has no infinity and no NaN."""
+    return [value if math.isfinite(value) else None for value in (span.low, span.high)]
+
+
+def _stamp(stamp_ns: int) -> str:
+    """Date and time of a wall clock; plain seconds of a clock that started near zero (simulation)."""
+    seconds, rest = divmod(stamp_ns, 1_000_000_000)
+    if not 10**8 <= seconds < 10**11:
+        return f"{stamp_ns * 1e-9:.3f} s"
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"

@@ -1,0 +1,66 @@
+"""Words for the user on stderr, one line per message; stdout carries data only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import click
+
+
+def _to_stderr(line: str) -> None:
+    click.echo(line, err=True)
+
+
+class Bar(Protocol):
+    """What can be taken off the screen and put back."""
+
+    def stop(self) -> None: ...
+
+    def start(self) -> None: ...
+
+
+@dataclass(slots=True)
+class Messages:
+    """Writes to stderr as loudly as the user wants it."""
+
+    quiet: bool = False
+    verbose: bool = False
+    write: Callable[[str], None] = field(default=_to_stderr)
+    """Takes one line; a progress bar puts its own in here while it is on the screen."""
+
+    bar: Bar | None = None
+    """The progress bar on the screen."""
+
+    def error(self, *parts: str) -> None:
+        """`lidarcli: run.mcap: what is wrong`, always shown."""
+        self.write(": ".join(["lidarcli", *parts]))
+
+    def info(self, line: str) -> None:
+        """A line of a summary."""
+        if not self.quiet:
+            self.write(line)
+
+    def detail(self, line: str) -> None:
+        """What only some want to know."""
+        if self.verbose:
+            self.write(line)
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Take the progress bar, if there is one, off the screen while stdout is written to."""
+        if self.bar is None:
+            yield
+            return
+        self.bar.stop()
+        try:
+            yield
+        finally:
+            self.bar.start()
+
+    def bug(self, trace: str) -> None:
+        """The traceback of a bug, and the request to report it."""
+        self.write(trace.rstrip())
+        self.write("lidarcli: this is a bug in lidarcli; please report it with the lines above")

@@ -1,0 +1,229 @@
+"""Options that commands share, their types, and help in groups."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from lidarcli.logs.base import CsvOptions
+    from lidarcli.sweeps import RangeRules
+
+OTHER = "Other"
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class GroupedOption(click.Option):
+    """An option that is listed under a heading of its command's help."""
+
+    def __init__(self, *arguments: Any, heading: str = "Options", **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self.heading = heading
+
+
+class GroupedCommand(click.Command):
+    """A command whose help lists its options by heading."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write one section per heading, in the order in which they appear."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if record is not None:
+                sections.setdefault(getattr(parameter, "heading", OTHER), []).append(record)
+        # click puts its own --help first.
+        if OTHER in sections:
+            sections[OTHER] = sections.pop(OTHER)
+        for heading, records in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(records, col_max=26)
+
+
+def option(*names: str, **settings: Any) -> Callable[[F], F]:
+    """`click.option` with a `heading`."""
+    return click.option(*names, cls=GroupedOption, **settings)
+
+
+class Number(click.ParamType):  # type: ignore[type-arg]
+    """A finite number, not below `least`."""
+
+    name = "number"
+
+    def __init__(self, metavar: str, least: float | None = None, above: float | None = None) -> None:
+        self.metavar = metavar
+        self.least = least
+        self.above = above
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """The unit, as help shows it."""
+        return self.metavar
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number, or a usage error that says what is wrong with it."""
+        try:
+            number = float(value)
+        except ValueError:
+            self.fail(f"'{value}' is not a number.", param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"'{value}' is not a finite number.", param, ctx)
+        if self.least is not None and number < self.least:
+            self.fail(f"{value} is below {self.least:g}.", param, ctx)
+        if self.above is not None and number <= self.above:
+            self.fail(f"{value} is not above {self.above:g}.", param, ctx)
+        return number
+
+
+class Threshold(Number):
+    """`adaptive`, `mean` or metres."""
+
+    name = "threshold"
+    WORDS = ("adaptive", "mean")
+
+    def __init__(self) -> None:
+        super().__init__("adaptive|mean|METRES", above=0)
+
+    def convert(  # type: ignore[override]
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> str | float:
+        """The word or the number."""
+        if value in self.WORDS:
+            return str(value)
+        try:
+            float(value)
+        except ValueError:
+            self.fail(f"'{value}' is neither adaptive nor mean nor a number of metres.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class NoReturn(click.ParamType):  # type: ignore[type-arg]
+    """A list of words and magic ranges that stand for "no return"."""
+
+    name = "list"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Words and markers as `sweeps.RangeRules` wants them."""
+        from lidarcli.errors import OptionError
+        from lidarcli.sweeps import parse_no_return
+
+        if not isinstance(value, str):
+            return value
+        try:
+            return parse_no_return(value)
+        except OptionError as err:
+            self.fail(str(err).removeprefix("--no-return: ") + ".", param, ctx)
+
+
+METRES = Number("METRES", least=0)
+SECONDS = Number("SECONDS", least=0)
+
+INPUTS = click.Path(allow_dash=True)
+LOGS = click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=INPUTS)
+
+RANGES = "Beams without a range"
+CSV = "CSV files without geometry"
+
+
+def range_options(command: F) -> F:
+    """`--range` and `--no-return`."""
+    for decorate in (
+        option(
+            "--no-return",
+            heading=RANGES,
+            type=NoReturn(),
+            metavar="LIST",
+            default="inf,zero,max,above",
+            show_default=True,
+            help="What a driver writes for 'no return', comma separated: inf, zero, max, above, nan, negative, "
+            "below, or metres such as 81.91.",
+        ),
+        option(
+            "--range",
+            "limits",
+            heading=RANGES,
+            type=Number("MIN MAX", least=0),
+            nargs=2,
+            default=None,
+            metavar="MIN MAX",
+            help="Range limits in metres.  [default: those of the log]",
+        ),
+    ):
+        command = decorate(command)
+    return command
+
+
+def csv_options(command: F) -> F:
+    """The geometry that a CSV may lack."""
+    angle = Number("ANGLE")
+    for decorate in (
+        option(
+            "--range-unit",
+            heading=CSV,
+            type=click.Choice(["m", "mm"]),
+            default="m",
+            show_default=True,
+            help="Unit of the ranges in the file.",
+        ),
+        option(
+            "--degrees", heading=CSV, is_flag=True, help="Angles above are in degrees.  [default: radians]"
+        ),
+        option(
+            "--range-max",
+            heading=CSV,
+            type=Number("METRES", above=0),
+            help="Greatest range of the sensor.  [default: from the file, or none]",
+        ),
+        option("--fov", heading=CSV, type=angle, help="Field of view, instead of --angle-increment."),
+        option("--angle-increment", heading=CSV, type=angle, help="Angle from beam to beam."),
+        option(
+            "--angle-min",
+            heading=CSV,
+            type=angle,
+            help="Bearing of the first beam.  [default: from the file, or centred on --fov]",
+        ),
+    ):
+        command = decorate(command)
+    return command
+
+
+def range_rules(
+    no_return: tuple[frozenset[str], tuple[float, ...]], limits: tuple[float, float] | None
+) -> RangeRules:
+    """`RangeRules` from the options."""
+    from lidarcli.sweeps import RangeRules
+
+    if limits is not None and not limits[0] < limits[1]:
+        raise click.BadParameter(f"{limits[0]:g} is not below {limits[1]:g}.", param_hint="'--range'")
+    words, markers = no_return
+    return RangeRules(no_return=words, markers=markers, limits=limits)
+
+
+def csv_geometry(
+    angle_min: float | None,
+    angle_increment: float | None,
+    fov: float | None,
+    range_max: float | None,
+    degrees: bool,
+    range_unit: str,
+) -> CsvOptions:
+    """`CsvOptions` from the options, angles in radians."""
+    from lidarcli.logs.base import CsvOptions
+
+    if angle_increment is not None and fov is not None:
+        raise click.UsageError("--angle-increment and --fov exclude each other")
+    if angle_increment == 0:
+        raise click.BadParameter("0 is no step from beam to beam.", param_hint="'--angle-increment'")
+
+    def radians(angle: float | None) -> float | None:
+        return math.radians(angle) if degrees and angle is not None else angle
+
+    return CsvOptions(
+        angle_min=radians(angle_min),
+        angle_increment=radians(angle_increment),
+        fov=radians(fov),
+        range_max=range_max,
+        range_scale=0.001 if range_unit == "mm" else 1.0,
+    )

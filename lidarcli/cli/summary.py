@@ -1,0 +1,69 @@
+"""The summary of `detect` on stderr."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from lidarcli.cli.messages import Messages
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.many import Outcome
+    from lidarcli.pipeline.summary import RunSummary
+
+_WORDS = {"no_return": "no return", "too_close": "too close"}
+
+
+def show(outcome: Outcome, say: Messages) -> None:
+    """What became of one log: errors always, the rest unless quiet."""
+    if outcome.trace:
+        say.bug(outcome.trace)
+    if outcome.remark:
+        say.error(outcome.label, outcome.remark)
+    if outcome.error:
+        say.error(outcome.label, outcome.error)
+    if outcome.summary is not None:
+        _show_run(outcome.label, outcome.summary, say)
+
+
+def show_total(outcomes: Sequence[Outcome], say: Messages) -> None:
+    """One line over several logs."""
+    if len(outcomes) < 2:
+        return
+    runs = [outcome.summary for outcome in outcomes if outcome.summary is not None]
+    sweeps, objects = sum(run.sweeps for run in runs), sum(run.objects for run in runs)
+    failed = sum(outcome.exit_code != 0 for outcome in outcomes)
+    failures = f", {failed} with errors" if failed else ""
+    say.info(f"{len(outcomes)} logs{failures}: {_count(sweeps, 'sweep')}, {_count(objects, 'object')}")
+
+
+def _show_run(label: str, run: RunSummary, say: Messages) -> None:
+    for line in run.damage:
+        say.error(label, line)
+    for topic in run.missing_topics:
+        say.error(label, f"no LaserScan topic {topic} in this log")
+    speed = f", {run.sweeps / run.seconds:,.0f} sweeps/s" if run.seconds > 0 and run.sweeps else ""
+    lost = ", source damaged" if run.damage else ""
+    say.info(f"{label}: {_count(run.sweeps, 'sweep')}, {_count(run.objects, 'object')}{speed}{lost}")
+    if run.sweeps:
+        say.info(f"  beams    {run.beams:,}: {_parts(run.by_status, run.beams)}")
+        say.info(f"  sets     {_parts(run.by_set, run.beams)}")
+    for topic, cause, count in run.dropped:
+        say.info(f"  dropped  {_count(count, 'message')} of {topic}: {cause}")
+    for note in run.notes:
+        say.info(f"  note     {note}")
+    for path in run.outputs:
+        say.info(f"  wrote    {path}")
+
+
+def _parts(counts: Mapping[str, int], total: int) -> str:
+    return ", ".join(
+        f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})"
+        if total
+        else f"{_WORDS.get(name, name)} 0"
+        for name, count in counts.items()
+    )
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}" + ("" if number == 1 else "s")

@@ -1,0 +1,158 @@
+"""From what a user names to the logs it means: files, folders to search, ROS 2 bags, standard input."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+
+from lidarcli.errors import OptionError, UnreadableError
+
+STDIN = "-"
+SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd")
+"""What a search of a folder takes for a log; a file that is named is opened whatever its suffix."""
+
+_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt")
+_WRAPPER = (".gz", ".zstd", ".active")
+_PART_OF_BAG = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One log to read: where it is, and its name, which outputs carry (`run`, or `trip/run` below a folder)."""
+
+    path: str
+    name: str
+
+    @property
+    def label(self) -> str:
+        """How messages call it: as the user wrote it."""
+        return "standard input" if self.is_stdin else self.path
+
+    @property
+    def is_stdin(self) -> bool:
+        """Whether it is the standard input of this process."""
+        return self.path == STDIN
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk; 0 where unknown."""
+        path = Path(self.path)
+        try:
+            if path.is_dir():
+                return sum(item.stat().st_size for item in path.iterdir() if item.is_file())
+            return path.stat().st_size
+        except OSError:
+            return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Nothing:
+    """An input in which there is no log to open, and why."""
+
+    path: str
+    error: UnreadableError
+
+    @property
+    def label(self) -> str:
+        """How messages call it: as the user wrote it."""
+        return self.path
+
+
+def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
+    """The logs that `inputs` mean, in their order; a folder is searched and its logs come sorted."""
+    found: list[Source | Nothing] = []
+    for text in inputs:
+        path = Path(text)
+        if text == STDIN:
+            found.append(Source(STDIN, "stdin"))
+        elif not path.exists():
+            found.append(_missing(text))
+        elif path.is_dir() and not is_one_log(path):
+            below = [Source(str(log), _below(path, log)) for log in sorted(_search(path))]
+            found.extend(below or [Nothing(text, UnreadableError(f"no log in this folder ({_known()})"))])
+        else:
+            found.append(Source(text, log_name(path)))
+    return found
+
+
+def refuse_clashes(sources: Sequence[Source | Nothing]) -> None:
+    """Refuse two logs whose outputs would have the same name (`OptionError`)."""
+    taken: dict[str, str] = {}
+    for source in sources:
+        if isinstance(source, Nothing):
+            continue
+        if source.name in taken:
+            first, second = taken[source.name], source.label
+            raise OptionError(
+                f"{first} and {second} would both write {source.name}.*; run them apart with -o"
+            )
+        taken[source.name] = source.label
+
+
+def log_name(path: Path) -> str:
+    """Name of a log: its file name without container suffixes, or the name of its folder.
+
+    >>> [log_name(Path(name)) for name in ("run.mcap", "x.csv.gz", "a.bag.active", "b.v2.db3")]
+    ['run', 'x', 'a', 'b.v2']
+    """
+    name = path.name or path.resolve().name
+    if path.is_dir():
+        return name
+    known = False
+    for suffixes in (_WRAPPER, _CONTAINER):
+        stem, suffix = os.path.splitext(name)  # noqa: PTH122 (names, not paths)
+        if stem and suffix.lower() in suffixes:
+            name, known = stem, True
+    return name if known else PurePath(name).stem
+
+
+def is_one_log(folder: Path) -> bool:
+    """Whether a folder is one ROS 2 bag, also one that lost its metadata.yaml: only parts `NAME_0`, `NAME_1`, ..."""
+    if (folder / "metadata.yaml").exists():
+        return True
+    try:
+        names = [item.name for item in folder.iterdir()]
+    except OSError:
+        return False
+    parts = [match for match in map(_PART_OF_BAG.fullmatch, names) if match]
+    return bool(parts) and len({part[1] for part in parts}) == 1
+
+
+def _search(folder: Path) -> Iterator[Path]:
+    """Logs below a folder. Links are followed; a folder that was seen already is not entered again."""
+    seen: set[tuple[int, int]] = set()
+    for here, folders, files in os.walk(folder, followlinks=True):
+        at = Path(here)
+        stat = at.stat()
+        if (stat.st_dev, stat.st_ino) in seen:
+            folders.clear()
+            continue
+        seen.add((stat.st_dev, stat.st_ino))
+        folders.sort()
+        bags = [name for name in folders if is_one_log(at / name)]
+        yield from (at / name for name in bags)
+        folders[:] = [name for name in folders if name not in bags]
+        # Only regular files: a FIFO found by a search would wait for a writer for ever.
+        yield from (at / name for name in files if name.lower().endswith(SUFFIXES) and (at / name).is_file())
+
+
+def _below(folder: Path, log: Path) -> str:
+    return log.relative_to(folder).with_name(log_name(log)).as_posix()
+
+
+def _missing(text: str) -> Source | Nothing:
+    if Path(text).is_symlink():
+        return Nothing(text, UnreadableError("the link leads to nothing"))
+    # A quoted pattern is one log made of many files (one sweep each).
+    if glob.has_magic(text) and glob.glob(text):  # noqa: PTH207 (absolute patterns too)
+        parent = Path(text).parent
+        return Source(text, log_name(parent) if parent.name else log_name(parent.resolve()))
+    return Nothing(text, UnreadableError("no such file or folder"))
+
+
+def _known() -> str:
+    return "searched for " + " ".join(f"*{suffix}" for suffix in SUFFIXES)

@@ -1,0 +1,175 @@
+"""What is in a log: topics, sweeps, geometry, clocks, beams and damage, from one pass over the whole log."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.errors import NoScanError, UnreadableError
+from lidarcli.logs import open_log
+from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, Topic
+from lidarcli.pipeline.clock import Clock, ClockInfo
+from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.summary import damage_lines
+from lidarcli.pipeline.topics import scan_topics
+from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Smallest and largest of a quantity that may change from sweep to sweep; NaN before the first sweep."""
+
+    low: float = float("nan")
+    high: float = float("nan")
+
+    def with_values(self, values: NDArray[Any]) -> Span:
+        """The span that also covers `values`."""
+        low, high = np.fmin.reduce(values), np.fmax.reduce(values)
+        return Span(float(np.fmin(self.low, low)), float(np.fmax(self.high, high)))
+
+
+@dataclass(frozen=True, slots=True)
+class ScanInfo:
+    """The sweeps of one topic in one frame. Radians, metres, seconds."""
+
+    topic: str
+    frame_id: str
+    sweeps: int
+    beams: Span
+    view: Span
+    """Angle that the sweep covers: from the first to the last beam, a whole turn where it closes."""
+    angle_min: Span
+    increment: Span
+    closure: tuple[str, ...]
+    """`open`, `closed` (a full turn of distinct bearings), `shared` (the last bearing is the first)."""
+    range_min: Span
+    range_max: Span
+    clock: ClockInfo
+    by_status: Mapping[str, int]
+    """`valid`, `no_return`, `too_close`, `invalid` → beams."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogInfo:
+    """Everything that `info` tells of a log."""
+
+    path: str
+    format: str
+    compression: str
+    size: int | None
+    topics: tuple[Topic, ...]
+    scans: tuple[ScanInfo, ...]
+    pose_topics: tuple[str, ...]
+    dropped: tuple[tuple[str, str, int], ...]
+    """(topic, cause, messages) that could not be a sweep."""
+    notes: tuple[str, ...]
+    damage: tuple[str, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """3 on damage, 4 without a LaserScan topic, else 0."""
+        if self.damage:
+            return UnreadableError.exit_code
+        return 0 if self.scans or scan_topics(self.topics) else NoScanError.exit_code
+
+
+def inspect_log(
+    source: Source,
+    csv: CsvOptions | None = None,
+    rules: RangeRules | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> LogInfo:
+    """Read a log once from end to end, in bounded memory, and tell what is in it."""
+    rules = rules or RangeRules()
+    found: dict[tuple[str, str], _Scan] = {}
+    with open_log(source.path, csv=csv or CsvOptions()) as log:
+        for block in log.scans():
+            for code in np.unique(block.frame):
+                key = block.topic, block.frame_ids[code]
+                found.setdefault(key, _Scan()).add(block.rows(block.frame == code), rules)
+            if progress is not None:
+                progress(log.report.bytes_read)
+        topics = _with_counts(log.topics() or (), found)
+        report = log.report
+        return LogInfo(
+            path=source.label,
+            format=log.format,
+            compression=log.compression,
+            size=log.size,
+            topics=topics,
+            scans=tuple(found[key].info(*key) for key in sorted(found)),
+            pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
+            dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
+            notes=tuple(report.notes),
+            damage=tuple(damage_lines(report)),
+        )
+
+
+class _Scan:
+    """Folds blocks of one topic and frame into `ScanInfo`."""
+
+    def __init__(self) -> None:
+        self.sweeps = 0
+        self._spans = dict.fromkeys(
+            ("beams", "view", "angle_min", "increment", "range_min", "range_max"), Span()
+        )
+        self._closures: set[int] = set()
+        self._statuses = np.zeros(len(Status), np.int64)
+        self._clock = Clock()
+
+    def add(self, block: RawSweeps, rules: RangeRules) -> None:
+        """Take a block."""
+        self.sweeps += len(block)
+        self._clock.add(block)
+        closed = closure(block.beams, block.angle_increment)
+        self._closures |= set(np.unique(closed).tolist())
+        step = np.abs(block.angle_increment)
+        values = {
+            "beams": block.beams,
+            "view": (block.beams - (closed != Closure.CLOSED)) * step,
+            "angle_min": block.angle_min,
+            "increment": block.angle_increment,
+            "range_min": block.range_min,
+            "range_max": block.range_max,
+        }
+        for name, value in values.items():
+            self._spans[name] = self._spans[name].with_values(value)
+        batch = normalise(block, np.arange(len(block)), rules)
+        self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
+
+    def info(self, topic: str, frame_id: str) -> ScanInfo:
+        """The state so far."""
+        return ScanInfo(
+            topic=topic,
+            frame_id=frame_id,
+            sweeps=self.sweeps,
+            closure=tuple(Closure(code).name.lower() for code in sorted(self._closures)),
+            clock=self._clock.info(),
+            by_status={
+                status.name.lower(): int(self._statuses[status])
+                for status in Status
+                if status != Status.PADDING
+            },
+            **self._spans,
+        )
+
+
+def _with_counts(topics: Sequence[Topic], found: Mapping[tuple[str, str], _Scan]) -> tuple[Topic, ...]:
+    """The topics by name, with the sweeps that were read where nobody had counted."""
+    sweeps: Counter[str] = Counter()
+    for (name, _), scan in found.items():
+        sweeps[name] += scan.sweeps
+    known = {topic.name for topic in topics}
+    seen = [Topic(name, LASERSCAN, "", sweeps[name]) for name in sweeps if name not in known]
+    counted = [
+        replace(topic, messages=sweeps[topic.name])
+        if topic.messages is None and topic.name in sweeps
+        else topic
+        for topic in topics
+    ]
+    return tuple(sorted([*counted, *seen], key=lambda topic: topic.name))

@@ -1,0 +1,75 @@
+"""What a run over one log has done, for people and for exit codes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lidarcli.errors import NoScanError, UnreadableError
+from lidarcli.formalism.detection import Detection
+from lidarcli.logs.base import ReadReport
+from lidarcli.sweeps import Status, SweepBatch
+
+
+@dataclass(slots=True)
+class RunSummary:
+    """Counts of one run of `detect` over one log."""
+
+    sweeps: int = 0
+    objects: int = 0
+    agents: int = 0
+    by_status: Counter[str] = field(default_factory=Counter)
+    """`valid`, `no_return`, `too_close`, `invalid` → beams."""
+    by_set: Counter[str] = field(default_factory=Counter)
+    """`O`, `A`, `S` (Def. 4) → beams."""
+    topics: set[str] = field(default_factory=set)
+    missing_topics: tuple[str, ...] = ()
+    """Topics that were asked for and are not there, while others are."""
+    dropped: list[tuple[str, str, int]] = field(default_factory=list)
+    """(topic, cause, messages) that could not be a sweep."""
+    damage: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    outputs: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def beams(self) -> int:
+        """Beams of all sweeps."""
+        return self.by_status.total()
+
+    @property
+    def exit_code(self) -> int:
+        """3 when some of the log could not be read, 4 when a topic was not there, else 0."""
+        if self.damage:
+            return UnreadableError.exit_code
+        return NoScanError.exit_code if self.missing_topics else 0
+
+    def add(self, batch: SweepBatch, detection: Detection) -> None:
+        """Count one batch."""
+        self.sweeps += len(batch)
+        self.objects += int(detection.objects.sum())
+        self.agents += int(detection.agents.sum())
+        self.topics.add(batch.topic)
+        codes = np.bincount(batch.status.ravel(), minlength=len(Status))
+        for status in Status:
+            if status != Status.PADDING:
+                self.by_status[status.name.lower()] += int(codes[status])
+        self.by_set["O"] += int(detection.object_beams.sum())
+        self.by_set["A"] += int(detection.agent_beams.sum())
+        self.by_set["S"] += int(detection.noise_beams.sum())
+
+    def close(self, report: ReadReport) -> None:
+        """Take over what reading has met."""
+        self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
+        self.damage = damage_lines(report)
+        self.notes = list(report.notes)
+
+
+def damage_lines(report: ReadReport) -> list[str]:
+    """One line per damaged part, and one for those that were not kept."""
+    lines = [f"{part.place}: {part.cause}" for part in report.damage]
+    if report.damage_more:
+        lines.append(f"and {report.damage_more} more damaged parts")
+    return lines

@@ -1,0 +1,128 @@
+"""Several logs side by side in worker processes; a worker that dies costs no log."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from pathlib import Path
+
+from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.inputs import Nothing, Source
+from lidarcli.pipeline.many import INTERNAL_ERROR, Outcome, outcome_of
+
+_working = False
+"""Whether this worker process is busy with a log (set in workers only)."""
+
+
+class _Stopped(BaseException):
+    """The parent wants this worker to end: unwinds through the writers, which remove their unfinished files."""
+
+
+def side_by_side(
+    sources: Sequence[Source | Nothing], folder: Path, options: DetectOptions, jobs: int
+) -> Iterator[Outcome]:
+    """Outcomes in the order of `sources`, from `jobs` worker processes.
+
+    No more logs are handed out than there are workers, so that only these are done again when a worker dies.
+    """
+    pool = _pool(jobs)
+    waiting = deque(range(len(sources)))
+    running: dict[int, Future[Outcome]] = {}
+    done: dict[int, Outcome] = {}
+    try:
+        for turn in range(len(sources)):
+            while turn not in done:
+                try:
+                    while waiting and len(running) < jobs:
+                        running[waiting[0]] = pool.submit(_work, sources[waiting[0]], folder, options)
+                        waiting.popleft()
+                    _collect(running, done)
+                except BrokenProcessPool:
+                    wait(running.values())
+                    _collect_whole(running, done)
+                    for index in sorted(running):
+                        done[index] = _again(sources[index], folder, options)
+                    running.clear()
+                    pool.shutdown()
+                    pool = _pool(jobs)
+            yield done.pop(turn)
+    except BaseException:
+        _stop(pool)
+        raise
+    pool.shutdown()
+
+
+def _collect(running: dict[int, Future[Outcome]], done: dict[int, Outcome]) -> None:
+    """Wait until some of `running` have ended and move them to `done`."""
+    wait(running.values(), return_when=FIRST_COMPLETED)
+    for index in [index for index, future in running.items() if future.done()]:
+        done[index] = running[index].result()
+        del running[index]
+
+
+def _collect_whole(running: dict[int, Future[Outcome]], done: dict[int, Outcome]) -> None:
+    """Move to `done` what had ended before the pool broke."""
+    for index in [index for index, future in running.items() if future.exception() is None]:
+        done[index] = running.pop(index).result()
+
+
+def _again(source: Source | Nothing, folder: Path, options: DetectOptions) -> Outcome:
+    """Do one log again, alone in a fresh pool, after a worker died."""
+    pool = _pool(1)
+    try:
+        outcome = pool.submit(_work, source, folder, options).result()
+    except BrokenProcessPool:
+        error = (
+            "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
+        )
+        return Outcome(source.label, INTERNAL_ERROR, error=error)
+    except BaseException:
+        _stop(pool)
+        raise
+    pool.shutdown()
+    return replace(outcome, remark="a worker process died; this log was done again")
+
+
+def _pool(jobs: int) -> ProcessPoolExecutor:
+    # A fork of a process with threads (progress bar, Arrow) may hang; a spawned process cannot.
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_be_a_worker)
+
+
+def _stop(pool: ProcessPoolExecutor) -> None:
+    """End the workers at once."""
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in multiprocessing.active_children():
+        process.terminate()
+    for process in multiprocessing.active_children():
+        process.join(5)
+
+
+def _be_a_worker() -> None:
+    """Leave ctrl-C to the parent, which says when to stop."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave)
+
+
+def _leave(number: int, frame: object) -> None:
+    if not _working:
+        os._exit(1)
+    raise _Stopped
+
+
+def _work(source: Source | Nothing, folder: Path, options: DetectOptions) -> Outcome:
+    """One log, in a worker process."""
+    global _working
+    _working = True
+    try:
+        return outcome_of(source, lambda log: detect_to_files(log, folder, options))
+    except _Stopped:
+        os._exit(1)
+    finally:
+        _working = False

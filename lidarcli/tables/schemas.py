@@ -1,0 +1,131 @@
+"""The declared schema of every table: columns, types, and the unit and meaning of each column."""
+
+from __future__ import annotations
+
+import pyarrow as pa
+
+TEXT = pa.dictionary(pa.int32(), pa.string())
+STAMP = pa.timestamp("ns", tz="UTC")
+INT32, INT64, FLOAT = pa.int32(), pa.int64(), pa.float64()
+
+
+def column(name: str, kind: pa.DataType, unit: str, description: str) -> pa.Field:
+    """A column with its unit (`1` for a count or an index, empty for text) and one line of meaning."""
+    return pa.field(name, kind, metadata={b"unit": unit.encode(), b"description": description.encode()})
+
+
+VERTEX = pa.struct(
+    [
+        column("theta", FLOAT, "rad", "bearing of the vertex"),
+        column("r", FLOAT, "m", "range of the vertex"),
+        column("kind", pa.string(), "", "start, end, corner or extremum"),
+    ]
+)
+FACE = pa.struct(
+    [
+        column("theta_i", FLOAT, "rad", "bearing where the face begins"),
+        column("theta_f", FLOAT, "rad", "bearing where the face ends"),
+        column("length", FLOAT, "m", "length of the face"),
+        column("rms", FLOAT, "m", "rms distance of its points from a straight face"),
+    ]
+)
+
+
+def _list(item: pa.DataType) -> pa.DataType:
+    # The element is named as Parquet names it, whatever the default of the pyarrow at hand.
+    return pa.list_(pa.field("element", item))
+
+
+_LOG = column("log", TEXT, "", "log the sweep comes from")
+_TOPIC = column("topic", TEXT, "", "LaserScan topic")
+_FRAME = column("frame_id", TEXT, "", "sensor frame of the sweep")
+_SWEEP = column("sweep", INT64, "1", "index of the sweep within its topic, in log order, from 0")
+_STAMP = column("stamp", STAMP, "ns", "header stamp, or the log's record time where the header has none")
+
+OBJECTS = pa.schema(
+    [
+        _LOG,
+        _TOPIC,
+        _FRAME,
+        _SWEEP,
+        _STAMP,
+        column("object", INT32, "1", "number of the object in its sweep, 1, 2, ... by increasing theta_i"),
+        column("set", TEXT, "", "O object, A agent, S wall (with --walls)"),
+        column("shape", TEXT, "", "prismatic, round, legged, irregular, unknown or wall"),
+        column("visibility", TEXT, "", "full, start_hidden, end_hidden, both_hidden or cut"),
+        column(
+            "beam_i", INT32, "1", "first beam, from 0; greater than beam_f when the object crosses the seam"
+        ),
+        column("beam_f", INT32, "1", "last beam, inclusive"),
+        column("beams", INT32, "1", "number of valid beams of the object"),
+        column("theta_i", FLOAT, "rad", "bearing of the first point P_i"),
+        column("theta_f", FLOAT, "rad", "bearing of the last point P_f; may pass pi, never below theta_i"),
+        column("r_i", FLOAT, "m", "range of P_i"),
+        column("r_f", FLOAT, "m", "range of P_f"),
+        column("s_i", FLOAT, "m", "signed difference on entering the object; null where undefined"),
+        column("s_f", FLOAT, "m", "signed difference on leaving the object; null where undefined"),
+        column("d_th", FLOAT, "m", "threshold of a discontinuity that was used"),
+        column("theta_min", FLOAT, "rad", "bearing of the point nearest to the scanner"),
+        column("r_min", FLOAT, "m", "range of the point nearest to the scanner"),
+        column("x", FLOAT, "m", "centroid of the points, sensor frame, forward"),
+        column("y", FLOAT, "m", "centroid of the points, sensor frame, left"),
+        column("width", FLOAT, "m", "chord from P_i to P_f"),
+        column("box_x", FLOAT, "m", "centre of the oriented bounding box, sensor frame, forward"),
+        column("box_y", FLOAT, "m", "centre of the oriented bounding box, sensor frame, left"),
+        column("box_length", FLOAT, "m", "longer side of the box"),
+        column("box_width", FLOAT, "m", "shorter side of the box"),
+        column("box_yaw", FLOAT, "rad", "direction of the longer side, sensor frame"),
+        column("vertices", _list(VERTEX), "", "vertices in order of bearing"),
+        column("faces", _list(FACE), "", "faces between the vertices"),
+        column("difference", FLOAT, "m", "median of r_w - r_e over its beams; null without a background"),
+        column("change", TEXT, "", "appeared or removed; null without a background"),
+        column("track", INT64, "1", "track of the object; null until tracked"),
+        column("world_x", FLOAT, "m", "box centre in the world frame; null without a pose"),
+        column("world_y", FLOAT, "m", "box centre in the world frame; null without a pose"),
+        column("world_yaw", FLOAT, "rad", "box yaw in the world frame; null without a pose"),
+    ]
+)
+
+SWEEPS = pa.schema(
+    [
+        _LOG,
+        _TOPIC,
+        _FRAME,
+        _SWEEP,
+        _STAMP,
+        column("beams", INT32, "1", "beams of the sweep"),
+        column("valid", INT32, "1", "beams with a range"),
+        column("no_return", INT32, "1", "beams without a return"),
+        column("too_close", INT32, "1", "beams below the range limit"),
+        column("invalid", INT32, "1", "beams without a usable value"),
+        column("d_mean", FLOAT, "m", "mean of |s|, the threshold of Def. 3; null without a difference"),
+        column("d_th", FLOAT, "m", "threshold of a discontinuity that was used"),
+        column("noise", FLOAT, "m", "estimated standard deviation of the ranges"),
+        column("objects", INT32, "1", "objects in the sweep (set O)"),
+        column("agents", INT32, "1", "agents in the sweep (set A)"),
+        column("object_beams", INT32, "1", "beams of set O"),
+        column("agent_beams", INT32, "1", "beams of set A"),
+        column("noise_beams", INT32, "1", "beams of set S; the three sets sum to beams (Def. 4)"),
+        column("pose_x", FLOAT, "m", "sensor position in the world frame; null without a pose"),
+        column("pose_y", FLOAT, "m", "sensor position in the world frame; null without a pose"),
+        column("pose_yaw", FLOAT, "rad", "sensor yaw in the world frame; null without a pose"),
+    ]
+)
+
+BEAMS = pa.schema(
+    [
+        _LOG,
+        _TOPIC,
+        _SWEEP,
+        column("beam", INT32, "1", "index of the beam in its sweep, from 0"),
+        column("theta", FLOAT, "rad", "bearing of the beam"),
+        column("r", FLOAT, "m", "range; null where the beam has none"),
+        column("status", TEXT, "", "valid, no_return, too_close or invalid"),
+        column("s", FLOAT, "m", "signed difference to the beam before; null where undefined"),
+        column("set", TEXT, "", "O, A or S (Def. 4)"),
+        column("object", INT32, "1", "number of the object the beam belongs to; null in S"),
+    ]
+)
+
+SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "beams": BEAMS}
+"""Table name, as in the file name `<log>.<table>.parquet` → schema."""
