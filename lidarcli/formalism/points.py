@@ -15,7 +15,7 @@ class Geometry:
     """Where the beams of a batch point, counter-clockwise whatever the sign of the increment.
 
     Position k = 0, 1, … counts the beams of a sweep by increasing bearing: with a negative increment the last beam has
-    position 0.
+    position 0, or the last but one where the last repeats the first bearing.
     """
 
     first: Float64
@@ -23,26 +23,25 @@ class Geometry:
     step: Float64
     """(S,) |angle_increment| [rad]."""
     period: Int64
-    """(S,) positions in a full turn, 0 for a partial view; one less than the beams where the first and the last beam
-    share a bearing."""
+    """(S,) positions in a full turn (`bearings`), 0 for a partial view."""
     reverse: Bool
     """(S,) whether the log counts the beams clockwise."""
-    beams: Int32
+    bearings: Int32
+    """(S,) number of distinct bearings: all beams, or all but the last where it repeats the first bearing."""
 
     @staticmethod
     def of(batch: SweepBatch) -> Geometry:
         """The geometry of each row of a batch."""
         reverse = batch.angle_increment < 0
-        last = batch.angle_min + (batch.beams - 1) * batch.angle_increment
-        period = np.where(
-            batch.closure == Closure.OPEN, 0, batch.beams - (batch.closure == Closure.SHARED)
-        ).astype(np.int64)
+        bearings = batch.beams - (batch.closure == Closure.SHARED)
+        last = batch.angle_min + (bearings - 1) * batch.angle_increment
+        period = np.where(batch.closure == Closure.OPEN, 0, bearings).astype(np.int64)
         return Geometry(
             first=np.where(reverse, last, batch.angle_min),
             step=np.abs(batch.angle_increment),
             period=period,
             reverse=reverse,
-            beams=batch.beams,
+            bearings=bearings,
         )
 
     def beam(self, row: Int64, position: Int64) -> Int64:
@@ -51,7 +50,7 @@ class Geometry:
             period = self.period[row]
             position = position - period * (position >= period) + period * ((position < 0) & (period > 0))
         if self.reverse.any():
-            position = np.where(self.reverse[row], self.beams[row] - 1 - position, position)
+            position = np.where(self.reverse[row], self.bearings[row] - 1 - position, position)
         return position
 
 
@@ -126,7 +125,7 @@ def collect(batch: SweepBatch) -> Points:
     row = np.repeat(np.arange(len(batch)), np.diff(start))
     position = flat - row * batch.width
     if geometry.reverse.any():
-        position = np.where(geometry.reverse[row], geometry.beams[row] - 1 - position, position)
+        position = np.where(geometry.reverse[row], geometry.bearings[row] - 1 - position, position)
         order = np.lexsort((position, row))
         flat, position = flat[order], position[order]
     ranges = batch.ranges.reshape(-1)[flat].astype(np.float64)

@@ -1,0 +1,122 @@
+"""Batches of sweeps for the tests: from plain lists, rotated, mirrored, cut into pieces, put together again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
+
+from lidarcli.formalism import Detection
+from lidarcli.sweeps import Closure, RangeRules, RawSweeps, SweepBatch, normalise
+
+CLOSING = {
+    NO_TURN: Closure.OPEN,
+    EACH_BEARING_ONCE: Closure.CLOSED,
+    FIRST_BEARING_TWICE: Closure.SHARED,
+}
+
+
+def raw_of(sweeps: list[Sweep], width: int | None = None) -> RawSweeps:
+    """Sweeps of any beam counts in one block, padded to the widest."""
+    beams = np.array([len(sweep.ranges) for sweep in sweeps], np.int32)
+    rows = len(sweeps)
+    # Padding may hold anything; a plausible range would do the most harm.
+    ranges = np.full((rows, width or int(beams.max(initial=0))), 1.25, np.float32)
+    for row, sweep in enumerate(sweeps):
+        ranges[row, : beams[row]] = sweep.ranges
+    return RawSweeps(
+        topic="/scan",
+        frame_ids=("laser",),
+        frame=np.zeros(rows, np.int32),
+        stamp_ns=np.arange(1, rows + 1) * 100_000_000,
+        record_ns=np.arange(1, rows + 1) * 100_000_000,
+        angle_min=np.array([sweep.angle_min for sweep in sweeps], float),
+        angle_increment=np.array([sweep.angle_increment for sweep in sweeps], float),
+        range_min=np.zeros(rows, np.float32),
+        range_max=np.full(rows, 100.0, np.float32),
+        beams=beams,
+        ranges=ranges,
+    )
+
+
+def batch_of(sweeps: list[Sweep], width: int | None = None) -> SweepBatch:
+    """The same, normalised; the closing that a sweep claims must be what its geometry says."""
+    batch = normalise(raw_of(sweeps, width), np.arange(len(sweeps)), RangeRules())
+    assert [CLOSING[sweep.closing] for sweep in sweeps] == batch.closure.tolist()
+    return batch
+
+
+ROW_FIELDS = (
+    "frame",
+    "sweep",
+    "stamp_ns",
+    "record_ns",
+    "angle_min",
+    "angle_increment",
+    "range_min",
+    "range_max",
+    "beams",
+    "ranges",
+    "status",
+    "closure",
+)
+
+
+def rows_of(batch: SweepBatch, rows: slice) -> SweepBatch:
+    """Some rows of a batch."""
+    return replace(batch, **{name: getattr(batch, name)[rows] for name in ROW_FIELDS})
+
+
+PER_OBJECT = (
+    "object",
+    "set",
+    "shape",
+    "visibility",
+    "beam_i",
+    "beam_f",
+    "beams",
+    "theta_i",
+    "theta_f",
+    "r_i",
+    "r_f",
+    "s_i",
+    "s_f",
+    "d_th",
+    "theta_min",
+    "r_min",
+    "x",
+    "y",
+    "width",
+    "box_x",
+    "box_y",
+    "box_length",
+    "box_width",
+    "box_yaw",
+)
+PER_VERTEX = ("vertex_theta", "vertex_r", "vertex_kind")
+PER_FACE = ("face_theta_i", "face_theta_f", "face_length", "face_rms")
+PER_SWEEP = (
+    "d_mean",
+    "sweep_d_th",
+    "noise",
+    "objects",
+    "agents",
+    "object_beams",
+    "agent_beams",
+    "noise_beams",
+)
+PER_BEAM = ("beam_set", "beam_object", "beam_s")
+
+
+def joined(parts: list[Detection], sizes: list[int]) -> dict[str, np.ndarray]:
+    """The arrays of consecutive detections put together as one detection of all rows would hold them."""
+    first_row = np.cumsum([0, *sizes[:-1]])
+    together = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in (*PER_OBJECT, *PER_VERTEX, *PER_FACE, *PER_SWEEP, *PER_BEAM)
+    }
+    together["row"] = np.concatenate([part.row + first for part, first in zip(parts, first_row, strict=True)])
+    for name in ("vertex_offsets", "face_offsets"):
+        together[name] = np.concatenate([np.diff(getattr(part, name)) for part in parts])
+    return together
