@@ -98,6 +98,16 @@ def _raw(sensor: Sensor, stamp_ns: Int64, beams: Int32, increment: Float64, rang
     )
 
 
+def _depth_behind(ideal: Float64, padding: Bool) -> Float64:
+    """(S, B) how far behind each hit the surface of a neighbouring beam lies, 0 where none does."""
+    surface = np.where(np.isfinite(ideal) & ~padding, ideal, -np.inf)
+    neighbour = np.full_like(surface, -np.inf)
+    neighbour[:, 1:] = surface[:, :-1]
+    neighbour[:, :-1] = np.maximum(neighbour[:, :-1], surface[:, 1:])
+    depth: Float64 = np.maximum(neighbour - np.where(np.isfinite(ideal), ideal, np.inf), 0)
+    return depth
+
+
 class _Faults:
     """Noise, lost beams, mixed pixels and changing beam counts, each from its own random stream."""
 
@@ -121,10 +131,9 @@ class _Faults:
         measured = ideal
         if sensor.mixed_pixels:
             draw = self._uniform(self.mixed, ideal.shape, columns=2)
-            behind = np.maximum(np.roll(ideal, 1, axis=1), np.roll(ideal, -1, axis=1))
-            with np.errstate(invalid="ignore"):
-                edge = (behind - ideal > _EDGE) & np.isfinite(behind) & (draw[0] < sensor.mixed_pixels)
-            measured = np.where(edge, ideal + draw[1] * np.where(edge, behind - ideal, 0), ideal)
+            depth = _depth_behind(ideal, padding)
+            edge = (depth > _EDGE) & (draw[0] < sensor.mixed_pixels)
+            measured = np.where(edge, ideal + draw[1] * depth, ideal)
             entity[edge] = -1
         if sensor.noise:
             measured = measured + sensor.noise * self._normal(ideal.shape)

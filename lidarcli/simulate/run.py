@@ -72,7 +72,9 @@ def simulate(
         if os.path.lexists(target) and not overwrite:
             raise OutputError(f"{target}: exists already; --overwrite replaces it")
         if target.is_dir() and not _is_bag(target):
-            raise OutputError(f"{target}: is a folder that holds more than a ROS 2 bag; it will not be replaced")
+            raise OutputError(
+                f"{target}: is a folder that holds more than a ROS 2 bag; it will not be replaced"
+            )
 
     try:
         with tempfile.TemporaryDirectory(prefix=f".{log.name}.", dir=log.parent) as scratch:

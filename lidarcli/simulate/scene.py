@@ -146,7 +146,7 @@ def super_ellipse(a: float, b: float, exponent: float, points: int = 720) -> Flo
     """(points, 2) of |x/a|^n + |y/b|^n = 1, counter-clockwise from (a, 0): the course of the paper's robot.
 
     >>> super_ellipse(2.0, 1.0, 4.0, points=4).round(6).tolist()
-    [[2.0, 0.0], [0.0, 1.0], [-2.0, 0.0], [-0.0, -1.0]]
+    [[2.0, 0.0], [0.0, 1.0], [-2.0, 0.0], [0.0, -1.0]]
     """
     angle = np.arange(points) * (TURN / points)
     cos, sin = np.cos(angle).round(15), np.sin(angle).round(15)
