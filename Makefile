@@ -30,7 +30,7 @@ format: $(VENV)/installed-dev ## sort imports and format the code
 	$(BIN)/ruff format
 
 samples: $(VENV)/installed ## make the sample logs again from their scenes
-	$(BIN)/python tools/make_samples.py
+	PYTHON="$(abspath $(BIN))/python" sh samples/make.sh
 
 golden: $(VENV)/installed-dev ## accept today's tables as the expected ones (then read the diff)
 	$(BIN)/python tools/update_golden.py

@@ -1,0 +1,215 @@
+"""The generated pages of docs/: command-line options from click, tables from their Arrow schemas."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Iterator
+
+import click
+import pyarrow as pa
+
+from lidarcli import errors
+from lidarcli.cli import cli
+from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
+from lidarcli.tables import metadata
+from lidarcli.tables.schemas import SCHEMAS
+
+NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
+
+TABLES = {
+    "objects": "One row per object per sweep, ordered by topic, sweep and object.",
+    "sweeps": "One row per sweep, ordered by topic and sweep.",
+    "beams": "One row per beam of each sweep (`--beams`).",
+}
+METADATA = {
+    metadata.VERSION: "version of lidarcli",
+    metadata.PARAMETERS: "everything the result depends on, as JSON",
+    metadata.SOURCE: "name, size and format of the source log, as JSON",
+    metadata.DAMAGE: "what could not be read, a JSON list; only where the source was damaged",
+}
+OTHER_CODES = {
+    0: "Done.",
+    70: "A bug in lidarcli: a traceback, and a line that asks to report it.",
+    130: "Interrupted.",
+}
+
+
+def cli_page() -> str:
+    """docs/cli.md."""
+    context = click.Context(cli, info_name="lidarcli")
+    lines = [
+        "# Command line",
+        "",
+        NOTICE.format(source="the commands themselves"),
+        "",
+        _prose(cli.help or ""),
+        "",
+        "Standard output carries data only; messages go to standard error.",
+        "",
+        "```",
+        "lidarcli [OPTIONS] COMMAND [ARGS]...",
+        "```",
+        "",
+        *_options(cli, context),
+        "## Exit codes",
+        "",
+        "Of several logs all are processed; the first code that is not 0 is the exit code.",
+        "",
+        *_table(("code", "meaning"), ((str(code), text) for code, text in exit_codes().items())),
+    ]
+    for name in cli.list_commands(context):
+        command = cli.get_command(context, name)
+        assert command is not None  # the group lists it
+        lines += _command(command, click.Context(command, context, name))
+    return _page(lines)
+
+
+def exit_codes() -> dict[int, str]:
+    """Exit code → meaning, as errors.py states it."""
+    codes = dict(OTHER_CODES)
+    for error in errors.LidarcliError.__subclasses__():
+        codes[error.exit_code] = " ".join((error.__doc__ or "").split())
+    return dict(sorted(codes.items()))
+
+
+def tables_page() -> str:
+    """docs/tables.md."""
+    lines = [
+        "# Tables",
+        "",
+        NOTICE.format(source="the tables' schemas"),
+        "",
+        "Parquet files that pandas, DuckDB, polars and pyarrow read directly. The unit and the meaning of every column",
+        "are in its field metadata too; lengths are metres, angles radians, counter-clockwise, x forward, y left.",
+        "A table without rows is a valid file with the full schema.",
+        "",
+        "A file is written under a temporary name and renamed when it is whole. The same input and parameters give the",
+        "same bytes: the schema metadata of `objects`, `sweeps` and `beams` holds no clock and no host, only",
+        "",
+        *_table(("key", "value"), ((f"`{key}`", text) for key, text in METADATA.items())),
+    ]
+    for name, text in TABLES.items():
+        lines += [f"## {name}", "", f"`<log>.{name}.parquet`. {text}", "", *_schema(SCHEMAS[name])]
+    lines += [
+        "## truth",
+        "",
+        "`<log>.truth.parquet`, written by `simulate`. One row per sweep and visible entity.",
+        "",
+        *_schema(TRUTH),
+        "## truth-beams",
+        "",
+        "`<log>.truth-beams.parquet`, written by `simulate`. One row per beam.",
+        "",
+        *_schema(TRUTH_BEAMS),
+    ]
+    return _page(lines)
+
+
+def option_names() -> Iterator[tuple[str, str]]:
+    """Every (command, `--option`) of the command line, the group's own under the name `lidarcli`."""
+    context = click.Context(cli, info_name="lidarcli")
+    commands = {name: cli.get_command(context, name) for name in cli.list_commands(context)}
+    for name, command in {"lidarcli": cli, **commands}.items():
+        assert command is not None  # the group lists it
+        for parameter in command.params:
+            if isinstance(parameter, click.Option):
+                yield name, max(parameter.opts, key=len)
+
+
+def _command(command: click.Command, context: click.Context) -> list[str]:
+    arguments = " ".join(
+        parameter.metavar or parameter.name or ""
+        for parameter in command.params
+        if isinstance(parameter, click.Argument)
+    )
+    lines = [f"## lidarcli {context.info_name}", "", _prose(command.help or ""), ""]
+    lines += ["```", f"lidarcli {context.info_name} [OPTIONS] {arguments}", "```", ""]
+    lines += _options(command, context)
+    if command.epilog:
+        lines += ["Examples:", "", "```sh", _examples(command.epilog), "```", ""]
+    return lines
+
+
+def _options(command: click.Command, context: click.Context) -> list[str]:
+    headings: dict[str, list[click.Option]] = {}
+    for parameter in command.get_params(context):
+        if isinstance(parameter, click.Option) and parameter.name != "help":
+            headings.setdefault(getattr(parameter, "heading", "Other options"), []).append(parameter)
+    lines = []
+    for heading, options in headings.items():
+        lines += [f"**{heading}**", ""] if len(headings) > 1 else []
+        lines += _table(("option", "meaning"), ((_names(option), _meaning(option)) for option in options))
+    return lines
+
+
+def _names(option: click.Option) -> str:
+    names = ", ".join(f"`{name}`" for name in (*option.opts, *option.secondary_opts))
+    value = _metavar(option)
+    return f"{names} `{value}`" if value else names
+
+
+def _metavar(option: click.Option) -> str:
+    """What stands for the option's value; click spells it differently from release to release."""
+    if option.is_flag or option.count:
+        return ""
+    if option.metavar:
+        return option.metavar
+    if isinstance(option.type, click.Choice):
+        return "|".join(map(str, option.type.choices))
+    return getattr(option.type, "metavar", None) or option.type.name.upper()
+
+
+def _meaning(option: click.Option) -> str:
+    text = " ".join((option.help or "").split()).replace("<", "&lt;")
+    if isinstance(option.show_default, str):
+        return f"{text} [default: {option.show_default}]"
+    if option.show_default and option.default is not None:
+        return f"{text} [default: {option.default}]"
+    return text
+
+
+def _schema(schema: pa.Schema) -> list[str]:
+    return _table(("column", "type", "unit", "meaning"), (_column(field) for field in schema))
+
+
+def _column(field: pa.Field) -> tuple[str, str, str, str]:
+    notes = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
+    meaning = notes["description"]
+    if pa.types.is_list(field.type):
+        parts = ", ".join(f"`{part.name}`" for part in field.type.value_type)
+        meaning = f"{meaning}, each {parts}"
+    return f"`{field.name}`", f"`{_type(field.type)}`", notes.get("unit", ""), meaning
+
+
+def _type(kind: pa.DataType) -> str:
+    if pa.types.is_dictionary(kind):
+        return f"dictionary<{_type(kind.value_type)}>"
+    if pa.types.is_list(kind):
+        return f"list<{_type(kind.value_type)}>"
+    if pa.types.is_struct(kind):
+        return "struct"
+    if pa.types.is_timestamp(kind):
+        return f"timestamp[{kind.unit}, {kind.tz}]"
+    return str(kind)
+
+
+def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> list[str]:
+    def line(cells: tuple[str, ...]) -> str:
+        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+    return [line(head), "|" + "---|" * len(head), *map(line, rows), ""]
+
+
+def _examples(epilog: str) -> str:
+    """The commands of an epilog, without its headline and click's marks."""
+    body = epilog.split("\b\n", 1)[-1] if "\b" in epilog else epilog
+    return textwrap.dedent(body).strip()
+
+
+def _prose(text: str) -> str:
+    return inspect.cleandoc(text).replace("\b\n", "").replace("<", "&lt;")
+
+
+def _page(lines: list[str]) -> str:
+    return "\n".join(lines).strip() + "\n"
