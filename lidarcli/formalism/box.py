@@ -8,11 +8,11 @@ import numpy as np
 
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.points import Cloud
-from lidarcli.formalism.ragged import span_max, span_min
+from lidarcli.formalism.ragged import span_first, span_max, span_min, spans
 from lidarcli.sweeps import Float64, Int64
 
-DIRECTIONS = 3
-"""How many of its longest faces propose the direction of a box."""
+RIGHT_ANGLE = np.deg2rad(5.0)
+"""Faces closer to a right angle than this propose the same box."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Boxes:
 def bounding_boxes(
     points: Cloud, index: Int64, owner: Int64, offsets: Int64, faces: Faces, face: Int64, face_offsets: Int64
 ) -> Boxes:
-    """Smallest of the rectangles around each object that have a side along one of its longest faces, or its chord.
+    """The smaller of the rectangles around each object that have a side along one of its two longest faces.
 
     Parameters
     ----------
@@ -42,23 +42,20 @@ def bounding_boxes(
     Boxes of K objects
     """
     x, y = points.x[index], points.y[index]
-    count = len(offsets) - 1
-    angles = _face_angles(faces, face, face_offsets, count)
-    chord = np.arctan2(y[offsets[1:] - 1] - y[offsets[:-1]], x[offsets[1:] - 1] - x[offsets[:-1]])
-    angles.append(np.where(np.diff(offsets) > 1, chord, 0.0))
-    best = None
-    for angle in angles:
-        cos, sin = np.cos(angle), np.sin(angle)
-        along = x * cos[owner] + y * sin[owner]
-        across = y * cos[owner] - x * sin[owner]
-        low_u, high_u = span_min(along, offsets), span_max(along, offsets)
-        low_v, high_v = span_min(across, offsets), span_max(across, offsets)
-        area = (high_u - low_u) * (high_v - low_v)
-        found = np.stack([area, angle, low_u, high_u, low_v, high_v])
-        best = found if best is None else np.where(area < best[0], found, best)
-    if best is None:
-        best = np.zeros((6, count))
-    _, angle, low_u, high_u, low_v, high_v = best
+    longest, second = _two_longest(faces, face, face_offsets)
+    first, last = offsets[:-1], offsets[1:] - 1
+    angle = np.where(longest >= 0, faces.angle[longest], np.arctan2(y[last] - y[first], x[last] - x[first]))
+    rectangle = _rectangle(x, y, angle, owner, offsets)
+    # A second direction matters only where the two longest faces are not at right angles anyway.
+    turn = np.abs(np.sin(2.0 * (faces.angle[second] - angle)))
+    oblique = np.flatnonzero((second >= 0) & (turn > np.sin(2.0 * RIGHT_ANGLE)))
+    part, part_owner, part_offsets = spans(first[oblique], np.diff(offsets)[oblique])
+    other = _rectangle(x[part], y[part], faces.angle[second[oblique]], part_owner, part_offsets)
+    better = other.area < rectangle.area[oblique]
+    for name in ("angle", "low_u", "high_u", "low_v", "high_v"):
+        getattr(rectangle, name)[oblique[better]] = getattr(other, name)[better]
+    angle, low_u, high_u = rectangle.angle, rectangle.low_u, rectangle.high_u
+    low_v, high_v = rectangle.low_v, rectangle.high_v
     middle_u, middle_v = 0.5 * (low_u + high_u), 0.5 * (low_v + high_v)
     cos, sin = np.cos(angle), np.sin(angle)
     length, width = high_u - low_u, high_v - low_v
@@ -73,19 +70,49 @@ def bounding_boxes(
     )
 
 
-def _face_angles(faces: Faces, face: Int64, face_offsets: Int64, count: int) -> list[Float64]:
-    """Directions [rad] of the `DIRECTIONS` longest faces of each object; the longest again where there are fewer."""
+@dataclass(frozen=True, slots=True)
+class _Rectangle:
+    """(K,) each: bounds along the direction `angle` [rad] and across it [m]."""
+
+    angle: Float64
+    low_u: Float64
+    high_u: Float64
+    low_v: Float64
+    high_v: Float64
+
+    @property
+    def area(self) -> Float64:
+        area: Float64 = (self.high_u - self.low_u) * (self.high_v - self.low_v)
+        return area
+
+
+def _rectangle(x: Float64, y: Float64, angle: Float64, owner: Int64, offsets: Int64) -> _Rectangle:
+    """Bounds of the points of each object in the direction `angle` (K,)."""
+    cos, sin = np.cos(angle)[owner], np.sin(angle)[owner]
+    along, across = x * cos + y * sin, y * cos - x * sin
+    return _Rectangle(
+        angle.copy(),
+        span_min(along, offsets),
+        span_max(along, offsets),
+        span_min(across, offsets),
+        span_max(across, offsets),
+    )
+
+
+def _two_longest(faces: Faces, face: Int64, face_offsets: Int64) -> tuple[Int64, Int64]:
+    """The longest face of each object and the next longest, -1 where there is none. (K,) each."""
     sizes = np.diff(face_offsets)
-    owner = np.repeat(np.arange(count), sizes)
-    order = np.lexsort((-faces.length[face], owner))
-    ranked = face[order]
-    angles = []
-    for rank in range(DIRECTIONS):
-        has = sizes > rank
-        if not has.any():
-            break
-        pick = face_offsets[:-1] + np.where(has, rank, 0)
-        chosen = ranked[np.minimum(pick, len(ranked) - 1)]
-        angle = np.arctan2(faces.direction_y[chosen], faces.direction_x[chosen])
-        angles.append(np.where(sizes > 0, angle, 0.0))
-    return angles
+    longest, second = np.full(len(sizes), -1), np.full(len(sizes), -1)
+    some = np.flatnonzero(sizes > 0)
+    if not len(some):
+        return longest, second
+    offsets = np.append(face_offsets[some], len(face))
+    owner = np.repeat(np.arange(len(some)), sizes[some])
+    length = faces.length[face].copy()
+    best = span_first(length == span_max(length, offsets)[owner], owner, len(some))
+    longest[some] = face[best]
+    length[best] = -1.0
+    many = sizes[some] > 1
+    next_best = span_first(length == span_max(length, offsets)[owner], owner, len(some))
+    second[some[many]] = face[next_best[many]]
+    return longest, second

@@ -9,18 +9,20 @@ from lidarcli.formalism.describe import Segmentation, describe
 from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.difference import predecessor_gap
 from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
-from lidarcli.formalism.faces import faces_between, split_straight
+from lidarcli.formalism.faces import faces_between, outline, split_straight
 from lidarcli.formalism.objects import fully_visible, partly_visible
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
 from lidarcli.formalism.threshold import mean_difference, noise, noise_threshold
-from lidarcli.formalism.walls import extent, on_wall_lines
+from lidarcli.formalism.walls import chord, extent, on_wall_lines
 from lidarcli.sweeps import Float64, SweepBatch
 
 STRAIGHT = 0.02
 """[m] A face may leave its chord by this much plus three times the noise."""
 STRAIGHT_NOISE = 3.0
+WALL_POINTS = 32
+"""A run that is too wide for an object is thinned to this many points before its lines are sought."""
 
 
 def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam: bool = False) -> Detection:
@@ -51,10 +53,11 @@ def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam:
     d_mean = mean_difference(s, missing, points)
     sweep_d_th = _sweep_threshold(d_mean, sigma, parameters)
     adaptive = parameters.threshold == "adaptive"
-    if adaptive:
-        jump = one_sided_jumps(points, s, sigma, parameters.max_gap)
-    else:
-        jump = jumps(s, sweep_d_th[points.row])
+    jump = (
+        one_sided_jumps(points, s, sigma, parameters.max_gap)
+        if adaptive
+        else jumps(s, sweep_d_th[points.row])
+    )
     runs = split(batch, points, s, missing, jump, parameters.max_gap)
     if parameters.profile == "paper":
         segmentation = _literal(runs, sweep_d_th, parameters)
@@ -75,7 +78,7 @@ def _sweep_threshold(d_mean: Float64, sigma: Float64, parameters: Parameters) ->
 def _literal(runs: Runs, d_th: Float64, parameters: Parameters) -> Segmentation:
     """Profile `paper`: Definitions 5 to 7 as printed."""
     extremum, corner = vertices.literal(runs, d_th)
-    faces = faces_between(runs, extremum | corner)
+    faces = faces_between(outline(runs, runs.size), extremum | corner)
     small = extent(runs, faces) <= parameters.max_width
     enough = runs.size >= parameters.min_beams
     visible = fully_visible(runs)
@@ -89,12 +92,15 @@ def _literal(runs: Runs, d_th: Float64, parameters: Parameters) -> Segmentation:
 
 def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
     """Profile `robust`: the same definitions with the estimates a real sensor needs."""
-    corner = split_straight(runs, STRAIGHT + STRAIGHT_NOISE * sigma[runs.row])
-    faces = faces_between(runs, corner)
-    small = extent(runs, faces) <= parameters.max_width
     enough = runs.size >= parameters.min_beams
+    narrow = chord(runs) <= parameters.max_width
+    candidate = enough & narrow & partly_visible(runs)
+    shape = outline(runs, np.where(candidate, runs.size, np.where(narrow, 0, WALL_POINTS)))
+    corner = split_straight(shape, STRAIGHT + STRAIGHT_NOISE * sigma[runs.row])
+    faces = faces_between(shape, corner)
+    small = extent(runs, faces) <= parameters.max_width
+    candidate &= small
     wall = ~small & enough
-    candidate = small & enough & partly_visible(runs)
     on_wall = on_wall_lines(runs, faces, wall, candidate, sigma)
     return Segmentation(
         faces=faces,

@@ -132,11 +132,24 @@ def collect(batch: SweepBatch) -> Points:
     return Points(geometry, start, row, position, ranges)
 
 
-def place(batch: SweepBatch, points: Points, order: Int64, position: Int64) -> Cloud:
-    """Put the points in another order within their rows, at the given positions, and give them coordinates."""
-    ranges = points.range[order]
-    beam = points.geometry.beam(points.row, position)
+def place(batch: SweepBatch, points: Points, order: Int64, beyond: Bool | None) -> Cloud:
+    """Put the points in another order within their rows and give them coordinates.
+
+    Parameters
+    ----------
+    batch : the sweeps the points come from
+    points : M points
+    order : (M,) which point comes where
+    beyond : (M,) whether a point now lies past the seam; None: none does
+    """
+    ranges, position = points.range[order], points.position[order]
+    reverse = points.geometry.reverse
+    beam = position
+    if reverse.any():
+        beam = np.where(reverse[points.row], points.geometry.bearings[points.row] - 1 - position, position)
     cos, sin = _directions(batch, points.row, beam)
+    if beyond is not None:
+        position = position + beyond * points.geometry.period[points.row]
     return Cloud(points.geometry, points.start, points.row, position, ranges, ranges * cos, ranges * sin)
 
 
@@ -159,13 +172,19 @@ def neighbour(points: Points, index: Int64, offset: int) -> tuple[Int64, Int64, 
     position : their positions, beyond the turn (or below 0) where the seam lies between
     exists : whether there is such a point
     """
+    other = index + offset
+    np.clip(other, 0, len(points) - 1, out=other)
     row = points.row[index]
-    begin, end = points.start[row], points.start[row + 1]
-    moved = index + offset
-    size = end - begin
-    turns = (moved >= end).astype(np.int64) - (moved < begin)
-    other = moved - turns * size
-    period = points.geometry.period[row]
-    exists = (turns == 0) | ((period > 0) & (other >= begin) & (other < end))
-    other = np.clip(other, begin, end - 1)
-    return other, points.position[other] + turns * period, exists
+    position = points.position[other]
+    outside = np.flatnonzero((points.row[other] != row) | (other != index + offset))
+    exists = np.ones(len(index), bool)
+    if len(outside):
+        row = row[outside]
+        begin, end = points.start[row], points.start[row + 1]
+        period = points.geometry.period[row]
+        turn = 1 if offset > 0 else -1
+        over = index[outside] + offset - turn * (end - begin)
+        exists[outside] = (period > 0) & (over >= begin) & (over < end)
+        other[outside] = np.clip(over, begin, end - 1)
+        position[outside] = points.position[other[outside]] + turn * period
+    return other, position, exists

@@ -68,8 +68,8 @@ def split(
     max_gap : a gap of more beams without a range is a discontinuity by itself
     """
     broken = jump | (missing > max_gap)
-    order, position, first_break = _from_first_break(points, broken)
-    cloud = place(batch, points, order, position)
+    order, beyond, any_break = _from_first_break(points, broken)
+    cloud = place(batch, points, order, beyond)
     begins = broken[order]
     begins[points.start[:-1][np.diff(points.start) > 0]] = True
     first = np.flatnonzero(begins)
@@ -82,7 +82,7 @@ def split(
     ends_row = start[1:] == points.start[row + 1]
     wraps = points.geometry.period[row] > 0
     following = np.where(ends_row, points.start[row], following)
-    whole = (points.start[row] == first) & ends_row & ~first_break[row]
+    whole = (points.start[row] == first) & ends_row & ~any_break[row]
     exists = ~ends_row | wraps
     entering, leaving = order[first], order[following]
     s_start, s_end = s[entering], np.where(exists, s[leaving], np.nan)
@@ -96,28 +96,30 @@ def split(
     return Runs(cloud, start, row, start_edge, end_edge, s_start, s_end)
 
 
-def _from_first_break(points: Points, broken: Bool) -> tuple[Int64, Int64, Bool]:
+def _from_first_break(points: Points, broken: Bool) -> tuple[Int64, Bool | None, Bool]:
     """Turn each full-turn row so that it starts at its first discontinuity: no run then crosses the end of its row.
 
-    Returns the order (M,), the positions in that order (M,), and per row whether it has a discontinuity at all.
+    Returns the order (M,), which points of that order lie past the seam (M,) or None, and which rows have any
+    discontinuity (S,).
     """
-    count = len(points)
-    order = np.arange(count)
+    order = np.arange(len(points))
     at = np.flatnonzero(broken)
+    row = points.row[at]
+    leads = np.ones(len(at), bool)
+    leads[1:] = row[1:] != row[:-1]
     rows = len(points.start) - 1
     any_break = np.zeros(rows, bool)
-    any_break[points.row[at]] = True
-    row, index = np.unique(points.row[at], return_index=True)
+    any_break[row] = True
     shift = np.zeros(rows, np.int64)
-    shift[row] = at[index] - points.start[row]
+    shift[row[leads]] = at[leads] - points.start[row[leads]]
     shift[points.geometry.period == 0] = 0
     if not shift.any():
-        return order, points.position, any_break
+        return order, None, any_break
     size = np.diff(points.start)
-    moved = order + shift[points.row]
-    beyond = moved >= points.start[points.row + 1]
-    moved -= beyond * size[points.row]
-    return moved, points.position[moved] + beyond * points.geometry.period[points.row], any_break
+    order += np.repeat(shift, size)
+    beyond = order >= np.repeat(points.start[1:], size)
+    order -= beyond * np.repeat(size, size)
+    return order, beyond, any_break
 
 
 def _edge(

@@ -79,7 +79,8 @@ def noise(batch: SweepBatch) -> Float64:
     count = np.count_nonzero(np.isfinite(second), axis=1)
     median = second[np.arange(rows), np.maximum(count - 1, 0) // 2] if width else np.zeros(rows)
     sigma = np.where(count > 0, median, 0.0) * (MEDIAN_TO_SIGMA / SECOND_DIFFERENCE_GAIN)
-    return np.maximum(sigma, NOISE_FLOOR)
+    noise: Float64 = np.maximum(sigma, NOISE_FLOOR)
+    return noise
 
 
 def _close(second: Float32, u: Float32, cosine: Float32, batch: SweepBatch) -> None:

@@ -20,21 +20,23 @@ REACH_LIMIT = 0.15
 """[m] Greatest distance at which a piece still counts as on the line, however uncertain the line is."""
 
 
+def chord(runs: Runs) -> Float64:
+    """(R,) distance of the first and the last point of a run [m]."""
+    x, y = runs.points.x, runs.points.y
+    distance: Float64 = np.hypot(x[runs.last] - x[runs.first], y[runs.last] - y[runs.first])
+    return distance
+
+
 def extent(runs: Runs, faces: Faces) -> Float64:
     """(R,) how far a run reaches [m]: the greatest distance of a vertex from its first or last point."""
-    points = runs.points
-    reach = np.hypot(points.x[runs.last] - points.x[runs.first], points.y[runs.last] - points.y[runs.first])
-    filled = np.flatnonzero(np.diff(faces.offsets) > 0)
-    if len(filled):
-        offsets = np.append(faces.offsets[filled], len(faces))
-        for end in (runs.first, runs.last):
-            anchor = end[faces.run]
-            away = np.hypot(points.x[faces.last] - points.x[anchor], points.y[faces.last] - points.y[anchor])
-            reach[filled] = np.maximum(reach[filled], span_max(away, offsets))
-            away = np.hypot(
-                points.x[faces.first] - points.x[anchor], points.y[faces.first] - points.y[anchor]
-            )
-            reach[filled] = np.maximum(reach[filled], span_max(away, offsets))
+    x, y = runs.points.x, runs.points.y
+    reach = chord(runs)
+    filled = np.flatnonzero(np.diff(faces.offsets) > 1)
+    face, owner, offsets = spans(faces.offsets[filled], np.diff(faces.offsets)[filled])
+    at = faces.last[face]
+    for anchor in (runs.first[filled], runs.last[filled]):
+        away = np.square(x[at] - x[anchor][owner]) + np.square(y[at] - y[anchor][owner])
+        reach[filled] = np.maximum(reach[filled], np.sqrt(span_max(away, offsets)))
     return reach
 
 
@@ -53,8 +55,7 @@ def on_wall_lines(runs: Runs, faces: Faces, wall: Bool, candidate: Bool, sigma: 
     (R,) True where most of the length of a candidate lies on the line of some wall of its sweep
     """
     rows = len(runs.points.start) - 1
-    size = faces.last - faces.first + 1
-    line = np.flatnonzero(wall[faces.run] & (faces.length >= LINE_LENGTH) & (size >= LINE_POINTS))
+    line = np.flatnonzero(wall[faces.run] & (faces.length >= LINE_LENGTH) & (faces.points >= LINE_POINTS))
     lines = offsets_of(np.bincount(runs.row[faces.run[line]], minlength=rows))
     piece = np.flatnonzero(candidate[faces.run])
     row = runs.row[faces.run[piece]]
@@ -73,8 +74,7 @@ def _within(points: Cloud, faces: Faces, line: Int64, piece: Int64, sigma: Float
     middle_x, middle_y = faces.middle_x[line], faces.middle_y[line]
     direction_x, direction_y = faces.direction_x[line], faces.direction_y[line]
     length = faces.length[line]
-    count = (faces.last - faces.first + 1)[line]
-    spread = np.maximum(faces.rms[line], sigma) / np.sqrt(count)
+    spread = np.maximum(faces.rms[line], sigma) / np.sqrt(faces.points[line])
     fits = np.ones(len(line), bool)
     for end in (faces.first[piece], faces.last[piece]):
         dx, dy = points.x[end] - middle_x, points.y[end] - middle_y
