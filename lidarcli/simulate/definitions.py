@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
@@ -10,6 +10,9 @@ ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TF = "tf2_msgs/msg/TFMessage"
+
+# The ROS 1 store knows the transforms, but not the message of tf2 that carries them.
+ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
 
 RULE = "=" * 80
 

@@ -1,0 +1,190 @@
+"""Scene files: what they mean, and one clear line for whatever is wrong with them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarcli.errors import LidarcliError, OptionError, UnreadableError
+from lidarcli.simulate.load import load_scene
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+
+
+@pytest.fixture
+def load(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def from_text(text):
+        Path("scene.toml").write_text(text, encoding="utf-8")
+        return load_scene("scene.toml")
+
+    return from_text
+
+
+def test_an_empty_file_is_the_default_sensor_in_the_void(load):
+    scene = load("")
+    assert (scene.name, scene.sweeps, scene.entities, scene.odometry) == ("scene", 100, (), None)
+    assert (scene.sensor.beams, scene.sensor.range_min, scene.sensor.range_max) == (361, 0.1, 12.0)
+    assert scene.sensor.angle_min == pytest.approx(-np.pi)
+    assert scene.sensor.angle_increment == pytest.approx(np.radians(1))
+
+
+@pytest.mark.parametrize(
+    ("view", "first", "last"),
+    [
+        ("beams = 361", -180, 180),
+        ("beams = 360\nfov = 360", -180, 179),
+        ("beams = 271\nfov = 270", -135, 135),
+        ("beams = 5\nangle_min = 0\nangle_max = 40", 0, 40),
+        ("beams = 5\nangle_min = 0\nangle_max = 40\nclockwise = true", 40, 0),
+        ("beams = 360\nfov = 360\nclockwise = true", 179, -180),
+    ],
+)
+def test_views(load, view, first, last):
+    bearings = np.degrees(load(f"[sensor]\n{view}").sensor.bearings())
+    assert bearings[[0, -1]] == pytest.approx([first, last])
+
+
+def test_entities_in_the_order_of_the_file(load):
+    scene = load(
+        """
+        [[box]]
+        x = 1
+        y = 2
+        length = 0.5
+        width = 0.25
+        yaw = 90
+        [[wall]]
+        points = [[0, 0], [2, 0], [2, 3]]
+        closed = true
+        [[person]]
+        x = 0
+        y = 0
+        velocity = [0, 1.5]
+        appears = 2
+        [[ladder]]
+        x = 3
+        y = 3
+        """
+    )
+    box, wall, person, ladder = scene.entities
+    assert [e.kind for e in scene.entities] == ["box", "wall", "person", "ladder"]
+    assert (box.x, box.y, box.length, box.width, box.yaw) == (1, 2, 0.5, 0.25, np.pi / 2)
+    assert wall.wall
+    assert (wall.segments + [wall.x, wall.y] * 2).tolist() == [[0, 0, 2, 0], [2, 0, 2, 3], [2, 3, 0, 0]]
+    assert person.yaw == pytest.approx(np.pi / 2)
+    assert (person.motion.stride, person.motion.cadence) == (0.5, 1.5)
+    assert (person.motion.appears, person.motion.disappears) == (2, np.inf)
+    assert len(ladder.segments) == 16
+
+
+def test_a_robot_on_a_course(load):
+    scene = load(
+        "[robot]\nx = 1\ny = -1\nsuper_ellipse = { a = 2, b = 1, exponent = 2 }\nspeed = 0.3\n[robot.odometry]"
+    )
+    assert np.hypot(*((scene.path.points - [1, -1]) / [2, 1]).T) == pytest.approx(1)
+    assert scene.odometry is not None
+    assert (scene.odometry.topic, scene.odometry.frame_id, scene.odometry.tf) == ("/odom", "odom", True)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[[boxx]]", "the scene: unknown key 'boxx'; did you mean 'box'?"),
+        (
+            "x = 1",
+            "the scene: unknown key 'x'; known keys: scene, sensor, robot, wall, box, cylinder, ladder, "
+            "chair, table, plant, person",
+        ),
+        ("[[box]]\nx = 1", "[[box]] number 1: 'length' is missing"),
+        (
+            "[[cylinder]]\nx=1\ny=1\nradius=1\n[[cylinder]]\nx=1\ny=1\nradius=-1",
+            "[[cylinder]] number 2: 'radius' must be above 0, not -1",
+        ),
+        (
+            "[[cylinder]]\nx=1\ny=1\nradius=1\nvelocty=[1,0]",
+            "[[cylinder]] number 1: unknown key 'velocty'; did you mean 'velocity'?",
+        ),
+        (
+            "[[cylinder]]\nx='a'\ny=1\nradius=1",
+            "[[cylinder]] number 1: 'x' must be a number, not the text 'a'",
+        ),
+        ("[[cylinder]]\nx=nan\ny=1\nradius=1", "[[cylinder]] number 1: 'x' must be finite, not nan"),
+        (
+            "[[cylinder]]\nx=1\ny=1\nradius=1\nvelocity=[1]",
+            "[[cylinder]] number 1: 'velocity' must be two finite numbers, as [0.5, -1.0]",
+        ),
+        (
+            "[[wall]]\npoints = [[1, 2]]",
+            "[[wall]] number 1: 'points' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
+        ),
+        (
+            "[[wall]]\npoints = [[1, 2], [3]]",
+            "[[wall]] number 1: 'points' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
+        ),
+        (
+            "[[ladder]]\nx=1\ny=1\nleg=0.3",
+            "[[ladder]] number 1: 'leg' must be above 0 and at most 0.2, not 0.3",
+        ),
+        ("[sensor]\nbeams = 0", "[sensor]: 'beams' must be at least 1 and at most 100000, not 0"),
+        ("[sensor]\nbeams = 1.5", "[sensor]: 'beams' must be a whole number, not 1.5"),
+        (
+            "[sensor]\nlost_as = 'foo'",
+            "[sensor]: 'lost_as' must be one of inf, nan, mixed, zero, max, not 'foo'",
+        ),
+        (
+            "[sensor]\nfov = 90\nangle_min = 0",
+            "[sensor]: 'fov' and angle_min/angle_max exclude each other: leave one out",
+        ),
+        (
+            "[sensor]\nangle_min = 10\nangle_max = 0",
+            "[sensor]: 'angle_max' must be above angle_min; for a sensor turning clockwise set clockwise = true",
+        ),
+        ("[sensor]\nrange_max = 0.05", "[sensor]: 'range_max' must be above 0.1, not 0.05"),
+        ("[sensor]\nclockwise = 1", "[sensor]: 'clockwise' must be true or false, not 1"),
+        ("[sensor]\ntopic = ''", "[sensor]: 'topic' must be a text, not the text ''"),
+        ("[robot]\nwaypoints = [[0, 0], [1, 0]]", "[robot]: 'speed' must be above 0 for a robot that drives"),
+        (
+            "[robot]\nspeed=1\nsuper_ellipse = { a = 1, b = 1, n = 4 }",
+            "[robot.super_ellipse]: unknown key 'n'; known keys: a, b, exponent",
+        ),
+        ("scene = 3", "[scene] must be a table of keys, not 3"),
+        ("box = 3", "[[box]] number 1 must be a table of keys, not 3"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(load, text, message):
+    with pytest.raises(OptionError) as caught:
+        load(text)
+    assert str(caught.value) == f"scene.toml: {message}"
+
+
+def test_broken_files(load, tmp_path):
+    with pytest.raises(UnreadableError, match=r"^scene\.toml: not valid TOML: .*line 1"):
+        load("[scene\n")
+    with pytest.raises(
+        UnreadableError, match=r"^nowhere\.toml: cannot read the scene: No such file or directory$"
+    ):
+        load_scene("nowhere.toml")
+    with pytest.raises(UnreadableError, match=r"cannot read the scene: Is a directory$"):
+        load_scene(tmp_path)
+    Path("scene.toml").write_bytes(b"name = '\xff'")
+    with pytest.raises(
+        UnreadableError, match=r"^scene\.toml: byte 8: not UTF-8 text; a scene is a TOML file$"
+    ):
+        load_scene("scene.toml")
+    assert issubclass(UnreadableError, LidarcliError)
+
+
+@pytest.mark.parametrize("name", ["room", "room_empty", "corridor", "hall", "people", "drive"])
+def test_samples_load(name):
+    scene = load_scene(SAMPLES / f"{name}.toml")
+    assert scene.name == name
+    assert any(thing.wall for thing in scene.entities) == (name != "hall")
+
+
+def test_the_rooms_differ_in_their_objects_alone():
+    full, empty = (load_scene(SAMPLES / f"{name}.toml") for name in ("room", "room_empty"))
+    assert full.sensor == empty.sensor
+    assert [e.kind for e in full.entities] == ["wall", "box", "box", "box", "ladder", "plant"]
+    assert np.array_equal(full.entities[0].segments, empty.entities[0].segments)
