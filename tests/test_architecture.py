@@ -1,0 +1,73 @@
+"""Imports run one way, and each library stays in its room (docs/architecture.md)."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import lidarcli
+
+PACKAGE = Path(lidarcli.__file__).parent
+MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
+
+CORE = {"errors", "sweeps"}
+MAY_IMPORT = {
+    "errors": set[str](),
+    "sweeps": {"errors"},
+    "logs": CORE,
+    "formalism": CORE,
+    "tables": CORE | {"formalism"},
+    "simulate": CORE | {"tables"},
+    "pipeline": CORE | {"logs", "formalism", "tables"},
+    "cli": CORE | {"logs", "formalism", "simulate", "pipeline"},
+    "__init__": {"formalism", "pipeline"},
+}
+"""Room → the rooms below it that it may import."""
+
+ROOMS_OF = {
+    "click": {"cli"},
+    "rich": {"cli"},
+    "mcap": {"logs", "simulate"},
+    "rosbags": {"logs", "simulate"},
+    "sqlite3": {"logs", "simulate"},
+    "pyarrow": {"tables", "pipeline", "logs", "simulate"},
+    "pandas": {"logs", "simulate"},
+}
+
+
+def room(path: Path) -> str:
+    return path.parts[0].removesuffix(".py")
+
+
+def imported(path: Path) -> set[str]:
+    """Full names of the modules that a file imports, wherever it does so."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse((PACKAGE / path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            names.update(f"{node.module}.{alias.name}" for alias in node.names)
+    return names
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_imports_run_one_way(path: Path) -> None:
+    here = room(path)
+    own = {name.split(".")[1] for name in imported(path) if name.startswith("lidarcli.")} - {
+        "__version__",
+        here,
+    }
+    assert own <= MAY_IMPORT.get(here, CORE), f"{here} may not import {own - MAY_IMPORT.get(here, CORE)}"
+    for name in {name.split(".")[0] for name in imported(path)} & set(ROOMS_OF):
+        assert here in ROOMS_OF[name], f"{name} belongs to {ROOMS_OF[name]}"
+
+
+def test_formalism_imports_numpy_alone() -> None:
+    names = {name.split(".")[0] for path in MODULES if room(path) == "formalism" for name in imported(path)}
+    assert names - {"__future__", "collections", "dataclasses", "typing", "math", "enum"} <= {
+        "numpy",
+        "lidarcli",
+    }
