@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from math import cos, sin
+from math import cos, isfinite, sin
 from typing import Any
 
 from google.protobuf import descriptor_pb2, timestamp_pb2
@@ -94,9 +94,14 @@ def _classes() -> dict[str, Any]:
 _CLASSES = _classes()
 
 
+_WORDS = {"inf": "Infinity", "-inf": "-Infinity", "nan": "NaN"}
+
+
 def _json_bytes(name: str, message: dict[str, Any]) -> bytes:
-    """JSON has no infinity; like Python's own writer this one spells it `Infinity`, and NaN `NaN`."""
-    return json.dumps(message, separators=(",", ":")).encode()
+    """JSON has no infinity and no NaN: they are words, as in the JSON mapping of protobuf."""
+    if "ranges" in message:
+        message["ranges"] = [value if isfinite(value) else _WORDS[repr(value)] for value in message["ranges"]]
+    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
 
 
 def _protobuf_bytes(name: str, message: dict[str, Any]) -> bytes:

@@ -145,7 +145,7 @@ def same_foxglove(data, schema, encoding):
         ]
     else:
         assert set(json.loads(schema)["properties"]) == set(json.loads(data[0]))
-        messages = [json.loads(item) for item in data]
+        messages = [json.loads(item, parse_constant=pytest.fail) for item in data]
         stamps = [m["timestamp"]["sec"] * 10**9 + m["timestamp"]["nsec"] for m in messages]
         fields = [(m["frame_id"], m["start_angle"], m["end_angle"], m["ranges"]) for m in messages]
     assert stamps == raw.stamp_ns.tolist()
@@ -154,7 +154,9 @@ def same_foxglove(data, schema, encoding):
         assert frame == "/laser_1"
         assert start == raw.angle_min[row]
         assert (end - start) / (beams - 1) == pytest.approx(raw.angle_increment[row], rel=1e-12)
-        assert np.array_equal(np.float32(ranges), raw.ranges[row, :beams], equal_nan=True)
+        assert np.array_equal(
+            np.float32([float(value) for value in ranges]), raw.ranges[row, :beams], equal_nan=True
+        )
 
 
 @pytest.mark.parametrize(
