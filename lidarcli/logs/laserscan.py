@@ -231,7 +231,9 @@ def _frames(buffer: UInt8, heads: _Heads) -> tuple[Int32, tuple[str, ...]]:
     """The frame of each message as an index, and the distinct frame names."""
     names: dict[str, int] = {}
     codes = np.zeros(len(heads), np.int32)
-    for length in np.unique(heads.frame_length).tolist():
+    lengths = heads.frame_length
+    uniform = len(heads) > 0 and bool((lengths == lengths[0]).all())
+    for length in [int(lengths[0])] if uniform else np.unique(lengths).tolist():
         rows = np.flatnonzero(heads.frame_length == length)
         raw = _windows(buffer, heads.start[rows] + 16, length)
         if not length or (raw == raw[0]).all():

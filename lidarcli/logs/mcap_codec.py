@@ -1,0 +1,80 @@
+"""Decompression of MCAP chunks within bounds: whole ones, and what is left of those that are cut off."""
+
+from __future__ import annotations
+
+import io
+
+import lz4.frame
+import zstandard
+
+MAX_CHUNK = 1 << 30
+"""A chunk that declares more than 1 GiB is refused, compressed or not: the bound of this reader's memory."""
+
+_LZ4_RATIO = 255
+_STEP = 1 << 16
+
+
+class CodecError(ValueError):
+    """A chunk that cannot be decompressed."""
+
+
+def inflate(compression: str, data: bytes, size: int) -> bytes:
+    """The `size` bytes of a chunk; never more than was declared, and never more than `MAX_CHUNK`."""
+    if size > MAX_CHUNK:
+        raise CodecError(f"it declares {size} bytes, more than the {MAX_CHUNK} that are believed")
+    if compression == "":
+        return data
+    if size == 0 and not data:
+        return b""
+    if compression == "zstd":
+        inflated = _zstd(data, size)
+    elif compression == "lz4":
+        inflated = _lz4(data, size)
+    else:
+        raise CodecError(f"its compression '{compression}' is not one of none, lz4, zstd")
+    if len(inflated) != size:
+        raise CodecError(f"it declares {size} bytes and holds {len(inflated)}")
+    return inflated
+
+
+def _zstd(data: bytes, size: int) -> bytes:
+    try:
+        declared = zstandard.frame_content_size(data)
+        if declared not in (-1, size):
+            raise CodecError(f"it declares {size} bytes and holds {declared}")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+    except zstandard.ZstdError as err:
+        raise CodecError(f"zstd: {err}") from err
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    if size > _LZ4_RATIO * len(data):
+        raise CodecError(f"it declares {size} bytes, more than lz4 can make of {len(data)}")
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    try:
+        inflated: bytes = decompressor.decompress(data, size + 1)
+    except (RuntimeError, EOFError, ValueError) as err:
+        raise CodecError(f"lz4: {err}") from err
+    return inflated
+
+
+def inflate_start(compression: str, data: bytes, size: int) -> bytes:
+    """As much of the beginning of a damaged chunk as can be decompressed."""
+    limit = min(size, MAX_CHUNK)
+    if compression == "":
+        return data[:limit]
+    start = bytearray()
+    try:
+        if compression == "zstd":
+            reader = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data))
+            while len(start) < limit and (piece := reader.read(min(_STEP, limit - len(start)))):
+                start += piece
+        elif compression == "lz4":
+            decompressor = lz4.frame.LZ4FrameDecompressor()
+            for place in range(0, len(data), _STEP):
+                start += decompressor.decompress(data[place : place + _STEP])
+                if len(start) >= limit or decompressor.eof:
+                    break
+    except (zstandard.ZstdError, RuntimeError, EOFError, ValueError):
+        pass  # what came before the damage is all there is
+    return bytes(start[:limit])
