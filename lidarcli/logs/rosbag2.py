@@ -1,0 +1,273 @@
+"""ROS 2 bags: a folder with its storage files, or one bare SQLite file; packed by zstd or not, whole or damaged."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidarcli.errors import LidarcliError, UnreadableError
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Log, Message, ReadReport, Topic, ros_type
+from lidarcli.logs.gather import Gather
+from lidarcli.logs.rosbag2_folder import METADATA, Folder, read_folder
+from lidarcli.logs.rosbag2_unpack import ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
+from lidarcli.logs.sqlite_bag import SqliteBag, has_type
+from lidarcli.sweeps import RawSweeps
+
+if TYPE_CHECKING:
+    from lidarcli.logs.mcap import McapLog
+
+SCANS = (LASERSCAN, MULTI_ECHO)
+PACKED_CAUSE = "zstd message that is broken or too long"
+NO_DATA = "no data, or more than a sweep can have"
+
+
+class Rosbag2Log:
+    """A ROS 2 bag: its files are read one after the other, as one stream."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.report = ReadReport()
+        self._seen: set[tuple[str, str]] = set()
+        self._unpacked: tuple[Path, tempfile.TemporaryDirectory[str], str] | None = None
+        self._codecs: set[str] = set()
+        where = Path(path)
+        try:
+            self._is_folder = where.is_dir()
+            folder = read_folder(where) if self._is_folder else Folder([where])
+            self._files = folder.files
+            self._sizes = [file.stat().st_size for file in self._files]
+        except OSError as err:
+            raise UnreadableError(f"{path}: cannot be read: {err.strerror or err}") from err
+        if not self._files:
+            raise UnreadableError(f"{path}: no .db3 or .mcap file in this folder, hence no ROS 2 bag")
+        self.report.notes.extend(folder.notes)
+        for name in folder.missing:
+            self._damaged(name, f"{METADATA} names this file, but it is not there")
+        self.size: int | None = sum(self._sizes)
+        kinds = {"mcap" if _is_mcap(file) else "sqlite3" for file in self._files}
+        self.format = f"ros2 bag ({'+'.join(sorted(kinds, reverse=True))})"
+        try:
+            self._probe()
+        except LidarcliError:
+            self.close()
+            raise
+
+    @property
+    def compression(self) -> str:
+        """How the files opened so far, or messages in them, are packed."""
+        codecs = self._codecs - {"none"} or {"none"}
+        return "+".join(sorted(codecs))
+
+    def topics(self) -> list[Topic] | None:
+        """Topics of all files, with the sum of their messages; None where a file has no index of them."""
+        totals: dict[tuple[str, str, str], int | None] = {}
+        for number in range(len(self._files)):
+            with self._storage(number) as storage:
+                if storage is None:
+                    continue
+                topics = _sqlite_topics(storage) if isinstance(storage, SqliteBag) else storage.topics()
+            if topics is None:
+                return None
+            for topic in topics:
+                key = (topic.name, topic.type, topic.encoding)
+                before = totals.get(key, 0)
+                known = before is not None and topic.messages is not None
+                totals[key] = (before or 0) + (topic.messages or 0) if known else None
+        return [Topic(*key, messages) for key, messages in totals.items()]
+
+    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+        """Blocks of sweeps in log order within each topic, file after file."""
+        for number in range(len(self._files)):
+            with self._storage(number) as storage:
+                if isinstance(storage, SqliteBag):
+                    yield from self._sqlite_scans(storage, topics, number)
+                elif storage is not None:
+                    taken = _Taken()
+                    for block in storage.scans(topics):
+                        yield block
+                        self._take(storage, number, taken)
+                    self._take(storage, number, taken)
+
+    def messages(self, types: Collection[str]) -> Iterator[Message]:
+        """Raw messages of the given types in log order."""
+        for number in range(len(self._files)):
+            with self._storage(number) as storage:
+                if isinstance(storage, SqliteBag):
+                    yield from self._sqlite_messages(storage, types, number)
+                elif storage is not None:
+                    taken = _Taken()
+                    yield from storage.messages(types)
+                    self._take(storage, number, taken)
+
+    def close(self) -> None:
+        if self._unpacked is not None:
+            self._unpacked[1].cleanup()
+            self._unpacked = None
+
+    def __enter__(self) -> Rosbag2Log:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _probe(self) -> None:
+        """Open the first file that can be opened; where none can, the first error is the log's."""
+        first: UnreadableError | None = None
+        for number in range(len(self._files)):
+            try:
+                self._open(number).close()
+                return
+            except UnreadableError as err:
+                first = first or err
+        if first is not None:
+            raise first
+
+    @contextmanager
+    def _storage(self, number: int) -> Iterator[SqliteBag | Log | None]:
+        """One storage file, open; None where it cannot be read, which is damage."""
+        try:
+            storage = self._open(number)
+        except UnreadableError as err:
+            cause = str(err).removeprefix(f"{self._files[number]}: ")
+            self._damaged(self._files[number].name, f"the whole file is lost: {cause}")
+            yield None
+            return
+        try:
+            yield storage
+        finally:
+            storage.close()
+
+    def _open(self, number: int) -> SqliteBag | McapLog:
+        file = self._files[number]
+        path = self._plain(file)
+        if _is_mcap(file):
+            from lidarcli.logs.mcap import McapLog
+
+            log = McapLog(str(path))
+            self._codecs.add(log.compression)
+            return log
+
+        def damaged(place: str, cause: str) -> None:
+            self._damaged(self._place(number, place), cause)
+
+        bag = SqliteBag(path, str(file), damaged)
+        self._codecs.add("none")
+        return bag
+
+    def _plain(self, file: Path) -> Path:
+        """The file itself, or what it unpacks to; the last one unpacked is kept until the log is closed."""
+        try:
+            if not is_zstd(file):
+                return file
+            self._codecs.add("zstd")
+            if self._unpacked is None or self._unpacked[0] != file:
+                self.close()
+                target = tempfile.TemporaryDirectory(prefix="lidarcli-")
+                self._unpacked = (file, target, "")
+                cause = unpack_file(file, Path(target.name) / _plain_name(file))
+                self._unpacked = (file, target, cause)
+        except OSError as err:
+            raise UnreadableError(f"{file}: cannot be read: {err.strerror or err}") from err
+        file, folder, cause = self._unpacked
+        if cause:
+            self._damaged(file.name, cause)
+        return Path(folder.name) / _plain_name(file)
+
+    def _place(self, number: int, place: str) -> str:
+        return f"{self._files[number].name}: {place}" if self._is_folder else place
+
+    def _damaged(self, place: str, cause: str) -> None:
+        # A second pass meets the same damage.
+        if (place, cause) not in self._seen:
+            self._seen.add((place, cause))
+            self.report.add_damage(place, cause)
+
+    def _sqlite_scans(
+        self, bag: SqliteBag, topics: Collection[str] | None, number: int
+    ) -> Iterator[RawSweeps]:
+        gathers = {
+            topic.id: Gather(topic.name, ros_type(topic.type), "cdr", self.report)
+            for topic in bag.topics.values()
+            if has_type(topic, SCANS) and (topics is None or topic.name in topics)
+        }
+        if gathers:
+            for _, topic_id, timestamp, data in bag.rows(gathers):
+                gather = gathers[topic_id]
+                if data is None or data.startswith(ZSTD_MAGIC):
+                    data = self._unpack(gather.topic, data)
+                    if data is None:
+                        continue
+                if gather.add(data, timestamp):
+                    yield from gather.flush()
+                    self._progress(number, bag.progress)
+        for gather in gathers.values():
+            yield from gather.flush()
+        self._progress(number, 1.0)
+
+    def _sqlite_messages(self, bag: SqliteBag, types: Collection[str], number: int) -> Iterator[Message]:
+        wanted = {topic.id: topic for topic in bag.topics.values() if has_type(topic, types)}
+        if wanted:
+            for _, topic_id, timestamp, data in bag.rows(wanted):
+                topic = wanted[topic_id]
+                plain = self._unpack(topic.name, data)
+                if plain is not None:
+                    yield Message(topic.name, ros_type(topic.type), "cdr", timestamp, plain)
+        self._progress(number, 1.0)
+
+    def _unpack(self, topic: str, data: bytes | None) -> bytes | None:
+        """The message itself; plain CDR never begins as zstd does. None where it cannot be used."""
+        if data is None:
+            self.report.refused[(topic, NO_DATA)] += 1
+        elif data.startswith(ZSTD_MAGIC):
+            self._codecs.add("zstd")
+            data = unpack_message(data)
+            if data is None:
+                self.report.refused[(topic, PACKED_CAUSE)] += 1
+        return data
+
+    def _take(self, log: Log, number: int, taken: _Taken) -> None:
+        """Take over what the reader of one file has reported since the last time."""
+        report = log.report
+        for item in report.damage[taken.damage :]:
+            self._damaged(self._place(number, item.place), item.cause)
+        self.report.damage_more += report.damage_more - taken.damage_more
+        self.report.notes.extend(
+            note for note in report.notes[taken.notes :] if note not in self.report.notes
+        )
+        self.report.refused.update(report.refused - taken.refused)
+        taken.damage, taken.damage_more = len(report.damage), report.damage_more
+        taken.notes, taken.refused = len(report.notes), report.refused.copy()
+        self._codecs.update(log.compression.split("+"))
+        self._progress(number, report.bytes_read / (log.size or 1))
+
+    def _progress(self, number: int, share: float) -> None:
+        self.report.bytes_read = sum(self._sizes[:number]) + int(self._sizes[number] * min(share, 1.0))
+
+
+class _Taken:
+    """How much of another report has been taken over."""
+
+    def __init__(self) -> None:
+        self.damage = self.damage_more = self.notes = 0
+        self.refused: Counter[tuple[str, str]] = Counter()
+
+
+def _plain_name(file: Path) -> str:
+    return "bag.mcap" if _is_mcap(file) else "bag.db3"
+
+
+def _is_mcap(file: Path) -> bool:
+    """Whether a storage file is an MCAP, by its name."""
+    return ".mcap" in "".join(file.suffixes[-2:]).lower()
+
+
+def _sqlite_topics(bag: SqliteBag) -> list[Topic]:
+    counts = bag.counts()
+    return [
+        Topic(topic.name, ros_type(topic.type), topic.encoding, counts.get(topic.id, 0))
+        for topic in bag.topics.values()
+    ]

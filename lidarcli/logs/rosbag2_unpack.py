@@ -1,0 +1,64 @@
+"""zstd as ROS 2 bags use it, for whole storage files and for single messages, bounded in what comes out."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import zstandard
+
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+MAX_MESSAGE = 64 << 20
+"""Longest message that is unpacked [bytes]."""
+MAX_RATIO = 1000
+"""A storage file may unpack to this many times its size (and `SMALL` bytes); real logs stay below 50."""
+SMALL = 64 << 20
+DISK_SHARE = 0.9
+"""... and to this share of the free space of the temporary folder."""
+PIECE = 1 << 12
+"""Packed bytes taken at a time: at zstd's highest ratio 128 MiB come out of them."""
+MAX_WINDOW = 1 << 27
+
+
+def is_zstd(path: Path) -> bool:
+    """Whether a file begins as zstd data does."""
+    with path.open("rb") as file:
+        return file.read(4) == ZSTD_MAGIC
+
+
+def unpack_file(source: Path, target: Path) -> str:
+    """Unpack a storage file as far as it goes; why it ended early, or nothing."""
+    room = int(shutil.disk_usage(target.parent).free * DISK_SHARE)
+    limit = min(room, source.stat().st_size * MAX_RATIO + SMALL)
+    size = 0
+    with source.open("rb") as packed, target.open("wb") as out:
+        try:
+            data = packed.read(PIECE)
+            while data:
+                frame = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW).decompressobj()
+                while not frame.eof:
+                    if not data:
+                        return f"its zstd data is cut off after {size:,} unpacked bytes"
+                    size += out.write(frame.decompress(data))
+                    if size > limit:
+                        return f"only its first {size:,} bytes were unpacked: more than that is not believed"
+                    data = frame.unused_data if frame.eof else packed.read(PIECE)
+                data = data or packed.read(PIECE)
+        except zstandard.ZstdError as err:
+            return f"its zstd data is broken after {size:,} unpacked bytes ({err})"
+    return ""
+
+
+def unpack_message(data: bytes) -> bytes | None:
+    """One zstd message, None where it is broken or too long."""
+    try:
+        size = zstandard.frame_content_size(data)
+        if size > MAX_MESSAGE:
+            return None
+        if size >= 0:
+            return zstandard.ZstdDecompressor().decompress(data)
+        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+            unpacked = reader.read(MAX_MESSAGE + 1)
+    except zstandard.ZstdError:
+        return None
+    return unpacked if len(unpacked) <= MAX_MESSAGE else None

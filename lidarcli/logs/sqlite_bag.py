@@ -1,0 +1,213 @@
+"""One SQLite storage file of a ROS 2 bag, whole or damaged; nothing is ever written beside it."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.base import LASERSCAN, ReadReport, ros_type
+from lidarcli.logs.laserscan import decode
+from lidarcli.logs.sqlite_salvage import MAX_BLOB, Found, MessageRow, Salvage, TopicRow
+
+SIDECARS = ("-wal", "-journal")
+"""Files beside a database that hold a part of it when the recorder was not stopped properly."""
+DISK_SHARE = 0.9
+
+_TOPICS = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+_ROWS = (
+    "SELECT id, topic_id, timestamp,"
+    f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_BLOB} THEN data END"
+    " FROM messages WHERE id > ? AND typeof(timestamp) = 'integer' AND topic_id IN ({}) ORDER BY id"
+)
+
+
+class Row(NamedTuple):
+    """A message; `data` is None where there is none that can be used."""
+
+    id: int
+    topic_id: int
+    timestamp: int
+    data: bytes | None
+
+
+class SqliteBag:
+    """Topics and messages of one storage file: by SQLite as far as it goes, then straight from the pages."""
+
+    def __init__(self, path: Path, shown: str, damaged: Callable[[str, str], None]) -> None:
+        """`shown` names the file in errors, `damaged` takes place and cause."""
+        self.topics: dict[int, TopicRow] = {}
+        self._last, self._newest = 0, 0
+        self._shown, self._damaged = shown, damaged
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._database: sqlite3.Connection | None = None
+        self._file: BinaryIO | None = None
+        self._found: Found | None = None
+        self._cause = ""
+        try:
+            self._open(path)
+        except OSError as err:
+            self.close()
+            raise UnreadableError(f"{shown}: cannot be read: {err.strerror or err}") from err
+        except UnreadableError:
+            self.close()
+            raise
+
+    @property
+    def progress(self) -> float:
+        """How much of the file has been read, from 0 to 1."""
+        return self._last / self._newest if self._newest > 0 else 0.0
+
+    def counts(self) -> dict[int, int]:
+        """Topic id → messages."""
+        if self._database is not None:
+            try:
+                return Counter(topic for (topic,) in self._database.execute("SELECT topic_id FROM messages"))
+            except sqlite3.Error as err:
+                self._cause = str(err)
+        return Counter(self._salvage()[1].topic_ids)
+
+    def rows(self, topics: Collection[int]) -> Iterator[Row | MessageRow]:
+        """Messages of the given topic ids in the order they were recorded."""
+        self._last = -1 << 63
+        if self._database is not None:
+            try:
+                (newest,) = self._database.execute("SELECT max(id) FROM messages").fetchone()
+                self._newest = newest or 0
+                sql = _ROWS.format(", ".join(map(str, topics)))
+                for row in self._database.execute(sql, (self._last,)):
+                    if row[0] <= self._last:
+                        raise sqlite3.DatabaseError("row numbers are out of order")
+                    self._last = row[0]
+                    yield row
+                return
+            except sqlite3.Error as err:
+                self._cause = str(err)
+        yield from self._salvaged(topics, self._last)
+
+    def close(self) -> None:
+        """Release and delete all that was opened and copied."""
+        if self._database is not None:
+            self._database.close()
+        if self._file is not None:
+            self._file.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def _open(self, path: Path) -> None:
+        self._file = path.open("rb")
+        if path.stat().st_size == 0:
+            raise UnreadableError(f"{self._shown}: the file is empty")
+        sidecars = [Path(f"{path}{suffix}") for suffix in SIDECARS]
+        sidecars = [sidecar for sidecar in sidecars if sidecar.is_file() and sidecar.stat().st_size]
+        copy = self._copy(path, sidecars) if sidecars else None
+        if copy is not None:
+            self._file.close()
+            self._file = copy.open("rb")
+        # `immutable` keeps SQLite from making files beside the log and works in a read-only folder.
+        options = "mode=ro&immutable=1" if copy is None else "mode=rw"
+        where = quote(str((copy or path).absolute()))
+        try:
+            self._database = sqlite3.connect(f"file:{where}?{options}", uri=True, check_same_thread=False)
+            self._database.text_factory = lambda text: text.decode("utf-8", "replace")
+            self._database.execute("PRAGMA temp_store = memory")
+            self._database.execute("PRAGMA cell_size_check = on")
+            self.topics = {row[0]: TopicRow(*row) for row in self._database.execute(_TOPICS)}
+            self._database.execute("SELECT max(id) FROM messages").fetchone()
+        except sqlite3.Error as err:
+            self._cause = str(err)
+            if self._database is not None:
+                self._database.close()
+                self._database = None
+            self._open_damaged()
+
+    def _open_damaged(self) -> None:
+        """SQLite refuses the file: find its topics by reading pages."""
+        salvage, found = self._salvage()
+        self.topics = dict(sorted(found.topics.items()))
+        if not self.topics and found.rowids:
+            self.topics = _guess_topics(salvage, found)
+        if not self.topics:
+            raise UnreadableError(f"{self._shown}: holds no ROS 2 messages (SQLite says: {self._cause})")
+
+    def _copy(self, path: Path, sidecars: list[Path]) -> Path | None:
+        """A copy in a temporary folder: SQLite merges the sidecars into it, and may not do so beside the log."""
+        self._folder = tempfile.TemporaryDirectory(prefix="lidarcli-")
+        target = Path(self._folder.name) / "bag.db3"
+        needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
+        if needed > DISK_SHARE * shutil.disk_usage(target.parent).free:
+            names = ", ".join(sidecar.name for sidecar in sidecars)
+            self._damaged(
+                names, "not read: no room in the temporary folder to merge it into a copy of the bag"
+            )
+            return None
+        shutil.copyfile(path, target)
+        for sidecar in sidecars:
+            shutil.copyfile(sidecar, f"{target}{sidecar.name.removeprefix(path.name)}")
+        return target
+
+    def _salvage(self) -> tuple[Salvage, Found]:
+        if self._file is None:
+            raise ValueError("the storage file is closed")
+        salvage = Salvage(self._file)
+        if self._found is None:
+            self._found = salvage.find()
+        return salvage, self._found
+
+    def _salvaged(self, topics: Collection[int], last: int) -> Iterator[Row | MessageRow]:
+        """Messages behind row `last`, page by page."""
+        salvage, found = self._salvage()
+        self._newest = max(found.rowids, default=0)
+        lost = 0
+        for row in salvage.messages(found, topics, last):
+            if isinstance(row, MessageRow):
+                self._last = row.id
+                yield row
+            else:
+                lost += 1
+        wanted = sum(topic in topics for topic in found.topic_ids)
+        cause = f"SQLite refuses it ({self._cause}); read page by page: {wanted - lost:,} messages recovered"
+        if lost:
+            cause += f", {lost:,} not whole"
+        if found.missing:
+            cause += f", {found.missing:,} of all topics missing before the last"
+        self._damaged("database", cause)
+
+
+def _guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
+    """LaserScan topics of a bag that lost its topics table: those whose first messages make sane sweeps."""
+    guessed = {}
+    for topic in sorted(set(found.topic_ids)):
+        sample = [
+            row.data
+            for row in islice(salvage.messages(found, {topic}, -1 << 63), 5)
+            if isinstance(row, MessageRow)
+        ]
+        if sample and all(map(_is_scan, sample)):
+            guessed[topic] = TopicRow(topic, f"/topic_{topic}", LASERSCAN, "cdr")
+    return guessed
+
+
+def _is_scan(data: bytes) -> bool:
+    """Whether a message decodes to a sweep with a geometry that a scanner can have."""
+    whole = np.array([len(data)])
+    start = np.array([0])
+    sweeps = decode("", np.frombuffer(data, np.uint8), start, whole, start, "cdr", ReadReport())
+    if sweeps is None:
+        return False
+    sane = (sweeps.beams > 1) & (np.abs(sweeps.angle_min) < 10) & (np.abs(sweeps.angle_increment) < 1)
+    return bool((sane & (sweeps.range_min >= 0) & (sweeps.range_max > sweeps.range_min)).all())
+
+
+def has_type(topic: TopicRow, types: Collection[str]) -> bool:
+    """Whether a topic is of one of the types, serialised as ROS 2 does."""
+    return topic.encoding.lower() == "cdr" and ros_type(topic.type) in types

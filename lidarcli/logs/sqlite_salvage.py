@@ -1,0 +1,259 @@
+"""Rows of a SQLite file that SQLite itself refuses: truncated, or with broken pages.
+
+The file's table leaf pages are read one by one, wherever they stand, without following the tree above them
+(the file format is public: https://www.sqlite.org/fileformat2.html). Tables are told apart by the shape of their rows.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, field
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+
+MAGIC = b"SQLite format 3\0"
+LEAF = 0x0D
+HEADER = 100
+"""Bytes of the file header, which stands before the first page's own."""
+PIECE = 4 << 20
+"""Bytes read at a time while looking for rows."""
+MAX_BLOB = 64 << 20
+"""Longest message that is read [bytes]."""
+
+_INT_BYTES = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
+"""Serial types of integers → bytes; 8 and 9 are the constants 0 and 1."""
+
+
+class TopicRow(NamedTuple):
+    """A row of the topics table."""
+
+    id: int
+    name: str
+    type: str
+    encoding: str
+
+
+class MessageRow(NamedTuple):
+    """A row of the messages table."""
+
+    id: int
+    topic_id: int
+    timestamp: int
+    data: bytes
+
+
+class _Cell(NamedTuple):
+    """A row as its leaf page holds it."""
+
+    rowid: int
+    size: int
+    """Bytes of the whole row."""
+    start: int
+    """Where the row begins in the page; `local` bytes of it stand there."""
+    local: int
+    overflow: int
+    """First page of the rest, 0 where there is none."""
+
+
+@dataclass(slots=True)
+class Found:
+    """What a file's leaf pages hold: where its messages are, and its topics."""
+
+    topics: dict[int, TopicRow] = field(default_factory=dict)
+    rowids: array[int] = field(default_factory=lambda: array("q"))
+    topic_ids: array[int] = field(default_factory=lambda: array("q"))
+    places: array[int] = field(default_factory=lambda: array("q"))
+    """Byte position of each message's cell in the file."""
+    broken_pages: int = 0
+
+    def order(self) -> list[int]:
+        """Indices of the messages by row id, each id once."""
+        _, first = np.unique(np.array(self.rowids, np.int64), return_index=True)
+        return [int(index) for index in first]
+
+    @property
+    def missing(self) -> int:
+        """How many row ids are absent between the first message (row 1) and the last one found."""
+        ids = np.unique(np.array(self.rowids, np.int64))
+        return max(0, int(ids[-1]) - len(ids)) if len(ids) and ids[-1] < 1 << 40 else 0
+
+
+class Salvage:
+    """Reads rows of a ROS 2 bag's tables straight from the pages of the file."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._size = file.seek(0, 2)
+        self._page, self._usable = self._page_size()
+
+    def find(self, progress: Callable[[int], None] = lambda _: None) -> Found:
+        """Go through all pages once; `progress` is told the position [bytes]."""
+        found = Found()
+        whole = PIECE // self._page * self._page
+        for base in range(0, self._size, whole):
+            piece = self._at(base, whole)
+            firsts = np.frombuffer(piece, np.uint8)[:: self._page]
+            starts = (np.flatnonzero(firsts == LEAF) * self._page).tolist()
+            if base == 0 and piece[HEADER : HEADER + 1] == bytes([LEAF]):
+                starts.insert(0, 0)
+            for start in starts:
+                self._leaf(piece[start : start + self._page], base + start, found)
+            progress(base + len(piece))
+        return found
+
+    def messages(self, found: Found, topics: Collection[int], after: int) -> Iterator[MessageRow | int]:
+        """Messages of the topics with a row id above `after`, in order; the id alone where one is not whole."""
+        for index in found.order():
+            rowid = found.rowids[index]
+            if rowid <= after or found.topic_ids[index] not in topics:
+                continue
+            yield self._message(found.places[index]) or rowid
+
+    def _page_size(self) -> tuple[int, int]:
+        """Page size and its usable part; 4096, which ROS writes, where the header is broken."""
+        head = self._at(0, HEADER)
+        size = int.from_bytes(head[16:18], "big")
+        size = 65536 if size == 1 else size
+        if not head.startswith(MAGIC) or size < 512 or size & (size - 1):
+            return 4096, 4096
+        return size, size - head[20]
+
+    def _at(self, at: int, size: int) -> bytes:
+        self._file.seek(at)
+        return self._file.read(max(0, size))
+
+    def _leaf(self, page: bytes, base: int, found: Found) -> None:
+        """Note the rows of one leaf page."""
+        at = HEADER if base == 0 else 0
+        count = int.from_bytes(page[at + 3 : at + 5], "big")
+        pointers = page[at + 8 : at + 8 + 2 * count]
+        broken = len(pointers) < 2 * count or 8 + 2 * count > self._page
+        for index in range(0, len(pointers) - 1, 2):
+            place = int.from_bytes(pointers[index : index + 2], "big")
+            cell = self._cell(page, place) if at + 8 <= place < len(page) else None
+            if cell is None or not self._row(page, cell, base + place, found):
+                broken = True
+        found.broken_pages += broken
+
+    def _cell(self, page: bytes, at: int) -> _Cell | None:
+        """The cell at a position of a page, None where it cannot be one."""
+        size, at = _varint(page, at)
+        rowid, at = _varint(page, at)
+        rowid = rowid - (1 << 64) if rowid >> 63 else rowid
+        most = self._usable - 35
+        local = size
+        if size > most:
+            least = (self._usable - 12) * 32 // 255 - 23
+            local = least + (size - least) % (self._usable - 4)
+            local = local if local <= most else least
+        end = at + local
+        if at < 0 or end + (4 if size > local else 0) > len(page):
+            return None
+        overflow = int.from_bytes(page[end : end + 4], "big") if size > local else 0
+        return _Cell(rowid, size, at, local, overflow)
+
+    def _row(self, page: bytes, cell: _Cell, place: int, found: Found) -> bool:
+        """Note a row if it is a message or a topic; False where its bytes make no row at all."""
+        local = page[cell.start : cell.start + cell.local]
+        types = _serial_types(local)
+        if types is None:
+            return False
+        if len(types) == 4 and types[0] == 0 and types[1] in _INT_BYTES and types[2] in _INT_BYTES:
+            blob = types[3]
+            if blob >= 12 and blob % 2 == 0 and cell.rowid > 0:
+                head = _varint(local, 0)[0]
+                width = _INT_BYTES[types[1]]
+                topic = types[1] - 8 if types[1] > 6 else _integer(local[head : head + width])
+                found.rowids.append(cell.rowid)
+                found.topic_ids.append(topic)
+                found.places.append(place)
+        elif 4 <= len(types) <= 8 and types[0] == 0 and all(t >= 13 and t % 2 for t in types[1:4]):
+            at, texts = _varint(local, 0)[0], []
+            for serial in types[1:4]:
+                texts.append(local[at : at + (serial - 13) // 2].decode("utf-8", "replace"))
+                at += (serial - 13) // 2
+            name, kind, encoding = texts
+            # The table of message definitions has the same shape, but an encoding of definitions.
+            if at <= len(local) and "/" in kind and not encoding.startswith("ros2"):
+                found.topics.setdefault(cell.rowid, TopicRow(cell.rowid, name, kind, encoding))
+        return True
+
+    def _message(self, place: int) -> MessageRow | None:
+        """The message whose cell stands at a byte of the file, None where a part of it is lost."""
+        at = place % self._page
+        page = self._at(place - at, self._page)
+        cell = self._cell(page, at)
+        if cell is None or cell.size > MAX_BLOB:
+            return None
+        row = page[cell.start : cell.start + cell.local]
+        if cell.overflow:
+            rest = self._chain(cell.overflow, cell.size - cell.local)
+            if rest is None:
+                return None
+            row += rest
+        types = _serial_types(row)
+        if types is None or len(types) != 4:
+            return None
+        at, numbers = _varint(row, 0)[0], []
+        for serial in types[1:3]:
+            width = _INT_BYTES.get(serial, 0)
+            numbers.append(serial - 8 if serial > 6 else _integer(row[at : at + width]))
+            at += width
+        size = (types[3] - 12) // 2
+        if at + size != len(row):
+            return None
+        return MessageRow(cell.rowid, numbers[0], numbers[1], row[at:])
+
+    def _chain(self, page: int, size: int) -> bytes | None:
+        """Bytes of a chain of overflow pages, which mostly stand one behind the other."""
+        each = self._usable - 4
+        parts: list[bytes] = []
+        span, first = b"", 0
+        while size > 0:
+            if page == 0:
+                return None
+            offset = (page - first) * self._page
+            if not first or not 0 <= offset < len(span):
+                first, offset = page, 0
+                span = self._at((page - 1) * self._page, min(PIECE, (size // each + 1) * self._page))
+            part = span[offset + 4 : offset + 4 + min(size, each)]
+            if len(part) < min(size, each):
+                return None
+            parts.append(part)
+            page = int.from_bytes(span[offset : offset + 4], "big")
+            size -= len(part)
+        # The last page of a chain has none behind it.
+        return b"".join(parts) if page == 0 else None
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """A big-endian number of 7 bits per byte, and where it ends; an end of -1 where it is not whole."""
+    value = 0
+    for index in range(9):
+        if not 0 <= at + index < len(data):
+            return 0, -1
+        byte = data[at + index]
+        if index == 8:
+            return value << 8 | byte, at + 9
+        value = value << 7 | byte & 0x7F
+        if byte < 0x80:
+            return value, at + index + 1
+    return 0, -1
+
+
+def _serial_types(row: bytes) -> list[int] | None:
+    """The types of a row's columns, None where its header cannot be one. Bags have at most 8 columns."""
+    head, at = _varint(row, 0)
+    if not 2 <= head <= len(row) or head > 64:
+        return None
+    types = []
+    while 0 <= at < head:
+        serial, at = _varint(row, at)
+        types.append(serial)
+    return types if at == head else None
+
+
+def _integer(data: bytes) -> int:
+    return int.from_bytes(data, "big", signed=True)
