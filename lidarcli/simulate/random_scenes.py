@@ -95,7 +95,7 @@ def _room(rng: Rng, legged: bool) -> _Plan:
     if rng.random() < 0.4:
         ca, cb = a * rng.uniform(0.4, 0.7), b * rng.uniform(0.4, 0.7)
         corners = np.array([[0, 0], [a, 0], [a, cb], [ca, cb], [ca, b], [0, b]])
-    walls = _walls_with_doors(rng, corners, int(rng.integers(0, 4)))
+    walls = _walls_with_doors(rng, corners, int(rng.integers(0, 3)))
     for _ in range(1000):
         spot = rng.uniform(0, 1, 2) * [a, b]
         if _inside(spot, corners) and _distance(make.closed(corners), np.tile(spot, 2)[None]) > 0.8:
@@ -150,8 +150,9 @@ def _corridor(rng: Rng, legged: bool) -> _Plan:
 
 def _hall(rng: Rng, legged: bool) -> _Plan:
     walls = []
-    for _ in range(int(rng.choice([0, 0, 1, 2]))):
-        away, angle, half = rng.uniform(6, 11), rng.uniform(-np.pi, np.pi), rng.uniform(2, 6)
+    crowd = rng.uniform(4, 10)
+    for _ in range(int(rng.choice([0, 0, 1, 2, 3]))):
+        away, angle, half = crowd + rng.uniform(0.5, 2), rng.uniform(-np.pi, np.pi), rng.uniform(1, 6)
         out = np.array([np.cos(angle), np.sin(angle)])
         side = np.array([-out[1], out[0]])
         walls.append(make.wall(np.array([out * away - side * half, out * away + side * half])))
@@ -159,7 +160,7 @@ def _hall(rng: Rng, legged: bool) -> _Plan:
 
     def thing() -> Entity:
         # Uniform in the distance, not over the area, which would leave the neighbourhood empty.
-        away, angle = rng.uniform(1.0, 10.0), rng.uniform(-np.pi, np.pi)
+        away, angle = rng.uniform(0.8, crowd), rng.uniform(-np.pi, np.pi)
         return _thing(rng, away * np.cos(angle), away * np.sin(angle), legged)
 
     plan.fill(int(rng.integers(15, 41)), thing, 0.15)
@@ -212,7 +213,7 @@ def _walls_with_doors(rng: Rng, corners: Float64, doors: int) -> list[Entity]:
             openings[int(side)] = (begin / extent, (begin + gap) / extent)
     if not openings:
         return [make.wall(np.vstack([corners, corners[:1]]))]
-    jamb = rng.uniform(0.08, 0.25) if rng.random() < 0.6 else 0.0
+    jamb = rng.uniform(0.08, 0.25) if rng.random() < 0.4 else 0.0
     order = [(side + min(openings)) % len(corners) for side in range(len(corners))]
     walls, run = [], []
     for side in [*order, order[0]]:
@@ -233,13 +234,13 @@ def _walls_with_doors(rng: Rng, corners: Float64, doors: int) -> list[Entity]:
 def _corridor_side(rng: Rng, length: float, y: float, outward: float) -> list[Entity]:
     """One side of a corridor: doorways of about a metre that open into nothing or into a side room."""
     walls: list[Entity] = []
-    jamb = rng.uniform(0.08, 0.25) if rng.random() < 0.6 else 0.0
+    jamb = rng.uniform(0.08, 0.25) if rng.random() < 0.4 else 0.0
     run: list[list[float]] = [[0.0, y]]
     at = rng.uniform(0.5, 5)
     last_room = 0.0
     while at + 2.0 < length:
         gap = rng.uniform(0.85, 1.2)
-        until = at + gap + rng.uniform(2.0, 6.0)
+        until = at + gap + rng.uniform(2.0, 7.0)
         run += [[at, y], [at, y + outward * jamb]] if jamb else [[at, y]]
         walls.append(make.wall(run))
         run = [[at + gap, y + outward * jamb], [at + gap, y]] if jamb else [[at + gap, y]]
