@@ -15,7 +15,7 @@ help: ## list the targets
 
 demo: $(VENV)/installed ## install, detect the objects of a sample log and show the table
 	$(BIN)/lidarcli detect samples/room.mcap -o demo --overwrite
-	@$(BIN)/python tools/show_objects.py demo/room.objects.parquet
+	@$(BIN)/python -m tools.show_objects demo/room.objects.parquet
 
 test: check ## install what the tests need, then check
 
@@ -33,11 +33,11 @@ samples: $(VENV)/installed ## make the sample logs again from their scenes
 	PYTHON="$(abspath $(BIN))/python" sh samples/make.sh
 
 golden: $(VENV)/installed-dev ## accept today's tables as the expected ones (then read the diff)
-	$(BIN)/python tools/update_golden.py
+	$(BIN)/python -m tools.update_golden
 	git diff --stat -- tests/golden
 
 docs: $(VENV)/installed ## write docs/cli.md and docs/tables.md from the code
-	$(BIN)/python tools/make_docs.py
+	$(BIN)/python -m tools.make_docs
 
 bench: $(VENV)/installed ## throughput and memory of detect, beside merely reading the log
 	$(BIN)/python benchmarks/bench.py $(BENCH)

@@ -93,9 +93,7 @@ def test_info_counts_the_sweeps_of_every_topic(log: Real, capsys: pytest.Capture
 def test_every_beam_is_in_exactly_one_set(
     log: Real, profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = run(
-        ["-q", "detect", str(FOLDER / log.path), "-o", str(tmp_path), "--profile", profile, "--beams"]
-    )
+    code = run(["-q", "detect", str(FOLDER / log.path), "-o", str(tmp_path), "--profile", profile, "--beams"])
     assert code == log.code, capsys.readouterr().err
     objects, sweeps, beams = (
         pq.read_table(next(tmp_path.glob(f"*.{name}.parquet"))) for name in ("objects", "sweeps", "beams")
@@ -119,9 +117,7 @@ def test_every_beam_is_in_exactly_one_set(
     assert claimed.num_rows == objects.num_rows == pc.sum(sweeps["objects"]).as_py()
 
 
-def test_the_same_scans_give_the_same_objects(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_same_scans_give_the_same_objects(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Two recordings of INDEX.md hold the same scans: one bag with a broken index, one database beside a CSV."""
     pairs = (
         (

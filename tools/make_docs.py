@@ -1,20 +1,29 @@
-"""Write the generated pages of docs/ (`make docs`)."""
+"""Write the generated pages of docs/, and the outputs of the examples in the others (`make docs`)."""
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
-from reference import cli_page, tables_page
+from tools.examples import renewed
+from tools.reference import cli_page, tables_page
 
-DOCS = Path(__file__).parent.parent / "docs"
-PAGES = {"cli.md": cli_page, "tables.md": tables_page}
+ROOT = Path(__file__).parent.parent
+PAGES = {"docs/cli.md": cli_page, "docs/tables.md": tables_page}
+WITH_EXAMPLES = ("README.md", "docs/tutorial.md")
 
 
 def main() -> None:
     """Write every page."""
     for name, page in PAGES.items():
-        (DOCS / name).write_text(page(), encoding="utf-8")
-        print(DOCS.name, name, sep="/")
+        (ROOT / name).write_text(page(), encoding="utf-8")
+    for name in WITH_EXAMPLES:
+        page_path = ROOT / name
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "samples").symlink_to(ROOT / "samples")
+            page_path.write_text(
+                renewed(page_path.read_text(encoding="utf-8"), Path(folder)), encoding="utf-8"
+            )
 
 
 if __name__ == "__main__":

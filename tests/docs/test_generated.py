@@ -1,0 +1,61 @@
+"""The references are what the code says today, and every option is shown at work somewhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tools import reference
+from tools.make_docs import PAGES, ROOT
+
+OPTIONS = sorted({name for _, name in reference.option_names()})
+SHORT = {"--output": "-o", "--verbose": "-v", "--quiet": "-q"}
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_generated_page_is_not_stale(name: str) -> None:
+    assert (ROOT / name).read_text(encoding="utf-8") == PAGES[name](), "run `make docs`"
+
+
+def command_lines() -> str:
+    """Every line of the documentation in which lidarcli is called."""
+    pages = [ROOT / "README.md", ROOT / "samples" / "README.md", *(ROOT / "docs").glob("*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages).replace("\\\n", " ")
+    fences = re.findall(r"^```.*?\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    lines = [line for fence in fences for line in fence.splitlines()]
+    return "\n".join(line for line in lines if re.search(r"\blidarcli (-\S+ )*[a-z-]", line))
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_every_option_has_an_example(option: str) -> None:
+    names = "|".join(re.escape(name) for name in (option, SHORT.get(option)) if name)
+    assert re.search(rf" (?:{names})\b", command_lines()), f"no example of {option} in docs/"
+
+
+def test_the_readme_names_no_command_that_is_not_there() -> None:
+    commands = {command for command, _ in reference.option_names()} - {"lidarcli"}
+    called = set(re.findall(r"\blidarcli (?:-[vq] )?([a-z]+)\b", command_lines()))
+    assert called <= commands
+
+
+def test_the_pages_of_docs_are_in_its_index() -> None:
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    pages = {page.name for page in (ROOT / "docs").glob("*.md")} - {"README.md"}
+    assert pages == set(re.findall(r"\]\((\w+\.md)\)", index))
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "samples").glob("*.md")]
+    for page in pages:
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"
+
+
+def test_the_wheel_holds_the_package_alone() -> None:
+    import tomllib
+
+    project = tomllib.loads((Path(ROOT) / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["tool"]["hatch"]["build"]["targets"]["wheel"] == {"packages": ["lidarcli"]}
+    assert not list((ROOT / "lidarcli").rglob("test*"))

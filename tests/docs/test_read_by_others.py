@@ -1,0 +1,67 @@
+"""pandas, DuckDB and polars read every table directly, also one without rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import duckdb
+import pandas as pd
+import polars as pl
+import pyarrow.parquet as pq
+import pytest
+
+from lidarcli.cli import run
+from lidarcli.simulate.generate import START_NS
+
+SCENE = Path(__file__).parent.parent.parent / "samples" / "room.toml"
+TABLES = ("objects", "sweeps", "beams")
+
+
+@pytest.fixture(scope="module", params=[3, 0], ids=["rows", "empty"])
+def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Tables of a log with some sweeps, and of one without any object."""
+    path = tmp_path_factory.mktemp("tables")
+    log = str(path / "room.mcap")
+    widths = [] if request.param else ["--max-width", "1e-6", "--min-beams", "1000"]
+    assert run(["-q", "simulate", str(SCENE), "-o", log, "--sweeps", "3"]) == 0
+    assert run(["-q", "detect", log, "-o", str(path), "--beams", *widths]) == 0
+    return path
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_all_readers_agree(folder: Path, table: str) -> None:
+    path = folder / f"room.{table}.parquet"
+    arrow = pq.read_table(path)
+    frames = {
+        "pandas": list(pd.read_parquet(path).columns),
+        "duckdb": [column[0] for column in duckdb.sql(f"describe select * from '{path}'").fetchall()],
+        "polars": pl.read_parquet(path).columns,
+    }
+    assert frames == dict.fromkeys(frames, arrow.column_names)
+    assert len(pd.read_parquet(path)) == arrow.num_rows
+    assert duckdb.sql(f"select count(*) from '{path}'").fetchall() == [(arrow.num_rows,)]
+    assert pl.read_parquet(path).height == arrow.num_rows
+
+
+def test_stamps_and_nested_columns_survive(folder: Path) -> None:
+    stamps = [START_NS + 100_000_000 * sweep for sweep in range(3)]
+    path = folder / "room.sweeps.parquet"
+    frame = pd.read_parquet(path)
+    assert str(frame["stamp"].dtype) == "datetime64[ns, UTC]"
+    assert frame["stamp"].astype("int64").tolist() == stamps
+    polars_stamp = pl.read_parquet(path)["stamp"]
+    assert polars_stamp.dtype == pl.Datetime("ns", "UTC")
+    assert polars_stamp.dt.epoch("ns").to_list() == stamps
+    assert duckdb.sql(f"select epoch_ns(stamp) from '{path}' order by sweep").fetchall() == [
+        (stamp,) for stamp in stamps
+    ]
+
+    objects = folder / "room.objects.parquet"
+    arrow = pq.read_table(objects)
+    kinds = [[vertex["kind"] for vertex in vertices] for vertices in arrow["vertices"].to_pylist()]
+    rows = duckdb.sql(f"select list_transform(vertices, v -> v.kind) from '{objects}'").fetchall()
+    assert [row[0] for row in rows] == kinds
+    in_polars = pl.read_parquet(objects)["vertices"].to_list()
+    assert [[vertex["kind"] for vertex in vertices] for vertices in in_polars] == kinds
+    in_pandas = pd.read_parquet(objects)["vertices"]
+    assert [[vertex["kind"] for vertex in vertices] for vertices in in_pandas] == kinds
