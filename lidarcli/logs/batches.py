@@ -1,0 +1,155 @@
+"""From the blocks of a log to batches of equal size: numbering, `--start/--end/--every`, normalising."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lidarcli.errors import NoScanError
+from lidarcli.logs.base import SCAN_TYPES, Log
+from lidarcli.logs.laserscan import split_rows
+from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
+
+BATCH_VALUES = 1 << 22
+"""Most ranges of one batch, padding included: batches of very wide sweeps hold fewer of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What to read of a log, and how."""
+
+    topics: Collection[str] | None = None
+    """Names of LaserScan topics, with or without the leading slash; none means all."""
+    start: float | None = None
+    """Seconds from the first sweep of the same topic and frame; sweeps before are left out."""
+    end: float | None = None
+    """Sweeps from here on are left out [s]."""
+    every: int = 1
+    """Of each topic's sweeps only those whose index is a multiple of this."""
+    batch_size: int = 256
+    rules: RangeRules = field(default_factory=RangeRules)
+
+
+def read_batches(log: Log, options: ReadOptions) -> Iterator[SweepBatch]:
+    """Batches of `batch_size` sweeps per topic, in log order; the last of a topic has what is left.
+
+    A sweep's index counts all sweeps of its topic, also those that are left out. Raises `NoScanError` where a topic
+    that was asked for is not there: at once where the log knows its topics, in the end of a stream otherwise.
+    """
+    known = log.topics()
+    there = None if known is None else sorted({topic.name for topic in known if topic.type in SCAN_TYPES})
+    names = None if there is None or not options.topics else _resolve(log, options.topics, there)
+    asked = _Asked(options.topics if names is None else None)
+    lines: dict[str, _Line] = {}
+    for block in log.scans(names):
+        if block.topic not in asked:
+            continue
+        line = lines.setdefault(block.topic, _Line(options))
+        yield from line.take(block)
+    for line in lines.values():
+        yield from line.batches(final=True)
+    if not lines and not there and not log.report.damage and not log.report.refused:
+        raise _absent(log, options.topics or (), asked.others)
+
+
+def _resolve(log: Log, topics: Collection[str], there: list[str]) -> list[str]:
+    """The names of the log's topics that are meant: a leading slash counts only where both names are there."""
+    by_name = {name.lstrip("/"): name for name in there} | {name: name for name in there}
+    missing = [name for name in topics if name not in by_name and name.lstrip("/") not in by_name]
+    if missing:
+        raise _absent(log, missing, there)
+    return sorted({by_name.get(name) or by_name[name.lstrip("/")] for name in topics})
+
+
+def _absent(log: Log, missing: Collection[str], there: Collection[str]) -> NoScanError:
+    if not missing:
+        return NoScanError(f"{log.path}: no LaserScan in it")
+    has = f"it has {', '.join(sorted(there))}" if there else "it has none"
+    return NoScanError(f"{log.path}: no LaserScan topic {', '.join(sorted(missing))}; {has}")
+
+
+class _Asked:
+    """Names asked for in a log whose topics show only while it is read; remembers the others."""
+
+    def __init__(self, topics: Collection[str] | None) -> None:
+        self._names = frozenset(name.lstrip("/") for name in topics) if topics else None
+        self.others: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        if self._names is None or str(name).lstrip("/") in self._names:
+            return True
+        self.others.add(str(name))
+        return False
+
+
+class _Line:
+    """The sweeps of one topic that wait for their batch."""
+
+    def __init__(self, options: ReadOptions) -> None:
+        self._options = options
+        self._count = 0
+        self._first_ns: dict[str, int] = {}
+        self._blocks: list[RawSweeps] = []
+        self._sweeps: list[Int64] = []
+
+    def take(self, block: RawSweeps) -> Iterator[SweepBatch]:
+        """Number and filter a block; yield the batches that it completes."""
+        sweep = np.arange(self._count, self._count + len(block), dtype=np.int64)
+        self._count += len(block)
+        keep = self._kept(block, sweep)
+        if not keep.all():
+            block, sweep = block.rows(keep), sweep[keep]
+        if len(block):
+            self._blocks.append(block)
+            self._sweeps.append(sweep)
+            yield from self.batches()
+
+    def _kept(self, block: RawSweeps, sweep: Int64) -> Bool:
+        keep: Bool = sweep % self._options.every == 0
+        start, end = self._options.start, self._options.end
+        if start is None and end is None:
+            return keep
+        stamp_ns = np.where(block.stamp_ns == 0, block.record_ns, block.stamp_ns)
+        first = np.zeros(len(block.frame_ids), np.int64)
+        codes, rows = np.unique(block.frame, return_index=True)
+        for code, row in zip(codes.tolist(), rows.tolist(), strict=True):
+            first[code] = self._first_ns.setdefault(block.frame_ids[code], int(stamp_ns[row]))
+        seconds = (stamp_ns - first[block.frame]) / 1e9
+        if start is not None:
+            keep &= seconds >= start
+        if end is not None:
+            keep &= seconds < end
+        return keep
+
+    def batches(self, final: bool = False) -> Iterator[SweepBatch]:
+        """The full batches of what waits; in the end, all of it."""
+        if not self._blocks:
+            return
+        size = self._options.batch_size
+        beams = np.concatenate([block.beams for block in self._blocks])
+        parts = list(split_rows(beams, size, BATCH_VALUES))
+        # The last run may grow with the next block, unless it is full already.
+        if not final and parts[-1].stop - parts[-1].start < size:
+            parts.pop()
+        for part in parts:
+            block, sweep = self._cut(part.stop - part.start)
+            yield normalise(block, sweep, self._options.rules)
+
+    def _cut(self, rows: int) -> tuple[RawSweeps, Int64]:
+        """Take the first `rows` of what waits, as wide as its widest sweep."""
+        blocks: list[RawSweeps] = []
+        sweeps: list[Int64] = []
+        while rows:
+            block, sweep = self._blocks[0], self._sweeps[0]
+            head = slice(0, min(rows, len(block)))
+            width = int(block.beams[head].max())
+            blocks.append(replace(block.rows(head), ranges=block.ranges[head, :width]))
+            sweeps.append(sweep[head])
+            rows -= head.stop
+            if head.stop == len(block):
+                del self._blocks[0], self._sweeps[0]
+            else:
+                self._blocks[0], self._sweeps[0] = block.rows(slice(head.stop, None)), sweep[head.stop :]
+        return concatenate(blocks), np.concatenate(sweeps)

@@ -1,0 +1,130 @@
+"""`open_log`: from a name, or a stream, to the reader of its content."""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import stat
+import sys
+from pathlib import Path
+from typing import BinaryIO, cast
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.registry import FORMATS, GZIP, HEAD, MCAP, ROS1, SQLITE, ZSTD, Format, gunzip_start
+
+PIPE_WAIT_S = 10.0
+"""A named pipe that nobody writes to for so long is given up [s]."""
+
+_BINARY = (*MCAP, *ROS1, SQLITE, ZSTD)
+
+
+def open_log(source: str | Path | BinaryIO, *, csv: CsvOptions | None = None) -> Log:
+    """Open a log by its content: a file, a folder, `-` for standard input, or a binary stream.
+
+    Raises `UnreadableError` with one line where there is nothing to read.
+    """
+    options = csv or CsvOptions()
+    if not isinstance(source, str | Path):
+        return _open_stream(source, str(getattr(source, "name", "-")), options)
+    name = str(source)
+    if name == "-":
+        return _open_stream(sys.stdin.buffer, name, options)
+    path = Path(source)
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            return _open_folder(path, name, options)
+        if stat.S_ISFIFO(mode):
+            return _open_stream(_open_pipe(path, name), name, options)
+        if not stat.S_ISREG(mode):
+            raise UnreadableError(f"{name}: is neither a file nor a folder nor a pipe")
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+    except OSError as err:
+        raise UnreadableError(f"{name}: cannot be opened: {err.strerror or err}") from err
+    except ValueError as err:
+        raise UnreadableError(f"{name!r}: cannot be the name of a file") from err
+    known = _sniffed(head, name)
+    return cast(Log, known.load()(path, options) if known.options else known.load()(path))
+
+
+def _sniffed(head: bytes, name: str) -> Format:
+    if not head:
+        raise UnreadableError(f"{name}: is empty")
+    if head.startswith(GZIP) and gunzip_start(head).startswith(_BINARY):
+        raise UnreadableError(f"{name}: a log packed with gzip; unpack it first (gunzip)")
+    for known in FORMATS:
+        if known.sniff(head):
+            return known
+    raise UnreadableError(f"{name}: not a log lidarcli knows; it reads {_known()}")
+
+
+def _known() -> str:
+    return ", ".join(known.name for known in FORMATS)
+
+
+def _open_folder(path: Path, name: str, options: CsvOptions) -> Log:
+    for known in FORMATS:
+        if known.sniff_folder(path):
+            return cast(Log, known.load()(path, options) if known.options else known.load()(path))
+    raise UnreadableError(f"{name}: a folder without a log; lidarcli reads {_known()}")
+
+
+def _open_stream(stream: BinaryIO, name: str, options: CsvOptions) -> Log:
+    try:
+        head = _read_start(stream)
+    except OSError as err:
+        raise UnreadableError(f"{name}: cannot be read: {err.strerror or err}") from err
+    known = _sniffed(head, name)
+    if not known.streams:
+        raise UnreadableError(
+            f"{name}: a {known.name} cannot be read from a pipe; give the name of its file instead"
+        )
+    whole = cast(BinaryIO, io.BufferedReader(_Rejoined(head, stream), 1 << 16))
+    log = cast(Log, known.load()(whole, options) if known.options else known.load()(whole))
+    log.path = name
+    return log
+
+
+def _read_start(stream: BinaryIO) -> bytes:
+    head = b""
+    while len(head) < HEAD and (piece := stream.read(HEAD - len(head))):
+        head += piece
+    return head
+
+
+def _open_pipe(path: Path, name: str) -> BinaryIO:
+    """Open a named pipe without waiting forever for somebody to write to it."""
+    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    poll = select.poll()
+    poll.register(file, select.POLLIN | select.POLLHUP)
+    if not poll.poll(PIPE_WAIT_S * 1000):
+        os.close(file)
+        raise UnreadableError(f"{name}: nobody has written to this pipe for {PIPE_WAIT_S:g} s")
+    os.set_blocking(file, True)
+    return os.fdopen(file, "rb", buffering=0)
+
+
+class _Rejoined(io.RawIOBase):
+    """A stream whose first bytes have been read already, put together again."""
+
+    def __init__(self, head: bytes, rest: BinaryIO) -> None:
+        super().__init__()
+        self._head = head
+        self._rest = rest
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        data = self._head[: len(buffer)] if self._head else self._rest.read(len(buffer))
+        self._head = self._head[len(data) :]
+        buffer[: len(data)] = data
+        return len(data)
+
+    def close(self) -> None:
+        if not self.closed and self._rest is not sys.stdin.buffer:
+            self._rest.close()
+        super().close()
