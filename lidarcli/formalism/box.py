@@ -13,6 +13,8 @@ from lidarcli.sweeps import Float64, Int64
 
 RIGHT_ANGLE = np.deg2rad(5.0)
 """Faces closer to a right angle than this propose the same box."""
+TIE = 1e-9
+"""Areas that differ by less than this share are equal (any two sides of a triangle give the same): rounding must not choose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +46,16 @@ def bounding_boxes(
     x, y = points.x[index], points.y[index]
     longest, second = _two_longest(faces, face, face_offsets)
     first, last = offsets[:-1], offsets[1:] - 1
-    angle = np.where(longest >= 0, faces.angle[longest], np.arctan2(y[last] - y[first], x[last] - x[first]))
+    # Objects of a single point have no face, and there may be no others: -1 then finds the 0 at the end.
+    angles = np.append(faces.angle, 0.0)
+    angle = np.where(longest >= 0, angles[longest], np.arctan2(y[last] - y[first], x[last] - x[first]))
     rectangle = _rectangle(x, y, angle, owner, offsets)
     # A second direction matters only where the two longest faces are not at right angles anyway.
-    turn = np.abs(np.sin(2.0 * (faces.angle[second] - angle)))
+    turn = np.abs(np.sin(2.0 * (angles[second] - angle)))
     oblique = np.flatnonzero((second >= 0) & (turn > np.sin(2.0 * RIGHT_ANGLE)))
     part, part_owner, part_offsets = spans(first[oblique], np.diff(offsets)[oblique])
     other = _rectangle(x[part], y[part], faces.angle[second[oblique]], part_owner, part_offsets)
-    better = other.area < rectangle.area[oblique]
+    better = other.area < (1.0 - TIE) * rectangle.area[oblique]
     for name in ("angle", "low_u", "high_u", "low_v", "high_v"):
         getattr(rectangle, name)[oblique[better]] = getattr(other, name)[better]
     angle, low_u, high_u = rectangle.angle, rectangle.low_u, rectangle.high_u

@@ -10,7 +10,7 @@ from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.difference import predecessor_gap
 from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, outline, split_straight
-from lidarcli.formalism.objects import fully_visible, partly_visible
+from lidarcli.formalism.objects import fully_visible, partly_hidden, partly_visible
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
@@ -21,6 +21,8 @@ from lidarcli.sweeps import Float64, SweepBatch
 STRAIGHT = 0.02
 """[m] A face may leave its chord by this much plus three times the noise."""
 STRAIGHT_NOISE = 3.0
+ENCLOSED = 0.35
+PARTIAL = 0.65
 WALL_POINTS = 32
 """A run that is too wide for an object is thinned to this many points before its lines are sought."""
 
@@ -78,7 +80,8 @@ def _sweep_threshold(d_mean: Float64, sigma: Float64, parameters: Parameters) ->
 def _literal(runs: Runs, d_th: Float64, parameters: Parameters) -> Segmentation:
     """Profile `paper`: Definitions 5 to 7 as printed."""
     extremum, corner = vertices.literal(runs, d_th)
-    faces = faces_between(outline(runs, runs.size), extremum | corner)
+    shape = outline(runs, runs.size)
+    faces = faces_between(shape, (extremum | corner)[shape.index])
     small = extent(runs, faces) <= parameters.max_width
     enough = runs.size >= parameters.min_beams
     visible = fully_visible(runs)
@@ -94,17 +97,24 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
     """Profile `robust`: the same definitions with the estimates a real sensor needs."""
     enough = runs.size >= parameters.min_beams
     narrow = chord(runs) <= parameters.max_width
-    candidate = enough & narrow & partly_visible(runs)
+    candidate = enough & narrow
     shape = outline(runs, np.where(candidate, runs.size, np.where(narrow, 0, WALL_POINTS)))
     corner = split_straight(shape, STRAIGHT + STRAIGHT_NOISE * sigma[runs.row])
     faces = faces_between(shape, corner)
-    small = extent(runs, faces) <= parameters.max_width
+    reach = extent(runs, faces)
+    small = reach <= parameters.max_width
     candidate &= small
     wall = ~small & enough
-    on_wall = on_wall_lines(runs, faces, wall, candidate, sigma)
+    partial = partly_hidden(runs)
+    on_wall = on_wall_lines(runs, faces, wall, candidate, partial, sigma, parameters.max_width)
+    wall |= on_wall
+    returns = np.diff(runs.points.start)
+    enclosed = np.bincount(runs.row, runs.size * wall, minlength=len(sigma)) > ENCLOSED * returns
+    candidate &= ~wall & partly_visible(runs, enclosed)
+    candidate &= reach <= np.where(partial, PARTIAL, 1.0) * parameters.max_width
     return Segmentation(
         faces=faces,
         extremum=np.zeros(len(runs.points), bool),
-        is_object=candidate & ~on_wall,
-        is_wall=(wall | on_wall) & parameters.walls,
+        is_object=candidate,
+        is_wall=wall & parameters.walls,
     )

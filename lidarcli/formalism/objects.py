@@ -20,10 +20,32 @@ def fully_visible(runs: Runs) -> Bool:
     return both
 
 
-def partly_visible(runs: Runs) -> Bool:
-    """Profile `robust`: runs with at least one edge that is not hidden behind a neighbour. (R,)"""
-    visible: Bool = (runs.start_edge != HIDDEN) | (runs.end_edge != HIDDEN)
+def partly_visible(runs: Runs, enclosed: Bool) -> Bool:
+    """Profile `robust`: runs that show enough of their outline to be more than a piece of the background.
+
+    Between walls a run needs an edge of its own, or an end in the open on both sides: what else is seen there is wall.
+    Where no walls surround the sensor even a run that is hidden on both sides is some thing.
+
+    Parameters
+    ----------
+    runs : R runs
+    enclosed : (S,) sweeps surrounded by walls
+
+    Returns
+    -------
+    (R,)
+    """
+    own = (runs.start_edge == OWN) | (runs.end_edge == OWN)
+    free = (runs.start_edge == OPEN) & (runs.end_edge == OPEN)
+    visible: Bool = own | free | ~enclosed[runs.row]
     return visible
+
+
+def partly_hidden(runs: Runs) -> Bool:
+    """Runs that may go on where an edge is hidden, beyond the view or unknown. (R,)"""
+    seen = (OWN, OPEN)
+    partial: Bool = ~(np.isin(runs.start_edge, seen) & np.isin(runs.end_edge, seen))
+    return partial
 
 
 def visibility(runs: Runs) -> UInt8:

@@ -16,6 +16,7 @@ LINE_POINTS = 4
 COLLINEAR = 0.03
 """[m] Walls are as plane as this; skirting boards and door frames stand out less."""
 NOISE_GAIN = 3.0
+PAIR_ERROR = 0.1
 REACH_LIMIT = 0.15
 """[m] Greatest distance at which a piece still counts as on the line, however uncertain the line is."""
 
@@ -40,7 +41,9 @@ def extent(runs: Runs, faces: Faces) -> Float64:
     return reach
 
 
-def on_wall_lines(runs: Runs, faces: Faces, wall: Bool, candidate: Bool, sigma: Float64) -> Bool:
+def on_wall_lines(
+    runs: Runs, faces: Faces, wall: Bool, candidate: Bool, partial: Bool, sigma: Float64, max_width: float
+) -> Bool:
     """Which small runs lie on the line of a wall: a wall between two doorways is short, but continues its neighbours.
 
     Parameters
@@ -48,34 +51,44 @@ def on_wall_lines(runs: Runs, faces: Faces, wall: Bool, candidate: Bool, sigma: 
     runs, faces : R runs and their F faces
     wall : (R,) runs known as walls, whose long faces give the lines
     candidate : (R,) runs to decide on
+    partial : (R,) runs of which some part may be hidden: two of them on one line are one wall where together they
+        reach further than `max_width`
     sigma : (S,) noise of the ranges [m]
+    max_width : greatest extent of an object [m]
 
     Returns
     -------
     (R,) True where most of the length of a candidate lies on the line of some wall of its sweep
     """
     rows = len(runs.points.start) - 1
-    line = np.flatnonzero(wall[faces.run] & (faces.length >= LINE_LENGTH) & (faces.points >= LINE_POINTS))
+    gives = wall | (candidate & partial)
+    line = np.flatnonzero(gives[faces.run] & (faces.length >= LINE_LENGTH) & (faces.points >= LINE_POINTS))
     lines = offsets_of(np.bincount(runs.row[faces.run[line]], minlength=rows))
     piece = np.flatnonzero(candidate[faces.run])
     row = runs.row[faces.run[piece]]
     which, owner, _ = spans(lines[row], np.diff(lines)[row])
-    fits = _within(runs.points, faces, line[which], piece[owner], sigma[row[owner]])
-    matched = np.zeros(len(piece), bool)
-    matched[owner[fits]] = True
-    on_line = np.where(matched, 1.0, -1.0) * faces.length[piece]
+    which, part = line[which], piece[owner]
+    fits, reach, error = _within(runs.points, faces, which, part, sigma[row[owner]])
+    pair = partial[faces.run[part]] & (faces.run[which] != faces.run[part]) & (reach > max_width) & (error < PAIR_ERROR)
+    fits &= wall[faces.run[which]] | pair
+    matched = np.zeros(len(faces), bool)
+    matched[part[fits]] = True
+    matched[which[fits]] = True
+    on_line = np.where(matched[piece], 1.0, -1.0) * faces.length[piece]
     balance = np.bincount(faces.run[piece], on_line, minlength=len(runs))
     result: Bool = candidate & (balance > 0)
     return result
 
 
-def _within(points: Cloud, faces: Faces, line: Int64, piece: Int64, sigma: Float64) -> Bool:
-    """(T,) whether both ends of face `piece` lie on the straight line of face `line`, within what is known of it."""
+def _within(points: Cloud, faces: Faces, line: Int64, piece: Int64, sigma: Float64) -> tuple[Bool, Float64, Float64]:
+    """Whether both ends of face `piece` lie on the line of face `line`, within what is known of it; their joint reach [m]."""
     middle_x, middle_y = faces.middle_x[line], faces.middle_y[line]
     direction_x, direction_y = faces.direction_x[line], faces.direction_y[line]
     length = faces.length[line]
     spread = np.maximum(faces.rms[line], sigma) / np.sqrt(faces.points[line])
     fits = np.ones(len(line), bool)
+    reach = 0.5 * length
+    error = np.zeros(len(line))
     for end in (faces.first[piece], faces.last[piece]):
         dx, dy = points.x[end] - middle_x, points.y[end] - middle_y
         away = np.abs(dx * direction_y - dy * direction_x)
@@ -83,4 +96,6 @@ def _within(points: Cloud, faces: Faces, line: Int64, piece: Int64, sigma: Float
         line_error = spread * np.sqrt(1.0 + 12.0 * (along / length) ** 2)
         known = np.minimum(NOISE_GAIN * line_error, REACH_LIMIT)
         fits &= away <= COLLINEAR + NOISE_GAIN * sigma + known
-    return fits
+        error = np.maximum(error, NOISE_GAIN * line_error)
+        reach = np.maximum(reach, np.abs(along))
+    return fits, reach + 0.5 * length, error
