@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any
 
 from lidarcli.errors import NoScanError
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.logs import open_log
 from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.pipeline.topics import absent, choose, nothing_read, scan_topics
 from lidarcli.sweeps import SweepBatch
@@ -71,7 +71,7 @@ def detect_to_files(
     """Write the tables of one log below `folder`; they appear when all of them are whole, or not at all."""
     if not options.overwrite:
         refuse_existing([table_path(folder, source.name, table) for table in options.tables])
-    with open_log(source.path, csv=options.csv) as log:
+    with open_source(source, options.csv) as log:
         run = _Run(log, options)
         with TableFiles(folder, source.name, options.tables, run.first) as files:
             for batch, detection in run.detections(options.beams, progress):
@@ -90,7 +90,7 @@ def detect_to_stream(
     source: Source, stream: RowStream, options: DetectOptions, progress: Progress | None = None
 ) -> tuple[RunSummary, dict[str, Any]]:
     """Pass the objects of one log to `stream`, in the order of the table; also the description of the source."""
-    with open_log(source.path, csv=options.csv) as log:
+    with open_source(source, options.csv) as log:
         run = _Run(log, options)
         with TopicOrder(stream, OBJECTS, run.first, None) as order:
             for batch, detection in run.detections(False, progress):
@@ -102,7 +102,7 @@ def detect_to_stream(
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
     """What the tables' metadata says of the source: nothing that depends on where it lay."""
-    name = source.name if source.is_stdin else PurePath(Path(source.path).resolve()).name
+    name = source.name if source.is_stdin or source.files else Path(source.path).absolute().name
     return {"name": name, "size": log.size, "format": log.format}
 
 
@@ -153,6 +153,7 @@ class _Run:
         summary = self._summary
         topics = self._log.topics()
         seen = {name.lstrip("/") for name in summary.topics}
+        seen |= {topic.lstrip("/") for topic, _, _ in summary.dropped}
         if topics is not None:
             seen |= {name.lstrip("/") for name in scan_topics(topics)}
         missing = tuple(name for name in self._wanted if name.lstrip("/") not in seen)
@@ -164,7 +165,7 @@ class _Run:
                 summary.missing_topics = missing
                 return
         else:
-            error = NoScanError("no LaserScan in this log")
+            error = NoScanError("no LaserScan in it")
         raise nothing_read(summary.damage, error)
 
     def _damage(self) -> list[str]:

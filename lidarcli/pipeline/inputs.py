@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.pipeline.opening import hold_one_sweep_each
 
 STDIN = "-"
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd")
@@ -17,6 +18,8 @@ SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd")
 
 _CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt")
 _WRAPPER = (".gz", ".zstd", ".active")
+_BINARY = (".mcap", ".bag", ".active", ".db3", ".zstd")
+_TEXT = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _PART_OF_BAG = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
 
 
@@ -26,6 +29,8 @@ class Source:
 
     path: str
     name: str
+    files: tuple[str, ...] = ()
+    """The files of a log that a pattern names, one sweep each."""
 
     @property
     def label(self) -> str:
@@ -42,9 +47,8 @@ class Source:
         """Bytes on disk; 0 where unknown."""
         path = Path(self.path)
         try:
-            if path.is_dir():
-                return sum(item.stat().st_size for item in path.iterdir() if item.is_file())
-            return path.stat().st_size
+            files = [Path(file) for file in self.files] or ([*path.iterdir()] if path.is_dir() else [path])
+            return sum(file.stat().st_size for file in files if file.is_file())
         except OSError:
             return 0
 
@@ -70,7 +74,7 @@ def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
         if text == STDIN:
             found.append(Source(STDIN, "stdin"))
         elif not path.exists():
-            found.append(_missing(text))
+            found.extend(_pattern(text))
         elif path.is_dir() and not is_one_log(path):
             below = [Source(str(log), _below(path, log)) for log in sorted(_search(path))]
             found.extend(below or [Nothing(text, UnreadableError(f"no log in this folder ({_known()})"))])
@@ -111,15 +115,22 @@ def log_name(path: Path) -> str:
 
 
 def is_one_log(folder: Path) -> bool:
-    """Whether a folder is one ROS 2 bag, also one that lost its metadata.yaml: only parts `NAME_0`, `NAME_1`, ..."""
-    if (folder / "metadata.yaml").exists():
-        return True
+    """Whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each.
+
+    A bag may have lost its metadata.yaml: then all its files are parts of one name, `NAME_0`, `NAME_1`, ...
+    """
     try:
-        names = [item.name for item in folder.iterdir()]
+        names = sorted(item.name for item in folder.iterdir() if item.is_file())
     except OSError:
         return False
+    if "metadata.yaml" in names:
+        return True
     parts = [match for match in map(_PART_OF_BAG.fullmatch, names) if match]
-    return bool(parts) and len({part[1] for part in parts}) == 1
+    if parts:
+        return len({part[1] for part in parts}) == 1
+    if any(name.lower().endswith(_BINARY) for name in names):
+        return False
+    return hold_one_sweep_each([folder / name for name in names if name.lower().endswith(_TEXT)])
 
 
 def _search(folder: Path) -> Iterator[Path]:
@@ -144,14 +155,18 @@ def _below(folder: Path, log: Path) -> str:
     return log.relative_to(folder).with_name(log_name(log)).as_posix()
 
 
-def _missing(text: str) -> Source | Nothing:
+def _pattern(text: str) -> Iterator[Source | Nothing]:
+    """The logs that a pattern names which no shell has expanded; one log where they hold one sweep each."""
     if Path(text).is_symlink():
-        return Nothing(text, UnreadableError("the link leads to nothing"))
-    # A quoted pattern is one log made of many files (one sweep each).
-    if glob.has_magic(text) and glob.glob(text):  # noqa: PTH207 (absolute patterns too)
-        parent = Path(text).parent
-        return Source(text, log_name(parent) if parent.name else log_name(parent.resolve()))
-    return Nothing(text, UnreadableError("no such file or folder"))
+        yield Nothing(text, UnreadableError("the link leads to nothing"))
+        return
+    files = sorted(glob.glob(text)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
+    if not files:
+        yield Nothing(text, UnreadableError("no such file or folder"))
+    elif hold_one_sweep_each([Path(file) for file in files]):
+        yield Source(text, log_name(Path(files[0]).parent), tuple(files))
+    else:
+        yield from find_logs(files)
 
 
 def _known() -> str:

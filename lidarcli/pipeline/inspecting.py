@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError, UnreadableError
-from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, Topic
 from lidarcli.pipeline.clock import Clock, ClockInfo
 from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.summary import damage_lines
 from lidarcli.pipeline.topics import scan_topics
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
@@ -87,7 +87,7 @@ def inspect_log(
     """Read a log once from end to end, in bounded memory, and tell what is in it."""
     rules = rules or RangeRules()
     found: dict[tuple[str, str], _Scan] = {}
-    with open_log(source.path, csv=csv or CsvOptions()) as log:
+    with open_source(source, csv) as log:
         for block in log.scans():
             for code in np.unique(block.frame):
                 key = block.topic, block.frame_ids[code]
