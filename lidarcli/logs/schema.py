@@ -63,7 +63,7 @@ def _idl_fields(text: str, name: str) -> list[tuple[str, str]]:
     members = re.sub(r"@\w+\s*\([^)]*\)", "", struct[1])
     fields = []
     for member in members.split(";"):
-        words = re.sub(r"\w+::|\s*([<>])\s*", r"\1", member).split()
+        words = re.sub(r"\w+::|(?<=<)\s+|\s+(?=[<>])", "", member).split()
         if len(words) >= 2:
             kind = "".join(words[:-1])
             fields.append((_IDL_NAMES.get(kind, kind), words[-1]))

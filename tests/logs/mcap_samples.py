@@ -1,0 +1,144 @@
+"""Small MCAPs made with the `mcap` library, and an independent, slow walk over their records."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from google.protobuf import descriptor_pb2
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+from mcap.writer import CompressionType, IndexType, Writer
+from scan_messages import scan
+
+COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
+BEAMS = 7
+LASERSCAN_MSG = (
+    b"# a comment\nstd_msgs/Header header\nfloat32 angle_min # start\nfloat32 angle_max\nfloat32 angle_increment\n"
+    b"float32 time_increment\nfloat32 scan_time\nfloat32 range_min\nfloat32 range_max\nfloat32[] ranges\n"
+    b"float32[] intensities\n" + b"=" * 80 + b"\nMSG: std_msgs/Header\nstring frame_id\n"
+)
+LASERSCAN_IDL = b"""#include "std_msgs/msg/Header.idl"
+module sensor_msgs { module msg {
+  @verbatim (language="comment", text="Single scan; (a comment)")
+  struct LaserScan {
+    std_msgs::msg::Header header;
+    @unit (value="rad")
+    float angle_min;
+    float angle_max; float angle_increment; float time_increment; float scan_time; float range_min; float range_max;
+    sequence<float> ranges;
+    sequence<float> intensities;
+  };
+};};
+"""
+
+
+def ranges_of(number: int, beams: int = BEAMS) -> Any:
+    """The ranges that sweep `number` of every sample holds."""
+    return (number + np.arange(beams) / 16).astype(np.float32)
+
+
+def sample(
+    sweeps: int,
+    *,
+    compression: str = "zstd",
+    index: IndexType = IndexType.ALL,
+    chatter: int = 0,
+    chunk_size: int = 400,
+    beams: int = BEAMS,
+    encoding: str = "cdr",
+    schema: tuple[str, str, bytes] = ("sensor_msgs/msg/LaserScan", "ros2msg", LASERSCAN_MSG),
+    payload: Any = None,
+    **options: Any,
+) -> bytes:
+    """An MCAP with `sweeps` sweeps on /scan, and `chatter` messages of another topic after each."""
+    stream = io.BytesIO()
+    writer = Writer(
+        stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], index_types=index, **options
+    )
+    writer.start("ros2", "a test")
+    scans = writer.register_channel("/scan", encoding, writer.register_schema(*schema))
+    text = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+    chat = writer.register_channel("/chat", "cdr", text)
+    for number in range(sweeps):
+        ranges = ranges_of(number, beams)
+        data = payload(number) if payload else scan(ranges, sec=number, encoding=encoding)
+        writer.add_message(scans, log_time=number * 10, publish_time=0, data=data, sequence=number)
+        for _ in range(chatter):
+            writer.add_message(chat, log_time=number * 10 + 1, publish_time=0, data=b"\0\1\0\0" + b"x" * 40)
+    writer.finish()
+    return stream.getvalue()
+
+
+def records(data: bytes, start: int = 8) -> Iterator[tuple[int, int, int]]:
+    """Opcode, first byte and end of each record."""
+    place = start
+    while place + 9 <= len(data) - (8 if start == 8 else 0):
+        opcode, length = struct.unpack_from("<BQ", data, place)
+        yield opcode, place, place + 9 + length
+        place += 9 + length
+
+
+def chunks(data: bytes) -> list[tuple[int, int]]:
+    """First byte and end of each chunk."""
+    return [(first, end) for opcode, first, end in records(data) if opcode == 6]
+
+
+def scan_schema() -> descriptor_pb2.FileDescriptorSet:
+    """foxglove.LaserScan with the timestamp it imports, as an MCAP's schema record holds it."""
+    field = descriptor_pb2.FieldDescriptorProto
+    stamp = descriptor_pb2.FileDescriptorProto(
+        name="google/protobuf/timestamp.proto", package="google.protobuf", syntax="proto3"
+    )
+    message = stamp.message_type.add(name="Timestamp")
+    message.field.add(name="seconds", number=1, type=field.TYPE_INT64, label=field.LABEL_OPTIONAL)
+    message.field.add(name="nanos", number=2, type=field.TYPE_INT32, label=field.LABEL_OPTIONAL)
+    file = descriptor_pb2.FileDescriptorProto(
+        name="foxglove/LaserScan.proto", package="foxglove", syntax="proto3", dependency=[stamp.name]
+    )
+    message = file.message_type.add(name="LaserScan")
+    message.field.add(
+        name="timestamp",
+        number=1,
+        type=field.TYPE_MESSAGE,
+        type_name=".google.protobuf.Timestamp",
+        label=field.LABEL_OPTIONAL,
+    )
+    message.field.add(name="frame_id", number=2, type=field.TYPE_STRING, label=field.LABEL_OPTIONAL)
+    for number, name in ((4, "start_angle"), (5, "end_angle")):
+        message.field.add(name=name, number=number, type=field.TYPE_DOUBLE, label=field.LABEL_OPTIONAL)
+    for number, name in ((6, "ranges"), (7, "intensities")):
+        message.field.add(name=name, number=number, type=field.TYPE_DOUBLE, label=field.LABEL_REPEATED)
+    return descriptor_pb2.FileDescriptorSet(file=[file, stamp])
+
+
+def protobuf_scan(number: int) -> bytes:
+    """Sweep `number` in protobuf."""
+    pool = DescriptorPool()
+    for file in reversed(scan_schema().file):
+        pool.Add(file)
+    message: Any = GetMessageClass(pool.FindMessageTypeByName("foxglove.LaserScan"))()
+    message.timestamp.seconds = number
+    message.timestamp.nanos = 8
+    message.frame_id = "laser"
+    message.start_angle, message.end_angle = -1.5, 1.5
+    message.ranges.extend(ranges_of(number).tolist())
+    return bytes(message.SerializeToString())
+
+
+def json_scan(number: int, **changes: Any) -> bytes:
+    """Sweep `number` in JSON."""
+    fields = {
+        "timestamp": {"sec": number, "nsec": 8},
+        "frame_id": "laser",
+        "pose": {"position": {"x": 1, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}},
+        "start_angle": -1.5,
+        "end_angle": 1.5,
+        "ranges": ranges_of(number).tolist(),
+        "intensities": [],
+    }
+    return json.dumps({**fields, **changes}).encode()

@@ -1,0 +1,44 @@
+"""LaserScan messages written field by field, independently of the decoder."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+
+GEOMETRY = (-1.5, 1.5, 0.01, 1e-4, 0.1, 0.05, 12.0)
+
+
+def scan(
+    ranges: list[float] | np.ndarray[Any, Any],
+    *,
+    encoding: str = "cdr",
+    frame: bytes = b"laser",
+    sec: int = 7,
+    nsec: int = 8,
+    geometry: tuple[float, ...] = GEOMETRY,
+    big: bool = False,
+    echoes: list[list[float]] | None = None,
+    intensities: int = 0,
+    declared: int | None = None,
+) -> bytes:
+    """One message, written field by field."""
+    order = ">" if big else "<"
+    body = b""
+    if encoding == "cdr":
+        name = frame + b"\0"
+        body += struct.pack(order + "iII", sec, nsec, len(name)) + name
+        body += b"\0" * (-len(body) % 4)
+    else:
+        body += struct.pack("<IIII", 3, sec, nsec, len(frame)) + frame
+    body += struct.pack(order + "7f", *geometry)
+    if echoes is None:
+        body += struct.pack(order + "I", len(ranges) if declared is None else declared)
+        body += struct.pack(f"{order}{len(ranges)}f", *ranges)
+    else:
+        body += struct.pack(order + "I", len(echoes))
+        for echo in echoes:
+            body += struct.pack(f"{order}I{len(echo)}f", len(echo), *echo)
+    body += struct.pack(f"{order}I{intensities}f", intensities, *[1.0] * intensities)
+    return (b"\0\0\0\0" if big else b"\0\1\0\0") + body if encoding == "cdr" else body

@@ -1,0 +1,304 @@
+"""The MCAP reader on logs as writers leave them: every compression, encoding and kind of index."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import mcap_samples as samples
+import numpy as np
+import pytest
+from mcap.writer import IndexType, Writer
+from mcap_samples import json_scan, protobuf_scan, ranges_of, sample
+from scan_messages import scan
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs import foxglove, mcap_walk
+from lidarcli.logs.base import FOXGLOVE_SCAN, LASERSCAN, ReadReport, Topic
+from lidarcli.logs.mcap import McapLog
+from lidarcli.sweeps import RawSweeps, concatenate
+
+N = 40
+IDL = ("sensor_msgs/msg/LaserScan", "ros2idl", samples.LASERSCAN_IDL)
+ROS1 = ("sensor_msgs/LaserScan", "ros1msg", samples.LASERSCAN_MSG.replace(b"std_msgs/", b""))
+NO_TEXT = ("sensor_msgs/msg/LaserScan", "ros2msg", b"")
+JSON = (FOXGLOVE_SCAN, "jsonschema", b"{}")
+PROTOBUF = (FOXGLOVE_SCAN, "protobuf", samples.scan_schema().SerializeToString())
+
+
+def read(source: Any, topics: set[str] | None = None) -> tuple[RawSweeps | None, ReadReport]:
+    with McapLog(source) as log:
+        blocks = list(log.scans(topics))
+        assert {block.topic for block in blocks} <= {"/scan"}
+        return (concatenate(blocks) if blocks else None), log.report
+
+
+def assert_whole(raw: RawSweeps | None, report: ReadReport, sweeps: int = N) -> None:
+    assert raw is not None
+    assert not report.damage
+    assert not report.refused
+    assert raw.record_ns.tolist() == [10 * i for i in range(sweeps)]
+    assert raw.stamp_ns.tolist() == [i * 10**9 + 8 for i in range(sweeps)]
+    np.testing.assert_array_equal(raw.ranges, np.stack([ranges_of(i) for i in range(sweeps)]))
+    assert raw.frame_ids == ("laser",)
+
+
+@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"index": IndexType.NONE},
+        {"index": IndexType.CHUNK},
+        {"index": IndexType.MESSAGE},
+        {"repeat_channels": False, "repeat_schemas": False},
+        {"repeat_schemas": False},
+        {"use_statistics": False},
+        {"use_summary_offsets": False},
+        {"use_statistics": False, "repeat_channels": False, "repeat_schemas": False, "index": IndexType.NONE},
+        {"use_chunking": False},
+        {"enable_crcs": False},
+        {"chunk_size": 1 << 20},
+    ],
+)
+def test_every_way_of_writing_reads_the_same(
+    tmp_path: Path, compression: str, options: dict[str, Any]
+) -> None:
+    data = sample(N, compression=compression, chatter=3, **options)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(data)
+    assert_whole(*read(path))
+    assert_whole(*read(io.BytesIO(data)))
+
+
+@pytest.mark.parametrize(
+    ("schema", "encoding", "payload"),
+    [
+        (IDL, "cdr", None),
+        (NO_TEXT, "cdr", None),
+        (ROS1, "ros1", None),
+        (JSON, "json", json_scan),
+        (PROTOBUF, "protobuf", protobuf_scan),
+    ],
+)
+def test_every_encoding_reads_the_same(tmp_path: Path, schema: Any, encoding: str, payload: Any) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(sample(N, schema=schema, encoding=encoding, payload=payload, chatter=1))
+    raw, report = read(path)
+    assert_whole(raw, report)
+    assert raw is not None
+    assert raw.angle_min.tolist() == [-1.5] * N
+    if payload is not None:
+        assert raw.angle_increment.tolist() == [0.5] * N
+        assert raw.range_min.tolist() == [0] * N
+        assert np.isposinf(raw.range_max).all()
+    with McapLog(path) as log:
+        topics = log.topics()
+    assert topics is not None
+    assert (topics[0].name, topics[0].encoding, topics[0].messages) == ("/scan", encoding, N)
+    assert topics[0].type in (LASERSCAN, FOXGLOVE_SCAN)
+
+
+def test_big_sweeps_outside_chunks(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(sample(5, use_chunking=False, beams=400_000))
+    raw, report = read(path)
+    assert raw is not None
+    assert not report.damage
+    np.testing.assert_array_equal(raw.ranges, np.stack([ranges_of(i, 400_000) for i in range(5)]))
+
+
+def test_what_a_log_tells_of_itself(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    for options in ({}, {"index": IndexType.NONE, "use_statistics": False, "repeat_channels": False}):
+        data = sample(N, compression="lz4", chatter=2, **options)
+        path.write_bytes(data)
+        with McapLog(path) as log:
+            assert (log.path, log.format, log.size) == (str(path), "mcap", len(data))
+            assert log.topics() == [
+                Topic("/scan", LASERSCAN, "cdr", N),
+                Topic("/chat", "std_msgs/msg/String", "cdr", 2 * N),
+            ]
+            assert sum(map(len, log.scans())) == N
+            assert sum(map(len, log.scans())) == N
+            assert log.compression == "lz4"
+            assert log.report.bytes_read == len(data)
+    stream = McapLog(io.BytesIO(sample(2)))
+    assert (stream.path, stream.size, stream.topics()) == ("-", None, None)
+
+
+def test_a_stream_can_be_read_once() -> None:
+    log = McapLog(io.BytesIO(sample(2)))
+    assert sum(map(len, log.scans())) == 2
+    with pytest.raises(UnreadableError, match="a stream can be read only once"):
+        list(log.scans())
+
+
+def test_topics_can_be_chosen(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(sample(N))
+    assert read(path, {"/other"})[0] is None
+    assert_whole(*read(path, {"/scan", "/other"}))
+
+
+def test_messages_of_other_types(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(sample(3, chatter=2))
+    with McapLog(path) as log:
+        found = list(log.messages({"std_msgs/msg/String"}))
+    assert [message.record_ns for message in found] == [1, 1, 11, 11, 21, 21]
+    assert {(m.topic, m.type, m.encoding, m.data) for m in found} == {
+        ("/chat", "std_msgs/msg/String", "cdr", b"\0\1\0\0" + b"x" * 40)
+    }
+
+
+def test_publishers_of_one_topic_stay_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=300)
+        writer.start("ros2")
+        schema = writer.register_schema(*IDL)
+        channels = [writer.register_channel("/scan", "cdr", schema) for _ in range(2)]
+        for i in range(N):
+            data = scan(ranges_of(i, 3 + i % 2), sec=i, frame=b"left" if i % 2 else b"right")
+            writer.add_message(channels[i % 2], log_time=i * 10, publish_time=0, data=data)
+        writer.finish()
+    raw, report = read(path)
+    assert raw is not None
+    assert not report.damage
+    assert raw.record_ns.tolist() == [10 * i for i in range(N)]
+    assert [raw.frame_ids[code] for code in raw.frame] == ["right", "left"] * (N // 2)
+    assert raw.beams.tolist() == [3, 4] * (N // 2)
+    with McapLog(path) as log:
+        assert log.topics() == [Topic("/scan", LASERSCAN, "cdr", N)]
+
+
+def test_chunks_without_a_wanted_message_are_not_decompressed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inflated = []
+    inflate = mcap_walk.inflate
+    monkeypatch.setattr(mcap_walk, "inflate", lambda *args: inflated.append(args) or inflate(*args))
+    data = sample(10, chatter=200)
+    path = tmp_path / "run.mcap"
+    path.write_bytes(data)
+    assert_whole(*read(path), 10)
+    assert 10 <= len(inflated) <= 21 < len(samples.chunks(data))
+
+
+def test_other_types_are_not_scans(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(sample(3, schema=("sensor_msgs/msg/PointCloud2", "ros2msg", b"")))
+    raw, report = read(path)
+    assert (raw, report.damage, report.notes) == (None, [], [])
+
+
+@pytest.mark.parametrize(
+    ("schema", "encoding", "note"),
+    [
+        (
+            ("sensor_msgs/msg/LaserScan", "ros2msg", b"std_msgs/Header header\nfloat64 angle_min\n"),
+            "cdr",
+            "/scan (sensor_msgs/msg/LaserScan) is left out: its definition is not the standard one: "
+            "field 2 is 'float64 angle_min', not 'float32 angle_min'",
+        ),
+        (
+            (*IDL[:2], samples.LASERSCAN_IDL.replace(b"float scan_time;", b"")),
+            "cdr",
+            "/scan (sensor_msgs/msg/LaserScan) is left out: its definition is not the standard one: "
+            "field 6 is 'float32 range_min', not 'float32 scan_time'",
+        ),
+        (IDL, "cbor", "/scan (sensor_msgs/msg/LaserScan) is left out: the encoding 'cbor' is not read"),
+        (
+            (FOXGLOVE_SCAN, "protobuf", b"\xff\xff"),
+            "protobuf",
+            "/scan (foxglove.LaserScan) is left out: its protobuf schema does not describe a foxglove.LaserScan",
+        ),
+    ],
+)
+def test_a_scan_that_is_none_is_named(tmp_path: Path, schema: Any, encoding: str, note: str) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(sample(2, schema=schema, encoding=encoding, payload=lambda _: b"\0" * 99))
+    raw, report = read(path)
+    assert raw is None
+    assert report.notes == [note]
+
+
+@pytest.mark.parametrize(
+    ("data", "cause"),
+    [
+        (b"", "is empty"),
+        (b"\x89MCAP0\r\n", "an MCAP of its magic alone, without a record"),
+        (b"\x89MCAP1\r\n" + b"x" * 99, "is not an MCAP: its first bytes are not the MCAP magic"),
+        (
+            sample(3).replace(b"\r", b""),
+            "an MCAP whose carriage-return bytes were stripped, typically by git's autocrlf; "
+            "the log is damaged throughout and must be fetched again as a binary file",
+        ),
+    ],
+)
+def test_what_is_no_log_is_refused(tmp_path: Path, data: bytes, cause: str) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(data)
+    for source, name in ((path, str(path)), (io.BytesIO(data), "-")):
+        with pytest.raises(UnreadableError) as caught:
+            McapLog(source)
+        assert str(caught.value) == f"{name}: {cause}"
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableError, match="cannot be opened: No such file or directory"):
+        McapLog(tmp_path / "none.mcap")
+
+
+def test_no_channels_is_no_error(tmp_path: Path) -> None:
+    stream = io.BytesIO()
+    writer = Writer(stream)
+    writer.start()
+    writer.finish()
+    path = tmp_path / "run.mcap"
+    path.write_bytes(stream.getvalue())
+    with McapLog(path) as log:
+        assert log.topics() == []
+        assert list(log.scans()) == []
+        assert not log.report.damage
+
+
+def test_json_without_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    payloads = [
+        json_scan(0, ranges=[1, None, "NaN", "Infinity", "-Infinity", 2.5]),
+        json_scan(1).replace(b"1.0,", b"Infinity,"),
+        json_scan(2, ranges="no"),
+        b"{",
+        b"[" * 100_000,
+        json_scan(3, start_angle=0.5, end_angle=0.5),
+        json_scan(4, ranges=["far"]),
+        json_scan(5, timestamp={"sec": 1e300}),
+        json_scan(6, ranges=[]),
+        json_scan(7, start_angle=None),
+    ]
+    path.write_bytes(sample(10, schema=JSON, encoding="json", payload=lambda i: payloads[i]))
+    raw, report = read(path)
+    assert raw is not None
+    assert raw.record_ns.tolist() == [0, 10, 80]
+    np.testing.assert_array_equal(raw.ranges[0, :6], np.float32([1, np.nan, np.nan, np.inf, -np.inf, 2.5]))
+    assert raw.ranges[1, 0] == np.inf
+    assert raw.beams.tolist() == [6, 7, 0]
+    assert report.refused == {
+        ("/scan", foxglove.NOT_SCAN): 3,
+        ("/scan", foxglove.NOT_JSON): 2,
+        ("/scan", "angle_increment is zero"): 1,
+        ("/scan", foxglove.STAMP): 1,
+    }
+
+
+def test_broken_protobuf_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    payloads = [protobuf_scan(0), b"\xff" * 9, protobuf_scan(2)]
+    path.write_bytes(sample(3, schema=PROTOBUF, encoding="protobuf", payload=lambda i: payloads[i]))
+    raw, report = read(path)
+    assert raw is not None
+    assert raw.record_ns.tolist() == [0, 20]
+    assert report.refused == {("/scan", foxglove.NOT_PROTOBUF): 1}
