@@ -14,13 +14,15 @@ SECOND_DIFFERENCE_GAIN = np.sqrt(6.0)
 """Standard deviation of n₋ - 2 n + n₊ for independent n of standard deviation 1."""
 
 
+ROUGHNESS = 0.08
+"""[m] Depth steps below this are the texture of a surface: foliage, folds, mouldings."""
 NOISE_GAIN = 4.0
 """A difference of two ranges exceeds this many of its standard deviations in 6 of 100,000 beams."""
 
 
 def noise_threshold(sigma: Float64) -> Float64:
     """The least difference [m] that noise of standard deviation `sigma` [m] does not explain. Any shape."""
-    threshold: Float64 = NOISE_GAIN * np.sqrt(2.0) * sigma
+    threshold: Float64 = np.maximum(NOISE_GAIN * np.sqrt(2.0) * sigma, ROUGHNESS)
     return threshold
 
 

@@ -16,6 +16,8 @@ LINE_POINTS = 4
 COLLINEAR = 0.03
 """[m] Walls are as plane as this; skirting boards and door frames stand out less."""
 NOISE_GAIN = 3.0
+WALL_THICKNESS = 0.5
+DOORWAY = 2.0
 PAIR_ERROR = 0.1
 REACH_LIMIT = 0.15
 """[m] Greatest distance at which a piece still counts as on the line, however uncertain the line is."""
@@ -68,34 +70,52 @@ def on_wall_lines(
     row = runs.row[faces.run[piece]]
     which, owner, _ = spans(lines[row], np.diff(lines)[row])
     which, part = line[which], piece[owner]
-    fits, reach, error = _within(runs.points, faces, which, part, sigma[row[owner]])
-    pair = partial[faces.run[part]] & (faces.run[which] != faces.run[part]) & (reach > max_width) & (error < PAIR_ERROR)
-    fits &= wall[faces.run[which]] | pair
+    on_line, jamb, reach, error = _within(runs.points, faces, which, part, sigma[row[owner]])
+    pair = (
+        partial[faces.run[part]]
+        & (faces.run[which] != faces.run[part])
+        & (reach > max_width)
+        & (error < PAIR_ERROR)
+    )
+    fits = ((on_line | jamb) & wall[faces.run[which]]) | (on_line & pair)
     matched = np.zeros(len(faces), bool)
     matched[part[fits]] = True
     matched[which[fits]] = True
-    on_line = np.where(matched[piece], 1.0, -1.0) * faces.length[piece]
-    balance = np.bincount(faces.run[piece], on_line, minlength=len(runs))
+    signed = np.where(matched[piece], 1.0, -1.0) * faces.length[piece]
+    balance = np.bincount(faces.run[piece], signed, minlength=len(runs))
     result: Bool = candidate & (balance > 0)
     return result
 
 
-def _within(points: Cloud, faces: Faces, line: Int64, piece: Int64, sigma: Float64) -> tuple[Bool, Float64, Float64]:
-    """Whether both ends of face `piece` lie on the line of face `line`, within what is known of it; their joint reach [m]."""
+def _within(
+    points: Cloud, faces: Faces, line: Int64, piece: Int64, sigma: Float64
+) -> tuple[Bool, Bool, Float64, Float64]:
+    """How face `piece` lies to the straight line of face `line`, (T,) each.
+
+    Returns
+    -------
+    on_line : both its ends lie on the line, within what is known of it
+    jamb : one end lies on the line close to the face, and the other behind it by no more than a wall is thick
+    reach : how far the two reach together along the line [m]
+    error : uncertainty of the line at the piece [m]
+    """
     middle_x, middle_y = faces.middle_x[line], faces.middle_y[line]
     direction_x, direction_y = faces.direction_x[line], faces.direction_y[line]
     length = faces.length[line]
     spread = np.maximum(faces.rms[line], sigma) / np.sqrt(faces.points[line])
-    fits = np.ones(len(line), bool)
-    reach = 0.5 * length
+    behind = np.where(middle_x * direction_y - middle_y * direction_x > 0, 1.0, -1.0)
+    depth, along, allowed = [], [], []
     error = np.zeros(len(line))
     for end in (faces.first[piece], faces.last[piece]):
         dx, dy = points.x[end] - middle_x, points.y[end] - middle_y
-        away = np.abs(dx * direction_y - dy * direction_x)
-        along = dx * direction_x + dy * direction_y
-        line_error = spread * np.sqrt(1.0 + 12.0 * (along / length) ** 2)
-        known = np.minimum(NOISE_GAIN * line_error, REACH_LIMIT)
-        fits &= away <= COLLINEAR + NOISE_GAIN * sigma + known
-        error = np.maximum(error, NOISE_GAIN * line_error)
-        reach = np.maximum(reach, np.abs(along))
-    return fits, reach + 0.5 * length, error
+        depth.append((dx * direction_y - dy * direction_x) * behind)
+        along.append(np.abs(dx * direction_x + dy * direction_y))
+        line_error = NOISE_GAIN * spread * np.sqrt(1.0 + 12.0 * np.square(along[-1] / length))
+        error = np.maximum(error, line_error)
+        allowed.append(COLLINEAR + NOISE_GAIN * sigma + np.minimum(line_error, REACH_LIMIT))
+    on = [np.abs(depth[i]) <= allowed[i] for i in (0, 1)]
+    reach = np.maximum(along[0], along[1]) + 0.5 * length
+    beyond = np.minimum(along[0], along[1]) - 0.5 * length
+    inside_wall = [(depth[i] >= -allowed[i]) & (depth[i] <= WALL_THICKNESS) for i in (0, 1)]
+    jamb = (on[0] | on[1]) & inside_wall[0] & inside_wall[1] & (beyond < DOORWAY)
+    return on[0] & on[1], jamb, reach, error
