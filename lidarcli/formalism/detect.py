@@ -23,6 +23,7 @@ STRAIGHT = 0.02
 STRAIGHT_NOISE = 3.0
 ENCLOSED = 0.35
 PARTIAL = 0.65
+HALF = 0.5
 WALL_POINTS = 32
 """A run that is too wide for an object is thinned to this many points before its lines are sought."""
 
@@ -110,7 +111,7 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
     wall |= on_wall
     returns = np.diff(runs.points.start)
     enclosed = np.bincount(runs.row, runs.size * wall, minlength=len(sigma)) > ENCLOSED * returns
-    candidate &= ~wall & partly_visible(runs, enclosed)
+    candidate &= ~wall & partly_visible(runs, enclosed & True) | (candidate & ~wall & enclosed[runs.row] & (reach < HALF) & ((runs.start_edge == 2) | (runs.end_edge == 2)))
     candidate &= reach <= np.where(partial, PARTIAL, 1.0) * parameters.max_width
     return Segmentation(
         faces=faces,

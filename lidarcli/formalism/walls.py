@@ -18,6 +18,7 @@ COLLINEAR = 0.03
 NOISE_GAIN = 3.0
 WALL_THICKNESS = 0.5
 DOORWAY = 2.0
+FREE = 3.0
 PAIR_ERROR = 0.1
 REACH_LIMIT = 0.15
 """[m] Greatest distance at which a piece still counts as on the line, however uncertain the line is."""
@@ -70,13 +71,14 @@ def on_wall_lines(
     row = runs.row[faces.run[piece]]
     which, owner, _ = spans(lines[row], np.diff(lines)[row])
     which, part = line[which], piece[owner]
-    on_line, jamb, reach, error = _within(runs.points, faces, which, part, sigma[row[owner]])
+    on_line, jamb, reach, beyond, error = _within(runs.points, faces, which, part, sigma[row[owner]])
     pair = (
         partial[faces.run[part]]
         & (faces.run[which] != faces.run[part])
         & (reach > max_width)
         & (error < PAIR_ERROR)
     )
+    on_line &= partial[faces.run[part]] | (beyond < FREE)
     fits = ((on_line | jamb) & wall[faces.run[which]]) | (on_line & pair)
     matched = np.zeros(len(faces), bool)
     matched[part[fits]] = True
@@ -89,7 +91,7 @@ def on_wall_lines(
 
 def _within(
     points: Cloud, faces: Faces, line: Int64, piece: Int64, sigma: Float64
-) -> tuple[Bool, Bool, Float64, Float64]:
+) -> tuple[Bool, Bool, Float64, Float64, Float64]:
     """How face `piece` lies to the straight line of face `line`, (T,) each.
 
     Returns
@@ -118,4 +120,4 @@ def _within(
     beyond = np.minimum(along[0], along[1]) - 0.5 * length
     inside_wall = [(depth[i] >= -allowed[i]) & (depth[i] <= WALL_THICKNESS) for i in (0, 1)]
     jamb = (on[0] | on[1]) & inside_wall[0] & inside_wall[1] & (beyond < DOORWAY)
-    return on[0] & on[1], jamb, reach, error
+    return on[0] & on[1], jamb, reach, beyond, error
