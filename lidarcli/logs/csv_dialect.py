@@ -119,9 +119,9 @@ def read_lines(block: Block, dialect: Dialect | None, skip: bytes, start: int, r
 
 
 def csv_cells(line: str, separator: str) -> list[str]:
-    """The cells of a line with quotes; ValueError where the quotes do not match."""
+    """The cells of a record with quotes, the first one of `line`; ValueError where the quotes do not match."""
     try:
-        return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        return next(csv.reader(line.split("\n"), delimiter=separator, skipinitialspace=True), [])
     except csv.Error as err:
         raise ValueError(str(err)) from err
 

@@ -99,7 +99,8 @@ def find_fields(names: Sequence[str], prefix: str) -> dict[str, int]:
                     break
     if not {"seconds", "nanoseconds"} <= fields.keys():
         fields.pop("nanoseconds", None)
-        fields.pop("seconds", None)
+        if "seconds" in fields:
+            fields.setdefault("record", fields.pop("seconds"))
     return fields
 
 

@@ -1,0 +1,183 @@
+"""Which layout a CSV has, recognised from its first lines alone, never from its name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.csv_bare import long, without_header
+from lidarcli.logs.csv_dialect import csv_cells
+from lidarcli.logs.csv_head import Head, need_geometry, read_head, repeats, shown, units, unknown
+from lidarcli.logs.csv_layouts import (
+    BAGPY,
+    LIST,
+    PLOTJUGGLER,
+    ROSTOPIC,
+    WIDE,
+    Columns,
+    Layout,
+)
+from lidarcli.logs.csv_names import (
+    Family,
+    canonical,
+    find_bearings,
+    find_families,
+    find_fields,
+    find_long,
+    list_column,
+)
+from lidarcli.logs.csv_times import DATE, time_unit
+from lidarcli.sweeps import TURN
+
+
+def recognise(lines: Sequence[bytes], options: CsvOptions, path: str) -> Layout:
+    """The layout of a file that begins with `lines` (all of them, as they stand).
+
+    Raises UnreadableError where the text is no table, no layout that is known, or lacks its geometry.
+    """
+    head = read_head(lines, options, path)
+    if head.names:
+        return with_header(head)
+    return without_header(head)
+
+
+def with_header(head: Head) -> Layout:
+    names = head.names
+    if listed := _list_layout(head):
+        return listed
+    bearings = find_bearings(names)
+    families = [] if bearings else find_families(names)
+    if not families and not bearings:
+        if find_long(names):
+            return _long_layout(head)
+        name = _ros_name(names)
+        if name != WIDE or _headed(names):
+            return Layout(
+                name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",)
+            )
+        raise unknown(head, f"a table with the columns {shown(', '.join(names).encode())}")
+    name = _ros_name(names)
+    if bearings:
+        family, first, step = bearings
+        degrees = max(abs(first), abs(first + step * (len(family.columns) - 1))) > TURN + 0.1
+        scale = np.pi / 180 if degrees else 1.0
+        scan = _columns(head, family, (first * scale, step * scale))
+        notes = ["bearings from the column names" + (", taken as degrees" if degrees else "")]
+    else:
+        notes = []
+        scans = [_columns(head, family, None) for family in families]
+        scan = scans[0]
+    if bearings or len(scans) == 1:
+        scans = [scan]
+    for each in scans:
+        if not {"angle_min", "angle_increment"} <= each.fields.keys() and each.geometry is None:
+            need_geometry(head, name)
+    beams = ", ".join(f"{len(each.ranges)} ranges of {each.topic}" for each in scans)
+    return Layout(
+        name,
+        head.dialect,
+        head.start,
+        head.header,
+        len(names),
+        tuple(scans),
+        sparse=name == PLOTJUGGLER or len(scans) > 1,
+        notes=(beams, *notes),
+    )
+
+
+def _columns(head: Head, family: Family, geometry: tuple[float, float] | None) -> Columns:
+    """The fields around a family of range columns, and whether rows may be ragged."""
+    fields = find_fields(head.names, family.prefix)
+    first, last = int(family.columns[0]), int(family.columns[-1])
+    in_order = bool((np.diff(family.columns) == 1).all())
+    after = [name.lower() for name in head.names[last + 1 :]]
+    doubled = len(after) == len(family.columns) and all("intens" in name for name in after)
+    return Columns(
+        family.topic,
+        fields,
+        units(head, fields),
+        family.columns,
+        first,
+        doubled,
+        in_order and (doubled or not after),
+        geometry,
+    )
+
+
+def _list_layout(head: Head) -> Layout | None:
+    """One cell holds all ranges of a sweep, as a list."""
+    if not head.lines:
+        plain = [canonical(name) for name in head.names]
+        return Layout(LIST, head.dialect, head.start) if "ranges" in plain else None
+    # A list may span lines (numpy's own spelling); a comma inside brackets separates no cells.
+    text = b"\n".join(head.lines).decode("utf-8", "replace")
+    try:
+        cells = csv_cells(re.sub(r"\[[^\]]*\]", "[]", text), head.dialect.separator.decode())
+    except ValueError:
+        return None
+    found = list_column(head.names, dict(enumerate(cells[: len(head.names)])))
+    if found is None:
+        return None
+    listed, prefix = found
+    fields = find_fields(head.names, prefix)
+    found_units: dict[str, int] = {}
+    for name in ("record", "stamp"):
+        column = fields.get(name, -1)
+        unit = time_unit(head.names[column], [cells[column].encode()]) if 0 <= column < len(cells) else None
+        if unit is not None:
+            found_units[name] = unit
+    if not {"angle_min", "angle_increment"} <= fields.keys():
+        need_geometry(head, LIST)
+    brackets = b"[" if "[" in cells[listed] else b"("
+    name = _ros_name(head.names)
+    topic = Family(prefix, np.empty(0, np.int64)).topic
+    notes = ("times have no zone and are read as UTC",) if DATE in found_units.values() else ()
+    return Layout(
+        LIST if name == WIDE else f"{name}, {LIST}",
+        head.dialect,
+        head.start,
+        head.header,
+        len(head.names),
+        (Columns(topic, fields, found_units, first=listed),),
+        listed=True,
+        brackets=brackets,
+        notes=notes,
+    )
+
+
+def _long_layout(head: Head) -> Layout:
+    """One beam per row, by the names of the columns."""
+    columns = find_long(head.names)
+    if columns is None:
+        raise unknown(head, "a table")
+    fields = find_fields(head.names, "")
+    for taken in ("seq", "frame"):
+        if fields.get(taken) == columns.sweep:
+            fields.pop(taken, None)
+    key = columns.sweep
+    for name in ("stamp", "record"):
+        if key is None and name in fields and repeats(head.column(fields[name])):
+            key = fields[name]
+    return long(head, columns.angle, columns.range, key, columns.degrees, fields)
+
+
+def _ros_name(names: Sequence[str]) -> str:
+    plain = [name.strip().lower() for name in names]
+    if plain[0] == "%time":
+        return ROSTOPIC
+    if "__time" in plain:
+        return PLOTJUGGLER
+    if any(name.startswith("header.") for name in plain):
+        return BAGPY
+    return WIDE
+
+
+def _headed(names: Sequence[str]) -> bool:
+    """Columns of a ROS header: a log of something else than ranges."""
+    plain = {canonical(name) for name in names}
+    return bool(
+        plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}
+    )

@@ -1,0 +1,237 @@
+"""Sweeps as CSV, in each layout that the reader knows: for `simulate -o run.csv` and for tests."""
+
+from __future__ import annotations
+
+import gzip
+import io
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from lidarcli.errors import OptionError
+from lidarcli.sweeps import Float32, RawSweeps
+
+_S = 1_000_000_000
+_GEOMETRY = (
+    "angle_min",
+    "angle_max",
+    "angle_increment",
+    "time_increment",
+    "scan_time",
+    "range_min",
+    "range_max",
+)
+
+
+def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic") -> None:
+    """Write sweeps of one topic to `path` (of several topics in layout `plotjuggler`).
+
+    A path that ends in `.gz` is compressed; for layout `per-sweep` it is a folder, made if need be. Ranges and
+    geometry are the shortest decimals that read back as the same float32.
+    """
+    if layout not in LAYOUTS:
+        raise OptionError(f"'{layout}' is no CSV layout: choose from {', '.join(LAYOUTS)}")
+    if layout == "per-sweep":
+        _write_files(path, blocks)
+        return
+    with _opened(path) as out:
+        for line in LAYOUTS[layout](_one_topic(blocks) if layout != "plotjuggler" else blocks):
+            out.write(line)
+            out.write("\n")
+
+
+def _rostopic(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    first = True
+    for block in blocks:
+        for row, ranges in enumerate(_texts(block)):
+            if first:
+                names = ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"]
+                names += [f"field.{name}" for name in _GEOMETRY]
+                names += [f"field.ranges{i}" for i in range(len(ranges))]
+                yield ",".join(names + [f"field.intensities{i}" for i in range(len(ranges))])
+                seq, first = 0, False
+            head = [str(block.record_ns[row]), str(seq), str(block.stamp_ns[row]), _frame(block, row)]
+            yield ",".join(head + _geometry(block, row) + ranges + ["0.0"] * len(ranges))
+            seq += 1
+
+
+def _ros2(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    for block in blocks:
+        for row, ranges in enumerate(_texts(block)):
+            seconds, rest = divmod(int(block.stamp_ns[row]), _S)
+            head = [str(seconds), str(rest), _frame(block, row)]
+            yield ",".join(head + _geometry(block, row) + ranges + ["0.0"] * len(ranges))
+
+
+def _plotjuggler(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    kept = list(blocks)
+    widths: dict[str, int] = {}
+    for block in kept:
+        widths[block.topic] = max(widths.get(block.topic, 0), block.ranges.shape[1])
+    names = ["__time"]
+    for topic, width in widths.items():
+        names += [f"{topic}/{name}" for name in _GEOMETRY] + [f"{topic}/header/stamp"]
+        names += [f"{topic}/ranges[{i}]" for i in range(width)]
+    yield ",".join(names)
+    sizes = {topic: len(_GEOMETRY) + 1 + width for topic, width in widths.items()}
+    for block in kept:
+        for row, ranges in enumerate(_texts(block)):
+            cells = [_seconds(int(block.record_ns[row]))]
+            for topic, size in sizes.items():
+                own = [*_geometry(block, row), _seconds(int(block.stamp_ns[row])), *ranges]
+                cells += own + [""] * (size - len(own)) if topic == block.topic else [""] * size
+            yield ",".join(cells)
+
+
+def _bagpy(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    kept = list(blocks)
+    width = max((block.ranges.shape[1] for block in kept), default=0)
+    names = ["Time", "header.seq", "header.stamp.secs", "header.stamp.nsecs", "header.frame_id", *_GEOMETRY]
+    yield ",".join(names + [f"ranges_{i}" for i in range(width)])
+    seq = 0
+    for block in kept:
+        for row, ranges in enumerate(_texts(block)):
+            seconds, rest = divmod(int(block.stamp_ns[row]), _S)
+            head = [
+                _seconds(int(block.record_ns[row])),
+                str(seq),
+                str(seconds),
+                str(rest),
+                _frame(block, row),
+            ]
+            yield ",".join(head + _geometry(block, row) + ranges + [""] * (width - len(ranges)))
+            seq += 1
+
+
+def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    yield ",".join(["time", "header", *_GEOMETRY, "ranges", "intensities"])
+    for block in blocks:
+        for row, ranges in enumerate(_texts(block)):
+            seconds, rest = divmod(int(block.stamp_ns[row]), _S)
+            date = str(np.datetime64(int(block.record_ns[row]), "ns")).replace("-", "/").replace("T", " ")
+            header = (
+                f"{{'stamp': {{'secs': {seconds}, 'nsecs': {rest}}}, 'frame_id': '{_frame(block, row)}'}}"
+            )
+            cells = [date, f'"{header}"', *_geometry(block, row), f'"[{", ".join(ranges)}]"', '"[]"']
+            yield ",".join(cells)
+
+
+def _wide(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    first = True
+    for block in blocks:
+        for row, ranges in enumerate(_texts(block)):
+            if first:
+                yield ",".join(["time"] + [f"r{i}" for i in range(len(ranges))])
+                first = False
+            yield ",".join([_seconds(int(block.stamp_ns[row])), *ranges])
+
+
+def _drow(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    seq = 0
+    for block in blocks:
+        for row, ranges in enumerate(_texts(block)):
+            yield ",".join([str(seq), _seconds(int(block.stamp_ns[row])), *ranges])
+            seq += 1
+
+
+def _long(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    yield "sweep,stamp,angle,range"
+    sweep = 0
+    for block in blocks:
+        for row, ranges in enumerate(_texts(block)):
+            head = f"{sweep},{block.stamp_ns[row]}"
+            for angle, value in zip(_bearings(block, row), ranges, strict=True):
+                yield f"{head},{angle},{value}"
+            sweep += 1
+
+
+def _write_files(folder: Path, blocks: Iterable[RawSweeps]) -> None:
+    """One file per sweep, named by its stamp in seconds; stamps that are not distinct get running numbers."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = list(_one_topic(blocks))
+    stamps = [int(stamp) for block in kept for stamp in block.stamp_ns]
+    distinct = all(a < b for a, b in pairwise(stamps))
+    number = 0
+    for block in kept:
+        for row, ranges in enumerate(_texts(block)):
+            name = _seconds(stamps[number]) if distinct else f"sweep_{number:06d}"
+            rows = [f"{a},{r}" for a, r in zip(_bearings(block, row), ranges, strict=True)]
+            (folder / f"{name}.csv").write_text("\n".join(["theta,r", *rows]) + "\n")
+            number += 1
+
+
+LAYOUTS: dict[str, Callable[[Iterable[RawSweeps]], Iterator[str]]] = {
+    "rostopic": _rostopic,
+    "ros2": _ros2,
+    "plotjuggler": _plotjuggler,
+    "bagpy": _bagpy,
+    "list": _list,
+    "wide": _wide,
+    "drow": _drow,
+    "long": _long,
+    "per-sweep": _long,
+}
+"""Names of the layouts, as `write_csv` takes them."""
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[IO[str]]:
+    """A text file with bare newlines; the gzip header carries neither time nor name, so equal input gives equal bytes."""
+    if path.suffix != ".gz":
+        with path.open("w", encoding="utf-8", newline="") as out:
+            yield out
+        return
+    with (
+        path.open("wb") as raw,
+        gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed,
+        io.TextIOWrapper(packed, encoding="utf-8", newline="") as out,
+    ):
+        yield out
+
+
+def _one_topic(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
+    topic = None
+    for block in blocks:
+        if topic not in (None, block.topic):
+            raise OptionError(
+                f"this CSV layout holds one topic, not {topic} and {block.topic}: use plotjuggler"
+            )
+        topic = block.topic
+        yield block
+
+
+def _texts(block: RawSweeps) -> Iterator[list[str]]:
+    """The ranges of each sweep as shortest decimals."""
+    for row, beams in zip(block.ranges, block.beams.tolist(), strict=True):
+        yield _shortest(row[:beams])
+
+
+def _shortest(values: Float32) -> list[str]:
+    texts: list[str] = values.astype("U").tolist()
+    return texts
+
+
+def _geometry(block: RawSweeps, row: int) -> list[str]:
+    beams = int(block.beams[row])
+    last = block.angle_min[row] + (beams - 1) * block.angle_increment[row]
+    values = [block.angle_min[row], last, block.angle_increment[row], 0.0, 0.0]
+    return _shortest(np.array([*values, block.range_min[row], block.range_max[row]], np.float32))
+
+
+def _bearings(block: RawSweeps, row: int) -> list[float]:
+    angles = block.angle_min[row] + block.angle_increment[row] * np.arange(int(block.beams[row]))
+    bearings: list[float] = angles.tolist()
+    return bearings
+
+
+def _frame(block: RawSweeps, row: int) -> str:
+    return block.frame_ids[int(block.frame[row])]
+
+
+def _seconds(stamp_ns: int) -> str:
+    sign, rest = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
+    return f"{sign}{rest // _S}.{rest % _S:09d}"
