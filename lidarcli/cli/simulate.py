@@ -48,7 +48,7 @@ RUN, LOG = "Run", "Log"
     metavar="NAME",
     help="Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf.  [default: cdr]",
 )
-@option("--layout", heading=LOG, metavar="NAME", help="Layout of a csv (docs/formats.md).  [default: wide]")
+@option("--layout", heading=LOG, metavar="NAME", help="Layout of a csv (docs/formats.md).  [default: rostopic]")
 @option("--overwrite", heading=LOG, is_flag=True, help="Replace files that exist.")
 @option(
     "--sweeps",

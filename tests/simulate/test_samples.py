@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -18,11 +19,16 @@ LOGS = [
     ("corridor", "corridor.bag", {"compression": "lz4"}),
     ("hall", "hall", {}),
     ("drive", "drive.db3", {}),
+    ("people", "people.csv.gz", {}),
 ]
 
 
 def scans(path):
     """Topics and times of all messages, and the ranges of the sweeps."""
+    if path.suffix == ".gz":
+        table = pd.read_csv(path)
+        ranges = table[[name for name in table.columns if name.startswith("field.ranges")]].to_numpy()
+        return [table["%time"].tolist(), table["field.header.frame_id"].tolist()], ranges
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         found = [(c, time, data) for c, time, data in reader.messages()]
         ranges = [reader.deserialize(d, c.msgtype).ranges for c, _, d in found if c.topic == "/scan"]

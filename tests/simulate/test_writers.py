@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
@@ -43,6 +44,7 @@ ROSBAGS = [
     ("folder", {"container": "ros2-mcap", "compression": "zstd"}),
     ("log.db3", {}),
 ]
+CSVS = [("log.csv", {}), ("log.csv.gz", {}), ("log.csv", {"layout": "long"})]
 MCAPS = [{"encoding": name} for name in ("cdr-idl", "ros1", "json", "protobuf")]
 
 
@@ -209,6 +211,17 @@ def test_foxglove_poses_travel_along(tmp_path, encoding):
     assert len(found) == 1 + 3 * SWEEPS
 
 
+def test_a_csv_by_suffix_holds_the_geometry(tmp_path):
+    """The default layout is the one that needs no options to be read; the layouts have tests of their own."""
+    write_log(tmp_path / "a.csv.gz", blocks(PLAIN))
+    table = pd.read_csv(tmp_path / "a.csv.gz")
+    raw = concatenate(blocks(PLAIN))
+    assert table["field.header.stamp"].tolist() == raw.stamp_ns.tolist()
+    assert np.float32(table["field.angle_increment"]).tolist() == np.float32(raw.angle_increment).tolist()
+    ranges = table[[f"field.ranges{n}" for n in range(37)]].to_numpy(np.float32)
+    assert np.array_equal(ranges, raw.ranges, equal_nan=True)
+
+
 def test_two_publishers_on_one_topic(tmp_path):
     """Blocks may differ in frame, geometry and topic: they are written in the order given."""
     first = replace(PLAIN.sensor, frame_id="left")
@@ -230,7 +243,9 @@ def digest(path: Path) -> str:
     ).hexdigest()
 
 
-@pytest.mark.parametrize(("name", "options"), ROSBAGS + [("log.mcap", options) for options in MCAPS])
+@pytest.mark.parametrize(
+    ("name", "options"), [*ROSBAGS, *CSVS, *(("log.mcap", options) for options in MCAPS)]
+)
 def test_same_sweeps_same_bytes(tmp_path, name, options):
     poses = simulate_odometry(DRIVEN, SWEEPS)
     for folder in ("first", "second"):
