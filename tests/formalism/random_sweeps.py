@@ -36,8 +36,13 @@ def small_sweeps(draw: st.DrawFn) -> Sweep:
     return Sweep(ranges, *geometry(closing, len(ranges), draw(st.booleans()), angle_min), closing)
 
 
-def random_sweep(rng: np.random.Generator, closing: str | None = None, most: int = 60) -> Sweep:
-    """1 to `most` beams: pieces that are level, slanted, straight walls or round, with noise, steps and lost beams."""
+def random_sweep(
+    rng: np.random.Generator, closing: str | None = None, most: int = 60, rough: bool = False
+) -> Sweep:
+    """1 to `most` beams: pieces that are level, slanted, straight walls or round, with noise, steps and lost beams.
+
+    A `rough` sweep always has noise, and so no two faces of one length and no two points equally near.
+    """
     beams = int(rng.integers(1 if closing is None else 4, most + 1))
     if closing is None:
         closing = str(rng.choice(closings(beams)))
@@ -61,9 +66,9 @@ def random_sweep(rng: np.random.Generator, closing: str | None = None, most: int
         pieces.append(piece)
         missing -= size
     ranges = np.concatenate(pieces)
-    noise = rng.choice([0.0, 0.0, 0.003, 0.03, 0.3])
-    ranges = np.maximum(ranges + noise * rng.standard_normal(beams), 0.05)
-    if rng.random() < 0.3:
+    noise = rng.choice([0.003, 0.03, 0.3] if rough else [0.0, 0.0, 0.003, 0.03, 0.3])
+    ranges = 0.05 + np.abs(ranges + noise * rng.standard_normal(beams))
+    if not rough and rng.random() < 0.3:
         # Sensors that count in millimetres or worse: differences of exactly 0 and exactly d_th.
         ranges = np.maximum(np.round(ranges * 32) / 32, 1 / 32)
     lost = rng.choice([0.0, 0.02, 0.2, 0.9], p=[0.5, 0.25, 0.2, 0.05])

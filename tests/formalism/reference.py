@@ -6,6 +6,7 @@ Nothing here is shared with the package, and nothing is vectorised. docs/formali
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import cos, fsum, hypot, inf, isfinite, isnan, pi, sin
 
 NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE = (
@@ -155,9 +156,9 @@ def _object(
     for k in range(1, len(run) - 1):
         rise_before, rise_after = distance[k] - distance[k - 1], distance[k + 1] - distance[k]
         kind = None
-        if rise_before > 0 and rise_after <= 0:
-            kind = "extremum"
-        elif rise_before < 0 and rise_after >= 0:
+        highest = rise_before > 0 and rise_after <= 0
+        lowest = rise_before < 0 and rise_after >= 0
+        if highest or lowest:
             kind = "extremum"
         elif abs(rise_after - rise_before) > d_th:
             kind = "corner"
@@ -169,7 +170,7 @@ def _object(
         at.append(len(run) - 1)
 
     # Definition 7.
-    faces = [(theta[a], theta[b]) for a, b in zip(at[:-1], at[1:], strict=True)]
+    faces = [(theta[a], theta[b]) for a, b in pairwise(at)]
 
     xs = [d * cos(t) for d, t in zip(distance, theta, strict=True)]
     ys = [d * sin(t) for d, t in zip(distance, theta, strict=True)]

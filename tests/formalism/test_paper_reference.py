@@ -13,7 +13,11 @@ from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Found, Sw
 from lidarcli.formalism import VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect, difference
 
 PAPER = Parameters.for_profile("paper")
-CLOSE = {"rtol": 0, "atol": 1e-9}
+
+
+def assert_close(found: object, expected: list[float]) -> None:
+    """Equal but for rounding."""
+    np.testing.assert_allclose(np.asarray(found, float), np.array(expected), rtol=0, atol=1e-9)
 
 
 def number(value: float | None) -> float:
@@ -47,7 +51,7 @@ def compare(sweep: Sweep, expected: Found, found: Detection, row: int) -> None:
 
     mine = np.flatnonzero(found.row == row)
     assert found.object[mine].tolist() == list(range(1, len(objects) + 1))
-    for k, one in zip(mine, objects, strict=True):
+    for k, one in zip(mine.tolist(), objects, strict=True):
         assert (found.beam_i[k], found.beam_f[k]) == (one.beam_i, one.beam_f)
         assert found.beams[k] == len(one.members)
         assert VISIBILITIES[found.visibility[k]] == "full"
@@ -57,15 +61,15 @@ def compare(sweep: Sweep, expected: Found, found: Detection, row: int) -> None:
         np.testing.assert_array_equal(got, exact)
         close = [one.theta_i, one.theta_f, one.theta_min, one.x, one.y, one.width]
         got = [getattr(found, name)[k] for name in ("theta_i", "theta_f", "theta_min", "x", "y", "width")]
-        np.testing.assert_allclose(got, close, **CLOSE)
+        assert_close(got, close)
 
         vertices = slice(found.vertex_offsets[k], found.vertex_offsets[k + 1])
         assert [VERTEX_KINDS[kind] for kind in found.vertex_kind[vertices]] == [v[2] for v in one.vertices]
-        np.testing.assert_allclose(found.vertex_theta[vertices], [v[0] for v in one.vertices], **CLOSE)
+        assert_close(found.vertex_theta[vertices], [v[0] for v in one.vertices])
         np.testing.assert_array_equal(found.vertex_r[vertices], [v[1] for v in one.vertices])
         faces = slice(found.face_offsets[k], found.face_offsets[k + 1])
-        np.testing.assert_allclose(found.face_theta_i[faces], [face[0] for face in one.faces], **CLOSE)
-        np.testing.assert_allclose(found.face_theta_f[faces], [face[1] for face in one.faces], **CLOSE)
+        assert_close(found.face_theta_i[faces], [face[0] for face in one.faces])
+        assert_close(found.face_theta_f[faces], [face[1] for face in one.faces])
 
 
 def hold(sweeps: list[Sweep]) -> int:

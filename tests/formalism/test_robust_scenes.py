@@ -1,0 +1,306 @@
+"""Profile `robust` on scenes whose answer is known in closed form: straight segments and circles, cast by hand."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, inf, nan, pi, sin, sqrt, tan
+
+import numpy as np
+import pytest
+from batches import batch_of
+from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
+
+from lidarcli.formalism import SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
+
+Segment = tuple[float, float, float, float]
+DEGREE = pi / 180
+
+
+def cast(
+    bearings: np.ndarray, segments: list[Segment], circles: tuple[tuple[float, float, float], ...] = ()
+) -> list[float]:
+    """The nearest hit of each beam [m]; inf where there is none."""
+    nearest = np.full(len(bearings), inf)
+    for x0, y0, x1, y1 in segments:
+        for n, angle in enumerate(bearings):
+            # (x0, y0) + t (dx, dy) = r (cos, sin), by Cramer's rule.
+            dx, dy, c, s = x1 - x0, y1 - y0, cos(angle), sin(angle)
+            determinant = c * dy - s * dx
+            if abs(determinant) < 1e-12:
+                continue
+            r, t = (x0 * dy - y0 * dx) / determinant, (x0 * s - y0 * c) / determinant
+            if r > 0 and -1e-12 <= t <= 1 + 1e-12:
+                nearest[n] = min(nearest[n], r)
+    for x, y, radius in circles:
+        for n, angle in enumerate(bearings):
+            along, across = x * cos(angle) + y * sin(angle), y * cos(angle) - x * sin(angle)
+            if along > 0 and abs(across) < radius:
+                nearest[n] = min(nearest[n], along - sqrt(radius**2 - across**2))
+    return [float(value) for value in nearest]
+
+
+def bearings_of(beams: int, angle_min: float, step: float) -> np.ndarray:
+    return angle_min + step * np.arange(beams)
+
+
+def turn(
+    segments: list[Segment],
+    circles: tuple[tuple[float, float, float], ...] = (),
+    beams: int = 720,
+    closing: str = EACH_BEARING_ONCE,
+) -> Sweep:
+    """A full turn from -π on."""
+    step = 2 * pi / (beams - (closing == FIRST_BEARING_TWICE))
+    return Sweep(cast(bearings_of(beams, -pi, step), segments, circles), -pi, step, closing)
+
+
+def view(half: float, segments: list[Segment], step: float = 0.25 * DEGREE) -> Sweep:
+    """A view from -half to half."""
+    beams = round(2 * half / step) + 1
+    return Sweep(cast(bearings_of(beams, -half, step), segments), -half, step, NO_TURN)
+
+
+def robust(sweep: Sweep, **overrides: object) -> Detection:
+    """The default profile on one sweep."""
+    return detect(batch_of([sweep]), Parameters.for_profile("robust", **overrides), per_beam=True)
+
+
+def rectangle(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> list[Segment]:
+    """The sides of a box."""
+    corners = []
+    for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+        a, b = u * length / 2, v * width / 2
+        corners.append((x + a * cos(yaw) - b * sin(yaw), y + a * sin(yaw) + b * cos(yaw)))
+    return [(*corners[k], *corners[(k + 1) % 4]) for k in range(4)]
+
+
+ROOM = rectangle(0.3, -0.2, 8.0, 6.0)
+
+
+def kinds(found: Detection, k: int = 0) -> list[str]:
+    at = slice(found.vertex_offsets[k], found.vertex_offsets[k + 1])
+    return [VERTEX_KINDS[kind] for kind in found.vertex_kind[at]]
+
+
+def names(codes: np.ndarray, table: tuple[str, ...]) -> list[str]:
+    return [table[code] for code in codes]
+
+
+def test_an_empty_room_holds_no_object() -> None:
+    found = robust(turn(ROOM))
+    assert len(found) == 0
+    assert found.noise_beams.tolist() == [720]
+
+
+def test_a_box_seen_squarely_has_one_face_and_no_corner() -> None:
+    found = robust(turn([*ROOM, *rectangle(2.2, 0.0, 0.4, 0.5)]))
+    # The front at x = 2 is seen for |tan θ| ≤ 0.25 / 2; beams stand every half degree from 0.
+    last = int(atan2(0.25, 2.0) / (0.5 * DEGREE)) * 0.5 * DEGREE
+    assert len(found) == 1
+    assert found.theta_i[0] == pytest.approx(-last, abs=1e-9)
+    assert found.theta_f[0] == pytest.approx(last, abs=1e-9)
+    assert found.width[0] == pytest.approx(4 * tan(last), abs=1e-6)
+    assert (found.r_min[0], found.theta_min[0]) == (pytest.approx(2.0, abs=1e-6), pytest.approx(0, abs=1e-9))
+    # r has a smooth minimum at the foot of the perpendicular: f' = 0, but no corner.
+    assert kinds(found) == ["start", "end"]
+    assert found.face_length[0] == pytest.approx(4 * tan(last), abs=1e-6)
+    assert found.face_rms[0] < 1e-6
+    box = (found.box_x[0], found.box_y[0], found.box_length[0], found.box_width[0])
+    assert box == pytest.approx((2.0, 0.0, 4 * tan(last), 0.0), abs=1e-6)
+    assert abs(found.box_yaw[0]) == pytest.approx(pi / 2, abs=1e-6)
+    assert names(found.visibility, VISIBILITIES) == ["full"]
+    assert names(found.shape, SHAPES) == ["prismatic"]
+    # Behind it the wall at x = 4.3: s = 2 / cos θ - 4.3 / cos θ' on entering, one beam apart.
+    outside = last + 0.5 * DEGREE
+    step = 4.3 / cos(outside) - 2 / cos(last)
+    assert (found.s_i[0], found.s_f[0]) == (pytest.approx(-step, abs=1e-6), pytest.approx(step, abs=1e-6))
+
+
+def test_a_box_seen_over_its_corner_has_two_faces() -> None:
+    # A square of 0.6 m, one corner towards the sensor at (2, 0).
+    side, far = 0.6, 0.6 / sqrt(2)
+    found = robust(turn([*ROOM, *rectangle(2 + far, 0.0, side, side, pi / 4)]))
+    assert len(found) == 1
+    assert kinds(found) == ["start", "corner", "end"]
+    corner = found.vertex_offsets[0] + 1
+    assert found.vertex_theta[corner] == pytest.approx(0.0, abs=1e-9)
+    assert found.vertex_r[corner] == pytest.approx(2.0, abs=1e-6)
+    # The last beam that meets a face: r (cos θ - sin θ) = 2 on the line x - y = 2, from (2, 0) on.
+    last = int(atan2(far, 2 + far) / (0.5 * DEGREE)) * 0.5 * DEGREE
+    r = 2 / (cos(last) - sin(last))
+    seen = hypot(r * cos(last) - 2, r * sin(last))
+    assert found.face_length.tolist() == pytest.approx([seen, seen], abs=1e-6)
+    assert found.theta_f[0] == pytest.approx(last, abs=1e-9)
+    assert found.width[0] == pytest.approx(2 * r * sin(last), abs=1e-6)
+    # The box spans what is seen of both faces: a square on the corner.
+    assert (found.box_length[0], found.box_width[0]) == pytest.approx((seen, seen), abs=1e-6)
+    assert (found.box_x[0], found.box_y[0]) == pytest.approx((2 + seen / sqrt(2), 0.0), abs=1e-6)
+    assert abs(found.box_yaw[0]) == pytest.approx(pi / 4, abs=1e-6)
+    assert names(found.shape, SHAPES) == ["prismatic"]
+
+
+def test_a_corner_that_is_no_extremum_of_the_range() -> None:
+    # Corner (2, 0.3) of a box whose faces run to (2, 0.9) and to (2.8, 0.3): the face x = 2 recedes from it, and so
+    # does the other, but walking counter-clockwise r grows all along the first and falls along the second.
+    found = robust(turn([*ROOM, *rectangle(2.4, 0.6, 0.8, 0.6)]))
+    assert len(found) == 1
+    corner = found.vertex_offsets[0] + 1
+    assert kinds(found) == ["start", "corner", "end"]
+    assert found.vertex_theta[corner] == pytest.approx(atan2(0.3, 2.0), abs=0.5 * DEGREE)
+    # The first beam on the face y = 0.3 stands at 6.5° (its far end at atan 0.3/2.8 = 6.1°), the last on x = 2 at 24°.
+    seen = (0.3 / tan(6.5 * DEGREE) - 2.0, 2.0 * tan(24 * DEGREE) - 0.3)
+    assert (found.box_length[0], found.box_width[0]) == pytest.approx(seen, abs=1e-6)
+
+
+@pytest.mark.parametrize(("beams", "closing"), [(720, EACH_BEARING_ONCE), (721, FIRST_BEARING_TWICE)])
+def test_an_object_across_the_seam_is_one_object(beams: int, closing: str) -> None:
+    sweep = turn([*ROOM, *rectangle(-2.2, 0.0, 0.4, 0.5)], beams=beams, closing=closing)
+    found = robust(sweep)
+    inside = int(atan2(0.25, 2.0) / (0.5 * DEGREE))
+    assert len(found) == 1
+    assert (found.beam_i[0], found.beam_f[0]) == (720 - inside, inside)
+    assert found.beams[0] == 2 * inside + 1
+    assert found.theta_i[0] == pytest.approx(pi - inside * 0.5 * DEGREE, abs=1e-9)
+    assert found.theta_f[0] == pytest.approx(pi + inside * 0.5 * DEGREE, abs=1e-9)
+    assert found.theta_min[0] == pytest.approx(pi, abs=1e-9)
+    assert (found.x[0], found.y[0]) == pytest.approx((-2.0, 0.0), abs=1e-6)
+    assert (found.box_x[0], found.box_y[0]) == pytest.approx((-2.0, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("lost", [nan, inf, -inf])
+def test_a_lost_beam_inside_a_surface_does_not_split_it(lost: float) -> None:
+    sweep = turn([*ROOM, *rectangle(2.2, 0.0, 0.4, 0.8)])
+    whole = robust(sweep)
+    sweep.ranges[360 + 4] = lost
+    sweep.ranges[360 + 5] = lost
+    found = robust(sweep)
+    assert len(found) == len(whole) == 1
+    assert (found.beam_i[0], found.beam_f[0]) == (whole.beam_i[0], whole.beam_f[0])
+    assert found.beams[0] == whole.beams[0] - 2
+    # What it has no range for is not part of it: those beams belong to S.
+    assert found.beam_object is not None
+    assert found.beam_object[0, 362:368].tolist() == [1, 1, 0, 0, 1, 1]
+    assert found.object_beams[0] == found.beams[0]
+    # One lost beam more than is bridged, or bridging forbidden: two objects.
+    assert len(robust(sweep, max_gap=1)) == 2
+    sweep.ranges[360 + 6] = lost
+    assert len(robust(sweep)) == 2
+    assert len(robust(sweep, max_gap=3)) == 1
+
+
+def test_a_gap_between_two_surfaces_is_not_bridged() -> None:
+    # Two boxes side by side, 2 m and 3 m away, with a lost beam at the edge of the nearer.
+    sweep = turn([*ROOM, *rectangle(2.1, 0.3, 0.2, 0.6), *rectangle(3.1, -0.45, 0.2, 0.9)])
+    sweep.ranges[360] = nan
+    found = robust(sweep)
+    assert len(found) == 2
+    assert found.r_min.tolist() == pytest.approx([3.0, 2.0], abs=1e-2)
+
+
+def test_a_wall_at_grazing_incidence_does_not_break() -> None:
+    # A corridor 1 m wide and 24 m long: at its ends s exceeds a metre from beam to beam.
+    sweep = view(135 * DEGREE, rectangle(0.0, 0.0, 24.0, 1.0))
+    s = np.diff(sweep.ranges)
+    assert np.abs(s).max() > 1.0
+    assert len(robust(sweep)) == 0
+
+
+def test_walls_beside_doorways_are_not_objects() -> None:
+    # The wall x = 3 has two doorways of 0.9 m, and between them a piece of 0.7 m that is as wide as a box.
+    walls: list[Segment] = [
+        (3.0, -3.0, 3.0, -1.25),
+        (3.0, -0.35, 3.0, 0.35),
+        (3.0, 1.25, 3.0, 3.0),
+        (3.0, 3.0, -3.0, 3.0),
+        (-3.0, 3.0, -3.0, -3.0),
+        (-3.0, -3.0, 3.0, -3.0),
+        (6.0, -5.0, 6.0, 5.0),
+    ]
+    assert len(robust(turn(walls))) == 0
+    # The same piece half a metre before the wall is a thing.
+    walls[1] = (2.5, -0.35, 2.5, 0.35)
+    found = robust(turn(walls))
+    assert len(found) == 1
+    assert found.r_min[0] == pytest.approx(2.5, abs=1e-6)
+
+
+def test_an_object_at_the_edge_of_the_view_is_cut() -> None:
+    wall = [(-8.0, 5.0, 8.0, 5.0), (8.0, 5.0, 8.0, -5.0), (8.0, -5.0, -8.0, -5.0)]
+    # A view of ±90°: the box before its left edge goes on behind it.
+    found = robust(view(90 * DEGREE, [*wall, *rectangle(0.0, 2.2, 1.0, 0.4)]))
+    assert names(found.visibility, VISIBILITIES) == ["cut"]
+    assert found.beam_f[0] == 720
+    assert np.isnan(found.s_f[0])
+    assert found.s_i[0] < 0
+    assert found.theta_f[0] == pytest.approx(pi / 2, abs=1e-9)
+
+
+def test_an_object_behind_another_is_partly_hidden() -> None:
+    # A nearer box covers the left part of a farther one, or its right part.
+    near, far = rectangle(1.6, 0.35, 0.2, 0.5), rectangle(2.6, 0.1, 0.2, 0.8)
+    found = robust(turn([*ROOM, *near, *far]))
+    assert len(found) == 2
+    assert names(found.visibility, VISIBILITIES) == ["end_hidden", "full"]
+    mirrored = [(x0, -y0, x1, -y1) for x0, y0, x1, y1 in [*near, *far]]
+    found = robust(turn([*ROOM, *mirrored]))
+    assert names(found.visibility, VISIBILITIES) == ["full", "start_hidden"]
+
+
+def test_an_object_before_nothing_is_fully_visible() -> None:
+    found = robust(turn(rectangle(2.2, 0.0, 0.4, 0.5)))
+    assert names(found.visibility, VISIBILITIES) == ["full"]
+    assert np.isnan([found.s_i[0], found.s_f[0]]).all()
+    assert found.noise_beams[0] == 720 - found.beams[0]
+
+
+def test_a_pillar_is_round() -> None:
+    found = robust(turn(ROOM, circles=((2.0, 0.5, 0.3),)))
+    assert names(found.shape, SHAPES) == ["round"]
+    nearest = hypot(2.0, 0.5) - 0.3
+    assert found.r_min[0] == pytest.approx(nearest, abs=1e-3)
+    assert found.theta_min[0] == pytest.approx(atan2(0.5, 2.0), abs=0.25 * DEGREE + 1e-9)
+
+
+def test_too_few_beams_and_too_much_width_are_no_object() -> None:
+    box = rectangle(2.2, 0.0, 0.4, 0.5)
+    sweep = turn([*ROOM, *box])
+    beams = int(robust(sweep).beams[0])
+    assert len(robust(sweep, min_beams=beams)) == 1
+    assert len(robust(sweep, min_beams=beams + 1)) == 0
+    width = float(robust(sweep).width[0])
+    assert len(robust(sweep, max_width=width + 0.001)) == 1
+    assert len(robust(sweep, max_width=width - 0.001)) == 0
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.03])
+def test_the_noise_is_estimated_from_the_sweep_itself(sigma: float) -> None:
+    sweep = turn([*ROOM, *rectangle(2.2, 0.0, 0.4, 0.5)], beams=1440)
+    assert robust(sweep).noise[0] == pytest.approx(0.003)
+    rng = np.random.default_rng(3)
+    sweep.ranges = (np.array(sweep.ranges) + sigma * rng.standard_normal(1440)).tolist()
+    found = robust(sweep)
+    # 1440 second differences: a few per cent.
+    assert found.noise[0] == pytest.approx(sigma, rel=0.1)
+    assert len(found) == 1
+    assert found.r_i[0] == pytest.approx(2.0, abs=4 * sigma + 0.02)
+
+
+@pytest.mark.parametrize("walls", [False, True])
+def test_what_surrounds_the_sensor_without_a_break_is_no_object(walls: bool) -> None:
+    # A drum of 0.8 m around the sensor: narrower than an object may be, but the sensor cannot be inside an object.
+    for closing, beams in ((EACH_BEARING_ONCE, 360), (FIRST_BEARING_TWICE, 361)):
+        found = robust(Sweep([0.8] * beams, -pi, 2 * pi / 360, closing), walls=walls)
+        assert found.objects.tolist() == [0]
+        assert found.noise_beams.tolist() == [beams]
+
+
+def test_walls_are_reported_on_request_and_belong_to_noise() -> None:
+    sweep = turn([*ROOM, *rectangle(2.2, 0.0, 0.4, 0.5)])
+    found = robust(sweep, walls=True)
+    assert names(found.shape, SHAPES) == ["prismatic", "wall"]
+    assert found.object.tolist() == [1, 2]
+    assert found.objects.tolist() == [1]
+    # Four corners of the room are seen, in the order of their bearings from the right edge of the box.
+    assert kinds(found, 1) == ["start", "corner", "corner", "corner", "corner", "end"]
+    corner = slice(found.vertex_offsets[1] + 1, found.vertex_offsets[2] - 1)
+    angles = [atan2(2.8, 4.3), atan2(2.8, -3.7), atan2(-3.2, -3.7) + 2 * pi, atan2(-3.2, 4.3) + 2 * pi]
+    assert found.vertex_theta[corner].tolist() == pytest.approx(angles, abs=0.5 * DEGREE)
