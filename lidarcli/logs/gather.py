@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,6 +34,13 @@ class Gather:
         self.parts.append(message)
         self.times.append(record_ns)
         self.size += len(message)
+        return len(self.parts) >= self.rows or self.size >= BYTES
+
+    def extend(self, messages: Sequence[bytes], record_ns: Sequence[int]) -> bool:
+        """Take some messages; True when the block is full and wants `flush`."""
+        self.parts.extend(messages)
+        self.times.extend(record_ns)
+        self.size += sum(map(len, messages))
         return len(self.parts) >= self.rows or self.size >= BYTES
 
     def decode(self, buffer: UInt8, offsets: Int64, lengths: Int64, record_ns: Int64) -> Iterator[RawSweeps]:

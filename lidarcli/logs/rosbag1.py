@@ -28,15 +28,15 @@ COPY = 1 << 20
 
 
 class Rosbag1Log:
-    """A ROS 1 bag of a path or of a stream; a stream is copied to a temporary file first, for bags are not small."""
+    """A ROS 1 bag of a path or of a stream; a stream is copied to a temporary file, whose name nobody sees."""
 
     format = "ros1 bag"
 
-    def __init__(self, path: str, stream: BinaryIO | None = None) -> None:
-        self.path = path
+    def __init__(self, source: str | Path | BinaryIO) -> None:
+        self.path = path = str(source) if isinstance(source, str | Path) else "-"
         self.report = ReadReport()
         self._places: set[str] = set()
-        self._file = _open(path, stream)
+        self._file = _open(path, source)
         try:
             self.size: int | None = self._file.seek(0, 2)
             _check_magic(path, read_at(self._file, 0, 64))
@@ -137,13 +137,13 @@ class Rosbag1Log:
         self._codecs.update(reading.codecs)
 
 
-def _open(path: str, stream: BinaryIO | None) -> BinaryIO:
+def _open(path: str, source: str | Path | BinaryIO) -> BinaryIO:
     """The bag as a file that can be positioned in."""
     try:
-        if stream is None:
-            return Path(path).open("rb")
+        if isinstance(source, str | Path):
+            return Path(source).open("rb")
         copy = cast(BinaryIO, tempfile.TemporaryFile())  # noqa: SIM115  closed with the log
-        shutil.copyfileobj(stream, copy, COPY)
+        shutil.copyfileobj(source, copy, COPY)
         return copy
     except OSError as err:
         raise UnreadableError(f"{path}: cannot be read: {err.strerror or err}") from err

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Log, Message, ReadReport, 
 from lidarcli.logs.gather import Gather
 from lidarcli.logs.rosbag2_folder import METADATA, Folder, read_folder
 from lidarcli.logs.rosbag2_unpack import ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
-from lidarcli.logs.sqlite_bag import SqliteBag, has_type
+from lidarcli.logs.sqlite_bag import Row, SqliteBag, has_type
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
@@ -28,8 +28,8 @@ NO_DATA = "no data, or more than a sweep can have"
 class Rosbag2Log:
     """A ROS 2 bag: its files are read one after the other, as one stream."""
 
-    def __init__(self, path: str) -> None:
-        self.path = path
+    def __init__(self, path: str | Path) -> None:
+        self.path = str(path)
         self.report = ReadReport()
         self._seen: set[tuple[str, str]] = set()
         self._unpacked: tuple[Path, tempfile.TemporaryDirectory[str], str] | None = None
@@ -195,15 +195,12 @@ class Rosbag2Log:
             if has_type(topic, SCANS) and (topics is None or topic.name in topics)
         }
         if gathers:
-            for _, topic_id, timestamp, data in bag.rows(gathers):
-                gather = gathers[topic_id]
-                if data is None or data.startswith(ZSTD_MAGIC):
-                    data = self._unpack(gather.topic, data)
-                    if data is None:
-                        continue
-                if gather.add(data, timestamp):
-                    yield from gather.flush()
-                    self._progress(number, bag.progress)
+            for batch in bag.batches(gathers):
+                for topic_id, times, messages in _by_topic(batch):
+                    gather = gathers[topic_id]
+                    if gather.extend(*self._usable(gather.topic, times, messages)):
+                        yield from gather.flush()
+                        self._progress(number, bag.progress)
         for gather in gathers.values():
             yield from gather.flush()
         self._progress(number, 1.0)
@@ -211,23 +208,32 @@ class Rosbag2Log:
     def _sqlite_messages(self, bag: SqliteBag, types: Collection[str], number: int) -> Iterator[Message]:
         wanted = {topic.id: topic for topic in bag.topics.values() if has_type(topic, types)}
         if wanted:
-            for _, topic_id, timestamp, data in bag.rows(wanted):
-                topic = wanted[topic_id]
-                plain = self._unpack(topic.name, data)
-                if plain is not None:
-                    yield Message(topic.name, ros_type(topic.type), "cdr", timestamp, plain)
+            for batch in bag.batches(wanted):
+                for _, topic_id, timestamp, data in batch:
+                    topic = wanted[topic_id]
+                    for message in self._usable(topic.name, [timestamp], [data])[0]:
+                        yield Message(topic.name, ros_type(topic.type), "cdr", timestamp, message)
         self._progress(number, 1.0)
 
-    def _unpack(self, topic: str, data: bytes | None) -> bytes | None:
-        """The message itself; plain CDR never begins as zstd does. None where it cannot be used."""
-        if data is None:
-            self.report.refused[(topic, NO_DATA)] += 1
-        elif data.startswith(ZSTD_MAGIC):
-            self._codecs.add("zstd")
-            data = unpack_message(data)
-            if data is None:
-                self.report.refused[(topic, PACKED_CAUSE)] += 1
-        return data
+    def _usable(
+        self, topic: str, times: Sequence[int], messages: Sequence[bytes | None]
+    ) -> tuple[Sequence[bytes], Sequence[int]]:
+        """The messages that there are and their times, unpacked if they are packed.
+
+        A bag packs all its messages or none; plain CDR never begins as zstd does.
+        """
+        present = [data for data in messages if data is not None]
+        if len(present) < len(messages):
+            self.report.refused[(topic, NO_DATA)] += len(messages) - len(present)
+            times = [time for time, data in zip(times, messages, strict=True) if data is not None]
+        if not present or not present[0].startswith(ZSTD_MAGIC):
+            return present, times
+        self._codecs.add("zstd")
+        unpacked = [(unpack_message(data), time) for data, time in zip(present, times, strict=True)]
+        usable = [(data, time) for data, time in unpacked if data is not None]
+        if len(usable) < len(unpacked):
+            self.report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)
+        return [data for data, _ in usable], [time for _, time in usable]
 
     def _take(self, log: Log, number: int, taken: _Taken) -> None:
         """Take over what the reader of one file has reported since the last time."""
@@ -271,3 +277,15 @@ def _sqlite_topics(bag: SqliteBag) -> list[Topic]:
         Topic(topic.name, ros_type(topic.type), topic.encoding, counts.get(topic.id, 0))
         for topic in bag.topics.values()
     ]
+
+
+def _by_topic(batch: list[Row]) -> Iterator[tuple[int, Sequence[int], Sequence[bytes | None]]]:
+    """Topic id, times and messages of a batch, for each of its topics."""
+    _, topic_ids, times, messages = zip(*batch, strict=True)
+    present = set(topic_ids)
+    if len(present) == 1:
+        yield topic_ids[0], times, messages
+        return
+    for topic in sorted(present):
+        rows = [row for row in batch if row[1] == topic]
+        yield topic, [row[2] for row in rows], [row[3] for row in rows]

@@ -6,13 +6,14 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 METADATA = "metadata.yaml"
 MAX_METADATA = 16 << 20
 """Longest metadata.yaml that is read [bytes]."""
 
+_PATHS = re.compile(
+    r"^[ \t]*relative_file_paths:[ \t]*(\[[^\]]*\])?[^\n]*\n((?:[ \t]*-[ \t][^\n]*\n?)*)", re.MULTILINE
+)
+_CONFLICT = re.compile(r"^(<{7,}|={7,}|>{7,})", re.MULTILINE)
 _STORAGE = re.compile(r"\.(db3|mcap)(\.(zstd|zst))?$", re.IGNORECASE)
 _PACKED = re.compile(r"\.(zstd|zst)$", re.IGNORECASE)
 
@@ -72,19 +73,24 @@ def _same(one: str, other: str) -> bool:
 
 
 def _named_files(path: Path) -> tuple[list[str], str]:
-    """File names of a metadata.yaml, and what is wrong with it."""
+    """File names of a metadata.yaml, and what is wrong with it.
+
+    The names are all that is wanted of it: they are taken from their lines, which neither a broken part elsewhere nor
+    a hostile YAML can spoil.
+    """
+    without = "the storage files were read without it"
     try:
-        if path.stat().st_size > MAX_METADATA:
-            return [], f"{METADATA} is too long, it was not read"
-        data = YAML(typ="safe").load(path.read_bytes())
-        paths = data["rosbag2_bagfile_information"]["relative_file_paths"]
-        # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
-        return [PureWindowsPath(str(item)).name for item in paths], ""
+        with path.open("rb") as file:
+            text = file.read(MAX_METADATA).decode("utf-8", "replace")
     except FileNotFoundError:
-        return [], f"{METADATA} is missing, the storage files were read without it"
+        return [], f"{METADATA} is missing, {without}"
     except OSError as err:
-        return [], f"{METADATA} cannot be read ({err.strerror}), the storage files were read without it"
-    except (YAMLError, UnicodeError, ValueError, RecursionError):
-        return [], f"{METADATA} is not valid YAML, the storage files were read without it"
-    except (TypeError, KeyError, LookupError):
-        return [], f"{METADATA} lists no files, the storage files were read without it"
+        return [], f"{METADATA} cannot be read ({err.strerror}), {without}"
+    if _CONFLICT.search(text):
+        return [], f"{METADATA} holds an unresolved merge conflict, {without}"
+    found = _PATHS.search(text)
+    items = [] if found is None else (found[1] or "").strip("[]").split(",") + found[2].splitlines()
+    names = [item.strip().removeprefix("- ").strip().strip("\"'") for item in items]
+    # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
+    names = [PureWindowsPath(name).name for name in names if name]
+    return names, "" if names else f"{METADATA} lists no files, {without}"

@@ -8,8 +8,8 @@ from pathlib import Path
 import zstandard
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-MAX_MESSAGE = 64 << 20
-"""Longest message that is unpacked [bytes]."""
+MAX_MESSAGE = 8 << 20
+"""Longest message that is unpacked [bytes]; a sweep of the largest number of beams fits."""
 MAX_RATIO = 1000
 """A storage file may unpack to this many times its size (and `SMALL` bytes); real logs stay below 50."""
 SMALL = 64 << 20
@@ -51,14 +51,19 @@ def unpack_file(source: Path, target: Path) -> str:
 
 def unpack_message(data: bytes) -> bytes | None:
     """One zstd message, None where it is broken or too long."""
+    frame = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW)
     try:
         size = zstandard.frame_content_size(data)
         if size > MAX_MESSAGE:
             return None
         if size >= 0:
-            return zstandard.ZstdDecompressor().decompress(data)
-        with zstandard.ZstdDecompressor().stream_reader(data) as reader:
-            unpacked = reader.read(MAX_MESSAGE + 1)
+            return frame.decompress(data)
+        steps = frame.decompressobj()
+        parts: list[bytes] = []
+        for at in range(0, len(data), PIECE):
+            parts.append(steps.decompress(data[at : at + PIECE]))
+            if steps.eof or sum(map(len, parts)) > MAX_MESSAGE:
+                break
     except zstandard.ZstdError:
         return None
-    return unpacked if len(unpacked) <= MAX_MESSAGE else None
+    return b"".join(parts) if steps.eof and sum(map(len, parts)) <= MAX_MESSAGE else None

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 from urllib.parse import quote
 
 import numpy as np
@@ -17,11 +17,15 @@ import numpy as np
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, ReadReport, ros_type
 from lidarcli.logs.laserscan import decode
-from lidarcli.logs.sqlite_salvage import MAX_BLOB, Found, MessageRow, Salvage, TopicRow
+from lidarcli.logs.sqlite_salvage import HEADER, MAGIC, MAX_BLOB, Found, MessageRow, Salvage, TopicRow
 
 SIDECARS = ("-wal", "-journal")
 """Files beside a database that hold a part of it when the recorder was not stopped properly."""
+SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError)
+"""What SQLite raises for a damaged database: its message may quote bytes of it that are no text."""
 DISK_SHARE = 0.9
+BATCH = 32
+"""Messages fetched at a time: at most BATCH times `MAX_BLOB` bytes are held."""
 
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
 _ROWS = (
@@ -31,13 +35,8 @@ _ROWS = (
 )
 
 
-class Row(NamedTuple):
-    """A message; `data` is None where there is none that can be used."""
-
-    id: int
-    topic_id: int
-    timestamp: int
-    data: bytes | None
+Row = tuple[int, int, int, bytes | None]
+"""Row id, topic id, time [ns] and message; None where it has none that can be used."""
 
 
 class SqliteBag:
@@ -72,26 +71,28 @@ class SqliteBag:
         if self._database is not None:
             try:
                 return Counter(topic for (topic,) in self._database.execute("SELECT topic_id FROM messages"))
-            except sqlite3.Error as err:
-                self._cause = str(err)
+            except SQLITE_ERRORS as err:
+                self._cause = _cause(err)
         return Counter(self._salvage()[1].topic_ids)
 
-    def rows(self, topics: Collection[int]) -> Iterator[Row | MessageRow]:
-        """Messages of the given topic ids in the order they were recorded."""
+    def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
+        """Messages of the given topic ids in the order they were recorded, a few at a time."""
         self._last = -1 << 63
         if self._database is not None:
             try:
                 (newest,) = self._database.execute("SELECT max(id) FROM messages").fetchone()
                 self._newest = newest or 0
                 sql = _ROWS.format(", ".join(map(str, topics)))
-                for row in self._database.execute(sql, (self._last,)):
-                    if row[0] <= self._last:
+                cursor = self._database.execute(sql, (self._last,))
+                while rows := cursor.fetchmany(BATCH):
+                    ids = [self._last, *(row[0] for row in rows)]
+                    if ids != sorted(ids):
                         raise sqlite3.DatabaseError("row numbers are out of order")
-                    self._last = row[0]
-                    yield row
+                    self._last = ids[-1]
+                    yield rows
                 return
-            except sqlite3.Error as err:
-                self._cause = str(err)
+            except SQLITE_ERRORS as err:
+                self._cause = _cause(err)
         yield from self._salvaged(topics, self._last)
 
     def close(self) -> None:
@@ -113,6 +114,10 @@ class SqliteBag:
         if copy is not None:
             self._file.close()
             self._file = copy.open("rb")
+        else:
+            self._cause = _wrong_size(self._file.read(HEADER), path.stat().st_size)
+            if self._cause:
+                return self._open_damaged()
         # `immutable` keeps SQLite from making files beside the log and works in a read-only folder.
         options = "mode=ro&immutable=1" if copy is None else "mode=rw"
         where = quote(str((copy or path).absolute()))
@@ -123,8 +128,8 @@ class SqliteBag:
             self._database.execute("PRAGMA cell_size_check = on")
             self.topics = {row[0]: TopicRow(*row) for row in self._database.execute(_TOPICS)}
             self._database.execute("SELECT max(id) FROM messages").fetchone()
-        except sqlite3.Error as err:
-            self._cause = str(err)
+        except SQLITE_ERRORS as err:
+            self._cause = _cause(err)
             if self._database is not None:
                 self._database.close()
                 self._database = None
@@ -137,7 +142,7 @@ class SqliteBag:
         if not self.topics and found.rowids:
             self.topics = _guess_topics(salvage, found)
         if not self.topics:
-            raise UnreadableError(f"{self._shown}: holds no ROS 2 messages (SQLite says: {self._cause})")
+            raise UnreadableError(f"{self._shown}: holds no ROS 2 messages ({self._cause})")
 
     def _copy(self, path: Path, sidecars: list[Path]) -> Path | None:
         """A copy in a temporary folder: SQLite merges the sidecars into it, and may not do so beside the log."""
@@ -163,24 +168,49 @@ class SqliteBag:
             self._found = salvage.find()
         return salvage, self._found
 
-    def _salvaged(self, topics: Collection[int], last: int) -> Iterator[Row | MessageRow]:
+    def _salvaged(self, topics: Collection[int], last: int) -> Iterator[list[Row]]:
         """Messages behind row `last`, page by page."""
         salvage, found = self._salvage()
         self._newest = max(found.rowids, default=0)
         lost = 0
+        batch: list[Row] = []
         for row in salvage.messages(found, topics, last):
             if isinstance(row, MessageRow):
                 self._last = row.id
-                yield row
+                batch.append(row)
+                if len(batch) == BATCH:
+                    yield batch
+                    batch = []
             else:
                 lost += 1
-        wanted = sum(topic in topics for topic in found.topic_ids)
-        cause = f"SQLite refuses it ({self._cause}); read page by page: {wanted - lost:,} messages recovered"
+        if batch:
+            yield batch
+        wanted = sum(found.topic_ids[index] in topics for index in found.order())
+        cause = f"{self._cause}; read page by page: {wanted - lost:,} messages recovered"
         if lost:
             cause += f", {lost:,} not whole"
         if found.missing:
             cause += f", {found.missing:,} of all topics missing before the last"
         self._damaged("database", cause)
+
+
+def _wrong_size(header: bytes, size: int) -> str:
+    """What is wrong with the file's size by its own header, if anything: SQLite reads over either in silence."""
+    page = int.from_bytes(header[16:18], "big")
+    page = 65536 if page == 1 else page
+    if not header.startswith(MAGIC) or header[24:28] != header[92:96]:
+        return ""
+    whole = page * int.from_bytes(header[28:32], "big")
+    if size < whole:
+        return f"cut off: {size:,} of {whole:,} bytes"
+    if size > whole:
+        return f"not closed properly: {size - whole:,} bytes behind its declared end"
+    return ""
+
+
+def _cause(err: Exception) -> str:
+    cause = str(err) if isinstance(err, sqlite3.Error) else "malformed database schema"
+    return f"SQLite says: {cause}"
 
 
 def _guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:

@@ -19,8 +19,8 @@ HEADER = 100
 """Bytes of the file header, which stands before the first page's own."""
 PIECE = 4 << 20
 """Bytes read at a time while looking for rows."""
-MAX_BLOB = 64 << 20
-"""Longest message that is read [bytes]."""
+MAX_BLOB = 8 << 20
+"""Longest message that is read [bytes]; a sweep of the largest number of beams fits, with intensities."""
 
 _INT_BYTES = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
 """Serial types of integers → bytes; 8 and 9 are the constants 0 and 1."""

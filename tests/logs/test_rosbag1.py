@@ -93,7 +93,7 @@ def indices(log: Rosbag1Log, **options: Any) -> list[int]:
 
 def read(data: bytes) -> tuple[list[int], list[str]]:
     """Indices of the sweeps of a bag's bytes, and its damage."""
-    with Rosbag1Log("test.bag", io.BytesIO(data)) as log:
+    with Rosbag1Log(io.BytesIO(data)) as log:
         found = indices(log)
         return found, [f"{item.place}: {item.cause}" for item in log.report.damage]
 
@@ -259,7 +259,7 @@ def test_unindexed_active_bag(tmp_path: Path, codec: str) -> None:
         list(range(60)),
         ["index: the bag was not closed properly and has no index; all 60 messages were read without it"],
     )
-    with Rosbag1Log("run.bag.active", io.BytesIO(data)) as log:
+    with Rosbag1Log(io.BytesIO(data)) as log:
         assert log.topics() == [
             Topic("/scan", LASERSCAN, "ros1", 60),
             Topic("/chatter", "std_msgs/msg/String", "ros1", 0),
@@ -369,7 +369,7 @@ def test_flips_in_lengths_and_headers_cost_little(tmp_path: Path, codec: str) ->
     for at in rng.sample(header_bytes(data), 300):
         flipped = bytearray(data)
         flipped[at] ^= 1 << rng.randrange(8)
-        with Rosbag1Log("test.bag", io.BytesIO(bytes(flipped))) as log:
+        with Rosbag1Log(io.BytesIO(bytes(flipped))) as log:
             found = [round(float(first)) for block in log.scans() for first in block.ranges[:, 0]]
         assert len(set(found)) == len(found)
         lost = set(range(60)) - set(found)
@@ -384,7 +384,7 @@ def test_a_lying_message_length_costs_nothing(tmp_path: Path) -> None:
     for lie in (0, 3, size - 30, size + 5, size + 4000, 20_000_000, 2**31, 2**32 - 1):
         lying = bytearray(data)
         struct.pack_into("<I", lying, places[0], lie)
-        with Rosbag1Log("test.bag", io.BytesIO(bytes(lying))) as log:
+        with Rosbag1Log(io.BytesIO(bytes(lying))) as log:
             found = indices(log)
             assert log.report.damage
         assert found == [i for i in range(60) if i != 10 or lie > size], lie
@@ -478,7 +478,7 @@ def test_random_bytes_never_raise(tmp_path: Path) -> None:
         for _ in range(rng.randrange(1, 8)):
             at = rng.randrange(13, len(mutated))
             mutated[at : at + rng.randrange(6)] = rng.randbytes(rng.randrange(6))
-        with Rosbag1Log("test.bag", io.BytesIO(bytes(mutated))) as log:
+        with Rosbag1Log(io.BytesIO(bytes(mutated))) as log:
             log.topics()
             list(log.messages({"std_msgs/msg/String"}))
             for block in log.scans():
@@ -541,7 +541,7 @@ def test_encrypted(tmp_path: Path) -> None:
     head = record.header + struct.pack("<I", len(field)) + field
     fresh = data[:13] + struct.pack("<I", len(head)) + head + data[record.data_start - 4 :]
     with pytest.raises(UnreadableError, match=r"encrypted \(rosbag/AesCbcEncryptor\)"):
-        Rosbag1Log("a.bag", io.BytesIO(fresh))
+        Rosbag1Log(io.BytesIO(fresh))
 
 
 def test_missing_file(tmp_path: Path) -> None:
