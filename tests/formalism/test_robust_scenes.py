@@ -286,9 +286,9 @@ def test_the_noise_is_estimated_from_the_sweep_itself(sigma: float) -> None:
 
 @pytest.mark.parametrize("walls", [False, True])
 def test_what_surrounds_the_sensor_without_a_break_is_no_object(walls: bool) -> None:
-    # A drum of 0.8 m around the sensor: narrower than an object may be, but the sensor cannot be inside an object.
+    # A drum of 0.6 m around the sensor: narrower than an object may be, but the sensor cannot be inside an object.
     for closing, beams in ((EACH_BEARING_ONCE, 360), (FIRST_BEARING_TWICE, 361)):
-        found = robust(Sweep([0.8] * beams, -pi, 2 * pi / 360, closing), walls=walls)
+        found = robust(Sweep([0.6] * beams, -pi, 2 * pi / 360, closing), walls=walls)
         assert found.objects.tolist() == [0]
         assert found.noise_beams.tolist() == [beams]
 
