@@ -16,8 +16,8 @@ SECOND_DIFFERENCE_GAIN = np.sqrt(6.0)
 
 ROUGHNESS = 0.08
 """[m] Depth steps below this are the texture of a surface: foliage, folds, mouldings."""
-NOISE_GAIN = 4.0
-"""A difference of two ranges exceeds this many of its standard deviations in 6 of 100,000 beams."""
+NOISE_GAIN = 3.5
+"""A difference of two ranges exceeds this many of its standard deviations in 5 of 10,000 beams."""
 
 
 def noise_threshold(sigma: Float64) -> Float64:

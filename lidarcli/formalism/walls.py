@@ -20,7 +20,7 @@ WALL_THICKNESS = 0.5
 DOORWAY = 2.0
 FREE = 3.0
 PAIR_ERROR = 0.1
-REACH_LIMIT = 0.15
+REACH_LIMIT = 0.1
 """[m] Greatest distance at which a piece still counts as on the line, however uncertain the line is."""
 
 
@@ -108,13 +108,16 @@ def _within(
     behind = np.where(middle_x * direction_y - middle_y * direction_x > 0, 1.0, -1.0)
     depth, along, allowed = [], [], []
     error = np.zeros(len(line))
-    for end in (faces.first[piece], faces.last[piece]):
-        dx, dy = points.x[end] - middle_x, points.y[end] - middle_y
+    own_error = NOISE_GAIN * sigma * np.minimum(1.0, 2.0 / np.sqrt(faces.points[piece]))
+    half = 0.5 * faces.length[piece]
+    for side in (-half, half):
+        dx = faces.middle_x[piece] + side * faces.direction_x[piece] - middle_x
+        dy = faces.middle_y[piece] + side * faces.direction_y[piece] - middle_y
         depth.append((dx * direction_y - dy * direction_x) * behind)
         along.append(np.abs(dx * direction_x + dy * direction_y))
         line_error = NOISE_GAIN * spread * np.sqrt(1.0 + 12.0 * np.square(along[-1] / length))
         error = np.maximum(error, line_error)
-        allowed.append(COLLINEAR + NOISE_GAIN * sigma + np.minimum(line_error, REACH_LIMIT))
+        allowed.append(COLLINEAR + own_error + np.minimum(line_error, REACH_LIMIT))
     on = [np.abs(depth[i]) <= allowed[i] for i in (0, 1)]
     reach = np.maximum(along[0], along[1]) + 0.5 * length
     beyond = np.minimum(along[0], along[1]) - 0.5 * length
