@@ -1,8 +1,9 @@
 """The cells of a block of lines: where they are, and their numbers in bulk.
 
-All numbers of a block are parsed as ONE column, whatever the number of beams: separators become line ends, and the
-C++ parser of pyarrow sees a file of a single column. So a block of few long rows costs what one of many short
-rows costs, ragged rows are no special case, and the result is row-major already.
+All numbers of a block are parsed as ONE column, whatever the number of beams. So a block of few long rows costs what
+one of many short rows costs, ragged rows are no special case, and the result is row-major already. Where some cell
+is spelled unusually (spaces, null), the C++ parser of pyarrow.csv takes over; where a cell is no number at all,
+the search for its row halves the block.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
-from lidarcli.sweeps import Bool, Int64
+from lidarcli.sweeps import Bool, Int32, Int64
 
 NEWLINE = 10
 _NULLS = ("", "null", "None", "NULL", "none", "NA", "N/A", "n/a", "#N/A", "<NA>", "-", "--", ".nan", ".NaN")
@@ -33,6 +34,18 @@ _ONE_BY_ONE = 64
 """Below this many rows the search for a bad row stops halving."""
 
 
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """Numbers of rows of cells, one after the other."""
+
+    values: NDArray[Any]
+    """NaN where a cell holds none."""
+    empty: Bool | None
+    """True for cells without a value (empty, null); None: there are no such cells."""
+    bad: dict[int, str]
+    """Row → cause, for rows with a cell that is no number; their values are NaN."""
+
+
 class Cells:
     """Where each cell of each row lies in a text of lines without quotes."""
 
@@ -40,18 +53,20 @@ class Cells:
         self.text = text
         self.separator = separator
         buffer = np.frombuffer(text, np.uint8)
-        self._ends = np.flatnonzero((buffer == separator[0]) | (buffer == NEWLINE))
-        last = np.flatnonzero(buffer[self._ends] == NEWLINE)
-        self._starts = np.empty_like(self._ends)
+        ends = np.flatnonzero((buffer == separator[0]) | (buffer == NEWLINE)).astype(np.int32)
+        last = np.flatnonzero(buffer[ends] == NEWLINE)
+        self._ends = ends
+        self._starts = np.empty_like(ends)
         self._starts[:1] = 0
-        self._starts[1:] = self._ends[:-1] + 1
+        self._starts[1:] = ends[:-1] + 1
         self._first = np.empty_like(last)
         self._first[:1] = 0
         self._first[1:] = last[:-1] + 1
         self.count: Int64 = last - self._first + 1
         """(R,) cells of each row; an empty line has one."""
-        self.length: Int64 = self._ends[last] - self._starts[self._first]
+        self.length = ends[last] - self._starts[self._first]
         """(R,) bytes of each row."""
+        self._regular = bool((self.count == self.count[:1]).all())
 
     def spans(self, rows: Int64, first: int | Int64, count: int | Int64) -> list[bytes]:
         """The text of `count` cells from cell `first` on, of each of `rows`; b'' for a count of 0."""
@@ -67,27 +82,42 @@ class Cells:
         """Cell `index` of each of `rows`, which all have it."""
         return self.spans(rows, index, 1)
 
+    def numbers(self, rows: Int64, first: int, count: Int64, dtype: type[np.floating]) -> Numbers:
+        """The numbers in `count` cells from cell `first` on, of each of `rows` (ascending)."""
+        starts, ends = self._bounds(rows, first, count)
+        if not len(starts):
+            return Numbers(np.empty(0, dtype), None, {})
+        try:
+            values, empty = _cast(self.text, starts, ends, dtype)
+            return Numbers(values, empty, {})
+        except ValueError:
+            return parse_rows(self.spans(rows, first, count), count, self.separator, dtype)
 
-@dataclass(frozen=True, slots=True)
-class Numbers:
-    """Numbers of rows of cells, one after the other."""
+    def _bounds(self, rows: Int64, first: int, count: Int64) -> tuple[Int32, Int32]:
+        """Start and end of each of these cells, in their order."""
+        if self._regular and len(count) and (count == count[0]).all():
+            columns = slice(first, first + int(count[0]))
+            shape = (len(self.count), int(self.count[0]))
+            some = slice(None) if len(rows) == shape[0] else rows
+            starts, ends = (
+                self._starts.reshape(shape)[some, columns],
+                self._ends.reshape(shape)[some, columns],
+            )
+            return starts.ravel(), ends.ravel()
+        begin = self._first[rows] + first - (np.cumsum(count) - count)
+        index = np.repeat(begin, count) + np.arange(int(count.sum()))
+        return self._starts[index], self._ends[index]
 
-    values: NDArray[Any]
-    """NaN where a cell holds none."""
-    empty: Bool | None
-    """True for cells without a value (empty, null); None: there are no such cells."""
-    bad: dict[int, str]
-    """Row → cause, for rows with a cell that is no number; their values are NaN."""
 
-
-def parse_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: DTypeLike) -> Numbers:
+def parse_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: type[np.floating]) -> Numbers:
     """Parse rows of `counts` cells each; a row with a cell that is no number is named, not raised."""
     total = int(counts.sum())
     if not total:
         return Numbers(np.empty(0, dtype), None, {})
     try:
         some = [part for part, count in zip(parts, counts.tolist(), strict=True) if count]
-        values, empty = _parse_flat(b"\n".join(some).replace(separator, b"\n"), total, dtype)
+        flat = b"\n".join(some).replace(separator, b"\n") + b"\n"
+        values, empty = _parse_flat(flat, total, dtype)
         return Numbers(values, empty, {})
     except ValueError:
         pass
@@ -124,14 +154,54 @@ def say(cell: bytes, most: int = 24) -> str:
     return f"'{text[:most]}…'" if len(text) > most else f"'{text}'"
 
 
-def _parse_flat(text: bytes, total: int, dtype: DTypeLike) -> tuple[NDArray[Any], Bool | None]:
+def _cast(
+    text: bytes, starts: Int32, ends: Int32, dtype: type[np.floating]
+) -> tuple[NDArray[Any], Bool | None]:
+    """Numbers of the cells that lie between `starts` and `ends`; ValueError where one is spelled unusually.
+
+    The text itself becomes the data of an Arrow string array in which every second string is null: a cell, what
+    stands between it and the next cell, the next cell, ... So nothing is copied or tokenised a second time.
+    """
+    import pyarrow as pa
+
+    slots = 2 * len(starts)
+    offsets = np.empty(slots + 1, np.int32)
+    offsets[0:-1:2] = starts
+    offsets[1::2] = ends
+    offsets[-1] = ends[-1]
+    valid = np.full(-(-slots // 8), 0b01010101, np.uint8)
+    empty = starts == ends
+    none = not empty.any()
+    if not none:
+        bits = np.zeros(slots, np.bool_)
+        bits[::2] = ~empty
+        valid = np.packbits(bits, bitorder="little")
+    strings = pa.StringArray.from_buffers(
+        slots, pa.py_buffer(offsets), pa.py_buffer(text), pa.py_buffer(valid)
+    )
+    numbers = strings.cast(pa.float32() if dtype is np.float32 else pa.float64())
+    values = np.frombuffer(numbers.buffers()[1], dtype, slots)[::2].copy()
+    if none:
+        return values, None
+    values[empty] = np.nan
+    return values, empty
+
+
+def _parse_flat(text: bytes, total: int, dtype: type[np.floating]) -> tuple[NDArray[Any], Bool | None]:
     """One cell per line → numbers and empties; ValueError where any cell is no number."""
+    bare = text.replace(b" ", b"")
+    ends = np.flatnonzero(np.frombuffer(bare, np.uint8) == NEWLINE).astype(np.int32)
+    if len(ends) == total:
+        try:
+            return _cast(bare, np.append(np.int32(0), ends[:-1] + np.int32(1)), ends, dtype)
+        except ValueError:
+            pass
     import pyarrow as pa
     from pyarrow import csv
 
-    kind = pa.float32() if np.dtype(dtype) == np.float32 else pa.float64()
+    kind = pa.float32() if dtype is np.float32 else pa.float64()
     table = csv.read_csv(
-        pa.py_buffer(text + b"\n"),
+        pa.py_buffer(text),
         read_options=csv.ReadOptions(column_names=["value"], block_size=1 << 20),
         parse_options=csv.ParseOptions(delimiter="\x01", quote_char=False, ignore_empty_lines=False),
         convert_options=csv.ConvertOptions(
@@ -145,7 +215,7 @@ def _parse_flat(text: bytes, total: int, dtype: DTypeLike) -> tuple[NDArray[Any]
     return values, np.asarray(column.is_null()) if column.null_count else None
 
 
-def _slow_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: DTypeLike) -> Numbers:
+def _slow_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: type[np.floating]) -> Numbers:
     """Cell by cell: the few rows among which one is bad, or in which numbers are spelled oddly."""
     values: list[float] = []
     empty: list[bool] = []

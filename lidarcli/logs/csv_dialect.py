@@ -97,8 +97,8 @@ def read_lines(block: Block, dialect: Dialect | None, skip: bytes, start: int, r
     start : number of the first line that is data
     """
     text = block.text
-    numbers = block.line + np.arange(text.count(b"\n"))
-    awkward = block.line < start or b"#" in text or b"\0" in text or b"\n\n" in text or text[:1] == b"\n"
+    numbers = block.line + np.arange(block.lines)
+    awkward = block.line < start or b"#" in text or b"\0" in text
     last = block.line + len(numbers) - 1
     if awkward or (skip and skip[:32] in text):
         kept, place = [], []

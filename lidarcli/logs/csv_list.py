@@ -55,7 +55,7 @@ class ListDecoder:
         lines = read_lines(block, None, self._layout.header, self._layout.start, self._report)
         records = []
         for number, line in zip(lines.numbers.tolist(), lines.text.split(b"\n"), strict=False):
-            for start, text in self._whole(number, line):
+            for start, text in self._whole(number, line) if line.strip() else ():
                 record = self._read(start, text)
                 if record is not None:
                     records.append(record)

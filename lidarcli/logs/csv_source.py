@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from lidarcli.logs.base import ReadReport
@@ -13,7 +13,7 @@ from lidarcli.logs.base import ReadReport
 MAX_LINE = 32 << 20
 """Bytes of the longest line that is read (a million beams fit); a longer one is skipped and reported."""
 FIRST_BLOCK = 64 << 10
-BLOCK = 4 << 20
+BLOCK = 512 << 10
 _CHUNK = 256 << 10
 
 
@@ -30,6 +30,8 @@ class Block:
     text: bytes
     line: int
     """Number of the first line, from 1."""
+    lines: int
+    """How many there are."""
     cut: bool = False
     """The last line had no line end: the text may have been cut off there."""
 
@@ -128,15 +130,16 @@ class TextSource:
             too_long = tail_size > MAX_LINE
             if size >= target or (too_long and size):
                 text = b"".join(whole)
-                yield Block(text, line)
-                line += text.count(b"\n")
+                yield Block(text, line, count := text.count(b"\n"))
+                line += count
                 whole, size, target = [], 0, BLOCK
             if too_long:
                 self._report.add_damage(f"line {line}", f"longer than {MAX_LINE >> 20} MiB: skipped")
                 tail, tail_size, skipping = [], 0, True
         if size + tail_size:
             end_of_file = [b"\n"] if tail else []
-            yield Block(b"".join(whole + tail + end_of_file), line, cut=bool(tail))
+            text = b"".join(whole + tail + end_of_file)
+            yield Block(text, line, text.count(b"\n"), cut=bool(tail))
 
 
 def _as_utf8(chunks: Iterator[bytes]) -> Iterator[bytes]:
@@ -162,9 +165,8 @@ def _as_utf8(chunks: Iterator[bytes]) -> Iterator[bytes]:
 def _line_ends(blocks: Iterator[Block]) -> Iterator[Block]:
     """Write every line end as one newline, and a stray carriage return as a space."""
     for block in blocks:
-        text = block.text
-        if b"\r" in text:
-            text = text.replace(b"\r\n", b"\n")
-            if b"\r" in text:
-                text = text.replace(b"\r", b" ")
-        yield Block(text, block.line, block.cut) if text is not block.text else block
+        if b"\r" not in block.text:
+            yield block
+            continue
+        text = block.text.replace(b"\r\n", b"\n").replace(b"\r", b" ")
+        yield replace(block, text=text)

@@ -17,7 +17,7 @@ from lidarcli.logs.csv_build import (
     pad,
     read_times,
 )
-from lidarcli.logs.csv_cells import Cells, parse_rows
+from lidarcli.logs.csv_cells import Cells
 from lidarcli.logs.csv_dialect import read_lines
 from lidarcli.logs.csv_layouts import Columns, Layout, expected_beams
 from lidarcli.logs.csv_source import Block
@@ -131,7 +131,7 @@ class WideDecoder:
             first = int(scan.ranges.min())
             span = np.full(len(rows), int(scan.ranges.max()) + 1 - first)
             order = scan.ranges - first
-        found = parse_rows(cells.spans(rows, first, span), span, cells.separator, number_type(self._options))
+        found = cells.numbers(rows, first, span, number_type(self._options))
         ranges = pad(found.values, span, self._options.range_scale)
         good = np.ones(len(rows), np.bool_)
         good[list(found.bad)] = False
@@ -165,18 +165,17 @@ class WideDecoder:
         if not columns:
             return {}, {}
         low, high = min(columns.values()), max(columns.values())
-        width = high - low + 1
-        separator = cells.separator
-        if width == len(columns):
-            parts = cells.spans(rows, low, width)
-        else:
-            apart = [cells.column(rows, column) for column in columns.values()]
-            parts = [separator.join(some) for some in zip(*apart, strict=True)]
-            columns = {name: low + place for place, name in enumerate(columns)}
-            width = len(columns)
-        found = parse_rows(parts, np.full(len(rows), width), separator, np.float32)
-        table = found.values.reshape(len(rows), width).astype(np.float64)
-        return {name: table[:, column - low] for name, column in columns.items()}, found.bad
+        if high - low + 1 == len(columns):
+            found = cells.numbers(rows, low, np.full(len(rows), len(columns)), np.float32)
+            table = found.values.reshape(len(rows), len(columns)).astype(np.float64)
+            return {name: table[:, column - low] for name, column in columns.items()}, found.bad
+        values: dict[str, Float64] = {}
+        bad: dict[int, str] = {}
+        for name, column in columns.items():
+            found = cells.numbers(rows, column, np.ones(len(rows), np.int64), np.float32)
+            values[name] = found.values.astype(np.float64)
+            bad |= found.bad
+        return values, bad
 
     def _beams(self, scan: Columns, cells: Cells, rows: Int64, view: Int64) -> Int64:
         """The number of ranges of each row; -1 where its cells fit no number of beams."""
