@@ -1,0 +1,59 @@
+"""The parameters of both profiles: their defaults, and what is refused."""
+
+from __future__ import annotations
+
+from math import inf, nan
+from typing import Any
+
+import pytest
+
+from lidarcli.errors import OptionError
+from lidarcli.formalism import Parameters
+
+
+def test_defaults_of_both_profiles() -> None:
+    robust = Parameters.for_profile()
+    assert robust == Parameters()
+    assert (robust.profile, robust.threshold) == ("robust", "adaptive")
+    assert (robust.min_beams, robust.max_width, robust.max_gap, robust.walls) == (3, 2.0, 2, False)
+    paper = Parameters.for_profile("paper")
+    assert (paper.profile, paper.threshold) == ("paper", "mean")
+    assert (paper.min_beams, paper.max_width, paper.max_gap, paper.walls) == (1, inf, 0, False)
+
+
+def test_an_override_that_is_none_leaves_the_default() -> None:
+    given = Parameters.for_profile("paper", min_beams=None, max_width=3.0, walls=True)
+    assert (given.min_beams, given.max_width, given.walls) == (1, 3.0, True)
+
+
+def test_plain_values_for_the_metadata() -> None:
+    values = Parameters.for_profile("paper").as_dict()
+    assert values["max_width"] is None
+    assert values["threshold"] == "mean"
+    assert Parameters().as_dict()["max_width"] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("profile", "overrides", "message"),
+    [
+        ("exact", {}, "--profile: 'exact' is not one of robust, paper"),
+        ("robust", {"colour": 1, "beams": 2}, "no such parameter: beams, colour"),
+        (
+            "robust",
+            {"threshold": "median"},
+            "--threshold: 'median' is not adaptive, mean or a number of metres",
+        ),
+        ("robust", {"threshold": -0.1}, "--threshold: -0.1 m is not a distance"),
+        ("robust", {"threshold": inf}, "--threshold: inf m is not a distance"),
+        ("robust", {"threshold": nan}, "--threshold: nan m is not a distance"),
+        ("robust", {"min_beams": 0}, "--min-beams: 0 is below 1"),
+        ("robust", {"max_gap": -1}, "--max-gap: -1 is below 0"),
+        ("robust", {"max_width": 0.0}, "--max-width: 0.0 m is not a width"),
+        ("robust", {"max_width": nan}, "--max-width: nan m is not a width"),
+    ],
+)
+def test_values_without_a_meaning_are_refused(profile: Any, overrides: dict[str, Any], message: str) -> None:
+    with pytest.raises(OptionError) as caught:
+        Parameters.for_profile(profile, **overrides)
+    assert str(caught.value) == message
+    assert caught.value.exit_code == 2

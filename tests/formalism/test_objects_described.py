@@ -1,0 +1,104 @@
+"""What is said of each object, against plain numpy on its own points: box, faces, centroid, nearest point, chord."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from batches import batch_of
+from random_sweeps import random_sweep
+from test_formalism_invariants import simulated
+
+from lidarcli.formalism import PROFILES, VERTEX_KINDS, Detection, Parameters, detect
+from lidarcli.formalism.parameters import Profile
+from lidarcli.sweeps import SweepBatch
+
+
+@pytest.fixture(params=PROFILES)
+def seen(request: pytest.FixtureRequest) -> tuple[SweepBatch, Detection]:
+    """Objects of simulated scenes by each profile."""
+    profile: Profile = request.param
+    batch = simulated()
+    return batch, detect(batch, Parameters.for_profile(profile), per_beam=True)
+
+
+def points_of(batch: SweepBatch, found: Detection, k: int) -> np.ndarray:
+    """(n, 4) x, y, θ, r of the points of object k from P_i to P_f; θ grows past the seam."""
+    assert found.beam_object is not None
+    row = found.row[k]
+    beams = np.flatnonzero(found.beam_object[row] == found.object[k])
+    theta = batch.angle_min[row] + batch.angle_increment[row] * beams
+    theta = np.where(theta < found.theta_i[k] - 1e-9, theta + 2 * np.pi, theta)
+    order = np.argsort(theta)
+    theta, r = theta[order], batch.ranges[row, beams[order]].astype(float)
+    return np.column_stack([r * np.cos(theta), r * np.sin(theta), theta, r])
+
+
+def test_points_and_chord(seen: tuple[SweepBatch, Detection]) -> None:
+    batch, found = seen
+    assert len(found) > 200
+    for k in range(len(found)):
+        x, y, theta, r = points_of(batch, found, k).T
+        assert len(r) == found.beams[k]
+        assert (found.r_i[k], found.r_f[k], found.r_min[k]) == (r[0], r[-1], r.min())
+        # A bearing past the seam is the logged one plus a turn; the float32 geometry of a log closes to 1e-7.
+        assert found.theta_i[k] == pytest.approx(theta[0], abs=1e-9)
+        assert found.theta_f[k] == pytest.approx(theta[-1], abs=1e-9)
+        assert found.theta_min[k] == pytest.approx(theta[r.argmin()], abs=1e-9)
+        assert found.x[k] == pytest.approx(x.mean(), abs=1e-9)
+        assert found.y[k] == pytest.approx(y.mean(), abs=1e-9)
+        assert found.width[k] == pytest.approx(np.hypot(x[-1] - x[0], y[-1] - y[0]), abs=1e-9)
+
+
+def test_boxes_are_tight_and_hold_every_point(seen: tuple[SweepBatch, Detection]) -> None:
+    batch, found = seen
+    for k in range(len(found)):
+        points = points_of(batch, found, k)[:, :2] - [found.box_x[k], found.box_y[k]]
+        cos, sin = np.cos(found.box_yaw[k]), np.sin(found.box_yaw[k])
+        u, v = points @ [cos, sin], points @ [-sin, cos]
+        half_length, half_width = found.box_length[k] / 2, found.box_width[k] / 2
+        assert (u.max(), -u.min()) == pytest.approx((half_length, half_length), abs=1e-9)
+        assert (v.max(), -v.min()) == pytest.approx((half_width, half_width), abs=1e-9)
+    assert (found.box_length >= found.box_width).all()
+    assert (found.box_width >= 0).all()
+    assert ((found.box_yaw > -np.pi / 2) & (found.box_yaw <= np.pi / 2)).all()
+
+
+def test_faces_join_the_vertices_and_fit_their_points(seen: tuple[SweepBatch, Detection]) -> None:
+    batch, found = seen
+    for k in range(len(found)):
+        points = points_of(batch, found, k)
+        at = slice(found.vertex_offsets[k], found.vertex_offsets[k + 1])
+        vertices = found.vertex_theta[at]
+        kinds = [VERTEX_KINDS[kind] for kind in found.vertex_kind[at]]
+        faces = slice(found.face_offsets[k], found.face_offsets[k + 1])
+        # P_i and P_f are vertices, and a face lies between each vertex and the next: O ⊆ V ∪ F.
+        assert kinds[0] == "start"
+        if found.beams[k] > 1:
+            assert kinds[-1] == "end"
+            assert "start" not in kinds[1:]
+            assert "end" not in kinds[:-1]
+        assert (vertices[0], vertices[-1]) == (found.theta_i[k], found.theta_f[k])
+        np.testing.assert_array_equal(found.face_theta_i[faces], vertices[:-1])
+        np.testing.assert_array_equal(found.face_theta_f[faces], vertices[1:])
+        for face in range(faces.start, faces.stop):
+            low, high = found.face_theta_i[face] - 1e-9, found.face_theta_f[face] + 1e-9
+            on = points[(points[:, 2] >= low) & (points[:, 2] <= high), :2]
+            spread, axes = np.linalg.eigh(np.cov(on.T, bias=True))
+            assert found.face_rms[face] ** 2 == pytest.approx(spread[0], abs=1e-12)
+            length = abs((on[-1] - on[0]) @ axes[:, 1])
+            if spread[1] > 1.01 * spread[0]:
+                assert found.face_length[face] == pytest.approx(length, abs=1e-6)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_every_vertex_is_a_point_of_its_object(profile: Profile) -> None:
+    rng = np.random.default_rng(2)
+    batch = batch_of([random_sweep(rng) for _ in range(200)])
+    found = detect(batch, Parameters.for_profile(profile), per_beam=True)
+    for k in range(len(found)):
+        points = points_of(batch, found, k)
+        at = slice(found.vertex_offsets[k], found.vertex_offsets[k + 1])
+        for theta, r in zip(found.vertex_theta[at], found.vertex_r[at], strict=True):
+            nearest = np.abs(points[:, 2] - theta).argmin()
+            assert points[nearest, 2] == pytest.approx(theta, abs=1e-9)
+            assert points[nearest, 3] == r
