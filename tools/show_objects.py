@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from math import degrees
-from typing import Any
+from typing import Any, Literal
 
 import pyarrow.parquet as pq
 from rich.box import SIMPLE_HEAD
@@ -18,9 +18,9 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("shape", "{shape}"),
     ("visibility", "{visibility}"),
     ("beams", "{beams}"),
-    ("bearing °", "{bearing:.1f}"),
-    ("range m", "{r_min:.2f}"),
-    ("width m", "{width:.2f}"),
+    ("bearing", "{bearing:.1f}°"),
+    ("range", "{r_min:.2f} m"),
+    ("width", "{width:.2f} m"),
     ("vertices", "{corners}"),
 )
 
@@ -29,16 +29,17 @@ def main(path: str) -> None:
     """Print the first rows, and where all of them are."""
     file = pq.ParquetFile(path)
     rows = next(file.iter_batches(ROWS)).to_pylist() if file.metadata.num_rows else []
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for name, _ in COLUMNS:
-        table.add_column(name, justify="left" if name in ("shape", "visibility") else "right")
+        justify: Literal["left", "right"] = "left" if name in ("shape", "visibility") else "right"
+        table.add_column(name, justify=justify, no_wrap=True)
     for row in rows:
         table.add_row(*(form.format(**_values(row)) for _, form in COLUMNS))
     console = Console(width=max(Console().width, 80))
     console.print(table)
     console.print(
-        f"{len(rows)} of {file.metadata.num_rows:,} rows and {len(COLUMNS)} of {len(file.schema_arrow)} columns "
-        f"of {path}; read it with pandas.read_parquet(), DuckDB or polars.",
+        f"{len(rows)} of {file.metadata.num_rows:,} rows, {len(COLUMNS)} of {len(file.schema_arrow)} columns.\n"
+        f"The whole table is {path}: read it with pandas, DuckDB or polars.",
         highlight=False,
         soft_wrap=True,
     )

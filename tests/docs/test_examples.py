@@ -22,7 +22,7 @@ def test_the_examples_of_a_page(page: str, tmp_path: Path) -> None:
 def test_blocks_are_told_apart(tmp_path: Path) -> None:
     page = (
         "Text `$ no command`.\n\n```txt note.txt\nhello\n```\n\n```console\n$ cat note.txt\nhello\n"
-        "$ seq 3\n1\n...\n3\n$ echo \\\n  two\nfour\n```\n\n```sh\ntest -e note.txt\nfalse\ntrue\n```\n"
+        "$ seq 3\n1\n...\n3\n$ echo \\\n> two\nfour\n```\n\n```sh\ntest -e note.txt\nfalse\ntrue\n```\n"
     )
     done = list(examples.run(page, tmp_path))
     assert [(one.got, one.code, one.holds) for one in done] == [
