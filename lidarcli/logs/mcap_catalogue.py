@@ -46,6 +46,11 @@ class Catalogue:
         schema = parse(Schema.read, content)
         return schema is not None and self._put(self.schemas, schema.id, schema)
 
+    def define(self, schema: Schema, channel: Channel) -> None:
+        """Take a channel with its schema."""
+        self._put(self.schemas, schema.id, schema)
+        self._put(self.channels, channel.id, channel)
+
     def _put(self, definitions: dict[int, Any], key: int, definition: object) -> bool:
         if key not in definitions:
             definitions[key] = definition

@@ -225,7 +225,7 @@ def find_record(data: bytes, channels: Collection[int]) -> int | None:
     places: list[int] = []
     if len(data) > CHUNK_PEEK:
         at = np.flatnonzero(view[1 : len(data) - CHUNK_PEEK] == Opcode.CHUNK) + 1
-        chunks = (place for place in _sane(view, at).tolist() if _is_chunk(data[place : place + CHUNK_PEEK]))
+        chunks = (place for place in _sane(view, at).tolist() if is_chunk(data[place : place + CHUNK_PEEK]))
         places += [place for place in [next(chunks, None)] if place is not None]
     if channels and len(data) > MESSAGE_HEAD:
         at = np.flatnonzero(view[1 : len(data) - MESSAGE_HEAD] == Opcode.MESSAGE) + 1
@@ -242,7 +242,8 @@ def _sane(view: UInt8, at: NDArray[np.intp]) -> NDArray[np.intp]:
     return at[~_rows(view, at + 6, 3).any(axis=1)]
 
 
-def _is_chunk(head: bytes) -> bool:
+def is_chunk(head: bytes) -> bool:
+    """Whether a chunk begins here for certain, whatever its opcode: its lengths and compression agree."""
     fields_of = chunk_head(head)
     return fields_of is not None and fields_of.compression.encode() in _COMPRESSIONS
 

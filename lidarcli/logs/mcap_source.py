@@ -53,6 +53,11 @@ class Source:
         self.position += len(data)
         return data
 
+    def back(self, data: bytes) -> None:
+        """Undo `take`."""
+        self._ahead = data + self._ahead if self.size is None else b""
+        self.position -= len(data)
+
     def skip(self, length: int) -> int:
         """Pass the next bytes; how many there were."""
         if self.size is not None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from mcap.opcode import Opcode
 
-from lidarcli.logs.base import ReadReport
+from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport, ros_type
 from lidarcli.logs.mcap_catalogue import MAGIC, Catalogue
 from lidarcli.logs.mcap_codec import MAX_CHUNK, CodecError, inflate, inflate_start
 from lidarcli.logs.mcap_records import (
@@ -23,6 +23,7 @@ from lidarcli.logs.mcap_records import (
     chunk_head,
     find_record,
     index_entries,
+    is_chunk,
     messages_at,
     records,
     walk,
@@ -132,11 +133,7 @@ class Walker:
                 self.closed = True
                 self._finish(place)
                 return
-            if (
-                opcode != Opcode.CHUNK
-                and self._next_chunk(place - 1) == place
-                and self._chunk_at(place, False)
-            ):
+            if opcode != Opcode.CHUNK and is_chunk(self.source.peek(CHUNK_PEEK)):
                 self._damage(place, f"a chunk whose opcode is {opcode}; read as a chunk")
                 opcode = Opcode.CHUNK
             wrong = self._wrong(place, opcode, length)
@@ -165,10 +162,11 @@ class Walker:
             if length > MAX_CHUNK + CHUNK_PEEK:
                 return f"a chunk of {length} bytes, more than the {MAX_CHUNK} that are believed"
         after = self._next_chunk(place)
-        if after < end and self._chunk_at(after):
+        if after < min(end, _FAR) and self._chunk_at(after):
             return f"a record that declares {length} bytes and runs into the chunk at byte {after}"
         if left is None:
-            return f"a record that declares {length} bytes" if length > MAX_RECORD else None
+            most = MAX_SMALL if opcode == Opcode.MESSAGE else MAX_RECORD
+            return f"a record that declares {length} bytes" if length > most else None
         return _CUT if end > place + left and opcode != Opcode.CHUNK else None
 
     def _next_chunk(self, place: int) -> int:
@@ -176,10 +174,18 @@ class Walker:
         at = int(np.searchsorted(self.chunk_offsets, place, side="right"))
         return int(self.chunk_offsets[at]) if at < len(self.chunk_offsets) else _FAR
 
-    def _chunk_at(self, place: int, opcode_too: bool = True) -> bool:
+    def _chunk_at(self, place: int) -> bool:
         """Whether a chunk really begins at this byte of a file."""
-        head = self.source.read_at(place, CHUNK_PEEK)
-        return chunk_head(head) is not None and (not opcode_too or head[0] == Opcode.CHUNK)
+        return is_chunk(self.source.read_at(place, CHUNK_PEEK))
+
+    def _record_follows(self) -> bool:
+        """Whether what comes next can be a record, or the end."""
+        head = self.source.peek(RECORD.size)
+        if len(head) < RECORD.size:
+            return not head
+        opcode, length = RECORD.unpack_from(head)
+        left = MAX_RECORD if self.source.size is None else self.source.size - self.source.position
+        return bool((0 < opcode <= Opcode.DATA_END or opcode >= 0x80) and length <= left)
 
     def _recover(self, place: int, wrong: str) -> bool:
         """Go to the next place that can be read; False where there is none."""
@@ -219,8 +225,13 @@ class Walker:
             yield messages_at(np.frombuffer(window, np.uint8), np.frombuffer(found.messages, np.int64))
         elif length <= MAX_SMALL:
             record = self.source.take(RECORD.size + length)
-            if not self._is_cut(place, len(record), RECORD.size + length):
+            cut = len(record) < RECORD.size + length
+            if not cut and self._record_follows():
                 yield messages_at(np.frombuffer(record, np.uint8), np.zeros(1, np.int64))
+                return
+            self.source.back(record)
+            wrong = _CUT if cut else f"a record that declares {length} bytes, after which no record begins"
+            self._cut = not self._recover(place, wrong)
         else:
             self.report.notes.append(f"a message of {length} bytes at byte {place} was passed over")
             self._is_cut(place, self.source.skip(RECORD.size + length), RECORD.size + length)
@@ -275,9 +286,7 @@ class Walker:
             self._damage(
                 chunk.place, f"the chunk cannot be read: {err or 'out of memory'}{lost}", "chunk at byte"
             )
-            # Channels that were described here are needed for the chunks that follow.
-            start = inflate_start(head.compression, data, min(head.size, WINDOW))
-            self._define(walk(start, 0, len(start)).others, start, "")
+            self._rescue_definitions(chunk, data)
             return
         offsets = np.concatenate(list(chunk.offsets.values())) if chunk.sound and counts else None
         seen = end = 0
@@ -293,6 +302,24 @@ class Walker:
                 f"the message index of the chunk at byte {chunk.place} counts {len(offsets)} messages where "
                 f"{seen} are: the records are believed"
             )
+
+    def _rescue_definitions(self, chunk: _Chunk, data: bytes) -> None:
+        """Channels that a damaged chunk described are needed after it: taken where they still name a known type."""
+        start = inflate_start(chunk.head.compression, data, min(chunk.head.size, MAX_SMALL))
+        doubtful = Catalogue()
+        for opcode, first, end in walk(start, 0, len(start)).others:
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                doubtful.add(opcode, start[first:end])
+        for key, channel in doubtful.channels.items():
+            schema = doubtful.schema(key) or self.catalogue.schemas.get(channel.schema_id)
+            if (
+                key not in self.catalogue.channels
+                and schema
+                and ros_type(schema.name) in SCAN_TYPES | POSE_TYPES
+            ):
+                self.catalogue.define(schema, channel)
+                note = f"{channel.topic} is described only in the damaged chunk at byte {chunk.place}"
+                self.report.notes.append(note)
 
     def _data(self, chunk: _Chunk) -> bytes:
         return self.source.read_at(chunk.place + chunk.head.data_at, chunk.head.data_length)
@@ -314,7 +341,7 @@ class Walker:
         """Take in what is not a message."""
         for opcode, first, end in others:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                if not self.catalogue.add(opcode, data[first:end]) and where:
+                if not self.catalogue.add(opcode, data[first:end]):
                     self.report.add_damage(where, "a channel or schema that cannot be understood")
             else:
                 self._nested += opcode == Opcode.CHUNK
