@@ -65,7 +65,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; its exit code. The one place where errors become exit codes."""
     say = Messages()
     try:
-        code = cli.main(arguments, prog_name="lidarcli", standalone_mode=False)
+        code = _invoke(sys.argv[1:] if arguments is None else list(arguments))
         sys.stdout.flush()
     except click.exceptions.Exit as err:
         return err.exit_code
@@ -85,4 +85,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception:
         say.bug(traceback.format_exc())
         return LidarcliError.exit_code
+    return code
+
+
+def _invoke(arguments: list[str]) -> int:
+    """Parse and run. click's own `main` answers a closed pipe and ctrl-C in its way, not in ours."""
+    if "_LIDARCLI_COMPLETE" in os.environ:
+        cli.main(arguments, prog_name="lidarcli")
+    with cli.make_context("lidarcli", arguments) as ctx:
+        code = cli.invoke(ctx)
     return code if isinstance(code, int) else 0

@@ -16,8 +16,9 @@ RUN, LOG = "Run", "Log"
 
 \b
   lidarcli simulate samples/room.toml -o room.mcap
-  lidarcli simulate samples/room.toml -o room.bag --compression lz4 --sweeps 100
-  lidarcli simulate samples/room.toml -o room.csv --layout long --duration 2.5""",
+  lidarcli simulate samples/room.toml -o room.bag --compression lz4 --sweeps 9
+  lidarcli simulate samples/room.toml -o room.csv --layout long --seed 7
+  lidarcli simulate samples/people.toml -o people --duration 2.5""",
 )
 @click.argument("scene", metavar="SCENE.toml", type=click.Path())
 @option(
@@ -48,7 +49,9 @@ RUN, LOG = "Run", "Log"
     metavar="NAME",
     help="Messages of an mcap: cdr, cdr-idl, ros1, json, protobuf.  [default: cdr]",
 )
-@option("--layout", heading=LOG, metavar="NAME", help="Layout of a csv (docs/formats.md).  [default: rostopic]")
+@option(
+    "--layout", heading=LOG, metavar="NAME", help="Layout of a csv (docs/formats.md).  [default: rostopic]"
+)
 @option("--overwrite", heading=LOG, is_flag=True, help="Replace files that exist.")
 @option(
     "--sweeps",

@@ -1,0 +1,97 @@
+"""Small logs for the tests of the commands."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarcli.cli import run
+from lidarcli.simulate.writers import write_log
+from lidarcli.sweeps import RawSweeps
+
+START = 1_700_000_000_000_000_000
+
+
+def sweeps(topic: str = "/scan", count: int = 20, beams: int = 360) -> RawSweeps:
+    """Sweeps at 10 Hz of a round room with two boxes in it; the second leaves after half of them."""
+    ranges = np.full((count, beams), 4.0, np.float32)
+    ranges[:, 40:60] = 2.0
+    ranges[: count // 2, 200:230] = 1.5
+    ranges[:, 10] = np.inf
+    stamps = START + 100_000_000 * np.arange(count)
+    return RawSweeps(
+        topic=topic,
+        frame_ids=("laser",),
+        frame=np.zeros(count, np.int32),
+        stamp_ns=stamps,
+        record_ns=stamps + 50_000_000,
+        angle_min=np.full(count, -np.pi),
+        angle_increment=np.full(count, np.float32(2 * np.pi / beams).astype(float)),
+        range_min=np.full(count, 0.1, np.float32),
+        range_max=np.full(count, 12, np.float32),
+        beams=np.full(count, beams, np.int32),
+        ranges=ranges,
+    )
+
+
+@pytest.fixture(scope="session")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `run.mcap`, `two.mcap` with two topics, `cut.mcap`, which is damaged."""
+    folder = tmp_path_factory.mktemp("logs")
+    write_log(folder / "run.mcap", [sweeps()])
+    halves = [
+        sweeps(topic).rows(part) for part in (slice(0, 9), slice(9, None)) for topic in ("/rear", "/front")
+    ]
+    write_log(folder / "two.mcap", halves)
+    many = sweeps(count=400)
+    write_log(
+        folder / "cut.mcap", [many.rows(slice(k, k + 50)) for k in range(0, 400, 50)], chunk_size=20_000
+    )
+    data = (folder / "cut.mcap").read_bytes()
+    (folder / "cut.mcap").write_bytes(data[: len(data) // 2])
+    return folder
+
+
+@pytest.fixture(scope="session")
+def large(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """An uncompressed MCAP file larger than the buffers of a pipe."""
+    path = tmp_path_factory.mktemp("large") / "large.mcap"
+    write_log(path, [sweeps(count=400)], compression="none", chunk_size=50_000)
+    return path.read_bytes()
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a command said."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def lidarcli(capfd: pytest.CaptureFixture[str]) -> Callable[..., Ran]:
+    """Run the command line in this process."""
+
+    def call(*arguments: object) -> Ran:
+        code = run([str(argument) for argument in arguments])
+        return Ran(code, *capfd.readouterr())
+
+    return call
+
+
+def process(*arguments: object, **settings: object) -> subprocess.CompletedProcess[bytes]:
+    """Run the command line as a process of its own."""
+    command = [sys.executable, "-m", "lidarcli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, check=False, **settings)  # type: ignore[call-overload,no-any-return]
+
+
+@pytest.fixture(name="process")
+def _process() -> Callable[..., subprocess.CompletedProcess[bytes]]:
+    return process

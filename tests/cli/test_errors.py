@@ -1,0 +1,277 @@
+"""Bad input of every kind: one exact line on stderr, the documented exit code, and no file."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import lidarcli.cli
+from lidarcli.pipeline import detecting
+
+Run = Callable[..., Any]
+
+NOT_A_LOG = "not a log lidarcli knows; it reads "
+SUFFIXES = "*.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd"
+
+
+@pytest.fixture(params=["info", "detect"])
+def command(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A command that reads logs, in an empty current directory."""
+    (tmp_path / "cwd").mkdir()
+    monkeypatch.chdir(tmp_path / "cwd")
+    return str(request.param)
+
+
+def check(ran: Any, code: int, line: str) -> None:
+    assert (ran.code, ran.err) == (code, f"lidarcli: {line}\n")
+    assert list(Path.cwd().iterdir()) == []
+
+
+def test_no_such_file(command: str, lidarcli: Run) -> None:
+    check(lidarcli(command, "absent.mcap"), 3, "absent.mcap: no such file or folder")
+
+
+def test_not_a_log(command: str, tmp_path: Path, lidarcli: Run) -> None:
+    path = tmp_path / "noise.mcap"
+    path.write_bytes(bytes(range(256)) * 40)
+    ran = lidarcli(command, path)
+    assert ran.code == 3
+    assert ran.err.startswith(f"lidarcli: {path}: {NOT_A_LOG}")
+    assert ran.err.count("\n") == 1
+    assert list(Path.cwd().iterdir()) == []
+
+
+def test_empty_file(command: str, tmp_path: Path, lidarcli: Run) -> None:
+    path = tmp_path / "empty.mcap"
+    path.touch()
+    check(lidarcli(command, path), 3, f"{path}: is empty")
+
+
+def test_folder_without_logs(command: str, tmp_path: Path, lidarcli: Run) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    (folder / "notes.md").touch()
+    check(lidarcli(command, folder), 3, f"{folder}: no log in this folder (searched for {SUFFIXES})")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_no_permission(command: str, tmp_path: Path, lidarcli: Run) -> None:
+    path = tmp_path / "secret.mcap"
+    path.touch(mode=0o000)
+    check(lidarcli(command, path), 3, f"{path}: cannot be opened: Permission denied")
+
+
+def test_wrong_topic(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("detect", logs / "two.mcap", "--topic", "/left", "-o", tmp_path / "out")
+    line = f"{logs / 'two.mcap'}: no LaserScan topic /left in this log (its LaserScan topics: /front, /rear)"
+    assert (ran.code, ran.err) == (4, f"lidarcli: {line}\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_wrong_topic_beside_a_right_one(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("-q", "detect", logs / "two.mcap", "--topic", "/left", "--topic", "front", "-o", tmp_path)
+    line = f"{logs / 'two.mcap'}: no LaserScan topic /left in this log"
+    assert (ran.code, ran.err) == (4, f"lidarcli: {line}\n")
+    assert (tmp_path / "two.objects.parquet").exists()
+
+
+def test_existing_output(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    taken = tmp_path / "run.sweeps.parquet"
+    taken.write_text("mine")
+    ran = lidarcli("detect", logs / "run.mcap", "-o", tmp_path)
+    line = f"{taken} exists; use --overwrite to replace it, or -o DIR to write elsewhere"
+    assert (ran.code, ran.err) == (5, f"lidarcli: {logs / 'run.mcap'}: {line}\n")
+    assert taken.read_text() == "mine"
+    assert lidarcli("detect", logs / "run.mcap", "-o", tmp_path, "--overwrite").code == 0
+    assert taken.read_bytes()[:4] == b"PAR1"
+
+
+def test_output_folder_is_a_file(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    (tmp_path / "out").touch()
+    ran = lidarcli("detect", logs / "run.mcap", "-o", tmp_path / "out")
+    line = f"{logs / 'run.mcap'}: cannot write below {tmp_path / 'out'}: it is not a folder"
+    assert (ran.code, ran.err) == (5, f"lidarcli: {line}\n")
+
+
+def test_two_inputs_one_output(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    (tmp_path / "run.bag").touch()
+    ran = lidarcli("detect", logs / "run.mcap", tmp_path / "run.bag", "-o", tmp_path / "out")
+    both = f"{logs / 'run.mcap'} and {tmp_path / 'run.bag'}"
+    assert (ran.code, ran.err) == (2, f"lidarcli: {both} would both write run.*; run them apart with -o\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_damaged_log_gives_what_is_left(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("-q", "detect", logs / "cut.mcap", "-o", tmp_path)
+    assert ran.code == 3
+    assert ran.err.startswith(f"lidarcli: {logs / 'cut.mcap'}: byte ")
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(tmp_path / "cut.sweeps.parquet")
+    assert 50 < table.num_rows < 400
+    assert table["sweep"].to_pylist() == list(range(table.num_rows))
+    assert b"lidarcli.damage" in table.schema.metadata
+
+
+def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    out = tmp_path / "out"
+    (tmp_path / "empty.bag").touch()
+    inputs = [logs / "two.mcap", tmp_path / "empty.bag", logs / "run.mcap", tmp_path / "absent"]
+    ran = lidarcli("detect", *inputs, "--topic", "/scan", "-o", out)
+    assert ran.code == 4
+    assert sorted(path.name for path in out.iterdir()) == ["run.objects.parquet", "run.sweeps.parquet"]
+    assert ran.err.splitlines()[0].startswith(f"lidarcli: {logs / 'two.mcap'}: no LaserScan topic /scan")
+    assert ran.err.splitlines()[-1] == "4 logs, 3 with errors: 20 sweeps, 30 objects"
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--threshold", "big", "'big' is neither adaptive nor mean nor a number of metres."),
+        ("--threshold", "-1", "-1 is not above 0."),
+        ("--threshold", "nan", "'nan' is not a finite number."),
+        ("--profile", "fast", "'fast' is not one of 'robust', 'paper'."),
+        ("--min-beams", "0", "0 is not in the range x>=1."),
+        ("--max-width", "0", "0 is not above 0."),
+        ("--max-gap", "-1", "-1 is not in the range x>=0."),
+        ("--group-gap", "-0.1", "-0.1 is below 0."),
+        ("--every", "0", "0 is not in the range x>=1."),
+        ("--jobs", "0", "0 is not in the range x>=1."),
+        ("--start", "-1", "-1 is below 0."),
+        ("--end", "soon", "'soon' is not a number."),
+        (
+            "--no-return",
+            "zero,naught",
+            "'naught' is neither a number nor one of inf, zero, max, above, nan, negative, below.",
+        ),
+        ("--format", "xml", "'xml' is not one of 'ndjson', 'csv', 'arrow', 'parquet'."),
+        ("--range-max", "0", "0 is not above 0."),
+        ("--angle-increment", "0", "0 is no step from beam to beam."),
+        ("--range-unit", "ft", "'ft' is not one of 'm', 'mm'."),
+    ],
+)
+def test_unknown_option_value(lidarcli: Run, option: str, value: str, message: str) -> None:
+    ran = lidarcli("detect", "run.mcap", option, value)
+    assert ran.code == 2
+    last = ran.err.splitlines()[-1]
+    assert last.startswith("Error: Invalid value for ")
+    assert f"'{option}'" in last
+    assert last.endswith(f": {message}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--range", "5", "1"), "Invalid value for '--range': 5 is not below 1."),
+        (("-o", "-", "--beams"), "--beams writes a file: give -o DIR"),
+        (("--format", "csv"), "--format is for the stream of -o -; tables are Parquet"),
+        (("--start", "5", "--end", "5"), "--start 5 is not before --end 5"),
+        (("--fov", "3", "--angle-increment", "1"), "--angle-increment and --fov exclude each other"),
+        (("--nonsense",), "No such option '--nonsense'."),
+    ],
+)
+def test_options_that_do_not_fit(lidarcli: Run, arguments: tuple[str, ...], message: str) -> None:
+    ran = lidarcli("detect", "run.mcap", *arguments)
+    assert (ran.code, ran.err.splitlines()[-1]) == (2, f"Error: {message}")
+
+
+def test_no_input_and_no_command(lidarcli: Run) -> None:
+    assert lidarcli("detect").err.splitlines()[-1] == "Error: Missing argument 'LOG...'."
+    assert lidarcli("detect").code == 2
+    assert lidarcli("explode").err.splitlines()[-1] == "Error: No such command 'explode'."
+    assert lidarcli("-v", "-q", "info", "x").err.splitlines()[-1] == (
+        "Error: --verbose and --quiet exclude each other"
+    )
+
+
+def test_bug_in_one_log_is_reported_and_the_rest_done(
+    logs: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = detecting.open_source
+
+    def buggy(source: Any, csv: Any) -> Any:
+        if source.name == "two":
+            raise ZeroDivisionError("oops")
+        return real(source, csv)
+
+    monkeypatch.setattr(detecting, "open_source", buggy)
+    ran = lidarcli("-q", "detect", logs / "two.mcap", logs / "run.mcap", "-o", tmp_path)
+    assert ran.code == 70
+    assert ran.err.startswith("Traceback (most recent call last):\n")
+    assert ran.err.splitlines()[-3:] == [
+        "ZeroDivisionError: oops",
+        "lidarcli: this is a bug in lidarcli; please report it with the lines above",
+        f"lidarcli: {logs / 'two.mcap'}: internal error: ZeroDivisionError: oops",
+    ]
+    assert (tmp_path / "run.objects.parquet").exists()
+
+
+def test_bug_outside_of_any_log(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lidarcli.pipeline.inputs.find_logs", lambda names: 1 / 0)
+    ran = lidarcli("info", "x")
+    assert ran.code == 70
+    assert (
+        ran.err.splitlines()[-1]
+        == "lidarcli: this is a bug in lidarcli; please report it with the lines above"
+    )
+
+
+def test_interrupt(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(names: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lidarcli.pipeline.inputs.find_logs", interrupted)
+    ran = lidarcli("detect", "x")
+    assert (ran.code, ran.err) == (130, "lidarcli: interrupted\n")
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_interrupt_in_the_middle_leaves_no_file(large: bytes, tmp_path: Path, jobs: int) -> None:
+    """Logs that come through pipes and do not end are interrupted while their tables are being written."""
+    fifos = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for fifo in fifos:
+        os.mkfifo(fifo)
+    writers = [os.open(fifo, os.O_RDWR) for fifo in fifos]
+    for writer in writers:
+        threading.Thread(target=os.write, args=(writer, large[:-1000]), daemon=True).start()
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-m",
+        "lidarcli",
+        "detect",
+        *map(str, fifos),
+        "-o",
+        str(out),
+        "--jobs",
+        str(jobs),
+    ]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE)
+    deadline = time.monotonic() + 30
+    while (
+        time.monotonic() < deadline and running.poll() is None and len(list(out.glob(".*.part"))) < 2 * jobs
+    ):
+        time.sleep(0.05)
+    assert len(list(out.glob(".*.part"))) == 2 * jobs
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=20)
+    for writer in writers:
+        os.close(writer)
+    assert (running.returncode, err.decode()) == (130, "lidarcli: interrupted\n")
+    assert list(out.iterdir()) == []
+
+
+def test_main_exits_with_the_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lidarcli.cli, "run", lambda arguments: 4)
+    with pytest.raises(SystemExit) as caught:
+        lidarcli.cli.main(["info"])
+    assert caught.value.code == 4

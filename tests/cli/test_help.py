@@ -1,0 +1,109 @@
+"""Help: complete, readable at 80 columns, and light."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import click
+import pytest
+
+import lidarcli as package
+from lidarcli.cli import COMMANDS, cli
+from lidarcli.formalism import Parameters
+from lidarcli.sweeps import RangeRules, parse_no_return
+
+Run = Callable[..., Any]
+
+CONTRACT = (
+    *(
+        "--topic",
+        "--profile",
+        "--threshold",
+        "--min-beams",
+        "--max-width",
+        "--max-gap",
+        "--range",
+        "--no-return",
+    ),
+    *("--start", "--end", "--every", "--walls", "--jobs", "--overwrite", "--beams", "--format", "--output"),
+    *("--angle-min", "--angle-increment", "--fov", "--range-max", "--degrees", "--range-unit", "--group-gap"),
+)
+
+
+def options(name: str) -> dict[str, click.Option]:
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    return {
+        spelling: parameter
+        for parameter in command.params
+        if isinstance(parameter, click.Option)
+        for spelling in parameter.opts
+    }
+
+
+def test_detect_has_every_option_of_the_contract() -> None:
+    assert set(CONTRACT) <= set(options("detect"))
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_fits_and_shows_defaults(lidarcli: Run, name: str) -> None:
+    ran = lidarcli(name, "--help")
+    assert ran.code == 0
+    assert max(map(len, ran.out.splitlines())) <= 80
+    assert "Examples:" in ran.out
+    for option in options(name).values():
+        documented = (
+            option.is_flag or option.required or option.show_default or "default" in (option.help or "")
+        )
+        assert option.help, option.name
+        assert documented or option.name in ("fov", "angle_increment", "limits"), option.name
+
+
+def test_defaults_in_help_are_those_of_the_profiles() -> None:
+    shown = {name: options("detect")[name].help or "" for name in ("--min-beams", "--max-width", "--max-gap")}
+    robust, paper = Parameters.for_profile("robust"), Parameters.for_profile("paper")
+    assert f"[default: {robust.min_beams}; paper: {paper.min_beams}]" in shown["--min-beams"]
+    assert f"[default: {robust.max_width:g}; paper: no limit]" in shown["--max-width"]
+    assert f"[default: {robust.max_gap}; paper: {paper.max_gap}]" in shown["--max-gap"]
+    assert (robust.threshold, paper.threshold, robust.group_gap) == ("adaptive", "mean", 0)
+    words, markers = parse_no_return(str(options("detect")["--no-return"].default))
+    assert (words, markers) == (RangeRules().no_return, RangeRules().markers)
+
+
+def test_commands_and_version(lidarcli: Run) -> None:
+    ran = lidarcli("--help")
+    assert [line.split()[0] for line in ran.out.split("Commands:\n")[1].split("\n\n")[0].splitlines()] == [
+        *COMMANDS
+    ]
+    assert lidarcli("--version").out == f"lidarcli {package.__version__}\n"
+
+
+HEAVY = ("numpy", "pandas", "pyarrow", "mcap", "rosbags", "rich")
+IMPORTED = f"import sys; print(*[name for name in {HEAVY!r} if name in sys.modules])"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import lidarcli",
+        "import lidarcli.cli",
+        "from lidarcli.cli import run; run(['--help'])",
+        "from lidarcli.cli import run; run(['detect', '--help'])",
+        "from lidarcli.cli import run; run(['simulate', '--help'])",
+    ],
+)
+def test_nothing_heavy_is_imported(code: str) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", f"{code}; {IMPORTED}"], capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.splitlines()[-1] == ""
+
+
+def test_detect_does_not_import_pandas(tmp_path: Any, logs: Any) -> None:
+    call = f"from lidarcli.cli import run; run(['-q', 'detect', {str(logs / 'run.mcap')!r}, '-o', {str(tmp_path)!r}])"
+    code = f"{call}; import sys; print('pandas' in sys.modules, 'rich' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout == "False False\n"

@@ -1,0 +1,136 @@
+"""`lidarcli info`: text and JSON, to the letter."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Run = Callable[..., Any]
+
+TEXT = """\
+{path}
+  format      mcap, compression zstd
+  size        {size:,} bytes
+  topics      /scan  sensor_msgs/msg/LaserScan  20
+  /scan (frame laser)
+    sweeps    20
+    beams     360
+    view      360.00 deg from -180.00 deg, step 1.0000 deg
+    closure   full turn
+    limits    0.1 m to 12 m
+    rate      10.00 Hz (median step)
+    time      2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z
+    span      1.900 s
+    clock     monotonic, record - header +0.050 s
+    valid     7,180 beams (99.72%)
+    no return 20 beams (0.28%)
+    too close 0 beams (0.00%)
+    invalid   0 beams (0.00%)
+"""
+
+
+def test_text(logs: Path, lidarcli: Run) -> None:
+    path = logs / "run.mcap"
+    ran = lidarcli("info", path)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out == TEXT.format(path=path, size=path.stat().st_size)
+
+
+def test_json(logs: Path, lidarcli: Run) -> None:
+    ran = lidarcli("info", logs / "run.mcap", "--format", "json")
+    assert (ran.code, ran.err) == (0, "")
+    (info,) = json.loads(ran.out)
+    assert list(info) == [
+        "path",
+        "format",
+        "compression",
+        "size",
+        "topics",
+        "scans",
+        "pose_topics",
+        "dropped",
+        "notes",
+        "damage",
+    ]
+    assert info["topics"] == [
+        {"name": "/scan", "type": "sensor_msgs/msg/LaserScan", "encoding": "cdr", "messages": 20}
+    ]
+    (scan,) = info["scans"]
+    assert scan.pop("field_of_view") == [pytest.approx(2 * math.pi)] * 2
+    assert scan.pop("angle_min") == [pytest.approx(-math.pi)] * 2
+    assert scan.pop("angle_increment") == [pytest.approx(math.radians(1))] * 2
+    assert scan.pop("range_min") == [pytest.approx(0.1)] * 2
+    assert scan.pop("rate") == pytest.approx(10)
+    assert scan.pop("span") == pytest.approx(1.9)
+    clock = scan.pop("clock")
+    assert clock.pop("record_minus_header") == pytest.approx(0.05)
+    assert clock == {
+        "monotonic": True,
+        "backward_steps": 0,
+        "largest_backward_step": 0.0,
+        "zero_stamps": 0,
+    }
+    assert scan == {
+        "topic": "/scan",
+        "frame_id": "laser",
+        "sweeps": 20,
+        "beams": [360, 360],
+        "closure": ["closed"],
+        "range_max": [12.0, 12.0],
+        "start_ns": 1_700_000_000_000_000_000,
+        "end_ns": 1_700_000_001_900_000_000,
+        "beams_by_status": {"valid": 7180, "no_return": 20, "too_close": 0, "invalid": 0},
+    }
+
+
+def test_range_options_change_the_status(logs: Path, lidarcli: Run) -> None:
+    ran = lidarcli("info", logs / "run.mcap", "--range", "1.8", "3", "--no-return", "inf", "--format", "json")
+    (scan,) = json.loads(ran.out)[0]["scans"]
+    assert scan["beams_by_status"] == {"valid": 400, "no_return": 20, "too_close": 300, "invalid": 6480}
+
+
+def test_several_logs(logs: Path, lidarcli: Run) -> None:
+    ran = lidarcli("info", logs)
+    assert ran.code == 3
+    blocks = ran.out.split("\n\n")
+    assert [block.splitlines()[0] for block in blocks] == [
+        str(logs / name) for name in ("cut.mcap", "run.mcap", "two.mcap")
+    ]
+    assert ran.err.startswith(f"lidarcli: {logs / 'cut.mcap'}: byte ")
+    assert all(len(line) <= 80 for line in blocks[1].splitlines()[1:])
+
+
+def test_json_of_a_bad_and_a_good_log(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    (tmp_path / "empty.csv").touch()
+    ran = lidarcli("info", tmp_path / "empty.csv", logs / "run.mcap", "--format", "json")
+    assert (ran.code, ran.err) == (3, f"lidarcli: {tmp_path / 'empty.csv'}: is empty\n")
+    assert [info["path"] for info in json.loads(ran.out)] == [str(logs / "run.mcap")]
+
+
+def test_two_topics(logs: Path, lidarcli: Run) -> None:
+    ran = lidarcli("info", logs / "two.mcap")
+    assert (
+        "  topics      /front  sensor_msgs/msg/LaserScan  20\n              /rear  sensor_msgs/msg" in ran.out
+    )
+    assert [line for line in ran.out.splitlines() if "(frame" in line] == [
+        "  /front (frame laser)",
+        "  /rear (frame laser)",
+    ]
+
+
+def test_closed_pipe_ends_quietly(logs: Path) -> None:
+    import os
+    import subprocess
+    import sys
+
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-m", "lidarcli", "info", str(logs / "run.mcap")]
+    ran = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, check=False)
+    os.close(writer)
+    assert (ran.returncode, ran.stderr) == (0, b"")
