@@ -61,7 +61,10 @@ RUN, LOG = "Run", "Log"
     help="Number of sweeps.  [default: from the scene]",
 )
 @option(
-    "--duration", heading=RUN, type=Number("SECONDS", least=0), help="Length of the run, instead of --sweeps."
+    "--duration",
+    heading=RUN,
+    type=Number("SECONDS", least=0),
+    help="Length of the run, instead of --sweeps.  [default: from the scene]",
 )
 @option(
     "--seed",
