@@ -1,0 +1,241 @@
+"""Numbering, filtering and batching of sweeps, on a log made of blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarcli.errors import NoScanError
+from lidarcli.logs import batches
+from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.sweeps import RangeRules, RawSweeps, Status, SweepBatch
+
+SECOND = 10**9
+
+
+def block(
+    counts: list[int],
+    *,
+    topic: str = "/scan",
+    first: int = 0,
+    stamps: list[int] | None = None,
+    frames: list[int] | None = None,
+) -> RawSweeps:
+    """Sweeps whose ranges say which sweep and beam they are; `counts` beams each, 10 Hz."""
+    rows = len(counts)
+    ranges = np.full((rows, max(counts, default=0)), np.nan, np.float32)
+    for row, count in enumerate(counts):
+        ranges[row, :count] = first + row + 1 + np.arange(count) / 1024
+    numbers = np.arange(first, first + rows)
+    return RawSweeps(
+        topic=topic,
+        frame_ids=("left", "right"),
+        frame=np.array(frames or [0] * rows, np.int32),
+        stamp_ns=np.array(
+            [SECOND * 100 + n * SECOND // 10 for n in numbers] if stamps is None else stamps, np.int64
+        ),
+        record_ns=numbers.astype(np.int64) * SECOND,
+        angle_min=numbers / 10.0,
+        angle_increment=np.full(rows, 0.01),
+        range_min=np.zeros(rows, np.float32),
+        range_max=np.full(rows, np.inf, np.float32),
+        beams=np.array(counts, np.int32),
+        ranges=ranges,
+    )
+
+
+class FakeLog:
+    """A log that holds the given blocks."""
+
+    path = "run.mcap"
+    format = "fake"
+    compression = "none"
+    size = None
+
+    def __init__(self, blocks: list[RawSweeps], topics: list[Topic] | None = None) -> None:
+        self.report = ReadReport()
+        self._blocks = blocks
+        self._topics = topics
+        self.asked: Any = "nothing"
+
+    def topics(self) -> list[Topic] | None:
+        return self._topics
+
+    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+        self.asked = topics
+        return iter([block for block in self._blocks if topics is None or block.topic in topics])
+
+    def messages(self, types: Collection[str]) -> Iterator[Message]:
+        return iter(())
+
+    def close(self) -> None:
+        pass
+
+    def __enter__(self) -> FakeLog:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        pass
+
+
+def run(blocks: list[RawSweeps], **options: Any) -> list[SweepBatch]:
+    return list(read_batches(FakeLog(blocks), ReadOptions(**options)))
+
+
+def sweeps(found: list[SweepBatch]) -> list[int]:
+    return [int(sweep) for batch in found for sweep in batch.sweep]
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.lists(st.integers(0, 9), min_size=1, max_size=12), min_size=1, max_size=8),
+    st.integers(1, 9),
+    st.integers(1, 4),
+)
+def test_any_blocks_give_the_same_sweeps_in_full_batches(
+    parts: list[list[int]], size: int, every: int
+) -> None:
+    blocks, first = [], 0
+    for counts in parts:
+        blocks.append(block(counts, first=first))
+        first += len(counts)
+    found = run(blocks, batch_size=size, every=every)
+    wanted = list(range(0, first, every))
+    assert sweeps(found) == wanted
+    assert [len(batch) for batch in found] == [size] * (len(wanted) // size) + (
+        [len(wanted) % size] if len(wanted) % size else []
+    )
+    counts = [count for part in parts for count in part]
+    for batch in found:
+        assert batch.width == max(counts[sweep] for sweep in batch.sweep)
+        for row, sweep in enumerate(batch.sweep.tolist()):
+            seen = batch.ranges[row, : counts[sweep]]
+            np.testing.assert_array_equal(seen, np.float32(sweep + 1 + np.arange(counts[sweep]) / 1024))
+            assert (batch.status[row, counts[sweep] :] == Status.PADDING).all()
+            assert batch.angle_min[row] == sweep / 10
+            assert batch.record_ns[row] == sweep * SECOND
+
+
+def test_topics_are_numbered_and_batched_apart() -> None:
+    blocks = [
+        block([3] * 5, topic="/a"),
+        block([2] * 3, topic="/b"),
+        block([3] * 4, topic="/a", first=5),
+        block([2] * 3, topic="/b", first=3),
+    ]
+    found = run(blocks, batch_size=4)
+    assert [(batch.topic, batch.sweep.tolist()) for batch in found] == [
+        ("/a", [0, 1, 2, 3]),
+        ("/a", [4, 5, 6, 7]),
+        ("/b", [0, 1, 2, 3]),
+        ("/a", [8]),
+        ("/b", [4, 5]),
+    ]
+
+
+def test_start_and_end_count_from_the_first_sweep() -> None:
+    blocks = [block([3] * 30), block([3] * 30, first=30)]
+    assert sweeps(run(blocks, start=1.0, end=2.0)) == list(range(10, 20))
+    assert sweeps(run(blocks, start=5.5)) == list(range(55, 60))
+    assert sweeps(run(blocks, end=0.0)) == []
+    assert sweeps(run(blocks, start=1.0, end=2.0, every=4)) == [12, 16]
+
+
+def test_each_frame_has_its_own_first_sweep() -> None:
+    stamps = [0, 10**18, SECOND, 10**18 + SECOND, 2 * SECOND, 10**18 + 2 * SECOND]
+    both = block([1] * 6, stamps=[stamp + 1 for stamp in stamps], frames=[0, 1] * 3)
+    assert sweeps(run([both], start=1.0, end=2.0)) == [2, 3]
+
+
+def test_sweeps_without_a_stamp_go_by_the_record_time() -> None:
+    found = run([block([1] * 6, stamps=[0] * 6)], start=2.0, end=4.0)
+    assert sweeps(found) == [2, 3]
+    assert found[0].stamp_ns.tolist() == [2 * SECOND, 3 * SECOND]
+
+
+def test_stamps_that_jump_back_do_not_end_the_reading() -> None:
+    stamps = [100, 101, 300, 102, 50, 103]
+    found = run([block([1] * 6, stamps=[stamp * SECOND for stamp in stamps])], start=0.0, end=10.0)
+    assert sweeps(found) == [0, 1, 3, 5]
+
+
+def test_rules_reach_the_ranges() -> None:
+    found = run([block([2, 2])], rules=RangeRules(limits=(0.0, 1.5)))
+    assert found[0].status.tolist() == [[0, 0], [1, 1]]
+
+
+def test_very_wide_sweeps_use_smaller_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batches, "BATCH_VALUES", 1000)
+    blocks = [block([10] * 50), block([10, 400, 10, 400, 10, 400], first=50), block([10] * 44, first=56)]
+    found = run(blocks, batch_size=32)
+    assert sweeps(found) == list(range(100))
+    assert max(batch.ranges.size for batch in found) <= 1000
+    assert max(map(len, found)) == 32
+
+
+def test_a_sweep_wider_than_a_batch_stands_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batches, "BATCH_VALUES", 1000)
+    found = run([block([5, 2000, 5])], batch_size=32)
+    assert [batch.sweep.tolist() for batch in found] == [[0], [1], [2]]
+
+
+SCANS = [
+    Topic("/scan", LASERSCAN, "cdr"),
+    Topic("/rear", LASERSCAN, "cdr"),
+    Topic("/tf", "tf2_msgs/msg/TFMessage", "cdr"),
+]
+
+
+def blocks_of(*topics: str) -> list[RawSweeps]:
+    return [block([3], topic=topic) for topic in topics]
+
+
+@pytest.mark.parametrize("topics", [SCANS, None])
+@pytest.mark.parametrize("name", ["/scan", "scan"])
+def test_a_leading_slash_makes_no_difference(topics: list[Topic] | None, name: str) -> None:
+    log = FakeLog(blocks_of("/scan", "/rear"), topics)
+    found = list(read_batches(log, ReadOptions(topics=(name,))))
+    assert [batch.topic for batch in found] == ["/scan"]
+
+
+def test_a_leading_slash_counts_where_both_names_are_there() -> None:
+    topics = [Topic("/scan", LASERSCAN, "cdr"), Topic("scan", LASERSCAN, "cdr")]
+    for name in ("/scan", "scan"):
+        log = FakeLog(blocks_of("/scan", "scan"), topics)
+        assert [batch.topic for batch in read_batches(log, ReadOptions(topics=(name,)))] == [name]
+
+
+@pytest.mark.parametrize("wanted", ["/front", "/tf"])
+def test_an_absent_topic_is_named_with_those_that_are_there(wanted: str) -> None:
+    for topics in (SCANS, None):
+        log = FakeLog(blocks_of("/scan", "/rear"), topics)
+        with pytest.raises(NoScanError) as caught:
+            list(read_batches(log, ReadOptions(topics=(wanted,))))
+        assert str(caught.value) == f"run.mcap: no LaserScan topic {wanted}; it has /rear, /scan"
+        assert log.asked == ("nothing" if topics else None)
+
+
+def test_a_log_without_a_scan() -> None:
+    for topics in (SCANS[2:], None):
+        with pytest.raises(NoScanError) as caught:
+            list(read_batches(FakeLog([], topics), ReadOptions()))
+        assert str(caught.value) == "run.mcap: no LaserScan in it"
+
+
+def test_a_topic_without_a_message_is_no_error() -> None:
+    assert list(read_batches(FakeLog([], SCANS), ReadOptions())) == []
+
+
+def test_a_damaged_or_refused_log_is_not_called_one_without_scans() -> None:
+    log = FakeLog([])
+    log.report.add_damage("byte 9", "cut off")
+    assert list(read_batches(log, ReadOptions())) == []
+    log = FakeLog([])
+    log.report.refused[("/scan", "angle_min is not finite")] += 1
+    assert list(read_batches(log, ReadOptions())) == []
