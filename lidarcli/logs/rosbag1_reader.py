@@ -13,6 +13,9 @@ from lidarcli.logs.rosbag1_index import Connection, Index, State, connection_of
 from lidarcli.logs.rosbag1_records import MAGIC, MAX_HEADER, Op, Record, Search, parse
 from lidarcli.logs.rosbag1_run import WINDOW, Block, Run, Stop
 
+AHEAD = 1 << 16
+"""Bytes read at once where small records may follow one another."""
+
 Wanted = Callable[[Connection], bool]
 Damaged = Callable[[str, str], None]
 
@@ -30,8 +33,8 @@ class Pass:
         self._file, self._size, self._index, self._wanted, self._damaged = file, size, index, wanted, damaged
         self._search = Search()
         self._last: tuple[int, Record | None] = (-1, None)
+        self._ahead_at, self._ahead = 0, b""
         self._cut = ""
-        self._skipped: Counter[int] = Counter()
 
     @property
     def read(self) -> int:
@@ -52,7 +55,10 @@ class Pass:
 
     def _record(self, at: int) -> Record | None:
         if self._last[0] != at:
-            self._last = (at, parse(read_at(self._file, at, 8 + MAX_HEADER), 0, at))
+            offset = at - self._ahead_at
+            if not 0 <= offset <= len(self._ahead) - 8 - MAX_HEADER:
+                self._ahead_at, self._ahead, offset = at, read_at(self._file, at, AHEAD), 0
+            self._last = (at, parse(self._ahead, offset, at - offset))
         return self._last[1]
 
     def _sane(self, at: int) -> bool:
@@ -178,7 +184,6 @@ class Pass:
             at = self._end_of(entry)
         if found != counts or not self._sane(at):
             return None
-        self._skipped.update(counts)
         return at
 
     def _take(self, block: Block) -> Block:
