@@ -33,7 +33,7 @@ samples: $(VENV)/installed ## make the sample logs again from their scenes
 	PYTHON="$(abspath $(BIN))/python" sh samples/make.sh
 
 golden: $(VENV)/installed-dev ## accept today's tables as the expected ones (then read the diff)
-	$(BIN)/python -m tools.update_golden
+	$(BIN)/python -m tools.golden
 	git diff --stat -- tests/golden
 
 docs: $(VENV)/installed ## write docs/cli.md and docs/tables.md from the code

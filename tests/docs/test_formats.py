@@ -1,0 +1,52 @@
+"""docs/formats.md: the tests it names are there, and its CSV examples are read as it says."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from lidarcli.logs import open_log
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.csv_layouts import LAYOUTS
+from tools.make_docs import ROOT
+
+PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+EXAMPLES = dict(re.findall(r"^### (.+?)\n.*?^```csv\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL))
+
+
+def test_the_tests_that_are_named_exist() -> None:
+    named = set(re.findall(r"`([\w/]+\.py)::(\w+)`", PAGE))
+    assert len(named) > 30
+    for path, name in sorted(named):
+        tree = ast.parse((ROOT / "tests" / path).read_text(encoding="utf-8"))
+        functions = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+        assert name in functions, f"{path} has no {name}"
+
+
+def test_every_row_of_damage_names_a_test() -> None:
+    table = PAGE.split("## Damaged and unusual logs")[1].split("\n## ")[0]
+    rows = [line for line in table.splitlines() if line.startswith("| ") and "**" not in line][1:]
+    assert len(rows) > 20
+    assert [row for row in rows if "::test_" not in row] == []
+
+
+def test_every_layout_has_an_example() -> None:
+    assert list(EXAMPLES) == list(LAYOUTS)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_an_example_is_read_as_its_layout(layout: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(EXAMPLES[layout], encoding="utf-8")
+    told = CsvOptions(angle_min=-0.5, angle_increment=0.5) if layout == "plain wide" else CsvOptions()
+    with open_log(path, csv=told) as log:
+        assert log.format == f"csv ({layout})"
+        blocks = list(log.scans())
+    for block in blocks:
+        assert block.ranges.tolist() == [pytest.approx([2.1, 2.0, 2.1])] * len(block)
+        assert block.angle_min.tolist() == [-0.5] * len(block)
+        assert block.angle_increment.tolist() == [0.5] * len(block)
+    assert sum(map(len, blocks)) == (2 if layout == "long form" else 1)
