@@ -1,0 +1,253 @@
+"""Opening: the content decides which reader takes a log, and what is none is refused with one line."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import os
+import shutil
+import socket
+import sqlite3
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import mcap_samples
+import numpy as np
+import pytest
+import zstandard
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs import open_log, opening
+from lidarcli.logs.registry import FORMATS
+from lidarcli.sweeps import concatenate
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+KNOWN = ", ".join(known.name for known in FORMATS)
+CSV = b"".join(f"{i}.0,{i}.5,{i}.6,{i}.7\n".encode() for i in range(1, 9))
+
+
+def sweeps(source: Any) -> int:
+    with open_log(source) as log:
+        return sum(map(len, log.scans()))
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.csv", "run"])
+def test_content_decides_not_the_suffix(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(mcap_samples.sample(5))
+    for source in (path, str(path)):
+        with open_log(source) as log:
+            assert (log.path, log.format) == (str(path), "mcap")
+            assert sum(map(len, log.scans())) == 5
+
+
+@pytest.mark.parametrize(
+    ("sample", "format_name"),
+    [
+        ("room.mcap", "mcap"),
+        ("corridor.bag", "ros1 bag"),
+        ("drive.db3", "ros2 bag (sqlite3)"),
+        ("hall", "ros2 bag"),
+    ],
+)
+def test_every_container_among_the_samples(sample: str, format_name: str) -> None:
+    with open_log(SAMPLES / sample) as log:
+        assert log.format.startswith(format_name)
+        blocks = list(log.scans())
+        assert sum(map(len, blocks)) > 10
+        assert np.isfinite(concatenate(blocks).ranges).any()
+
+
+def test_csv_plain_and_packed_and_on_standard_input(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not (SAMPLES / "people.csv.gz").exists():
+        pytest.skip("no sample")
+    packed = (SAMPLES / "people.csv.gz").read_bytes()
+    plain = tmp_path / "people"
+    plain.write_bytes(gzip.decompress(packed))
+    expected = sweeps(plain)
+    assert expected > 10
+    assert sweeps(SAMPLES / "people.csv.gz") == expected
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(plain.read_bytes())))
+    assert sweeps("-") == expected
+
+
+@pytest.mark.parametrize("sample", ["room.mcap", "corridor.bag"])
+def test_standard_input(sample: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = (SAMPLES / sample).read_bytes()
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
+    with open_log("-") as log:
+        assert log.path == "-"
+        assert sum(map(len, log.scans())) == sweeps(SAMPLES / sample)
+
+
+class Trickle(io.RawIOBase):
+    """A pipe that gives a few bytes at a time."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__()
+        self._rest = io.BytesIO(data)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        data = self._rest.read(min(len(buffer), 7))
+        buffer[: len(data)] = data
+        return len(data)
+
+
+def test_a_pipe_that_trickles() -> None:
+    assert sweeps(Trickle(mcap_samples.sample(20))) == 20
+
+
+def test_compressed_parts_of_a_ros2_bag(tmp_path: Path) -> None:
+    path = tmp_path / "drive.db3.zstd"
+    path.write_bytes(zstandard.compress((SAMPLES / "drive.db3").read_bytes()))
+    assert sweeps(path) == sweeps(SAMPLES / "drive.db3")
+
+
+def refusal(source: Any) -> str:
+    with pytest.raises(UnreadableError) as caught:
+        open_log(source)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_what_is_not_there_or_empty(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    assert refusal(path) == f"{path}: cannot be opened: No such file or directory"
+    path.write_bytes(b"")
+    assert refusal(path) == f"{path}: is empty"
+    assert refusal(io.BytesIO(b"")) == "-: is empty"
+    link = tmp_path / "link"
+    link.symlink_to("link")
+    assert refusal(link).startswith(f"{link}: cannot be opened: ")
+    assert refusal("a\0b") == "'a\\x00b': cannot be the name of a file"
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    assert refusal(folder) == f"{folder}: a folder without a log; lidarcli reads {KNOWN}"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_no_permission(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"x")
+    path.chmod(0)
+    assert refusal(path) == f"{path}: cannot be opened: Permission denied"
+
+
+def test_no_permission_as_the_system_says_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(b"x")
+
+    def refuse(*_args: Any, **_kwargs: Any) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    assert refusal(path) == f"{path}: cannot be opened: Permission denied"
+
+
+@pytest.mark.parametrize(
+    "data", [b"\x7fELF\x02\x01\x01" + bytes(99), b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", bytes(5000)]
+)
+def test_what_is_no_log(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(data)
+    assert refusal(path) == f"{path}: not a log lidarcli knows; it reads {KNOWN}"
+    assert refusal(io.BytesIO(data)) == f"-: not a log lidarcli knows; it reads {KNOWN}"
+
+
+def test_a_packed_log_of_another_kind(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap.gz"
+    path.write_bytes(gzip.compress(mcap_samples.sample(2)))
+    assert refusal(path) == f"{path}: a log packed with gzip; unpack it first (gunzip)"
+
+
+def test_a_database_on_a_pipe(tmp_path: Path) -> None:
+    data = (SAMPLES / "drive.db3").read_bytes()
+    assert refusal(io.BytesIO(data)) == (
+        "-: a ROS 2 bag (folder, .db3, compressed) cannot be read from a pipe; give the name of its file instead"
+    )
+
+
+def test_a_foreign_database(tmp_path: Path) -> None:
+    path = tmp_path / "some.db"
+    with sqlite3.connect(path) as database:
+        database.execute("create table t (x)")
+    database.close()
+    assert refusal(path).startswith(f"{path}: ")
+
+
+def test_a_named_pipe_is_a_stream(tmp_path: Path) -> None:
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    writer = threading.Thread(target=lambda: path.write_bytes(mcap_samples.sample(7)))
+    writer.start()
+    with open_log(path) as log:
+        assert (log.path, log.size) == (str(path), None)
+        assert sum(map(len, log.scans())) == 7
+    writer.join()
+
+
+def test_a_named_pipe_without_a_writer_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opening, "PIPE_WAIT_S", 0.05)
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    assert refusal(path) == f"{path}: nobody has written to this pipe for 0.05 s"
+
+
+def test_a_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("socket")
+        assert refusal("socket") == "socket: is neither a file nor a folder nor a pipe"
+
+
+def test_a_folder_of_one_mcap_without_metadata(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    shutil.copy(SAMPLES / "room.mcap", folder / "bag_0.mcap")
+    assert sweeps(folder) == sweeps(SAMPLES / "room.mcap")
+
+
+def test_a_log_costs_only_the_libraries_of_its_container(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(mcap_samples.sample(3))
+    program = (
+        "import sys; from lidarcli.logs import open_log\n"
+        "with open_log(sys.argv[1]) as log: print(sum(map(len, log.scans())))\n"
+        "print(sorted({'pandas', 'pyarrow', 'rosbags', 'sqlite3', 'click', 'rich'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(SAMPLES.parent)},
+    )
+    assert done.stdout == "3\n[]\n"
+
+
+@pytest.mark.parametrize(
+    ("head", "name"),
+    [
+        (b"\x89MCAP0\r\n", "MCAP"),
+        (b"\x89MCAP0\n", "MCAP"),
+        (b"#ROSBAG V2.0\n", "ROS 1 bag"),
+        (b"#ROSRECORD V1.2\n", "ROS 1 bag"),
+        (b"SQLite format 3\0", "ROS 2 bag (folder, .db3, compressed)"),
+        (b"\x28\xb5\x2f\xfd", "ROS 2 bag (folder, .db3, compressed)"),
+        (CSV, FORMATS[-1].name),
+        (gzip.compress(CSV), FORMATS[-1].name),
+        ("\ufeffé,1\n".encode("utf-16-le"), FORMATS[-1].name),
+        ("é".encode("latin-1") + b",1\n", FORMATS[-1].name),
+    ],
+)
+def test_the_first_format_that_claims_a_beginning(head: bytes, name: str) -> None:
+    known = next(known for known in FORMATS if known.sniff(head))
+    assert known.name == name
+    assert callable(known.load())
