@@ -76,7 +76,7 @@ class ParquetSink:
         rest = table.slice(rows).combine_chunks()
         self._pending = rest.to_batches() if rest.num_rows else []
         self._rows = rest.num_rows
-        self._writer.write_table(table.slice(0, rows).combine_chunks(), row_group_size=ROWS_PER_GROUP)
+        self._writer.write_table(table.slice(0, rows), row_group_size=ROWS_PER_GROUP)
 
 
 class PartFile:
