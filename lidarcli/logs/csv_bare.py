@@ -22,7 +22,7 @@ from lidarcli.logs.csv_layouts import (
     expected_beams,
 )
 from lidarcli.logs.csv_names import DEFAULT_TOPIC
-from lidarcli.logs.csv_times import DATE, S, time_unit
+from lidarcli.logs.csv_times import DATE, DATE_UNPADDED, S, time_unit
 from lidarcli.sweeps import TURN
 
 
@@ -106,7 +106,7 @@ def _bare_long(head: Head, width: int) -> Layout | None:
 
 def _leading(rows: Sequence[Sequence[bytes]]) -> tuple[dict[str, int], int]:
     """What stands before the ranges in rows without a header: fields, and the first column of ranges."""
-    if time_unit("", [row[0] for row in rows]) == DATE:
+    if time_unit("", [row[0] for row in rows]) in (DATE, DATE_UNPADDED):
         return {"record": 0}, 1
     columns = [[value_of(row[c]) for row in rows] for c in range(2)]
     whole = [all(re.fullmatch(rb"-?\d+", row[c]) for row in rows) for c in range(2)]
@@ -122,7 +122,7 @@ def _leading(rows: Sequence[Sequence[bytes]]) -> tuple[dict[str, int], int]:
             return {"seconds": 0, "nanoseconds": 1}, 2
     counter = whole[0] and all(v is not None and abs(v) < 1e8 for v in columns[0])
     if counter and (rises(0) or not many):
-        second_is_time = time_unit("", [row[1] for row in rows]) == DATE
+        second_is_time = time_unit("", [row[1] for row in rows]) in (DATE, DATE_UNPADDED)
         if second_is_time or (many and rises(1)):
             return {"seq": 0, "record": 1}, 2
         others = [abs(value) for cell in rows[0][2:] if (value := value_of(cell)) is not None]

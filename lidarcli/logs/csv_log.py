@@ -67,8 +67,12 @@ class CsvLog:
             text, self.size = self._open(label)
             self.compression = text.compression
             self._blocks = text.blocks()
-            self._head = _head(self._blocks)
-            self._layout = self._recognise(self._head, label)
+            try:
+                self._head = _head(self._blocks)
+                self._layout = self._recognise(self._head, label)
+            except UnreadableError:
+                self.close()
+                raise
         name = PER_SWEEP if self._files else self._layout.name
         self.format = f"csv ({name})"
         self.report.notes.append("; ".join([f"CSV layout: {name}", *self._layout.notes]))

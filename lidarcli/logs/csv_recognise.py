@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from lidarcli.logs.csv_names import (
     find_long,
     list_column,
 )
-from lidarcli.logs.csv_times import DATE, time_unit
+from lidarcli.logs.csv_times import DATE, DATE_UNPADDED, S_UNPADDED, UNPADDED, time_unit
 from lidarcli.sweeps import TURN
 
 
@@ -123,18 +124,17 @@ def _list_layout(head: Head) -> Layout | None:
         return None
     listed, prefix = found
     fields = find_fields(head.names, prefix)
-    found_units: dict[str, int] = {}
-    for name in ("record", "stamp"):
-        column = fields.get(name, -1)
-        unit = time_unit(head.names[column], [cells[column].encode()]) if 0 <= column < len(cells) else None
-        if unit is not None:
-            found_units[name] = unit
+    found_units = _list_units(head, fields, cells)
     if not {"angle_min", "angle_increment"} <= fields.keys():
         need_geometry(head, LIST)
     brackets = b"[" if "[" in cells[listed] else b"("
     name = _ros_name(head.names)
     topic = Family(prefix, np.empty(0, np.int64)).topic
-    notes = ("times have no zone and are read as UTC",) if DATE in found_units.values() else ()
+    notes = []
+    if {DATE, DATE_UNPADDED} & set(found_units.values()):
+        notes.append("times have no zone and are read as UTC")
+    if {S_UNPADDED, DATE_UNPADDED} & set(found_units.values()):
+        notes.append(UNPADDED)
     return Layout(
         LIST if name == WIDE else f"{name}, {LIST}",
         head.dialect,
@@ -144,8 +144,26 @@ def _list_layout(head: Head) -> Layout | None:
         (Columns(topic, fields, found_units, first=listed),),
         listed=True,
         brackets=brackets,
-        notes=notes,
+        notes=tuple(notes),
     )
+
+
+def _list_units(head: Head, fields: dict[str, int], first: list[str]) -> dict[str, int]:
+    """The units of time columns, from the first record and all others that stand in one line."""
+    records = [first]
+    for line in head.lines[1:]:
+        with suppress(ValueError):
+            bare = re.sub(rb"\[[^\]]*\]", b"[]", line).decode("utf-8", "replace")
+            records.append(csv_cells(bare, head.dialect.separator.decode()))
+    found: dict[str, int] = {}
+    for name in ("record", "stamp"):
+        if name in fields:
+            column = fields[name]
+            samples = [cells[column].encode() for cells in records if len(cells) == len(head.names)]
+            unit = time_unit(head.names[column], samples)
+            if unit is not None:
+                found[name] = unit
+    return found
 
 
 def _long_layout(head: Head) -> Layout:

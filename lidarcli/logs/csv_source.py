@@ -6,6 +6,7 @@ import codecs
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Protocol
 
 from lidarcli.logs.base import ReadReport
@@ -54,7 +55,7 @@ class TextSource:
         chunks = self._chunks()
         if self.compression == "gzip":
             chunks = self._gunzip(chunks)
-        return _line_ends(self._whole_lines(_as_utf8(chunks)))
+        return _line_ends(self._whole_lines(_newlines(_as_utf8(chunks))))
 
     def _read(self, size: int) -> bytes:
         if self._left is not None:
@@ -89,7 +90,7 @@ class TextSource:
                     piece = unpack.decompress(data, _CHUNK)
                 except zlib.error as err:
                     place = f"compressed byte {self._report.bytes_read - len(data)}"
-                    self._report.add_damage(place, f"gzip data is damaged ({err}); what follows is lost")
+                    self._lost(place, f"gzip data is damaged ({err}); what follows is lost")
                     return
                 if piece:
                     yield piece
@@ -100,9 +101,16 @@ class TextSource:
         if not fresh:
             if rest := unpack.flush():
                 yield rest
-            self._report.add_damage(
+            self._lost(
                 f"compressed byte {self._report.bytes_read}", "gzip data ends early; what follows is lost"
             )
+
+    def _lost(self, place: str, cause: str) -> None:
+        """Record what explains all other damage, also when there is more of that than is kept."""
+        if len(self._report.damage) >= ReadReport.MAX_DAMAGE:
+            self._report.damage.pop()
+            self._report.damage_more += 1
+        self._report.add_damage(place, cause)
 
     def _whole_lines(self, chunks: Iterator[bytes]) -> Iterator[Block]:
         """Cut chunks into blocks at line ends, and drop lines beyond `MAX_LINE`."""
@@ -160,6 +168,14 @@ def _as_utf8(chunks: Iterator[bytes]) -> Iterator[bytes]:
     yield decoder.decode(first).encode()
     for chunk in chunks:
         yield decoder.decode(chunk).encode()
+
+
+def _newlines(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    """Text whose lines end with a carriage return alone gets newlines in their place."""
+    first = next(chunks, b"")
+    alone = b"\r" in first[:-1] and b"\n" not in first
+    for chunk in chain([first], chunks):
+        yield chunk.replace(b"\r", b"\n") if alone else chunk
 
 
 def _line_ends(blocks: Iterator[Block]) -> Iterator[Block]:

@@ -14,6 +14,9 @@ from lidarcli.sweeps import Bool, Int64
 NS, US, MS, S = 1, 1_000, 1_000_000, 1_000_000_000
 DATE = 0
 """Stands for a date and time of day in place of a unit."""
+S_UNPADDED, DATE_UNPADDED = -1, -2
+"""The same, but behind the point stand nanoseconds without leading zeros: `1.5` is 1 s 5 ns."""
+UNPADDED = "behind the point of times stand nanoseconds without leading zeros"
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
@@ -40,7 +43,7 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
     if not samples:
         return None
     if all(_DATE.fullmatch(cell) for cell in samples):
-        return DATE
+        return DATE_UNPADDED if _is_unpadded(samples, DATE, DATE_UNPADDED) else DATE
     try:
         largest = max(abs(Decimal(cell.decode().strip())) for cell in samples)
     except (InvalidOperation, UnicodeDecodeError):
@@ -52,7 +55,24 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
     for unit, least in ((NS, 10**17), (US, 10**14), (MS, 10**11)):
         if largest >= least:
             return unit
-    return S
+    return S_UNPADDED if _is_unpadded(samples, S, S_UNPADDED) else S
+
+
+def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:
+    """Whether times only rise if what stands behind the point is a count of nanoseconds (`{secs}.{nsecs}`)."""
+    fractions = [cell.partition(b".")[2].strip() for cell in samples]
+    sizes = set(map(len, fractions))
+    if (
+        len(sizes) < 2
+        or max(sizes) != 9
+        or not all(part.isdigit() and part[:1] != b"0" for part in fractions)
+    ):
+        return False
+    times, bad = to_ns(samples, padded)
+    others, bad_too = to_ns(samples, unpadded)
+    if bad is not None or bad_too is not None:
+        return False
+    return bool((np.diff(times) < 0).any() and (np.diff(others) >= 0).all())
 
 
 def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool | None]:
@@ -130,6 +150,11 @@ def _date(cell: bytes) -> int:
     return _checked(seconds * S + int((fraction or b"").ljust(9, b"0")[:9]))
 
 
+def _padded(cell: bytes) -> bytes:
+    whole, point, fraction = cell.strip().partition(b".")
+    return whole + point + fraction.rjust(9, b"0") if point else cell
+
+
 def _of_unit(unit: int) -> Callable[[bytes], int]:
     return lambda cell: int(cell) * unit if cell.isdigit() else _decimal(cell, unit)
 
@@ -140,4 +165,6 @@ _CONVERTERS: dict[int, Callable[[bytes], int]] = {
     US: _of_unit(US),
     MS: _of_unit(MS),
     S: _seconds,
+    S_UNPADDED: lambda cell: _seconds(_padded(cell)),
+    DATE_UNPADDED: lambda cell: _date(_padded(cell)),
 }

@@ -1,0 +1,672 @@
+"""CSV logs: every layout and every spelling reads back what was written, and nothing but errors of our own is raised."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import os
+import sqlite3
+import struct
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.logs.base import LASERSCAN, CsvOptions, Damage, Topic
+from lidarcli.logs.csv_log import CsvLog
+from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
+from lidarcli.sweeps import RawSweeps, concatenate
+
+START = 1_714_555_596_445_048_407
+FIRST, STEP = float(np.float32(-2.0862)), float(np.float32(0.1131))
+GEOMETRY = CsvOptions(angle_min=FIRST, angle_increment=STEP)
+NO_GEOMETRY = ("wide", "drow")
+NO_FRAME = ("plotjuggler", "wide", "drow", "long", "per-sweep")
+OWN_RECORD = ("rostopic", "plotjuggler", "bagpy", "list")
+ROS2 = "1,5,laser,-0.5,0.5,0.5,0.0,0.1,0.1,8.0,"
+
+
+def sweeps(rows: int = 40, width: int = 37, ragged: bool = False, topic: str = "/scan") -> RawSweeps:
+    """Random sweeps with every kind of missing range."""
+    random = np.random.default_rng(rows + width)
+    ranges = random.uniform(0.1, 12, (rows, width)).astype(np.float32)
+    for odd in (np.inf, -np.inf, np.nan, 0.0, -0.099, 1e-30, 65.533):
+        ranges[random.random((rows, width)) < 0.02] = odd
+    beams = random.integers(width - 3, width + 1, rows) if ragged else np.full(rows, width)
+    stamp = START + 100_000_001 * np.arange(rows)
+    return RawSweeps(
+        topic=topic,
+        frame_ids=("laser",),
+        frame=np.zeros(rows, np.int32),
+        stamp_ns=stamp,
+        record_ns=stamp + 12_345,
+        angle_min=np.full(rows, FIRST),
+        angle_increment=np.full(rows, STEP),
+        range_min=np.full(rows, 0.02, np.float32),
+        range_max=np.full(rows, 5.6, np.float32),
+        beams=beams.astype(np.int32),
+        ranges=ranges,
+    )
+
+
+def read(source: object, options: CsvOptions = GEOMETRY) -> tuple[RawSweeps, CsvLog]:
+    """All sweeps of a log as one block."""
+    with CsvLog(source, options) as log:  # type: ignore[arg-type]
+        return concatenate(list(log.scans())), log
+
+
+def read_text(text: str | bytes, options: CsvOptions = GEOMETRY) -> tuple[RawSweeps, CsvLog]:
+    return read(io.BytesIO(text.encode() if isinstance(text, str) else text), options)
+
+
+def rows_of(raw: RawSweeps) -> list[list[float]]:
+    return [row[:beams].tolist() for row, beams in zip(raw.ranges, raw.beams.tolist(), strict=True)]
+
+
+def same_ranges(got: RawSweeps, want: RawSweeps) -> None:
+    np.testing.assert_array_equal(got.beams, want.beams)
+    for a, b, beams in zip(got.ranges, want.ranges, want.beams.tolist(), strict=True):
+        np.testing.assert_array_equal(a[:beams].view(np.int32), b[:beams].view(np.int32))
+
+
+def text_of(layout: str, tmp_path: Path, raw: RawSweeps | None = None) -> bytes:
+    path = tmp_path / f"{layout}.csv"
+    write_csv(path, [sweeps() if raw is None else raw], layout)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("ragged", [False, True])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layout_reads_back(layout: str, ragged: bool, tmp_path: Path) -> None:
+    want = sweeps(ragged=ragged)
+    path = tmp_path / ("run" if layout == "per-sweep" else "run.csv")
+    write_csv(path, [want.rows(slice(0, 15)), want.rows(slice(15, None))], layout)
+    got, log = read(path)
+    same_ranges(got, want)
+    np.testing.assert_array_equal(got.stamp_ns, want.stamp_ns)
+    np.testing.assert_array_equal(got.record_ns, want.record_ns if layout in OWN_RECORD else want.stamp_ns)
+    np.testing.assert_array_equal(got.angle_min, want.angle_min)
+    np.testing.assert_array_equal(got.angle_increment, want.angle_increment)
+    if layout not in NO_FRAME:
+        assert got.frame_ids == ("laser",)
+        np.testing.assert_array_equal(got.range_max, want.range_max)
+        np.testing.assert_array_equal(got.range_min, want.range_min)
+    else:
+        assert got.frame_ids == ("",)
+    assert log.topics() == [Topic("/scan", LASERSCAN, "csv")]
+    assert (log.report.damage, log.report.refused.total()) == ([], 0)
+    sizes = [file.stat().st_size for file in ([path] if path.is_file() else path.iterdir())]
+    assert log.size == log.report.bytes_read == sum(sizes)
+
+
+@pytest.mark.parametrize(
+    ("layout", "name"),
+    [
+        ("rostopic", "rostopic echo -p"),
+        ("ros2", "ros2 topic echo --csv"),
+        ("plotjuggler", "PlotJuggler"),
+        ("bagpy", "bagpy"),
+        ("list", "list of ranges"),
+        ("wide", "plain wide"),
+        ("drow", "plain wide"),
+        ("long", "long form"),
+        ("per-sweep", "one file per sweep"),
+    ],
+)
+def test_format_names_the_layout(layout: str, name: str, tmp_path: Path) -> None:
+    write_csv(tmp_path / "x.dat", [sweeps()], layout)
+    with CsvLog(tmp_path / "x.dat", GEOMETRY) as log:
+        assert (log.format, log.compression) == (f"csv ({name})", "none")
+        assert log.report.notes[0].startswith(f"CSV layout: {name}")
+
+
+@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        lambda text: text.replace(b"\n", b"\r\n"),
+        lambda text: text.replace(b"\n", b"\r"),
+        lambda text: b"\xef\xbb\xbf" + text,
+        lambda text: text.decode().encode("utf-16"),
+        lambda text: text.decode().encode("utf-16-be"),
+        lambda text: text.removesuffix(b"\n"),
+        lambda text: b"# recorded by hand\n\n" + text.replace(b"\n", b"\n\n# remark\n", 3),
+        gzip.compress,
+        lambda text: gzip.compress(text[:999]) + gzip.compress(text[999:]) + bytes(100),
+    ],
+    ids=["crlf", "cr", "bom", "utf16", "utf16be", "no-newline", "comments", "gzip", "gzip-members"],
+)
+def test_wrapping_changes_nothing(layout: str, wrap: object, tmp_path: Path) -> None:
+    want = sweeps()
+    got, log = read_text(wrap(text_of(layout, tmp_path, want)))  # type: ignore[operator]
+    same_ranges(got, want)
+    np.testing.assert_array_equal(got.stamp_ns, want.stamp_ns)
+    assert log.report.damage == []
+
+
+@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name not in ("list", "per-sweep")])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace(b",", b";"),
+        lambda text: text.replace(b",", b"\t"),
+        lambda text: text.replace(b",", b" "),
+        lambda text: text.replace(b",", b"   "),
+        lambda text: text.replace(b",", b", "),
+        lambda text: text.replace(b"\n", b",\n"),
+        lambda text: text.replace(b",", b";").replace(b".", b","),
+        lambda text: b'"' + text.replace(b",", b'","').replace(b"\n", b'"\n"').removesuffix(b'"'),
+    ],
+    ids=["semicolon", "tab", "space", "spaces", "comma-space", "trailing", "decimal-comma", "quoted"],
+)
+def test_separators(layout: str, change: object, tmp_path: Path) -> None:
+    want = sweeps()
+    got, log = read_text(change(text_of(layout, tmp_path, want)))  # type: ignore[operator]
+    same_ranges(got, want)
+    np.testing.assert_array_equal(got.stamp_ns, want.stamp_ns)
+    assert log.report.damage == []
+
+
+def test_plotjuggler_keeps_topics_apart(tmp_path: Path) -> None:
+    front, rear = sweeps(6, 9, topic="/front/scan"), sweeps(5, 7, topic="/rear/scan")
+    path = tmp_path / "both.csv"
+    write_csv(path, [front, rear], "plotjuggler")
+    with CsvLog(path) as log:
+        assert [topic.name for topic in log.topics() or []] == ["/front/scan", "/rear/scan"]
+        same_ranges(concatenate(list(log.scans(["/rear/scan"]))), rear)
+        same_ranges(concatenate(list(log.scans(["/front/scan"]))), front)
+        assert list(log.scans(["/scan"])) == []
+        assert log.report.damage == []
+    with pytest.raises(OptionError):
+        write_csv(tmp_path / "no.csv", [front, rear], "bagpy")
+
+
+def test_plotjuggler_dots_in_alphabetical_order() -> None:
+    order = sorted(range(12), key=str)
+    names = ["__time", "/odom/x", *(f"/base_scan/ranges.{i}" for i in order), "/base_scan/angle_increment"]
+    names += ["/base_scan/angle_min"]
+    rows = ["1.5,0.1" + "," * 14, "1.75,," + ",".join(f"{i}.5" for i in order) + ",0.25,-1.0"]
+    got, log = read_text("\n".join([",".join(names), *rows, ""]), CsvOptions())
+    assert rows_of(got) == [[i + 0.5 for i in range(12)]]
+    assert (got.topic, got.stamp_ns.tolist()) == ("/base_scan", [1_750_000_000])
+    assert (got.angle_min[0], got.angle_increment[0]) == (-1.0, 0.25)
+    assert log.report.damage == []
+
+
+def test_one_range_column_with_lists_as_people_write_them() -> None:
+    cells = [
+        '"[1.0, inf, nan]"',
+        "\"array('f', [1.0, inf, nan])\"",
+        '"[1.   inf nan]"',
+        '"[1.0\n  inf\n  nan]"',
+        '"[np.float32(1.0), np.float32(inf), np.float32(nan)]"',
+        '"[1.0, Infinity, None]"',
+        '"[1.0, .inf, .nan]"',
+        '"array([1., inf, nan], dtype=float32)"',
+        "[1.0, inf, nan]",
+    ]
+    head = "timestamp,frame_id,angle_min,angle_increment,range_max,ranges,intensities\n"
+    text = head + "".join(f"{i}.25,base,-0.5,0.5,8.0,{cell},[]\n" for i, cell in enumerate(cells))
+    got, log = read_text(text, CsvOptions())
+    np.testing.assert_array_equal(got.ranges, np.tile(np.array([1, np.inf, np.nan], np.float32), (9, 1)))
+    assert got.stamp_ns.tolist() == [i * 10**9 + 250_000_000 for i in range(9)]
+    assert (got.frame_ids, log.report.damage) == (("base",), [])
+    got, _ = read_text('t,angle_min,angle_increment,ranges\n1,0.0,0.1,"(1.0, 2.0,)"\n2,0.0,0.1,"()"\n')
+    assert rows_of(got) == [[1.0, 2.0], []]
+
+
+def test_list_damage_is_named_and_passed_over() -> None:
+    good = "1.0,\"{'stamp': {'sec': 3, 'nanosec': 4}, 'frame_id': 'a'}\",0.0,0.1,\"[1.0, 2.0]\"\n"
+    text = "time,header,angle_min,angle_increment,ranges\n" + good + '2.0,"{}",0.0,0.1,"[1.0, 2\n' + good
+    text += "garbage\n" + good.replace("2.0]", "x]") + good + good[:-9]
+    got, log = read_text(text, CsvOptions())
+    assert rows_of(got) == [[1.0, 2.0]] * 3
+    assert (got.stamp_ns.tolist(), got.frame_ids) == ([3_000_000_004] * 3, ("a",))
+    assert got.record_ns.tolist() == [10**9] * 3
+    assert log.report.damage == [
+        Damage("line 3", "a quote without its end: the record is dropped"),
+        Damage("line 5", "not a whole record: it is dropped"),
+        Damage("line 6", "'x' is not a number"),
+        Damage("line 8", "the file ends within this record"),
+    ]
+
+
+def test_real_csv_equals_its_bag() -> None:
+    logs = os.environ.get("LIDARCLI_REAL_LOGS")
+    if not logs:
+        pytest.skip("LIDARCLI_REAL_LOGS is not set")
+    folder = Path(logs) / "ros2_selfdriving" / "full_bag_nav"
+    got, log = read(folder / "scan.csv", CsvOptions())
+    with sqlite3.connect(f"file:{folder}/full_bag_nav_0.db3?immutable=1", uri=True) as bag:
+        messages = bag.execute(
+            "select timestamp, data from messages where topic_id ="
+            " (select id from topics where name = '/scan') order by timestamp"
+        ).fetchall()
+    bag.close()
+    assert (len(got), len(messages), got.frame_ids) == (177, 177, ("base_scan",))
+    for row, (record, data) in enumerate(messages):
+        seconds, rest, size = struct.unpack_from("<iII", data, 4)
+        at = 4 + ((12 + size + 3) & ~3)
+        fields = struct.unpack_from("<7fI", data, at)
+        assert got.stamp_ns[row] == seconds * 10**9 + rest
+        # The CSV holds local time, an hour ahead, and says nothing of it.
+        assert got.record_ns[row] == record + 3600 * 10**9
+        assert (got.angle_min[row], got.angle_increment[row]) == (fields[0], fields[2])
+        assert (got.range_min[row], got.range_max[row], got.beams[row]) == (fields[5], fields[6], fields[7])
+        ranges = np.frombuffer(data, "<u4", fields[7], at + 32)
+        np.testing.assert_array_equal(got.ranges[row].view(np.uint32), ranges)
+    assert log.report.damage == []
+    assert "times have no zone and are read as UTC" in log.report.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("times", "stamps"),
+    [
+        (["1714555596.445048407", "1714555596.545"], [1714555596445048407, 1714555596545000000]),
+        (["1714555596445048407", "1714555596545048408"], [1714555596445048407, 1714555596545048408]),
+        (["1714555596445", "1714555596545"], [1714555596445000000, 1714555596545000000]),
+        (["1714555596445048", "1714555596545048"], [1714555596445048000, 1714555596545048000]),
+        (["1.714555596445048407e9", "1.7145555965e+09"], [1714555596445048407, 1714555596500000000]),
+        (["2024-05-01T09:26:36.445048407Z", "2024-05-01 11:26:36,5+02:00"], [START, START + 54951593]),
+        (["2024/05/01 09:26:36", "2024/05/01 09:26:37.25"], [1714555596000000000, 1714555597250000000]),
+        (["0.0", "0.1000000005"], [0, 100000000]),
+        (["-1.5", "2"], [-1500000000, 2000000000]),
+    ],
+)
+def test_times_are_exact(times: list[str], stamps: list[int]) -> None:
+    got, log = read_text(f"time;r0;r1;r2\n{times[0]};1;2;3\n{times[1]};1;2;4\n")
+    assert got.stamp_ns.tolist() == got.record_ns.tolist() == stamps
+    assert log.report.damage == []
+
+
+def test_unit_in_the_name_of_the_time_column() -> None:
+    got, _ = read_text("time_ms,r0,r1,r2\n5,1,2,3\n7.5,1,2,4\n")
+    assert got.stamp_ns.tolist() == [5_000_000, 7_500_000]
+
+
+def test_seconds_and_nanoseconds_without_a_header() -> None:
+    got, _ = read_text("1714555596,445048407,1.5,2.5,3.5\n1714555597,5,1.5,2.5,3.25\n")
+    assert got.stamp_ns.tolist() == [START, 1714555597000000005]
+    assert rows_of(got) == [[1.5, 2.5, 3.5], [1.5, 2.5, 3.25]]
+
+
+def test_missing_cells_and_words() -> None:
+    got, log = read_text(
+        "time,r0,r1,r2,r3,r4,r5\n1,,null,None,NaN,-inf,+Infinity\n2, 1.5 ,.inf,-.inf,1.#INF,--,1e3\n"
+    )
+    nan, inf = np.nan, np.inf
+    want = np.array([[nan, nan, nan, nan, -inf, inf], [1.5, inf, -inf, inf, nan, 1000]], np.float32)
+    np.testing.assert_array_equal(got.ranges, want)
+    assert log.report.damage == []
+
+
+def test_short_rows_are_sweeps_of_fewer_beams() -> None:
+    got, log = read_text("1.0,5,6,7,8\n2.0,5,6\n3.0,5,6,7,8,9\n", CsvOptions(fov=np.pi))
+    assert rows_of(got) == [[5, 6, 7, 8], [5, 6], [5, 6, 7, 8, 9]]
+    np.testing.assert_array_equal(got.angle_increment, np.pi / np.array([3, 1, 4]))
+    np.testing.assert_array_equal(got.angle_min, np.full(3, -np.pi / 2))
+    assert log.report.damage == []
+
+
+def test_ros2_counts_ranges_by_the_view() -> None:
+    text = f"{ROS2}1,2,3\n{ROS2}1,2\n{ROS2}1,2,3,4\n{ROS2}1,2,3,9,9,9\n{ROS2}1,2,3,\n{ROS2}1,2,9,9\n{ROS2}1,2,3,4,5\n"
+    got, log = read_text(text, CsvOptions())
+    assert rows_of(got) == [[1, 2, 3], [1, 2], [1, 2, 3, 4], [1, 2, 3], [1, 2, 3], [1, 2, 9, 9]]
+    assert got.stamp_ns.tolist() == [1_000_000_005] * 6
+    assert log.report.damage == [Damage("line 7", "15 cells where 13 are usual: the row is dropped")]
+
+
+def test_abbreviated_arrays_are_explained() -> None:
+    with pytest.raises(UnreadableError) as error:
+        CsvLog(io.BytesIO(f"{ROS2}1,2,...\n".encode()))
+    assert str(error.value) == (
+        "standard input: CSV (ros2 topic echo --csv): the arrays are abbreviated ('...'):"
+        " record again with `ros2 topic echo --csv --full-length`"
+    )
+
+
+def test_refused_geometry_is_counted() -> None:
+    rows = [ROS2, ROS2.replace("0.5,0.5,0.5", "nan,0.5,0.5"), ROS2.replace(",0.5,0.0,", ",0.0,0.0,"), ROS2]
+    got, log = read_text("".join(f"{row}1,2,3\n" for row in rows), CsvOptions())
+    assert len(got) == 2
+    assert log.report.refused == {
+        ("/scan", "angle_min is not finite"): 1,
+        ("/scan", "angle_increment is zero"): 1,
+    }
+
+
+def test_trailing_empty_cells_are_no_beams_where_the_view_says_so() -> None:
+    text = "Time,header.seq,angle_min,angle_max,angle_increment,ranges_0,ranges_1,ranges_2,ranges_3\n"
+    got, _ = read_text(text + "1,0,0,0.3,0.1,5,6,7,\n2,1,0,0.2,0.1,5,6,,\n3,2,0,0.1,0.1,5,6,,\n")
+    assert got.beams.tolist() == [4, 3, 2]
+
+
+def test_millimetres() -> None:
+    got, _ = read_text(
+        "time,r0,r1,r2\n1,1234,0.5,inf\n", CsvOptions(fov=1.0, range_scale=0.001, range_max=5.0)
+    )
+    np.testing.assert_array_equal(got.ranges, np.array([[1.234, 0.0005, np.inf]], np.float32))
+    assert (got.range_max[0], got.range_min[0]) == (5.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "first", "step"),
+    [
+        (CsvOptions(angle_min=-1.0, angle_increment=-0.5), -1.0, -0.5),
+        (CsvOptions(fov=3.0), -1.5, 1.0),
+        (CsvOptions(fov=2 * np.pi), -np.pi, np.pi / 2),
+        (CsvOptions(fov=3.0, angle_min=0.0), 0.0, 1.0),
+    ],
+)
+def test_given_geometry(options: CsvOptions, first: float, step: float) -> None:
+    got, _ = read_text("1.0,5,6,7,8\n2.0,5,6,7,9\n", options)
+    assert (got.angle_min[0], got.angle_increment[0], got.range_max[0]) == (first, step, np.inf)
+
+
+@pytest.mark.parametrize(
+    "options", [CsvOptions(), CsvOptions(angle_min=0.0), CsvOptions(angle_increment=0.1)]
+)
+@pytest.mark.parametrize("text", ["1.0,5,6,7,8\n", "time,r0,r1,r2\n1,2,3,4\n"])
+def test_missing_geometry_names_the_options(options: CsvOptions, text: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_text(text)
+    with pytest.raises(UnreadableError) as error:
+        CsvLog(path, options)
+    assert str(error.value) == (
+        f"{path}: CSV (plain wide) without geometry: give --angle-min and --angle-increment, or --fov"
+        " (radians, or degrees with --degrees)"
+    )
+
+
+def test_bearings_as_column_names() -> None:
+    got, log = read_text("time,-90.0,-45.0,0.0,45.0,90.0\n1.0,1,2,3,4,5\n", CsvOptions())
+    np.testing.assert_allclose([got.angle_min[0], got.angle_increment[0]], [-np.pi / 2, np.pi / 4])
+    assert rows_of(got) == [[1, 2, 3, 4, 5]]
+    assert "bearings from the column names, taken as degrees" in log.report.notes[0]
+    got, _ = read_text("stamp;-0.5;0.0;0.5\n1.0;1;2;3\n", CsvOptions())
+    assert (got.angle_min[0], got.angle_increment[0]) == (-0.5, 0.5)
+    with pytest.raises(UnreadableError):
+        read_text("time,0,1,2,3\n1.0,5,6,7,8\n", CsvOptions())
+
+
+def test_header_in_a_comment() -> None:
+    got, _ = read_text("# time r_0 r_1 r_2\n1.0 5 6 7\n2.0 5 6 8\n", CsvOptions(fov=1.0))
+    assert (rows_of(got), got.stamp_ns.tolist()) == ([[5, 6, 7], [5, 6, 8]], [10**9, 2 * 10**9])
+
+
+def test_drow_columns_and_a_bare_matrix() -> None:
+    got, log = read_text("7,100.5,5.5,6,7\n8,100.6,5.5,6,8\n", CsvOptions(fov=1.0))
+    assert (rows_of(got), got.stamp_ns.tolist()) == ([[5.5, 6, 7], [5.5, 6, 8]], [100500000000, 100600000000])
+    assert log.report.notes == ["CSV layout: plain wide; no header; columns taken as seq, record, ranges"]
+    got, log = read_text("5.5,6,7,8\n5.25,6,8,8\n5.5,6,7,7\n", CsvOptions(fov=1.0))
+    assert (got.beams.tolist(), got.stamp_ns.tolist()) == ([4, 4, 4], [0, 0, 0])
+    assert "no time column: all stamps are 0" in log.report.notes[0]
+
+
+def test_long_form_in_any_order_of_columns_and_in_degrees() -> None:
+    rows = [(s, a, s + 0.5 + a / 100) for s in range(3) for a in range(-90, 91, 30)]
+    text = "distance\tbearing_deg\ttimestamp\n" + "".join(f"{r}\t{a}\t{s}.25\n" for s, a, r in rows)
+    got, log = read_text(text, CsvOptions())
+    np.testing.assert_array_equal(got.ranges.ravel(), np.array([r for *_, r in rows], np.float32))
+    np.testing.assert_allclose(got.angle_min, np.full(3, -np.pi / 2))
+    np.testing.assert_allclose(got.angle_increment, np.full(3, np.pi / 6))
+    assert got.stamp_ns.tolist() == [250_000_000, 1_250_000_000, 2_250_000_000]
+    assert log.format == "csv (long form)"
+    bare = "".join(f"{s},{a},{r}\n" for s, a, r in rows)
+    got, log = read_text(bare, CsvOptions())
+    assert (got.beams.tolist(), got.stamp_ns.tolist()) == ([7, 7, 7], [0, 0, 0])
+    assert "bearings beyond a turn in radians: taken as degrees" in log.report.notes[0]
+
+
+def test_long_form_across_blocks_and_with_damage(tmp_path: Path) -> None:
+    want = sweeps(60, 500)
+    text = text_of("long", tmp_path, want).split(b"\n")
+    got, _ = read_text(b"\n".join(text))
+    same_ranges(got, want)
+    text[3] = b"garbage"
+    text[700] = text[700].rsplit(b",", 1)[0] + b",abc"
+    got, log = read_text(b"\n".join(text))
+    assert log.report.damage[0] == Damage("line 4", "1 cells where 4 are usual: the row is dropped")
+    assert log.report.damage[1] == Damage("line 701", "'abc' is not a number")
+    assert got.beams.tolist() == [500] * 60
+    assert np.isnan(got.ranges[0, 2])
+    assert np.isnan(got.ranges[1, 199])
+    np.testing.assert_array_equal(got.ranges[2:], want.ranges[2:])
+
+
+def test_long_form_with_bearings_that_are_not_even() -> None:
+    angles = np.delete(np.linspace(0, 2 * np.pi, 63, endpoint=False), [5, 6, 40])
+    rows = [f"{s},{a},{1 + a}" for s in range(2) for a in np.roll(angles, 9) % (2 * np.pi)]
+    got, log = read_text("scan,theta,r\n" + "\n".join(rows) + "\n", CsvOptions())
+    assert got.beams.tolist() == [63, 63]
+    assert np.isnan(got.ranges).sum(axis=1).tolist() == [3, 3]
+    valid = ~np.isnan(got.ranges[0])
+    bearings = got.angle_min[0] + got.angle_increment[0] * np.arange(63)
+    np.testing.assert_allclose(got.ranges[0, valid], 1 + bearings[valid] % (2 * np.pi), atol=1e-5)
+    assert log.report.notes[-1].startswith("bearings are not evenly spaced")
+
+
+def test_one_sweep_per_file(tmp_path: Path) -> None:
+    for name in ("scan_10.csv", "scan_9.csv", "scan_100.txt"):
+        number = int(name[5:-4])
+        (tmp_path / name).write_text("".join(f"{a / 10},{number + a}\n" for a in range(5)))
+    (tmp_path / "README.md").write_text("three sweeps")
+    (tmp_path / "scan_11.csv").write_text("what is this\n")
+    got, log = read(tmp_path, CsvOptions())
+    assert got.ranges[:, 0].tolist() == [9, 10, 100]
+    assert (got.stamp_ns.tolist(), got.angle_increment[0]) == ([0, 0, 0], 0.1)
+    assert [damage.place for damage in log.report.damage] == ["scan_11.csv"]
+    got, _ = read([tmp_path / "scan_9.csv", tmp_path / "scan_10.csv"], CsvOptions())
+    assert got.ranges[:, 0].tolist() == [9, 10]
+    (tmp_path / "1714555596.445048407").write_text("theta,r\n0.0,1\n0.5,2\n")
+    got, log = read(tmp_path / "1714555596.445048407", CsvOptions())
+    assert (got.stamp_ns.tolist(), log.format) == ([START], "csv (one file per sweep)")
+
+
+def test_two_columns_with_many_turns_are_many_sweeps() -> None:
+    turn = "".join(f"{a},{a / 100 + 1}\n" for a in range(0, 360, 10))
+    got, _ = read_text("angle_deg,distance\n" + turn * 3, CsvOptions())
+    assert got.beams.tolist() == [36, 36, 36]
+    half = turn.splitlines(keepends=True)
+    got, _ = read_text("angle_deg,distance\n" + "".join(half[20:] + half[:20]), CsvOptions())
+    assert got.beams.tolist() == [36]
+
+
+def test_whole_logs_in_a_folder_are_not_sweeps(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv", [sweeps(3, 5)], "rostopic")
+    with pytest.raises(UnreadableError) as error:
+        CsvLog(tmp_path)
+    assert str(error.value) == (
+        f"{tmp_path}: a.csv is a log of its own (csv (rostopic echo -p)), not one sweep (bearing, range):"
+        " name the files one by one"
+    )
+
+
+@pytest.mark.parametrize("layout", ["rostopic", "ros2", "wide", "bagpy", "plotjuggler", "drow"])
+def test_garbage_in_the_middle_is_counted_by_line(layout: str, tmp_path: Path) -> None:
+    want = sweeps()
+    lines = text_of(layout, tmp_path, want).split(b"\n")
+    first = len(lines) - 1 - len(want)
+    broken = lines[first + 20].split(b",")
+    broken[20] = b"0x1f"
+    lines[first + 20] = b",".join(broken)
+    lines[first + 30] = b"\0" * 50
+    lines.insert(first + 5, b"Segmentation fault, core dumped")
+    lines.insert(first + 9, lines[0] if first else b"")
+    got, log = read_text(b"\n".join(lines))
+    same_ranges(got, want.rows(np.delete(np.arange(len(want)), [20, 30])))
+    assert sorted(int(damage.place.removeprefix("line ")) for damage in log.report.damage) == [
+        first + 6,
+        first + 23,
+        first + 33,
+    ]
+    causes = {damage.place: damage.cause for damage in log.report.damage}
+    assert causes[f"line {first + 23}"] == "'0x1f' is not a number"
+    assert causes[f"line {first + 33}"] == "nothing but NUL bytes"
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
+def test_truncation_keeps_every_whole_sweep(layout: str, packed: bool, tmp_path: Path) -> None:
+    want = sweeps(12, 20)
+    text = text_of(layout, tmp_path, want)
+    data = gzip.compress(text) if packed else text
+    random = np.random.default_rng(1)
+    for size in random.integers(len(data) // 4, len(data) - 1, 60).tolist():
+        got, log = read_text(data[:size])
+        whole = len(got)
+        cut_cell = 0
+        if not packed:
+            lines = text[:size].count(b"\n") - (0 if layout in ("ros2", "drow") else 1)
+            least = lines // 20 if layout == "long" else lines
+            # A cut within the last number of a row cannot be seen.
+            cut_cell = whole - least
+            assert cut_cell in (0, 1), (size, log.report.damage)
+        else:
+            assert log.report.damage[0].cause == "gzip data ends early; what follows is lost"
+        same_ranges(got.rows(slice(0, whole - 1)), want.rows(slice(0, whole - 1)))
+        if not cut_cell and not packed:
+            same_ranges(got, want.rows(slice(0, whole)))
+
+
+def test_flipped_bytes_in_gzip_lose_only_what_follows(tmp_path: Path) -> None:
+    want = sweeps(3000, 37)
+    data = bytearray(gzip.compress(text_of("rostopic", tmp_path, want)))
+    data[len(data) // 2] ^= 0xFF
+    with CsvLog(io.BytesIO(bytes(data))) as log:
+        got = concatenate(list(log.scans()))
+        assert log.compression == "gzip"
+        assert any(damage.place.startswith("compressed byte ") for damage in log.report.damage)
+    assert 1000 < len(got) < 2999
+    same_ranges(got.rows(slice(0, 1000)), want.rows(slice(0, 1000)))
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "x.csv: empty file"),
+        (b"\n\n", "x.csv: no data in it, only comments or blank lines"),
+        (b"# nothing\n", "x.csv: no data in it, only comments or blank lines"),
+        (b"hello\nworld\n", "x.csv: text, but no table with columns: 'hello'"),
+        (bytes(range(256)) * 20, "x.csv: neither a known container nor text: not a log"),
+        (b"\x1f\x8b\x08\0garbage", "x.csv: gzip data ends early"),
+        (
+            b"name,age\nbob,12\n",
+            "x.csv: a table with the columns 'name, age' is none of the CSV layouts: rostopic echo -p; "
+            "ros2 topic echo --csv; PlotJuggler; bagpy; list of ranges; plain wide; long form; one file per sweep",
+        ),
+        (
+            b"a b\n1 2\n",
+            "x.csv: a table with the columns 'a, b' is none of the CSV layouts: rostopic echo -p",
+        ),
+        (
+            b"1,2\n5,1\n0,7\n",
+            "x.csv: a table of 2 columns without names, such as '1,2' is none of the CSV layouts",
+        ),
+    ],
+)
+def test_what_is_no_log_says_so_in_one_line(data: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "x.csv"
+    path.write_bytes(data)
+    with pytest.raises(UnreadableError) as error:
+        CsvLog(path, GEOMETRY)
+    text = str(error.value)
+    assert text.removeprefix(f"{tmp_path}/").startswith(message)
+    assert "\n" not in text
+
+
+def test_a_missing_file() -> None:
+    with pytest.raises(UnreadableError, match=r"^/no/such\.csv: cannot be read: No such file or directory$"):
+        CsvLog("/no/such.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("%time,field.header.seq,field.pose.x\n1,2,3\n", "rostopic echo -p"),
+        ("__time,/odom/pose/x\n1.0,2.0\n", "PlotJuggler"),
+        ("Time,header.seq,pose.x\n1.0,2,3.0\n", "bagpy"),
+        ("1,5,odom,base_link,0.5,0.5,0.0,0.1,0.1,8.0,3.0\n", "ros2 topic echo --csv"),
+    ],
+)
+def test_ros_tables_without_ranges_hold_no_scan(text: str, name: str) -> None:
+    with CsvLog(io.BytesIO(text.encode())) as log:
+        assert (log.topics(), list(log.scans()), log.format) == ([], [], f"csv ({name})")
+        assert list(log.messages(["nav_msgs/msg/Odometry"])) == []
+
+
+def test_header_without_rows_is_a_log_without_sweeps(tmp_path: Path) -> None:
+    text = text_of("rostopic", tmp_path).split(b"\n")[0] + b"\n"
+    with CsvLog(io.BytesIO(text)) as log:
+        assert list(log.scans()) == []
+        assert (log.report.damage, len(log.topics() or [])) == ([], 1)
+
+
+def test_a_stream_can_be_read_once_and_a_file_again(tmp_path: Path) -> None:
+    text = text_of("wide", tmp_path)
+    with CsvLog(io.BytesIO(text), GEOMETRY) as log:
+        assert (log.path, log.size) == ("-", None)
+        assert sum(map(len, log.scans())) == 40
+        with pytest.raises(UnreadableError, match=r"^-: a stream can be read only once$"):
+            list(log.scans())
+    with CsvLog(tmp_path / "wide.csv", GEOMETRY) as log:
+        assert [sum(map(len, log.scans())) for _ in range(3)] == [40, 40, 40]
+        assert log.report.bytes_read == log.size == len(text)
+
+
+def test_rows_of_a_hundred_thousand_beams() -> None:
+    beams = 100_000
+    row = ",".join(f"{i % 97}.25" for i in range(beams))
+    want = np.arange(beams, dtype=np.float32) % 97 + np.float32(0.25)
+    got, _ = read_text("time," + ",".join(f"r{i}" for i in range(beams)) + f"\n1.0,{row}\n2.0,{row}\n")
+    np.testing.assert_array_equal(got.ranges, np.tile(want, (2, 1)))
+    got, _ = read_text(f"1.0,{row}\n2.0,{row}\n3.0,1,2,3\n")
+    assert got.beams.tolist() == [beams, beams, 3]
+
+
+class _Endless(io.RawIOBase):
+    """A header, a row, then one line of 200 MB, then a row again."""
+
+    def __init__(self, head: bytes, fill: bytes, end: bytes) -> None:
+        self._parts = [head, *[fill] * (200_000_000 // len(fill)), end]
+
+    def read(self, size: int = -1) -> bytes:
+        if not self._parts:
+            return b""
+        part = self._parts.pop(0)
+        if len(part) > size:
+            self._parts.insert(0, part[size:])
+        return part[:size]
+
+
+@pytest.mark.parametrize("fill", [b"1.5," * 16384, b"x" * 65536], ids=["cells", "text"])
+def test_a_line_without_end_stays_within_bounds(fill: bytes) -> None:
+    head = b"time,r0,r1,r2\n1.0,5,6,7\n2.0,5,6,7\n"
+    tracemalloc.start()
+    got, log = read(_Endless(head, fill, b"\n4.0,5,6,8\n"), CsvOptions(fov=1.0))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert got.ranges[:, 2].tolist() == [7, 7, 8]
+    assert log.report.damage == [Damage("line 4", "longer than 32 MiB: skipped")]
+    assert peak < 150e6
+
+
+def test_rows_of_very_different_length_are_not_padded_to_one_width() -> None:
+    long_row = "0.5," + ",".join(["1"] * 200_000)
+    text = "0.1,1,2,3\n" * 5000 + long_row + "\n" + "0.7,1,2,3\n" * 5000
+    tracemalloc.start()
+    with CsvLog(io.BytesIO(text.encode()), GEOMETRY) as log:
+        assert sum(map(len, log.scans())) == 10_001
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 60e6
+
+
+def test_equal_sweeps_give_equal_bytes(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv.gz", [sweeps()], "rostopic")
+    write_csv(tmp_path / "b.csv.gz", [sweeps()], "rostopic")
+    assert (tmp_path / "a.csv.gz").read_bytes() == (tmp_path / "b.csv.gz").read_bytes()
+    with pytest.raises(OptionError, match="'excel' is no CSV layout"):
+        write_csv(tmp_path / "c.csv", [], "excel")
