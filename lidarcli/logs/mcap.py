@@ -298,9 +298,8 @@ class McapLog:
         return Walker(source, self._catalogue, report, offsets, skip)
 
     def close(self) -> None:
-        """Close the file; a stream stays its owner's."""
-        if self.size is not None:
-            self._stream.close()
+        """Close the file or the stream."""
+        self._stream.close()
 
     def __enter__(self) -> McapLog:
         return self

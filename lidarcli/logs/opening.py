@@ -37,7 +37,12 @@ def open_log(source: str | Path | BinaryIO, *, csv: CsvOptions | None = None) ->
         if stat.S_ISDIR(mode):
             return _open_folder(path, name, options)
         if stat.S_ISFIFO(mode):
-            return _open_stream(_open_pipe(path, name), name, options)
+            pipe = _open_pipe(path, name)
+            try:
+                return _open_stream(pipe, name, options, owned=True)
+            except UnreadableError:
+                pipe.close()
+                raise
         if not stat.S_ISREG(mode):
             raise UnreadableError(f"{name}: is neither a file nor a folder nor a pipe")
         with path.open("rb") as file:
@@ -72,7 +77,8 @@ def _open_folder(path: Path, name: str, options: CsvOptions) -> Log:
     raise UnreadableError(f"{name}: a folder without a log; lidarcli reads {_known()}")
 
 
-def _open_stream(stream: BinaryIO, name: str, options: CsvOptions) -> Log:
+def _open_stream(stream: BinaryIO, name: str, options: CsvOptions, owned: bool = False) -> Log:
+    """A log from a stream, which the log closes in the end if it is `owned`."""
     try:
         head = _read_start(stream)
     except OSError as err:
@@ -82,8 +88,11 @@ def _open_stream(stream: BinaryIO, name: str, options: CsvOptions) -> Log:
         raise UnreadableError(
             f"{name}: a {known.name} cannot be read from a pipe; give the name of its file instead"
         )
-    whole = cast(BinaryIO, io.BufferedReader(_Rejoined(head, stream), 1 << 16))
-    log = cast(Log, known.load()(whole, options) if known.options else known.load()(whole))
+    whole = cast(BinaryIO, io.BufferedReader(_Rejoined(head, stream, owned), 1 << 16))
+    try:
+        log = cast(Log, known.load()(whole, options) if known.options else known.load()(whole))
+    except UnreadableError as err:
+        raise UnreadableError(f"{name}: {str(err).removeprefix('-: ')}") from err
     log.path = name
     return log
 
@@ -110,10 +119,11 @@ def _open_pipe(path: Path, name: str) -> BinaryIO:
 class _Rejoined(io.RawIOBase):
     """A stream whose first bytes have been read already, put together again."""
 
-    def __init__(self, head: bytes, rest: BinaryIO) -> None:
+    def __init__(self, head: bytes, rest: BinaryIO, owned: bool) -> None:
         super().__init__()
         self._head = head
         self._rest = rest
+        self._owned = owned
 
     def readable(self) -> bool:
         return True
@@ -125,6 +135,6 @@ class _Rejoined(io.RawIOBase):
         return len(data)
 
     def close(self) -> None:
-        if not self.closed and self._rest is not sys.stdin.buffer:
+        if self._owned:
             self._rest.close()
         super().close()

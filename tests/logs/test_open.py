@@ -251,3 +251,20 @@ def test_the_first_format_that_claims_a_beginning(head: bytes, name: str) -> Non
     known = next(known for known in FORMATS if known.sniff(head))
     assert known.name == name
     assert callable(known.load())
+
+
+@pytest.mark.parametrize(
+    ("data", "cause"),
+    [
+        (b"\x89MCAP0\r\n", "an MCAP of its magic alone, without a record"),
+        (b"", "is empty"),
+        (bytes(99), f"not a log lidarcli knows; it reads {KNOWN}"),
+    ],
+)
+def test_a_named_pipe_without_a_log(tmp_path: Path, data: bytes, cause: str) -> None:
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    writer = threading.Thread(target=lambda: path.write_bytes(data))
+    writer.start()
+    assert refusal(path) == f"{path}: {cause}"
+    writer.join()
