@@ -21,11 +21,14 @@ from lidarcli.sweeps import Float64, SweepBatch
 STRAIGHT = 0.02
 """[m] A face may leave its chord by this much plus three times the noise."""
 STRAIGHT_NOISE = 3.0
+WALL_STRIDE, WALL_POINTS = 4, 32
+"""Of a run too wide for an object every fourth point is looked at, or as many as make 32: enough for its lines."""
 ENCLOSED = 0.35
-PARTIAL = 0.65
-HALF = 0.5
-WALL_POINTS = 32
-"""A run that is too wide for an object is thinned to this many points before its lines are sought."""
+"""Walls surround the sensor where they give more than this share of its returns."""
+END_WIDTH = 0.5
+"""[m] What ends in the open between walls is a thing if it is narrower than this, else the end of a wall."""
+PARTLY_HIDDEN_WIDTH = 0.65
+"""Greatest visible extent of a partly hidden object, as a share of `max_width`: some of it is out of sight."""
 
 
 def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam: bool = False) -> Detection:
@@ -98,24 +101,22 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
     """Profile `robust`: the same definitions with the estimates a real sensor needs."""
     enough = runs.size >= parameters.min_beams
     narrow = chord(runs) <= parameters.max_width
-    candidate = enough & narrow
-    shape = outline(runs, np.where(candidate, runs.size, np.where(narrow, 0, WALL_POINTS)))
-    corner = split_straight(shape, STRAIGHT + STRAIGHT_NOISE * sigma[runs.row])
-    faces = faces_between(shape, corner)
+    tolerance = STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]
+    thinned = np.maximum(-(-runs.size // WALL_STRIDE), np.minimum(runs.size, WALL_POINTS))
+    shape = outline(runs, np.where(enough & narrow, runs.size, np.where(narrow, 0, thinned)))
+    faces = faces_between(shape, split_straight(shape, tolerance))
     reach = extent(runs, faces)
-    small = reach <= parameters.max_width
-    candidate &= small
-    wall = ~small & enough
+    small = enough & (reach <= parameters.max_width)
     partial = partly_hidden(runs)
-    on_wall = on_wall_lines(runs, faces, wall, candidate, partial, sigma, parameters.max_width)
-    wall |= on_wall
-    returns = np.diff(runs.points.start)
-    enclosed = np.bincount(runs.row, runs.size * wall, minlength=len(sigma)) > ENCLOSED * returns
-    candidate &= ~wall & partly_visible(runs, enclosed & True) | (candidate & ~wall & enclosed[runs.row] & (reach < HALF) & ((runs.start_edge == 2) | (runs.end_edge == 2)))
-    candidate &= reach <= np.where(partial, PARTIAL, 1.0) * parameters.max_width
-    return Segmentation(
-        faces=faces,
-        extremum=np.zeros(len(runs.points), bool),
-        is_object=candidate,
-        is_wall=wall & parameters.walls,
+    wall = enough & ~small
+    wall |= on_wall_lines(runs, faces, wall, small, partial, sigma, parameters.max_width)
+    enclosed = np.bincount(runs.row, runs.size * wall, minlength=len(sigma)) > ENCLOSED * np.diff(
+        runs.points.start
     )
+    is_object = small & ~wall & partly_visible(runs, enclosed, reach < END_WIDTH)
+    is_object &= (reach <= PARTLY_HIDDEN_WIDTH * parameters.max_width) | ~partial
+    is_wall = wall & parameters.walls
+    if parameters.walls:
+        shape = outline(runs, np.where(is_object | is_wall, runs.size, 0))
+        faces = faces_between(shape, split_straight(shape, tolerance))
+    return Segmentation(faces, np.zeros(len(runs.points), bool), is_object, is_wall)

@@ -20,24 +20,29 @@ def fully_visible(runs: Runs) -> Bool:
     return both
 
 
-def partly_visible(runs: Runs, enclosed: Bool) -> Bool:
+def partly_visible(runs: Runs, enclosed: Bool, slight: Bool) -> Bool:
     """Profile `robust`: runs that show enough of their outline to be more than a piece of the background.
 
-    Between walls a run needs an edge of its own, or an end in the open on both sides: what else is seen there is wall.
-    Where no walls surround the sensor even a run that is hidden on both sides is some thing.
+    Between walls a run needs an edge of its own, an end in the open on both sides, or one such end if it is slight:
+    what else is seen there is wall. Where no walls surround the sensor even a run that is hidden on both sides is
+    some thing.
 
     Parameters
     ----------
     runs : R runs
     enclosed : (S,) sweeps surrounded by walls
+    slight : (R,) runs too short to be the free end of a wall
 
     Returns
     -------
     (R,)
     """
     own = (runs.start_edge == OWN) | (runs.end_edge == OWN)
-    free = (runs.start_edge == OPEN) & (runs.end_edge == OPEN)
-    visible: Bool = own | free | ~enclosed[runs.row]
+    open_start, open_end = runs.start_edge == OPEN, runs.end_edge == OPEN
+    free = np.where(slight, open_start | open_end, open_start & open_end)
+    # A turn without any discontinuity surrounds the sensor: both its edges are hidden, by no step at all.
+    surrounding = (runs.start_edge == HIDDEN) & (runs.end_edge == HIDDEN) & np.isnan(runs.s_start)
+    visible: Bool = (own | free | ~enclosed[runs.row]) & ~surrounding
     return visible
 
 

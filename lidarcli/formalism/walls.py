@@ -17,9 +17,13 @@ COLLINEAR = 0.03
 """[m] Walls are as plane as this; skirting boards and door frames stand out less."""
 NOISE_GAIN = 3.0
 WALL_THICKNESS = 0.5
+"""[m] A door jamb reaches no further behind the line of its wall."""
 DOORWAY = 2.0
-FREE = 3.0
+"""[m] A jamb is no further than this from the nearest part of its wall."""
+NEXT_PIECE = 3.0
+"""[m] A fully visible piece further than this from a wall lies on its line by chance."""
 PAIR_ERROR = 0.1
+"""[m] Two pieces prove a wall only where the line of one is known better than this at the other."""
 REACH_LIMIT = 0.1
 """[m] Greatest distance at which a piece still counts as on the line, however uncertain the line is."""
 
@@ -78,7 +82,7 @@ def on_wall_lines(
         & (reach > max_width)
         & (error < PAIR_ERROR)
     )
-    on_line &= partial[faces.run[part]] | (beyond < FREE)
+    on_line &= partial[faces.run[part]] | (beyond < NEXT_PIECE)
     fits = ((on_line | jamb) & wall[faces.run[which]]) | (on_line & pair)
     matched = np.zeros(len(faces), bool)
     matched[part[fits]] = True
