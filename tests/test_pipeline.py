@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
@@ -23,7 +24,9 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Nothing, Source, find_logs, log_name, refuse_clashes
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.many import Outcome, detect_files, exit_code, outcome_of
+from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
+from lidarcli.tables import OBJECTS
 
 START = 1_700_000_000_000_000_000
 STEP = 100_000_000
@@ -509,6 +512,38 @@ def test_detect_batches_in_python() -> None:
     assert table.num_rows == 4
     assert table["beam_i"].to_pylist() == [40] * 4
     assert lidarcli.detect([batch, batch]).num_rows == 8
+
+
+def test_read_and_detect_a_log_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    write_log(path, [block("/b"), block("/a")])
+    batches = list(lidarcli.read(path, topics=["/b"], every=2))
+    assert [(batch.topic, batch.sweep.tolist()) for batch in batches] == [("/b", [0, 2])]
+    table = lidarcli.detect(path, Parameters.for_profile("robust"), start=0.1)
+    assert table.schema.equals(OBJECTS)
+    assert list(zip(table["topic"].to_pylist(), table["sweep"].to_pylist(), strict=True)) == [
+        *(("/a", sweep) for sweep in (1, 2, 3)),
+        *(("/b", sweep) for sweep in (1, 2, 3)),
+    ]
+    detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions(read=ReadOptions(start=0.1)))
+    assert table.equals(pq.read_table(tmp_path / "run.objects.parquet"), check_metadata=True)
+
+
+def test_damage_is_a_warning_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mcap"
+    write_log(path, [block(sweeps=200, first=k) for k in (0, 200)], chunk_size=10_000)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.warns(UserWarning, match=re.escape(f"{path}: byte ")):
+        table = lidarcli.detect(path)
+    assert 0 < table.num_rows < 400
+    with pytest.warns(UserWarning, match=re.escape(f"{path}: byte ")):
+        assert sum(len(batch) for batch in lidarcli.read(path)) == table.num_rows
+
+
+def test_options_of_reading_need_a_path() -> None:
+    batch = lidarcli.formalism.sweep(block().ranges, angle_increment=np.pi / 180)
+    with pytest.raises(TypeError, match="only a path can be read with every"):
+        lidarcli.detect(batch, every=2)
 
 
 def test_unknown_name_of_the_package() -> None:

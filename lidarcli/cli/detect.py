@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -203,7 +204,9 @@ def _detect(
     sources = find_logs(logs)
     refuse_clashes(sources)
     outcomes: list[Outcome] = []
-    with progress_bar(sources, say) as report:
+    # Data that scrolls by on the terminal leaves no place for a bar.
+    bar = nullcontext() if output == STDOUT and sys.stdout.isatty() else progress_bar(sources, say)
+    with bar as report:
         results: Iterator[Outcome]
         if output == STDOUT:
             results = detect_stream(sources, sys.stdout.buffer, kind, options, report)

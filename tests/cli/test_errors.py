@@ -176,7 +176,6 @@ def test_unknown_option_value(lidarcli: Run, option: str, value: str, message: s
         (("--format", "csv"), "--format is for the stream of -o -; tables are Parquet"),
         (("--start", "5", "--end", "5"), "--start 5 is not before --end 5"),
         (("--fov", "3", "--angle-increment", "1"), "--angle-increment and --fov exclude each other"),
-        (("--nonsense",), "No such option '--nonsense'."),
     ],
 )
 def test_options_that_do_not_fit(lidarcli: Run, arguments: tuple[str, ...], message: str) -> None:
@@ -268,6 +267,27 @@ def test_interrupt_in_the_middle_leaves_no_file(large: bytes, tmp_path: Path, jo
         os.close(writer)
     assert (running.returncode, err.decode()) == (130, "lidarcli: interrupted\n")
     assert list(out.iterdir()) == []
+
+
+def test_full_disk_is_one_line_and_leaves_no_file(logs: Path, tmp_path: Path) -> None:
+    """A limit on the size of files stands in for a full disk."""
+    command = [
+        sys.executable,
+        "-m",
+        "lidarcli",
+        "detect",
+        str(logs / "run.mcap"),
+        "--beams",
+        "-o",
+        str(tmp_path / "out"),
+    ]
+    ran = subprocess.run(
+        ["sh", "-c", 'ulimit -f 8; exec "$@"', "sh", *command], capture_output=True, check=False
+    )
+    path = tmp_path / "out" / "run.objects.parquet"
+    line = f"lidarcli: {logs / 'run.mcap'}: cannot write {path}: File too large\n"
+    assert (ran.returncode, ran.stderr.decode()) == (5, line)
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_main_exits_with_the_code(monkeypatch: pytest.MonkeyPatch) -> None:
