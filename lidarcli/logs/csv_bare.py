@@ -87,13 +87,16 @@ def _ros2_layout(head: Head, row: Sequence[bytes]) -> Layout:
 
 def _bare_long(head: Head, width: int) -> Layout | None:
     """Two columns (bearing, range) or three (sweep or stamp first) without names."""
-    angles = [value for row in head.rows if (value := value_of(row[width - 2])) is not None]
-    if width < 2 or len(angles) < 3:
+    if width < 2:
+        return None
+    values = np.array([value_of(row[width - 2]) for row in head.rows], np.float64)
+    angles = values[np.abs(values) <= 360.5]
+    if len(angles) < 3:
         return None
     steps = np.diff(angles)
     step = np.median(steps)
     even = step != 0 and np.mean(np.abs(steps - step) <= 0.25 * abs(step)) >= 0.6
-    if not even or max(map(abs, angles)) > 360.5:
+    if not even or len(angles) < 0.8 * len(values):
         return None
     if width == 2:
         return long(head, 0, 1, None, None, {})

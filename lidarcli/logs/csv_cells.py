@@ -70,9 +70,10 @@ class Cells:
 
     def spans(self, rows: Int64, first: int | Int64, count: int | Int64) -> list[bytes]:
         """The text of `count` cells from cell `first` on, of each of `rows`; b'' for a count of 0."""
-        begin = self._first[rows] + first
-        end = self._ends[begin + np.maximum(count, 1) - 1]
-        start = self._starts[np.minimum(begin, len(self._starts) - 1)]
+        most = len(self._ends) - 1
+        begin = np.minimum(self._first[rows] + first, most)
+        end = self._ends[np.minimum(begin + np.maximum(count, 1) - 1, most)]
+        start = self._starts[begin]
         end = np.where(np.asarray(count) > 0, end, start)
         text = self.text
         # One slice per row: copying bytes, not looking at them.

@@ -138,7 +138,7 @@ def find_bearings(names: Sequence[str]) -> tuple[Family, float, float] | None:
             numbers[column] = float(text)
     columns = np.array(list(numbers), np.int64)
     values = np.array(list(numbers.values()))
-    if len(values) < 3 or (np.diff(columns) != 1).any():
+    if len(values) < 3 or (np.diff(columns) != 1).any() or not np.isfinite(values).all():
         return None
     step = (values[-1] - values[0]) / (len(values) - 1)
     even = np.abs(values - values[0] - step * np.arange(len(values))).max() <= 0.25 * abs(step)

@@ -51,8 +51,8 @@ def cut_restarts(angle: Float64) -> Int64:
     start = np.zeros(1, np.int64)
     if len(angle) < 3:
         return start
-    steps = np.diff(angle)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(angle)
         middle = np.nanmedian(steps) if np.isfinite(steps).any() else 0.0
         view = np.nanmax(angle) - np.nanmin(angle) if np.isfinite(angle).any() else 0.0
         back = (steps * np.sign(middle) < 0) & (np.abs(steps) > max(0.5 * view, 1.5 * abs(middle)))
@@ -74,9 +74,9 @@ def even_runs(runs: Runs) -> tuple[EvenRuns, list[str], bool]:
     angle = runs.angle[begin:end]
     first = runs.angle[starts]
     steps = np.maximum(lengths - 1, 1)
-    step = (runs.angle[starts + lengths - 1] - first) / steps
     place = np.arange(end - begin) - np.repeat(starts - begin, lengths)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
+        step = (runs.angle[starts + lengths - 1] - first) / steps
         off = np.abs(angle - (np.repeat(first, lengths) + place * np.repeat(step, lengths)))
         even = np.maximum.reduceat(off, starts - begin) <= JITTER * np.abs(step)
     even &= lengths > 1

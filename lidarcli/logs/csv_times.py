@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from datetime import date
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 import numpy as np
 
@@ -45,8 +45,8 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
     if all(_DATE.fullmatch(cell) for cell in samples):
         return DATE_UNPADDED if _is_unpadded(samples, DATE, DATE_UNPADDED) else DATE
     try:
-        largest = max(abs(Decimal(cell.decode().strip())) for cell in samples)
-    except (InvalidOperation, UnicodeDecodeError):
+        largest = max(Decimal(cell.decode().strip()).copy_abs() for cell in samples)
+    except (ArithmeticError, UnicodeDecodeError):
         return None
     if not largest.is_finite():
         return None
