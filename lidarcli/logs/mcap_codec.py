@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import threading
 
 import lz4.frame
 import zstandard
@@ -12,6 +13,7 @@ MAX_CHUNK = 1 << 30
 
 _LZ4_RATIO = 255
 _STEP = 1 << 16
+_LOCAL = threading.local()
 
 
 class CodecError(ValueError):
@@ -42,9 +44,17 @@ def _zstd(data: bytes, size: int) -> bytes:
         declared = zstandard.frame_content_size(data)
         if declared not in (-1, size):
             raise CodecError(f"it declares {size} bytes and holds {declared}")
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+        return _decompressor().decompress(data, max_output_size=max(size, 1))
     except zstandard.ZstdError as err:
         raise CodecError(f"zstd: {err}") from err
+
+
+def _decompressor() -> zstandard.ZstdDecompressor:
+    """One per thread: making one costs more than decompressing a small chunk."""
+    if not hasattr(_LOCAL, "zstd"):
+        _LOCAL.zstd = zstandard.ZstdDecompressor()
+    kept: zstandard.ZstdDecompressor = _LOCAL.zstd
+    return kept
 
 
 def _lz4(data: bytes, size: int) -> bytes:

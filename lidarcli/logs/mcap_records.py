@@ -21,6 +21,8 @@ MAX_SMALL = 1 << 26
 """Schemas, channels and indexes of more bytes than this are not believed."""
 MAX_ENTRIES = 1 << 20
 """An index of more messages than this for one chunk is not used."""
+WORTH_PROVING = 32
+"""An index of fewer messages saves nothing over a walk."""
 MAX_OTHERS = 1 << 16
 """A chunk with more records than this that are no messages is not read on."""
 PART = 1 << 16
@@ -173,7 +175,8 @@ def records(data: bytes, offsets: Int64 | None) -> Iterator[Found]:
     this does not meet, the whole chunk is walked. So a lying index can lose nothing.
     """
     array_of_bytes = np.frombuffer(data, np.uint8)
-    known = _proved(data, array_of_bytes, offsets) if offsets is not None and len(offsets) else None
+    worth = offsets is not None and len(offsets) >= WORTH_PROVING
+    known = _proved(data, array_of_bytes, offsets) if offsets is not None and worth else None
     if known is not None:
         at, others = known
         for first in range(0, len(at), PART):

@@ -24,6 +24,13 @@ from lidarcli.logs import mcap_records
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.mcap import McapLog
 
+
+@pytest.fixture(autouse=True)
+def _indexes_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The samples are small: their indexes would not be worth a look otherwise."""
+    monkeypatch.setattr(mcap_records, "WORTH_PROVING", 1)
+
+
 N = 30
 
 
