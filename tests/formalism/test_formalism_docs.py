@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
 from dataclasses import fields
@@ -43,10 +44,19 @@ def constants() -> dict[str, float]:
     """Every number that a module of the formalism names in capitals and assigns itself."""
     found = {}
     for name, module in modules().items():
-        source = Path(str(module.__file__)).read_text(encoding="utf-8")
-        for constant, value in vars(module).items():
-            own = re.search(rf"^{constant}(: [^=\n]+)? = ", source, re.MULTILINE)
-            if name not in CODES and constant.isupper() and isinstance(value, int | float) and own:
+        if name in CODES:
+            continue
+        tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
+        assigned = {
+            node.id
+            for statement in tree.body
+            if isinstance(statement, ast.Assign | ast.AnnAssign)
+            for node in ast.walk(statement)
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+        }
+        for constant in sorted(assigned):
+            value = getattr(module, constant)
+            if constant.isupper() and isinstance(value, int | float):
                 found[f"{name}.{constant}"] = float(value)
     return found
 

@@ -82,7 +82,7 @@ def hold(sweeps: list[Sweep]) -> int:
     return len(found)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=250, deadline=None)
 @given(st.lists(small_sweeps(), min_size=1, max_size=4))
 def test_small_sweeps_on_a_coarse_grid(sweeps: list[Sweep]) -> None:
     hold(sweeps)
