@@ -136,7 +136,15 @@ def test_log_names(name: str, expected: str) -> None:
 
 
 def test_folders_are_searched_and_logs_keep_their_place(tmp_path: Path) -> None:
-    for name in ("b.mcap", "sub/a.bag", "sub/deep/c.CSV", "sub/readme.md", "sub/x.bag.active"):
+    for name in (
+        "b.mcap",
+        "sub/a.bag",
+        "sub/deep/c.CSV",
+        "sub/readme.md",
+        "sub/x.bag.active",
+        "._b.mcap",
+        ".trash/d.bag",
+    ):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     bag = tmp_path / "sub" / "trip"

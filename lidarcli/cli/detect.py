@@ -203,6 +203,8 @@ def _detect(
 
     sources = find_logs(logs)
     refuse_clashes(sources)
+    settings = ", ".join(f"{name}={value}" for name, value in options.as_dict().items())
+    say.detail(f"{len(sources)} log{'' if len(sources) == 1 else 's'}; {settings}")
     outcomes: list[Outcome] = []
     # Data that scrolls by on the terminal leaves no place for a bar.
     bar = nullcontext() if output == STDOUT and sys.stdout.isatty() else progress_bar(sources, say)

@@ -143,7 +143,9 @@ def _search(folder: Path) -> Iterator[Path]:
             folders.clear()
             continue
         seen.add((stat.st_dev, stat.st_ino))
-        folders.sort()
+        # Hidden things are nobody's logs: macOS puts a `._run.bag` beside every `run.bag` on foreign disks.
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        files = [name for name in files if not name.startswith(".")]
         bags = [name for name in folders if is_one_log(at / name)]
         yield from (at / name for name in bags)
         folders[:] = [name for name in folders if name not in bags]

@@ -44,6 +44,13 @@ def test_quiet_says_nothing(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     assert (ran.code, ran.out, ran.err) == (0, "", "")
 
 
+def test_verbose_says_more(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("-v", "detect", logs / "two.mcap", "-o", tmp_path)
+    lines = ran.err.splitlines()
+    assert lines[0].startswith("1 log; profile=robust, threshold=adaptive, min_beams=3, ")
+    assert "  topics   /front, /rear" in lines
+
+
 def test_default_folder_is_the_current_one(
     logs: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
