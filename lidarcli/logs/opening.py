@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import io
 import os
 import select
@@ -23,7 +24,8 @@ _BINARY = (*MCAP, *ROS1, SQLITE, ZSTD)
 def open_log(source: str | Path | BinaryIO, *, csv: CsvOptions | None = None) -> Log:
     """Open a log by its content: a file, a folder, `-` for standard input, or a binary stream.
 
-    Raises `UnreadableError` with one line where there is nothing to read.
+    A pattern (`sweeps/*.csv`) is one log made of the files that match it. Raises `UnreadableError` with one line where
+    there is nothing to read.
     """
     options = csv or CsvOptions()
     if not isinstance(source, str | Path):
@@ -33,6 +35,8 @@ def open_log(source: str | Path | BinaryIO, *, csv: CsvOptions | None = None) ->
         return _open_stream(sys.stdin.buffer, name, options)
     path = Path(source)
     try:
+        if glob.has_magic(name) and not path.exists():
+            return _open_pattern(name, options)
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
             return _open_folder(path, name, options)
@@ -51,8 +55,11 @@ def open_log(source: str | Path | BinaryIO, *, csv: CsvOptions | None = None) ->
         raise UnreadableError(f"{name}: cannot be opened: {err.strerror or err}") from err
     except ValueError as err:
         raise UnreadableError(f"{name!r}: cannot be the name of a file") from err
-    known = _sniffed(head, name)
-    return cast(Log, known.load()(path, options) if known.options else known.load()(path))
+    return _read_by(_sniffed(head, name), path, options)
+
+
+def _read_by(known: Format, source: object, options: CsvOptions) -> Log:
+    return cast(Log, known.load()(source, options) if known.options else known.load()(source))
 
 
 def _sniffed(head: bytes, name: str) -> Format:
@@ -73,8 +80,26 @@ def _known() -> str:
 def _open_folder(path: Path, name: str, options: CsvOptions) -> Log:
     for known in FORMATS:
         if known.sniff_folder(path):
-            return cast(Log, known.load()(path, options) if known.options else known.load()(path))
+            return _read_by(known, path, options)
     raise UnreadableError(f"{name}: a folder without a log; lidarcli reads {_known()}")
+
+
+def _open_pattern(name: str, options: CsvOptions) -> Log:
+    files = [Path(match) for match in sorted(glob.glob(name))]  # noqa: PTH207 (absolute patterns too)
+    if not files:
+        raise UnreadableError(f"{name}: no file matches this pattern")
+    kinds = set()
+    for file in files:
+        with file.open("rb") as stream:
+            kinds.add(_sniffed(stream.read(HEAD), str(file)))
+    known = kinds.pop()
+    if kinds or not known.many:
+        raise UnreadableError(
+            f"{name}: only files of one sweep each (CSV) make one log; name other logs one by one"
+        )
+    log = _read_by(known, files, options)
+    log.path = name
+    return log
 
 
 def _open_stream(stream: BinaryIO, name: str, options: CsvOptions, owned: bool = False) -> Log:
@@ -90,7 +115,7 @@ def _open_stream(stream: BinaryIO, name: str, options: CsvOptions, owned: bool =
         )
     whole = cast(BinaryIO, io.BufferedReader(_Rejoined(head, stream, owned), 1 << 16))
     try:
-        log = cast(Log, known.load()(whole, options) if known.options else known.load()(whole))
+        log = _read_by(known, whole, options)
     except UnreadableError as err:
         raise UnreadableError(f"{name}: {str(err).removeprefix('-: ')}") from err
     log.path = name

@@ -36,6 +36,8 @@ class Format:
     sniff_folder: Callable[[Path], bool] = lambda _folder: False
     streams: bool = False
     """Whether the reader also takes a binary stream."""
+    many: bool = False
+    """Whether the reader also takes a list of files that make one log."""
     options: bool = False
     """Whether the reader takes `CsvOptions` as its second argument."""
 
@@ -109,6 +111,7 @@ FORMATS: tuple[Format, ...] = (
         _is_csv,
         _is_csv_folder,
         streams=True,
+        many=True,
         options=True,
     ),
 )

@@ -268,3 +268,30 @@ def test_a_named_pipe_without_a_log(tmp_path: Path, data: bytes, cause: str) -> 
     writer.start()
     assert refusal(path) == f"{path}: {cause}"
     writer.join()
+
+
+def test_a_pattern_is_one_log(tmp_path: Path) -> None:
+    for number in range(3):
+        lines = (f"{-1 + beam / 10},{2 + number}.5" for beam in range(20))
+        (tmp_path / f"sweep_{number}.csv").write_text("theta,r\n" + "\n".join(lines) + "\n")
+    pattern = str(tmp_path / "sweep_*.csv")
+    with open_log(pattern) as log:
+        assert log.path == pattern
+        raw = concatenate(list(log.scans()))
+    assert raw.ranges[:, 0].tolist() == [2.5, 3.5, 4.5]
+    assert refusal(str(tmp_path / "none_*.csv")) == f"{tmp_path}/none_*.csv: no file matches this pattern"
+
+
+def test_a_pattern_of_other_logs(tmp_path: Path) -> None:
+    for name in ("a.mcap", "b.mcap"):
+        (tmp_path / name).write_bytes(mcap_samples.sample(2))
+    pattern = str(tmp_path / "*.mcap")
+    assert refusal(pattern) == (
+        f"{pattern}: only files of one sweep each (CSV) make one log; name other logs one by one"
+    )
+
+
+def test_a_name_with_brackets_is_a_name(tmp_path: Path) -> None:
+    path = tmp_path / "run[1].mcap"
+    path.write_bytes(mcap_samples.sample(2))
+    assert sweeps(path) == 2
