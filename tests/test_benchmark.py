@@ -1,0 +1,26 @@
+"""`make bench` measures what it says; its figures are not judged here."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+BENCH = Path(__file__).parent.parent / "benchmarks" / "bench.py"
+
+
+def test_the_benchmark_runs(tmp_path: Path) -> None:
+    target = tmp_path / "bench.json"
+    arguments = ["--sweeps", "50", "--repeats", "1", "--json", str(target)]
+    done = subprocess.run(
+        [sys.executable, str(BENCH), *arguments], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(target.read_text(encoding="utf-8"))
+    assert figures["robust"]["sweeps"] == 50
+    assert figures["long"]["sweeps"] == 10 * figures["short"]["sweeps"]
+    assert figures["objects_per_sweep"] > 5
+    assert figures["ratio"]["detect"] > 1
+    assert 20 < figures["robust"]["peak_mb"] < 400
+    assert "lidarcli --help" in done.stdout
