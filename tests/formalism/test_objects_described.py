@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from batches import batch_of
 from random_sweeps import random_sweep
-from test_formalism_invariants import simulated
+from surroundings import simulated
 
 from lidarcli.formalism import PROFILES, VERTEX_KINDS, Detection, Parameters, detect
 from lidarcli.formalism.parameters import Profile

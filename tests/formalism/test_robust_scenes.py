@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from batches import PER_OBJECT, batch_of
 from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
-from test_formalism_invariants import simulated
+from surroundings import simulated
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
 
