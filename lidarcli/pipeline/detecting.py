@@ -124,6 +124,9 @@ class _Run:
             try:
                 chosen, self._summary.missing_topics = choose(topics, self._wanted)
             except NoScanError as err:
+                # Listing topics reports no damage; reading does, and steps over whatever is not wanted.
+                for _ in log.scans(frozenset(self._wanted) or None):
+                    pass
                 raise nothing_read(self._damage(), err) from None
             self._read = replace(options.read, topics=frozenset(chosen))
             self.first = chosen[0]

@@ -122,6 +122,17 @@ def test_damaged_log_gives_what_is_left(logs: Path, tmp_path: Path, lidarcli: Ru
     assert b"lidarcli.damage" in table.schema.metadata
 
 
+def test_cut_before_the_first_sweep(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    """A listing without topics is no proof that the log had no LaserScan."""
+    log = tmp_path / "cut.mcap"
+    log.write_bytes((logs / "run.mcap").read_bytes()[:300])
+    for command in (("info", log), ("detect", log, "-o", tmp_path)):
+        ran = lidarcli("-q", *command)
+        assert ran.code == 3
+        assert "byte 300: the log is cut off here" in ran.err
+    assert list(tmp_path.iterdir()) == [log]
+
+
 def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     out = tmp_path / "out"
     (tmp_path / "empty.bag").touch()
