@@ -1,4 +1,4 @@
-"""Public recordings of real robots, read end to end. They are no part of the project: `LIDARCLI_REAL_LOGS` names their folder."""
+"""Public recordings of real robots, read end to end; no part of the project: `LIDARCLI_REAL_LOGS` names their folder."""
 
 from __future__ import annotations
 
