@@ -242,7 +242,7 @@ def test_a_log_costs_only_the_libraries_of_its_container(tmp_path: Path) -> None
         (b"SQLite format 3\0", "ROS 2 bag (folder, .db3, compressed)"),
         (b"\x28\xb5\x2f\xfd", "ROS 2 bag (folder, .db3, compressed)"),
         (CSV, FORMATS[-1].name),
-        (gzip.compress(CSV), FORMATS[-1].name),
+        (gzip.compress(CSV, mtime=0), FORMATS[-1].name),
         ("\ufeffé,1\n".encode("utf-16-le"), FORMATS[-1].name),
         ("é".encode("latin-1") + b",1\n", FORMATS[-1].name),
     ],
