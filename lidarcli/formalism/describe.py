@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarcli.formalism.box import bounding_boxes
 from lidarcli.formalism.detection import CORNER, END, EXTREMUM, NOISE, OBJECT, START, WALL, Detection
-from lidarcli.formalism.difference import difference, scatter
+from lidarcli.formalism.difference import difference
 from lidarcli.formalism.discontinuity import adaptive_threshold
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.objects import visibility
@@ -60,8 +60,8 @@ def describe(
 
     first, last = runs.first[chosen], runs.last[chosen]
     index, owner, offsets = spans(first, last - first + 1)
-    face, _, face_offsets = spans(faces.offsets[chosen], np.diff(faces.offsets)[chosen])
-    ranges = points.range[index]
+    face, face_owner, face_offsets = spans(faces.offsets[chosen], np.diff(faces.offsets)[chosen])
+    ranges = points.range(index)
     r_min = span_min(ranges, offsets)
     nearest = index[span_first(ranges == r_min[owner], owner, len(chosen))]
     size = (last - first + 1).astype(np.float64)
@@ -80,8 +80,8 @@ def describe(
     shape[wall] = WALL
 
     reverse = points.geometry.reverse[row]
-    beam_first = points.geometry.beam(row, points.position[first])
-    beam_last = points.geometry.beam(row, points.position[last])
+    beam_first = points.geometry.beam(row, points.position(first, row))
+    beam_last = points.geometry.beam(row, points.position(last, row))
     object_beams = np.bincount(row[~wall], size[~wall], minlength=rows).astype(np.int32)
     vertex_offsets, vertex_theta, vertex_r, vertex_kind = _vertices(
         runs, segmentation, face, face_offsets, chosen
@@ -95,18 +95,18 @@ def describe(
         beam_i=np.where(reverse, beam_last, beam_first).astype(np.int32),
         beam_f=np.where(reverse, beam_first, beam_last).astype(np.int32),
         beams=size.astype(np.int32),
-        theta_i=points.theta(first),
-        theta_f=points.theta(last),
-        r_i=points.range[first],
-        r_f=points.range[last],
+        theta_i=points.theta(first, row),
+        theta_f=points.theta(last, row),
+        r_i=points.range(first),
+        r_f=points.range(last),
         s_i=runs.s_start[chosen],
         s_f=runs.s_end[chosen],
         d_th=adaptive_threshold(
-            sigma[row], points.geometry.step[row], points.range[first], runs.s_start[chosen]
+            sigma[row], points.geometry.step[row], points.range(first), runs.s_start[chosen]
         )
         if adaptive
         else sweep_d_th[row],
-        theta_min=points.theta(nearest),
+        theta_min=points.theta(nearest, row),
         r_min=r_min,
         x=span_sum(points.x[index], offsets) / size,
         y=span_sum(points.y[index], offsets) / size,
@@ -121,8 +121,8 @@ def describe(
         vertex_r=vertex_r,
         vertex_kind=vertex_kind,
         face_offsets=face_offsets.astype(np.int32),
-        face_theta_i=points.theta(faces.first[face]),
-        face_theta_f=points.theta(faces.last[face]),
+        face_theta_i=points.theta(faces.first[face], row[face_owner]),
+        face_theta_f=points.theta(faces.last[face], row[face_owner]),
         face_length=faces.length[face],
         face_rms=faces.rms[face],
         d_mean=d_mean,
@@ -136,9 +136,9 @@ def describe(
     )
     if not per_beam:
         return result
-    member = np.zeros(len(points), np.int32)
-    member[index] = np.where(wall, 0, number)[owner]
-    beam_object = scatter(points, member, batch.width, 0)
+    member = np.zeros(len(points.grid.range), np.int32)
+    member[points.cell[index]] = np.where(wall, 0, number)[owner]
+    beam_object = points.grid.beams(member, batch.width, 0)
     return replace(
         result,
         beam_object=beam_object,
@@ -178,7 +178,8 @@ def _vertices(
     follows = np.ones(len(at), bool)
     follows[offsets[:-1]] = False
     at[follows] = faces.last[face]
+    row = np.repeat(runs.row[chosen], sizes)
     kind = np.where(segmentation.extremum[at], EXTREMUM, CORNER).astype(np.uint8)
     kind[offsets[1:] - 1] = END
     kind[offsets[:-1]] = START
-    return offsets, points.theta(at), points.range[at], kind
+    return offsets, points.theta(at, row), points.range(at), kind

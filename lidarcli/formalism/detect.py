@@ -7,7 +7,7 @@ import numpy as np
 from lidarcli.formalism import vertices
 from lidarcli.formalism.describe import Segmentation, describe
 from lidarcli.formalism.detection import Detection
-from lidarcli.formalism.difference import predecessor_gap
+from lidarcli.formalism.difference import gaps, steepness, steps
 from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, outline, split_straight
 from lidarcli.formalism.objects import fully_visible, partly_hidden, partly_visible
@@ -54,17 +54,18 @@ def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam:
     """
     parameters = parameters or Parameters()
     points = collect(batch)
-    s, missing = predecessor_gap(points)
+    gap, size = gaps(points), steepness(points)
     sigma = noise(batch)
-    d_mean = mean_difference(s, missing, points)
+    d_mean = mean_difference(points, gap, size)
     sweep_d_th = _sweep_threshold(d_mean, sigma, parameters)
     adaptive = parameters.threshold == "adaptive"
+    candidates = steps(points, gap, size, sweep_d_th)
     jump = (
-        one_sided_jumps(points, s, sigma, parameters.max_gap)
+        one_sided_jumps(points, candidates, gap, sigma, parameters.max_gap)
         if adaptive
-        else jumps(s, sweep_d_th[points.row])
+        else jumps(candidates.s, sweep_d_th[candidates.row])
     )
-    runs = split(batch, points, s, missing, jump, parameters.max_gap)
+    runs = split(batch, points, candidates, jump, parameters.max_gap)
     if parameters.profile == "paper":
         segmentation = _literal(runs, sweep_d_th, parameters)
     else:

@@ -2,42 +2,90 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidarcli.formalism.points import Cloud, Points, collect
-from lidarcli.sweeps import Float64, SweepBatch
+from lidarcli.formalism.points import NEVER, Points, collect
+from lidarcli.sweeps import Float64, Int64, SweepBatch
 
 
-def predecessor_gap(points: Points) -> tuple[Float64, Float64]:
-    """s of each point towards its predecessor, and how many beams without a range lie between (Def. 2).
+@dataclass(frozen=True, slots=True)
+class Gaps:
+    """What lies before each stretch of points without a gap. (G,) each."""
+
+    before: Int64
+    """Cell of the point before it; on a full turn over the seam. Any cell where there is none."""
+    missing: Int64
+    """Beams without a range between the two: 0 over a seam without loss; `NEVER` where there is no such point."""
+
+
+def gaps(points: Points) -> Gaps:
+    """The point before each stretch, however far. None before the first of a partial view, or a turn's only point."""
+    before = np.empty_like(points.end)
+    missing = np.empty_like(points.end)
+    before[1:] = points.end[:-1]
+    np.subtract(points.begin[1:], points.end[:-1] + 1, out=missing[1:])
+    filled = np.flatnonzero(points.stretches[1:] > points.stretches[:-1])
+    first, last = points.stretches[filled], points.stretches[filled + 1] - 1
+    period = points.geometry.period[filled]
+    closes = (period > 0) & (points.end[last] > points.begin[first])
+    before[first] = points.end[last]
+    missing[first] = np.where(closes, points.begin[first] + period - points.end[last] - 1, NEVER)
+    return Gaps(before, missing)
+
+
+def steepness(points: Points) -> Float64:
+    """|s| of every cell [m], 0 where the beam or its neighbour has no range, and over the seam. (S * stride,)"""
+    size = np.empty_like(points.range)
+    size[:1] = 0.0
+    np.subtract(points.range[1:], points.range[:-1], out=size[1:])
+    np.abs(size, out=size)
+    np.fmax(size, 0.0, out=size)
+    return size
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """E points that may follow a discontinuity: after a large difference, and after every gap. (E,) each, in order."""
+
+    cell: Int64
+    row: Int64
+    stretch: Int64
+    before: Int64
+    """Cell of the predecessor; any cell where there is none."""
+    missing: Int64
+    """Beams without a range between the two, `NEVER` where there is no predecessor."""
+    s: Float64
+    """r(θ_n) - r(predecessor) [m]; NaN where there is none."""
+
+    def __len__(self) -> int:
+        return len(self.cell)
+
+
+def steps(points: Points, gap: Gaps, steepness: Float64, least: Float64) -> Steps:
+    """The points that may follow a discontinuity.
 
     Parameters
     ----------
-    points : Points, M of them
-
-    Returns
-    -------
-    s : (M,) r(θ_n) - r(previous point) [m]; NaN for the first point of a partial view and for a lone point of a turn
-    missing : (M,) number of beams without a range between the two; inf where there is no predecessor
+    points : M points of S sweeps
+    gap, steepness : of these points
+    least : (S,) a smaller |s| is no discontinuity [m]
     """
-    count = len(points)
-    s = np.full(count, np.nan)
-    missing = np.full(count, np.inf)
-    if not count:
-        return s, missing
-    s[1:] = np.diff(points.range)
-    missing[1:] = np.diff(points.position) - 1
-    sizes = np.diff(points.start)
-    first = points.start[:-1][sizes > 0]
-    last = points.start[1:][sizes > 0] - 1
-    period = points.geometry.period[sizes > 0]
-    closes = (period > 0) & (last > first)
-    s[first] = np.where(closes, points.range[first] - points.range[last], np.nan)
-    missing[first] = np.where(closes, points.position[first] + period - points.position[last] - 1, np.inf)
-    return s, missing
+    event = points.table(steepness) > least[:, None]
+    event = event.reshape(-1)
+    event[points.begin] = True
+    cell = np.flatnonzero(event)
+    before = cell - 1
+    begins = ~points.valid[before]
+    stretch = np.cumsum(begins) - 1
+    at = np.flatnonzero(begins)
+    before[at] = gap.before
+    missing = np.zeros(len(cell), np.int64)
+    missing[at] = gap.missing
+    s = points.range[cell] - points.range[before]
+    s[at[gap.missing == NEVER]] = np.nan
+    return Steps(cell, points.row[stretch], stretch, before, missing, s)
 
 
 def difference(batch: SweepBatch) -> Float64:
@@ -61,14 +109,11 @@ def difference(batch: SweepBatch) -> Float64:
     array([[ 0.,  0., -1.,  1.]])
     """
     points = collect(batch)
-    s, missing = predecessor_gap(points)
-    s = np.where(missing == 0, s, np.nan)
-    beams: Float64 = scatter(points, s, batch.width, np.nan)
+    s = np.full(len(points.range), np.nan)
+    np.subtract(points.range[1:], points.range[:-1], out=s[1:])
+    gap = gaps(points)
+    whole = gap.missing == 0
+    cell = points.begin[whole]
+    s[cell] = points.range[cell] - points.range[gap.before[whole]]
+    beams: Float64 = points.beams(s, batch.width, np.nan)
     return beams
-
-
-def scatter(points: Points | Cloud, values: NDArray[Any], width: int, fill: float) -> NDArray[Any]:
-    """(S, width) array with `values` (M,) at the beams of `points`, `fill` elsewhere."""
-    out = np.full((len(points.start) - 1, width), fill, dtype=values.dtype)
-    out[points.row, points.geometry.beam(points.row, points.position)] = values
-    return out

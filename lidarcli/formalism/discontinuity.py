@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.formalism.points import Points, neighbour
+from lidarcli.formalism.difference import Gaps, Steps
+from lidarcli.formalism.points import NEVER, Points
 from lidarcli.formalism.threshold import noise_threshold
 from lidarcli.sweeps import Bool, Float64, Int64
 
@@ -36,7 +37,7 @@ def adaptive_threshold(sigma: Float64, step: Float64, r: Float64, s: Float64) ->
     return threshold
 
 
-def one_sided_jumps(points: Points, s: Float64, sigma: Float64, max_gap: int) -> Bool:
+def one_sided_jumps(points: Points, steps: Steps, gap: Gaps, sigma: Float64, max_gap: int) -> Bool:
     """Def. 3 with the one-sided limits of f: a jump is what neither side's surface explains.
 
     Each side is extended to the other beam along a straight surface (1/r is linear in θ for small steps). The step s
@@ -46,56 +47,112 @@ def one_sided_jumps(points: Points, s: Float64, sigma: Float64, max_gap: int) ->
     Parameters
     ----------
     points : M points of S sweeps
-    s : (M,) difference to the predecessor [m]
+    steps : E of them that may follow a discontinuity
+    gap : what lies before each stretch of points
     sigma : (S,) noise of the ranges [m]
     max_gap : points further than this many lost beams away say nothing about the slope
 
     Returns
     -------
-    (M,) whether f is discontinuous between a point and its predecessor
+    (E,) whether f is discontinuous between the point and its predecessor
     """
-    jump = np.zeros(len(points), bool)
-    large = np.flatnonzero(jumps(s, noise_threshold(sigma)[points.row]))
-    row = points.row[large]
-    allowed = adaptive_threshold(sigma[row], points.geometry.step[row], points.range[large], s[large])
-    candidate = np.abs(s[large]) > allowed
-    here, allowed = large[candidate], allowed[candidate]
-    before, position_before, _ = neighbour(points, here, -1)
-    step = (points.position[here] - position_before).astype(np.float64)
-    r_here, r_before, s = points.range[here], points.range[before], s[here]
-    u_here = 1.0 / r_before + step * _gentlest_slope(points, before, -1, max_gap)
-    foreseen_left = _range_of(u_here) - r_before
-    u_before = 1.0 / r_here - step * _gentlest_slope(points, here, +1, max_gap)
-    foreseen_right = r_here - _range_of(u_before)
+    row, s = steps.row, steps.s
+    allowed = adaptive_threshold(sigma[row], points.geometry.step[row], points.range[steps.cell], s)
+    candidate = np.flatnonzero((np.abs(s) > allowed) & (steps.missing < NEVER))
+    allowed, s = allowed[candidate], s[candidate]
+    cell, before = steps.cell[candidate], steps.before[candidate]
+    u, slope_before, slope_here = _inverse_and_slopes(points, gap, steps, candidate, max_gap)
+    step = (steps.missing[candidate] + 1).astype(np.float64)
+    r_here, r_before = points.range[cell], points.range[before]
+    foreseen_left = _range_of(u[0] + step * slope_before) - r_before
+    foreseen_right = r_here - _range_of(u[1] - step * slope_here)
     upper = np.maximum(np.maximum(foreseen_left, foreseen_right), 0.0)
     lower = np.minimum(np.minimum(foreseen_left, foreseen_right), 0.0)
-    jump[here] = (s > upper + allowed) | (s < lower - allowed)
+    jump = np.zeros(len(steps), bool)
+    jump[candidate] = (s > upper + allowed) | (s < lower - allowed)
     return jump
 
 
 def _range_of(u: Float64) -> Float64:
     """1/u; a surface that recedes to infinity has u ≤ 0."""
-    ranges: Float64 = np.where(u > 0, 1.0 / np.where(u > 0, u, 1.0), np.inf)
+    ranges: Float64 = 1.0 / np.maximum(u, np.finfo(np.float64).tiny)
     return ranges
 
 
-def _gentlest_slope(points: Points, at: Int64, direction: int, max_gap: int) -> Float64:
-    """du/dk per beam that the points on one side of `at` support: the least of three spans, 0 if they disagree in sign.
+def _inverse_and_slopes(
+    points: Points, gap: Gaps, steps: Steps, candidate: Int64, max_gap: int
+) -> tuple[Float64, Float64, Float64]:
+    """u = 1/r of the predecessor and of the point (2, C), and du/dk as either side of the step supports it, (C,) each.
+
+    Most steps have no lost beam near: their neighbours are the cells beside them. The few others look for theirs.
+    """
+    cell = steps.cell[candidate]
+    beside = np.arange(-1 - REACH, 1 + REACH)[:, None]
+    u = 1.0 / points.range.take(cell + beside, mode="wrap")
+    before, here = REACH, REACH + 1
+    slope_before = _agreed([(u[before] - u[before - lag]) / lag for lag in range(1, REACH + 1)])
+    slope_here = _agreed([(u[here + lag] - u[here]) / lag for lag in range(1, REACH + 1)])
+    some = np.flatnonzero(np.isnan(u.sum(axis=0)))
+    u = u[before : here + 1]
+    if len(some):
+        near = candidate[some]
+        stretch = steps.stretch[near]
+        # The predecessor is in the same stretch, unless the point begins one.
+        begins = steps.cell[near] == points.begin[stretch]
+        stretch_before = np.where(begins, _preceding(points)[stretch], stretch)
+        u[0, some] = 1.0 / points.range[steps.before[near]]
+        slope_before[some] = _gentlest_slope(points, gap, steps.before[near], stretch_before, -1, max_gap)
+        slope_here[some] = _gentlest_slope(points, gap, steps.cell[near], stretch, +1, max_gap)
+    return u, slope_before, slope_here
+
+
+def _preceding(points: Points) -> Int64:
+    """(G,) the stretch before each in its row, before the first the last."""
+    preceding = np.arange(-1, len(points.begin) - 1)
+    filled = np.flatnonzero(points.stretches[1:] > points.stretches[:-1])
+    preceding[points.stretches[filled]] = points.stretches[filled + 1] - 1
+    return preceding
+
+
+def _gentlest_slope(
+    points: Points, gap: Gaps, at: Int64, stretch: Int64, direction: int, max_gap: int
+) -> Float64:
+    """du/dk per beam that the points on one side of `at` support, over lost beams.
+
+    Parameters
+    ----------
+    at, stretch : (C,) cells of points, and the stretches they are in
+    direction : which way to look, -1 or +1
+    max_gap : how many lost beams may lie between `at` and a point that counts
+    """
+    preceding = _preceding(points)
+    if direction < 0:
+        edge, enter, other, lost = points.begin, points.end, preceding, gap.missing
+    else:
+        other = np.empty_like(preceding)
+        other[preceding] = np.arange(len(preceding))
+        edge, enter, lost = points.end, points.begin, gap.missing[other]
+    u_at = 1.0 / points.range[at]
+    span = np.zeros(len(at), np.int64)
+    slopes = []
+    for lag in range(1, REACH + 1):
+        leaves = at == edge[stretch]
+        span = np.minimum(span + 1 + leaves * lost[stretch], NEVER)
+        following = other[stretch]
+        at = np.where(leaves, enter[following], at + direction)
+        stretch = np.where(leaves, following, stretch)
+        slope = direction * (1.0 / points.range[at] - u_at) / span
+        slopes.append(np.where(span <= lag + max_gap, slope, np.nan))
+    return _agreed(slopes)
+
+
+def _agreed(slopes: list[Float64]) -> Float64:
+    """The least of the slopes to the points on one side, 0 if they disagree in sign or there are none; NaN counts not.
 
     The least, because a span that straddles an earlier edge is too steep, never too gentle.
     """
-    least = np.full(len(at), np.inf)
-    greatest = np.full(len(at), -np.inf)
-    reachable = np.ones(len(at), bool)
-    u_at = 1.0 / points.range[at]
-    for lag in range(1, REACH + 1):
-        other, position, exists = neighbour(points, at, direction * lag)
-        span = (position - points.position[at]) * direction
-        reachable &= exists & (span > 0) & (span <= lag + max_gap)
-        slope = direction * (1.0 / points.range[other] - u_at) / np.maximum(span, 1)
-        least = np.where(reachable, np.minimum(least, slope), least)
-        greatest = np.where(reachable, np.maximum(greatest, slope), greatest)
-    known = greatest >= least
-    least, greatest = np.where(known, least, 0.0), np.where(known, greatest, 0.0)
-    agreed: Float64 = np.maximum(least, 0.0) + np.minimum(greatest, 0.0)
+    least, greatest = slopes[0], slopes[0]
+    for slope in slopes[1:]:
+        least, greatest = np.fmin(least, slope), np.fmax(greatest, slope)
+    agreed: Float64 = np.fmax(least, 0.0) + np.fmin(greatest, 0.0)
     return agreed

@@ -1,13 +1,22 @@
-"""The valid beams of a batch as flat arrays in counter-clockwise order: what every later step works on."""
+"""The valid beams of a batch in counter-clockwise order: a grid of cells, and the points in it that runs are made of."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarcli.formalism.ragged import offsets_of
-from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, Int64, Status, SweepBatch
+from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, Int64, SweepBatch
+
+MARGIN = 4
+"""Empty cells before and after each sweep: no look at so many neighbours reaches the next sweep."""
+BLOCK = 32
+"""Sweeps are padded to a multiple of this many cells; sums by blocks do not depend on the padding."""
+NEVER = np.int64(1 << 40)
+"""Number of lost beams between a point and a predecessor that does not exist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,59 +65,59 @@ class Geometry:
 
 @dataclass(frozen=True, slots=True)
 class Points:
-    """M valid beams of S sweeps, row after row, counter-clockwise within each."""
+    """S sweeps in cells, counter-clockwise: sweep i has its position k in cell `i * stride + MARGIN + k`.
+
+    The cells that hold a range are the M points, numbered row after row. The G stretches of points without a gap are
+    in the same order; every row begins a new one.
+    """
 
     geometry: Geometry
+    stride: int
+    """Cells per row."""
+    range: Float64
+    """(S * stride,) r [m], Def. 1; NaN where a beam has none, and around the sweeps."""
+    valid: Bool
+    """(S * stride,) whether the cell holds a range."""
+    begin: Int64
+    """(G,) first cell of each stretch."""
+    end: Int64
+    """(G,) last cell of each stretch."""
+    row: Int64
+    """(G,) row of each stretch."""
+    rank: Int64
+    """(G,) number of the first point of each stretch."""
+    stretches: Int64
+    """(S + 1,) the stretches of row i are `stretches[i]:stretches[i + 1]`."""
     start: Int64
     """(S + 1,) the points of row i are `start[i]:start[i + 1]`."""
-    row: Int64
-    """(M,) row of each point."""
-    position: Int64
-    """(M,) counter-clockwise position of its beam."""
-    range: Float64
-    """(M,) r [m], Def. 1."""
 
     def __len__(self) -> int:
-        return len(self.row)
+        return int(self.start[-1])
 
+    def table(self, cells: NDArray[Any]) -> NDArray[Any]:
+        """(S, stride) the values of all cells by row."""
+        return cells.reshape(-1, self.stride)
 
-@dataclass(frozen=True, slots=True)
-class Cloud:
-    """Points with their coordinates. In a full turn a row may start anywhere: positions run on past the seam."""
+    def position(self, cell: Int64, row: Int64) -> Int64:
+        """Counter-clockwise positions of cells of known rows."""
+        return cell - (row * self.stride + MARGIN)
 
-    geometry: Geometry
-    start: Int64
-    row: Int64
-    position: Int64
-    """(M,) increasing within each row."""
-    range: Float64
-    x: Float64
-    """(M,) forward [m], sensor frame."""
-    y: Float64
-    """(M,) left [m]."""
-
-    def __len__(self) -> int:
-        return len(self.row)
-
-    def theta(self, index: Int64) -> Float64:
-        """Bearing [rad] of the points of `index`, growing past the seam."""
-        row, position = self.row[index], self.position[index]
-        period = self.geometry.period[row]
-        beyond = (position >= period) & (period > 0)
-        theta: Float64 = self.geometry.first[row] + self.geometry.step[row] * (position - beyond * period)
-        return theta + beyond * TURN
-
-
-def counted_once(batch: SweepBatch) -> Bool:
-    """(S, B) the valid beams; where the first and the last beam of a turn share a bearing, without the last."""
-    valid: Bool = batch.status == Status.VALID
-    rows = np.flatnonzero(batch.closure == Closure.SHARED)
-    valid[rows, batch.beams[rows] - 1] = False
-    return valid
+    def beams(self, cells: NDArray[Any], width: int, fill: Any) -> NDArray[Any]:
+        """(S, width) the values of all cells at their beams, in the order of the log; `fill` where there is no bearing."""
+        table = self.table(cells)
+        out: NDArray[Any] = table[:, MARGIN : MARGIN + width].copy()
+        out[np.arange(width) >= self.geometry.bearings[:, None]] = fill
+        rows = np.flatnonzero(self.geometry.reverse)
+        if len(rows):
+            column = self.geometry.bearings[rows, None] - 1 - np.arange(width)
+            turned = table[rows[:, None], np.maximum(column, 0) + MARGIN]
+            turned[column < 0] = fill
+            out[rows] = turned
+        return out
 
 
 def collect(batch: SweepBatch) -> Points:
-    """Gather the valid beams of a batch (Def. 1: r on Θ_k), each bearing once.
+    """Lay out the valid beams of a batch (Def. 1: r on Θ_k), each bearing once.
 
     Parameters
     ----------
@@ -119,72 +128,127 @@ def collect(batch: SweepBatch) -> Points:
     Points with M = number of beams that have a range
     """
     geometry = Geometry.of(batch)
-    valid = counted_once(batch)
-    start = offsets_of(np.count_nonzero(valid, axis=1))
-    flat = np.flatnonzero(valid)
-    row = np.repeat(np.arange(len(batch)), np.diff(start))
-    position = flat - row * batch.width
-    if geometry.reverse.any():
-        position = np.where(geometry.reverse[row], geometry.bearings[row] - 1 - position, position)
-        order = np.lexsort((position, row))
-        flat, position = flat[order], position[order]
-    ranges = batch.ranges.reshape(-1)[flat].astype(np.float64)
-    return Points(geometry, start, row, position, ranges)
+    rows, width = batch.ranges.shape
+    stride = -(-(width + 2 * MARGIN) // BLOCK) * BLOCK
+    table = np.empty((rows, stride))
+    table[:, :MARGIN] = np.nan
+    table[:, MARGIN + width :] = np.nan
+    _fill(table[:, MARGIN : MARGIN + width], batch, geometry)
+    shared = np.flatnonzero(batch.closure == Closure.SHARED)
+    if len(shared):
+        # Where the first and the last beam share a bearing, the last does not count.
+        table.reshape(-1)[shared * stride + MARGIN + geometry.bearings[shared]] = np.nan
+
+    ranges = table.reshape(-1)
+    valid = ranges == ranges
+    bounds = np.flatnonzero(valid[1:] != valid[:-1])
+    begin, end = bounds[0::2] + 1, bounds[1::2]
+    row = begin // stride
+    rank = offsets_of(end - begin + 1)
+    stretches = offsets_of(np.bincount(row, minlength=rows))
+    return Points(
+        geometry, stride, ranges, valid, begin, end, row, rank[:-1], stretches, start=rank[stretches]
+    )
 
 
-def place(batch: SweepBatch, points: Points, order: Int64, beyond: Bool | None) -> Cloud:
-    """Put the points in another order within their rows and give them coordinates.
+def _fill(table: Float64, batch: SweepBatch, geometry: Geometry) -> None:
+    """Write the ranges into the (S, B) table by position; NaN beyond the last bearing of a sweep counted clockwise."""
+    reverse, bearings = geometry.reverse, geometry.bearings
+    if not reverse.any():
+        table[:] = batch.ranges
+        return
+    count = int(bearings[0])
+    if reverse.all() and bool((bearings == count).all()):
+        table[:, :count] = batch.ranges[:, :count][:, ::-1]
+        table[:, count:] = np.nan
+        return
+    table[:] = batch.ranges
+    rows = np.flatnonzero(reverse)
+    beam = bearings[rows, None] - 1 - np.arange(batch.width)
+    turned = batch.ranges[rows[:, None], np.maximum(beam, 0)]
+    turned[beam < 0] = np.nan
+    table[rows] = turned
+
+
+@dataclass(frozen=True, slots=True)
+class Cloud:
+    """Points with their coordinates: all M points in order, and once more those of the runs that cross a seam.
+
+    So the points of every run have consecutive indices: N in all, N ≥ M.
+    """
+
+    grid: Points
+    cell: Int64
+    """(N,)"""
+    beyond: Bool
+    """(N - M,) which of the points given once more lie past the seam."""
+    x: Float64
+    """(N,) forward [m], sensor frame."""
+    y: Float64
+    """(N,) left [m]."""
+
+    def __len__(self) -> int:
+        return len(self.cell)
+
+    @property
+    def geometry(self) -> Geometry:
+        """Where the beams point."""
+        return self.grid.geometry
+
+    @property
+    def start(self) -> Int64:
+        """(S + 1,) row i has `start[i + 1] - start[i]` points."""
+        return self.grid.start
+
+    def range(self, index: Int64) -> Float64:
+        """r [m] of the points of `index`."""
+        ranges: Float64 = self.grid.range[self.cell[index]]
+        return ranges
+
+    def row(self, index: Int64) -> Int64:
+        """Rows of the points of `index`."""
+        return self.cell[index] // self.grid.stride
+
+    def position(self, index: Int64, row: Int64) -> Int64:
+        """Counter-clockwise positions of points in known rows, 0 … number of bearings - 1."""
+        return self.grid.position(self.cell[index], row)
+
+    def theta(self, index: Int64, row: Int64) -> Float64:
+        """Bearing [rad] of points in known rows; within a run it grows past the seam."""
+        geometry = self.geometry
+        theta: Float64 = geometry.first[row] + geometry.step[row] * self.position(index, row)
+        twice = np.flatnonzero(index >= len(self.grid))
+        theta[twice] += TURN * self.beyond[index[twice] - len(self.grid)]
+        return theta
+
+
+def place(batch: SweepBatch, points: Points, again: Int64, beyond: Bool) -> Cloud:
+    """Give the points coordinates.
 
     Parameters
     ----------
     batch : the sweeps the points come from
     points : M points
-    order : (M,) which point comes where
-    beyond : (M,) whether a point now lies past the seam; None: none does
+    again : (N - M,) points to list once more at the end
+    beyond : (N - M,) whether those then lie past the seam
     """
-    ranges, position = points.range[order], points.position[order]
-    reverse = points.geometry.reverse
-    beam = position
-    if reverse.any():
-        beam = np.where(reverse[points.row], points.geometry.bearings[points.row] - 1 - position, position)
-    cos, sin = _directions(batch, points.row, beam)
-    if beyond is not None:
-        position = position + beyond * points.geometry.period[points.row]
-    return Cloud(points.geometry, points.start, points.row, position, ranges, ranges * cos, ranges * sin)
+    cell = np.flatnonzero(points.valid)
+    if len(again):
+        cell = np.concatenate([cell, cell[again]])
+    cos, sin = _directions(batch, points)
+    table = points.table(points.range)
+    x, y = (table * cos).reshape(-1), (table * sin).reshape(-1)
+    return Cloud(points, cell, beyond, x[cell], y[cell])
 
 
-def _directions(batch: SweepBatch, row: Int64, beam: Int64) -> tuple[Float64, Float64]:
-    """cos θ and sin θ of points: computed once per distinct geometry of the batch, then looked up."""
-    pairs = np.stack([batch.angle_min, batch.angle_increment], axis=1)
-    uniform = bool((pairs == pairs[:1]).all())
-    distinct, code = (pairs[:1], None) if uniform else np.unique(pairs, axis=0, return_inverse=True)
-    bearings = distinct[:, :1] + distinct[:, 1:] * np.arange(batch.width)
-    index = beam if code is None else code.reshape(-1)[row] * batch.width + beam
-    return np.cos(bearings).reshape(-1)[index], np.sin(bearings).reshape(-1)[index]
-
-
-def neighbour(points: Points, index: Int64, offset: int) -> tuple[Int64, Int64, Bool]:
-    """The points `offset` places further along their sweep than those of `index`, over the seam on a full turn.
-
-    Returns
-    -------
-    other : indices; where there is no such point, some point of the same row
-    position : their positions, beyond the turn (or below 0) where the seam lies between
-    exists : whether there is such a point
-    """
-    other = index + offset
-    np.clip(other, 0, len(points) - 1, out=other)
-    row = points.row[index]
-    position = points.position[other]
-    outside = np.flatnonzero((points.row[other] != row) | (other != index + offset))
-    exists = np.ones(len(index), bool)
-    if len(outside):
-        row = row[outside]
-        begin, end = points.start[row], points.start[row + 1]
-        period = points.geometry.period[row]
-        turn = 1 if offset > 0 else -1
-        over = index[outside] + offset - turn * (end - begin)
-        exists[outside] = (period > 0) & (over >= begin) & (over < end)
-        other[outside] = np.clip(over, begin, end - 1)
-        position[outside] = points.position[other[outside]] + turn * period
-    return other, position, exists
+def _directions(batch: SweepBatch, points: Points) -> tuple[Float64, Float64]:
+    """cos θ and sin θ of the cells: computed once per distinct geometry of the batch. (1 or S, stride) each."""
+    position = np.arange(points.stride) - MARGIN
+    last = np.where(points.geometry.reverse, points.geometry.bearings - 1, 0)
+    keys = np.stack([batch.angle_min, batch.angle_increment, last], axis=1)
+    uniform = bool((keys == keys[:1]).all())
+    distinct, code = (keys[:1], None) if uniform else np.unique(keys, axis=0, return_inverse=True)
+    start, increment, last = (column[:, None] for column in distinct.T)
+    theta = start + increment * np.where(increment < 0, last - position, position)
+    cos, sin = np.cos(theta), np.sin(theta)
+    return (cos, sin) if code is None else (cos[code.reshape(-1)], sin[code.reshape(-1)])

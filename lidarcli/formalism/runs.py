@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.points import Cloud, Points, place
+from lidarcli.formalism.difference import Steps
+from lidarcli.formalism.points import NEVER, Cloud, Points, place
+from lidarcli.formalism.ragged import spans
 from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, UInt8
 
 OWN, HIDDEN, OPEN, UNKNOWN, VIEW = range(5)
@@ -16,13 +18,15 @@ it; an invalid or too close one is; the view ends."""
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """R runs of points, in order of their rows and bearings; none crosses the end of a row of `points`."""
+    """R runs of points, in order of their rows and bearings."""
 
     points: Cloud
-    start: Int64
-    """(R + 1,) the points of run j are `start[j]:start[j + 1]`."""
     row: Int64
     """(R,)"""
+    first: Int64
+    """(R,) index of the first point, P_i; the others follow."""
+    size: Int64
+    """(R,) number of points."""
     start_edge: UInt8
     end_edge: UInt8
     s_start: Float64
@@ -34,105 +38,127 @@ class Runs:
         return len(self.row)
 
     @property
-    def first(self) -> Int64:
-        """(R,) index of the first point, P_i."""
-        return self.start[:-1]
-
-    @property
     def last(self) -> Int64:
         """(R,) index of the last point, P_f."""
-        return self.start[1:] - 1
-
-    @property
-    def size(self) -> Int64:
-        """(R,) number of points."""
-        return np.diff(self.start)
+        return self.first + self.size - 1
 
 
-def split(
-    batch: SweepBatch,
-    points: Points,
-    s: Float64,
-    missing: Float64,
-    jump: Bool,
-    max_gap: int,
-) -> Runs:
+@dataclass(frozen=True, slots=True)
+class _Entries:
+    """Where the runs begin, (R,) each."""
+
+    row: Int64
+    rank: Int64
+    """Number of the first point."""
+    missing: Int64
+    """Lost beams between it and the point before."""
+    s: Float64
+    """Difference to the point before [m]; NaN where there is none."""
+    whole: Bool
+    """The run is a full turn without a discontinuity."""
+
+
+def split(batch: SweepBatch, points: Points, steps: Steps, jump: Bool, max_gap: int) -> Runs:
     """Cut the points into runs at every discontinuity (Def. 5); on a full turn a run may cross the seam.
 
     Parameters
     ----------
     batch : the sweeps the points come from
     points : M points
-    s, missing : (M,) as `difference.predecessor_gap` gives them
-    jump : (M,) whether f is discontinuous before a point
+    steps : E of them that may follow a discontinuity
+    jump : (E,) whether f is discontinuous before the point
     max_gap : a gap of more beams without a range is a discontinuity by itself
     """
-    broken = jump | (missing > max_gap)
-    order, beyond, any_break = _from_first_break(points, broken)
-    cloud = place(batch, points, order, beyond)
-    begins = broken[order]
-    begins[points.start[:-1][np.diff(points.start) > 0]] = True
-    first = np.flatnonzero(begins)
-    start = np.append(first, len(points))
-    row = cloud.row[first]
-    last = start[1:] - 1
+    enter = _entries(points, steps, np.flatnonzero(jump | (steps.missing > max_gap)))
+    row, first, count = enter.row, enter.rank, len(enter.row)
 
-    # The discontinuity that ends a run is the one before the point that follows it, over the seam on a full turn.
-    following = start[1:] % max(len(points), 1)
-    ends_row = start[1:] == points.start[row + 1]
-    wraps = points.geometry.period[row] > 0
-    following = np.where(ends_row, points.start[row], following)
-    whole = (points.start[row] == first) & ends_row & ~any_break[row]
-    exists = ~ends_row | wraps
-    entering, leaving = order[first], order[following]
-    s_start, s_end = s[entering], np.where(exists, s[leaving], np.nan)
-    gap_start, gap_end = missing[entering], np.where(exists, missing[leaving], np.inf)
-    start_edge = _edge(-s_start, gap_start, max_gap, batch, cloud, first, -1)
-    end_edge = _edge(s_end, gap_end, max_gap, batch, cloud, last, +1)
-    s_start = np.where((gap_start <= max_gap) & ~whole, s_start, np.nan)
-    s_end = np.where((gap_end <= max_gap) & ~whole, s_end, np.nan)
-    start_edge[whole & wraps] = HIDDEN
-    end_edge[whole & wraps] = HIDDEN
-    return Runs(cloud, start, row, start_edge, end_edge, s_start, s_end)
+    # A run ends where the next one of its row begins, and the last one of a full turn where the first one does.
+    ends_row = np.ones(count, bool)
+    np.not_equal(row[1:], row[:-1], out=ends_row[:-1])
+    final = np.flatnonzero(ends_row)
+    lead = np.append(0, final[:-1] + 1)[: len(final)]
+    turns = points.geometry.period[row[final]] > 0
+    begin, end = points.start[row[final]], points.start[row[final] + 1]
+    stop = np.empty(count, np.int64)
+    stop[:-1] = first[1:]
+    stop[final] = np.where(turns, end + first[lead] - begin, end)
+    size = stop - first
+    following = np.arange(1, count + 1)
+    following[final] = lead
+    s_end, missing_end = enter.s[following], enter.missing[following]
+    s_end[final[~turns]] = np.nan
+    missing_end[final[~turns]] = NEVER
+
+    first, again, beyond = _repeat_over_seam(len(points), first, size, final, begin, end)
+    cloud = place(batch, points, again, beyond)
+    start_edge = _edge(-enter.s, enter.missing > max_gap, batch, cloud, row, first, -1)
+    end_edge = _edge(s_end, missing_end > max_gap, batch, cloud, row, first + size - 1, +1)
+    s_start = enter.s.copy()
+    s_start[(enter.missing > max_gap) | enter.whole] = np.nan
+    s_end[(missing_end > max_gap) | enter.whole] = np.nan
+    start_edge[enter.whole] = HIDDEN
+    end_edge[enter.whole] = HIDDEN
+    return Runs(cloud, row, first, size, start_edge, end_edge, s_start, s_end)
 
 
-def _from_first_break(points: Points, broken: Bool) -> tuple[Int64, Bool | None, Bool]:
-    """Turn each full-turn row so that it starts at its first discontinuity: no run then crosses the end of its row.
+def _entries(points: Points, steps: Steps, broken: Int64) -> _Entries:
+    """The points after a discontinuity, and the first point of each full turn that has none."""
+    stretch, row = steps.stretch[broken], steps.row[broken]
+    rank = points.rank[stretch] + steps.cell[broken] - points.begin[stretch]
+    missing, s = steps.missing[broken], steps.s[broken]
+    whole = np.zeros(len(row), bool)
+    has_some = np.zeros(len(points.start) - 1, bool)
+    has_some[row] = True
+    lacking = np.flatnonzero(~has_some & (points.start[1:] > points.start[:-1]))
+    if len(lacking):
+        at = np.searchsorted(row, lacking)
+        rank = np.insert(rank, at, points.start[lacking])
+        row = np.insert(row, at, lacking)
+        missing, s = np.insert(missing, at, 0), np.insert(s, at, np.nan)
+        whole = np.insert(whole, at, True)
+    return _Entries(row, rank, missing, s, whole)
 
-    Returns the order (M,), which points of that order lie past the seam (M,) or None, and which rows have any
-    discontinuity (S,).
+
+def _repeat_over_seam(
+    total: int, first: Int64, size: Int64, final: Int64, begin: Int64, end: Int64
+) -> tuple[Int64, Int64, Bool]:
+    """List the points of the runs that cross a seam once more, at the end, so that they are consecutive as well.
+
+    Parameters
+    ----------
+    total : number of points M
+    first, size : (R,) first point of each run and number of points
+    final : the last run of each row that has any
+    begin, end : points of these rows
+
+    Returns
+    -------
+    first : (R,) index of the first point of each run
+    again, beyond : the points to list once more, and whether those lie past the seam
     """
-    order = np.arange(len(points))
-    at = np.flatnonzero(broken)
-    row = points.row[at]
-    leads = np.ones(len(at), bool)
-    leads[1:] = row[1:] != row[:-1]
-    rows = len(points.start) - 1
-    any_break = np.zeros(rows, bool)
-    any_break[row] = True
-    shift = np.zeros(rows, np.int64)
-    shift[row[leads]] = at[leads] - points.start[row[leads]]
-    shift[points.geometry.period == 0] = 0
-    if not shift.any():
-        return order, None, any_break
-    size = np.diff(points.start)
-    order += np.repeat(shift, size)
-    beyond = order >= np.repeat(points.start[1:], size)
-    order -= beyond * np.repeat(size, size)
-    return order, beyond, any_break
+    crossing = np.flatnonzero(first[final] + size[final] > end)
+    run = final[crossing]
+    again, owner, offsets = spans(first[run], size[run])
+    end = end[crossing][owner]
+    beyond = again >= end
+    again -= beyond * (end - begin[crossing][owner])
+    first = first.copy()
+    first[run] = total + offsets[:-1]
+    return first, again, beyond
 
 
 def _edge(
-    drop: Float64, gap: Float64, max_gap: int, batch: SweepBatch, points: Cloud, index: Int64, side: int
+    drop: Float64, lone: Bool, batch: SweepBatch, points: Cloud, row: Int64, index: Int64, side: int
 ) -> UInt8:
-    """What lies beside the points of `index`: `drop` > 0 means the neighbour is further away than the run."""
-    row = points.row[index]
+    """What lies beside the points of `index`: `drop` > 0 means the neighbour is further away than the run.
+
+    `lone`: whether there is no neighbour within reach, but a beam without a range, or the end of the view.
+    """
     edge = np.where(drop > 0, OWN, HIDDEN).astype(np.uint8)
-    lone = gap > max_gap
-    beside = points.position[index[lone]] + side
-    row = row[lone]
-    beam = points.geometry.beam(row, beside)
+    alone = np.flatnonzero(lone)
+    row = row[alone]
+    beam = points.geometry.beam(row, points.position(index[alone], row) + side)
     outside = (beam < 0) | (beam >= batch.beams[row])
     status = batch.status[row, np.clip(beam, 0, max(batch.width - 1, 0))]
-    edge[lone] = np.where(outside, VIEW, np.where(status == Status.NO_RETURN, OPEN, UNKNOWN))
+    edge[alone] = np.where(outside, VIEW, np.where(status == Status.NO_RETURN, OPEN, UNKNOWN))
     return edge

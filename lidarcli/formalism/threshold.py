@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.formalism.points import Points
+from lidarcli.formalism.difference import Gaps
+from lidarcli.formalism.points import BLOCK, Points
 from lidarcli.sweeps import Closure, Float32, Float64, SweepBatch
 
 NOISE_FLOOR = 0.003
@@ -26,30 +27,29 @@ def noise_threshold(sigma: Float64) -> Float64:
     return threshold
 
 
-def row_sum(values: Float64, start: np.ndarray) -> Float64:
-    """(S,) sums of `values` (M,) over the rows `start[i]:start[i + 1]`; 0 for an empty row."""
-    total = np.zeros(len(start) - 1)
-    filled = np.flatnonzero(np.diff(start) > 0)
-    if len(filled):
-        total[filled] = np.add.reduceat(values, start[filled])
-    return total
-
-
-def mean_difference(s: Float64, missing: Float64, points: Points) -> Float64:
+def mean_difference(points: Points, gap: Gaps, steepness: Float64) -> Float64:
     """Def. 3's d_th = (1/N) Σ |s(θ_n)|, the mean absolute difference of each sweep.
 
     Parameters
     ----------
-    s, missing : (M,), as `difference.predecessor_gap` gives them
+    points : M points of S sweeps
+    gap, steepness : of these points, as `difference.gaps` and `difference.steepness` give them
 
     Returns
     -------
     (S,) metres. N counts the differences that exist: those of neighbouring beams that both have a range. 0 where there
     is none.
     """
-    exists = missing == 0
-    count = row_sum(exists.astype(np.float64), points.start)
-    total = row_sum(np.where(exists, np.abs(s), 0.0), points.start)
+    seam = np.flatnonzero(gap.missing == 0)
+    over = np.abs(points.range[points.begin[seam]] - points.range[gap.before[seam]])
+    count = np.diff(points.start) - np.diff(points.stretches)
+    count[points.row[seam]] += 1
+    # Block by block, and the blocks in order: zeros at the end of a row then change no bit of its sum.
+    blocks = steepness.reshape(-1, points.stride // BLOCK, BLOCK).sum(axis=2)
+    total = np.zeros(len(count))
+    for block in blocks.T:
+        total += block
+    total[points.row[seam]] += over
     mean: Float64 = total / np.maximum(count, 1)
     return mean
 

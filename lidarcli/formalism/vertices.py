@@ -25,13 +25,13 @@ def literal(runs: Runs, d_th: Float64) -> tuple[Bool, Bool]:
     extremum : (M,) inner points where f' = 0: local minima and maxima of r, and where a level stretch begins
     corner : (M,) inner points where f' jumps, and which are no extremum
     """
-    r = runs.points.range
+    r = runs.points.range(np.arange(len(runs.points)))
     extremum, corner = np.zeros(len(r), bool), np.zeros(len(r), bool)
     inner = inner_points(runs)
     before = r[inner] - r[inner - 1]
     after = r[inner + 1] - r[inner]
     extremum[inner] = (before != 0) & (before * after <= 0)
-    corner[inner] = (np.abs(after - before) > d_th[runs.points.row[inner]]) & ~extremum[inner]
+    corner[inner] = (np.abs(after - before) > d_th[runs.points.row(inner)]) & ~extremum[inner]
     return extremum, corner
 
 

@@ -16,8 +16,8 @@ from lidarcli.sweeps import SweepBatch
 PAGE = (Path(__file__).parents[2] / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = {"threshold.MEDIAN_TO_SIGMA", "threshold.SECOND_DIFFERENCE_GAIN"}
 """Factors of the normal distribution: the page names the distribution."""
-CODES = ("detection", "runs")
-"""Modules whose numbers are codes, not constants of the method."""
+CODES = ("detection", "points", "runs")
+"""Modules whose numbers are codes or the layout of arrays, not constants of the method."""
 
 
 def section(title: str) -> str:
