@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -24,6 +25,7 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Nothing, Source, find_logs, log_name, refuse_clashes
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.many import Outcome, detect_files, exit_code, outcome_of
+from lidarcli.pipeline.summary import damage_lines
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from lidarcli.tables import OBJECTS
@@ -280,6 +282,35 @@ def test_damage_is_in_the_metadata_and_the_rest_in_the_tables(tmp_path: Path, op
     assert pq.read_table(tmp_path / "run.sweeps.parquet").num_rows == 4
 
 
+def test_messages_that_are_refused_count_as_damage(tmp_path: Path, opened: Opens) -> None:
+    log = opened(block(), topics=[SCAN])
+    log.report.refused["/scan", "NaN geometry"] = 2000
+    log.report.refused["/rear", "NaN geometry"] = 1
+    summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
+    assert (summary.sweeps, summary.exit_code) == (4, 3)
+    assert summary.damage == [
+        "topic /rear: 1 message left out: NaN geometry",
+        "topic /scan: 2,000 messages left out: NaN geometry",
+    ]
+    metadata = pq.read_schema(tmp_path / "run.sweeps.parquet").metadata
+    assert json.loads(metadata[b"lidarcli.damage"]) == summary.damage
+
+
+def test_damage_lines_are_few_whatever_the_log_does() -> None:
+    report = ReadReport()
+    for index in range(100):
+        report.refused[f"/topic{index:03}", "NaN geometry"] = 2
+        report.add_damage(f"byte {index}", "broken")
+    lines = damage_lines(report)
+    assert len(lines) == 42
+    assert lines[19:22] == [
+        "byte 19: broken",
+        "and 80 more damaged parts",
+        "topic /topic000: 2 messages left out: NaN geometry",
+    ]
+    assert lines[41] == "and 160 more messages left out"
+
+
 def test_topic_without_messages_gives_empty_tables(tmp_path: Path, opened: Opens) -> None:
     opened(topics=[replace(SCAN, messages=0)])
     summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
@@ -441,7 +472,8 @@ def test_inspection(opened: Opens) -> None:
     log = opened(block(), wide, topics=[replace(SCAN, messages=None), odom])
     log.report.refused["/scan", "NaN geometry"] = 2
     info = inspect_log(SOURCE)
-    assert info.exit_code == 0
+    assert info.exit_code == 3
+    assert info.damage == ("topic /scan: 2 messages left out: NaN geometry",)
     assert info.topics == (odom, replace(SCAN, messages=6))
     assert info.pose_topics == ("/odom",)
     assert info.dropped == (("/scan", "NaN geometry", 2),)

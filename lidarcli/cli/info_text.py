@@ -32,7 +32,6 @@ def as_text(info: LogInfo) -> str:
         lines.append(_line("" if index else "topics", f"{topic.name}  {topic.type}{count}"))
     for name in info.pose_topics:
         lines.append(_line("poses", name))
-    lines += [_line("dropped", f"{count:,} of {topic}: {cause}") for topic, cause, count in info.dropped]
     lines += [_line("note", note) for note in info.notes]
     lines += [_line("damage", damage) for damage in info.damage]
     for scan in info.scans:

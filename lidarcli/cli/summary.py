@@ -48,8 +48,6 @@ def _show_run(label: str, run: RunSummary, say: Messages) -> None:
     if run.sweeps:
         say.info(f"  beams    {run.beams:,}: {_parts(run.by_status, run.beams)}")
         say.info(f"  sets     {_parts(run.by_set, run.beams)}")
-    for topic, cause, count in run.dropped:
-        say.info(f"  dropped  {_count(count, 'message')} of {topic}: {cause}")
     say.detail(f"  topics   {', '.join(sorted(run.topics)) or 'none'}")
     say.detail(f"  time     {run.seconds:.3f} s")
     for note in run.notes:

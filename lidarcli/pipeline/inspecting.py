@@ -69,6 +69,7 @@ class LogInfo:
     """(topic, cause, messages) that could not be a sweep."""
     notes: tuple[str, ...]
     damage: tuple[str, ...]
+    """One line per loss, the dropped messages included."""
 
     @property
     def exit_code(self) -> int:

@@ -30,6 +30,7 @@ class RunSummary:
     dropped: list[tuple[str, str, int]] = field(default_factory=list)
     """(topic, cause, messages) that could not be a sweep."""
     damage: list[str] = field(default_factory=list)
+    """One line per loss, the dropped messages included."""
     notes: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
     seconds: float = 0.0
@@ -68,8 +69,14 @@ class RunSummary:
 
 
 def damage_lines(report: ReadReport) -> list[str]:
-    """One line per damaged part, and one for those that were not kept."""
+    """One line per damaged part and per kind of refused message, and one for those that are not shown."""
     lines = [f"{part.place}: {part.cause}" for part in report.damage]
     if report.damage_more:
         lines.append(f"and {report.damage_more} more damaged parts")
+    refused = sorted(report.refused.items())
+    for (topic, cause), count in refused[: ReadReport.MAX_DAMAGE]:
+        lines.append(f"topic {topic}: {count:,} message{'' if count == 1 else 's'} left out: {cause}")
+    if len(refused) > ReadReport.MAX_DAMAGE:
+        more = sum(count for _, count in refused[ReadReport.MAX_DAMAGE :])
+        lines.append(f"and {more:,} more messages left out")
     return lines
