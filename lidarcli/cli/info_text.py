@@ -8,8 +8,12 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, Topic
 from lidarcli.pipeline.clock import ClockInfo
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
+
+_OTHERS = 10
+"""Topics without sweeps or poses that are shown."""
 
 _CLOSURES = {
     "open": "partial view",
@@ -25,11 +29,7 @@ def as_text(info: LogInfo) -> str:
         _line("format", f"{info.format}, compression {info.compression}"),
         _line("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
     ]
-    if not info.topics:
-        lines.append(_line("topics", "none"))
-    for index, topic in enumerate(info.topics):
-        count = "" if topic.messages is None else f"  {topic.messages:,}"
-        lines.append(_line("" if index else "topics", f"{topic.name}  {topic.type}{count}"))
+    lines += [_line("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
     for name in info.pose_topics:
         lines.append(_line("poses", name))
     lines += [_line("note", note) for note in info.notes]
@@ -37,6 +37,20 @@ def as_text(info: LogInfo) -> str:
     for scan in info.scans:
         lines += _scan_lines(scan)
     return "\n".join(lines)
+
+
+def _topics(topics: Sequence[Topic]) -> list[str]:
+    """The topics that matter here, and the first few of the others: some logs have hundreds."""
+    lines = []
+    others = 0
+    for topic in topics:
+        others += topic.type not in SCAN_TYPES | POSE_TYPES
+        if topic.type in SCAN_TYPES | POSE_TYPES or others <= _OTHERS:
+            count = "" if topic.messages is None else f"  {topic.messages:,}"
+            lines.append(f"{topic.name}  {topic.type}{count}")
+    if (more := others - _OTHERS) > 0:
+        lines.append(f"and {more:,} other topic{'' if more == 1 else 's'} (--format json lists all)")
+    return lines or ["none"]
 
 
 def as_json(infos: Sequence[LogInfo]) -> str:

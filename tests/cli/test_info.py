@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.writer import Writer
 
 Run = Callable[..., Any]
 
@@ -121,6 +122,29 @@ def test_two_topics(logs: Path, lidarcli: Run) -> None:
         "  /front (frame laser)",
         "  /rear (frame laser)",
     ]
+
+
+def test_hundreds_of_topics_do_not_hide_the_scans(tmp_path: Path, lidarcli: Run) -> None:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for index in range(300):
+            name = f"sensor_msgs/msg/{'LaserScan' if index % 150 == 7 else 'Imu'}"
+            name = "nav_msgs/msg/Odometry" if index == 250 else name
+            writer.register_channel(f"/t{index:03}", "cdr", writer.register_schema(name, "ros2msg", b""))
+        writer.finish()
+    ran = lidarcli("info", path)
+    assert (ran.code, ran.err) == (0, "")
+    lines = [line[14:] for line in ran.out.splitlines()[3:]]
+    assert [line.split()[0] for line in lines] == [
+        *(f"/t{index:03}" for index in (*range(11), 157, 250)),
+        "and",
+        "/t250",
+    ]
+    assert lines[13] == "and 287 other topics (--format json lists all)"
+    (info,) = json.loads(lidarcli("info", path, "--format", "json").out)
+    assert len(info["topics"]) == 300
 
 
 def test_closed_pipe_ends_quietly(logs: Path) -> None:
