@@ -14,7 +14,7 @@ from lidarcli.sweeps import Float64, Int64
 RIGHT_ANGLE = np.deg2rad(5.0)
 """Faces closer to a right angle than this propose the same box."""
 TIE = 1e-9
-"""Areas that differ by less than this share are equal (any two sides of a triangle give the same): rounding must not choose."""
+"""Areas that differ by less than this share are equal, as for any two sides of a triangle: rounding must not choose."""
 
 
 @dataclass(frozen=True, slots=True)
