@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.points import Cloud
-from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_sum, spans
+from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.sweeps import Bool, Float64, Int64
 
@@ -57,15 +57,26 @@ class Outline:
     """(L,) indices of the points."""
     start: Int64
     """(R + 1,) run j has the points `index[start[j]:start[j + 1]]`."""
+    x: Float64
+    """(L,) forward [m]."""
+    y: Float64
+    """(L,) left [m]."""
 
 
 def outline(runs: Runs, most: Int64) -> Outline:
     """The points of each run, thinned evenly to about `most` (R,); where that is less than 2, the run has none."""
-    stride = -(-runs.size // np.maximum(most, 1))
-    size = np.where(most < 2, 0, -(-(runs.size - 1) // stride) + 1)
-    step, owner, start = spans(np.zeros(len(runs), np.int64), size)
-    index = runs.first[owner] + stride[owner] * step
-    return Outline(runs.points, np.minimum(index, runs.last[owner]), start)
+    first, size = runs.first, np.where(most < 2, 0, runs.size)
+    large = np.flatnonzero(size > most)
+    stride = -(-size[large] // most[large])
+    size[large] = -(-(size[large] - 1) // stride) + 1
+    start = offsets_of(size)
+    index = np.arange(start[-1])
+    index += np.repeat(first - start[:-1], size)
+    if len(large):
+        at, owner, _ = spans(start[large], size[large])
+        step = (at - start[large][owner]) * stride[owner]
+        index[at] = np.minimum(first[large][owner] + step, runs.last[large][owner])
+    return Outline(runs.points, index, start, runs.points.x[index], runs.points.y[index])
 
 
 def split_straight(shape: Outline, tolerance: Float64) -> Bool:
@@ -82,45 +93,78 @@ def split_straight(shape: Outline, tolerance: Float64) -> Bool:
     -------
     (L,) True at inner vertices; the first and last point of a run are not marked
     """
-    x, y = shape.cloud.x[shape.index], shape.cloud.y[shape.index]
+    x, y = shape.x, shape.y
     inner = np.zeros(len(x), bool)
-    begin, end = shape.start[:-1], shape.start[1:] - 1
+    worth = np.flatnonzero(shape.start[1:] > shape.start[:-1])
+    begin, end, tolerance = shape.start[worth], shape.start[worth + 1] - 1, tolerance[worth]
+    # First the whole runs, which follow each other without a gap, then ever fewer parts of them.
+    offsets, index = begin, None
     for _ in range(MAX_SPLITS):
-        worth = np.flatnonzero(end - begin > 1)
-        begin, end, tolerance = begin[worth], end[worth], tolerance[worth]
         if not len(begin):
             break
-        index, span, offsets = spans(begin + 1, end - begin - 1)
-        away = _distance_from_chord(x, y, begin, end, tolerance, index, span)
-        farthest = span_max(away, offsets)
-        split = farthest > tolerance
-        if not split.any():
+        away = _distance_from_chord(x, y, begin, end, tolerance, offsets, index)
+        farthest = np.maximum.reduceat(away, offsets)
+        split = np.flatnonzero(farthest > tolerance)
+        if not len(split):
             break
-        at = span_first(away == farthest[span], span, len(begin))[split]
-        middle = index[at]
+        threshold = np.full(len(begin), np.inf)
+        threshold[split] = farthest[split]
+        at = np.flatnonzero(away == np.repeat(threshold, _sizes(offsets, len(away))))
+        at = at[np.searchsorted(at, offsets[split])]
+        middle = at if index is None else index[at]
         inner[middle] = True
         begin = np.stack([begin[split], middle], axis=1).reshape(-1)
         end = np.stack([middle, end[split]], axis=1).reshape(-1)
         tolerance = np.repeat(tolerance[split], 2)
+        worth = np.flatnonzero(end - begin > 1)
+        begin, end, tolerance = begin[worth], end[worth], tolerance[worth]
+        size = end - begin - 1
+        offsets = offsets_of(size)
+        index = np.arange(offsets[-1])
+        offsets = offsets[:-1]
+        index += np.repeat(begin + 1 - offsets, size)
     return inner
 
 
+def _sizes(offsets: Int64, total: int) -> Int64:
+    """(J,) sizes of spans that begin at `offsets` and fill `total` values."""
+    size = np.empty_like(offsets)
+    np.subtract(offsets[1:], offsets[:-1], out=size[:-1])
+    size[-1:] = total - offsets[-1:]
+    return size
+
+
 def _distance_from_chord(
-    x: Float64, y: Float64, begin: Int64, end: Int64, tolerance: Float64, index: Int64, span: Int64
+    x: Float64,
+    y: Float64,
+    begin: Int64,
+    end: Int64,
+    tolerance: Float64,
+    offsets: Int64,
+    index: Int64 | None,
 ) -> Float64:
-    """Distance of the points of `index` from the chord of their stretch; from its start where the chord is a point."""
+    """Distance of points from the chord `begin … end` of their stretch; from its start where the chord is a point.
+
+    Stretch j has the points of `index` from `offsets[j]` on, None: all points.
+    """
     x0, y0 = x[begin], y[begin]
     chord_x, chord_y = x[end] - x0, y[end] - y0
     length = np.hypot(chord_x, chord_y)
-    closed = length < tolerance
-    scale = 1.0 / np.where(closed, 1.0, length)
+    closed = np.flatnonzero(length < tolerance)
+    length[closed] = 1.0
+    scale = 1.0 / length
     normal_x, normal_y = chord_y * scale, -chord_x * scale
-    offset = x0 * normal_x + y0 * normal_y
-    away = np.abs(x[index] * normal_x[span] + y[index] * normal_y[span] - offset[span])
-    if closed.any():
-        which = np.flatnonzero(closed[span])
-        at, span = index[which], span[which]
-        away[which] = np.hypot(x[at] - x0[span], y[at] - y0[span])
+    if index is not None:
+        x, y = x[index], y[index]
+    size = _sizes(offsets, len(x))
+    away = x * np.repeat(normal_x, size)
+    away += y * np.repeat(normal_y, size)
+    away -= np.repeat(x0 * normal_x + y0 * normal_y, size)
+    np.abs(away, out=away)
+    if len(closed):
+        at, owner, _ = spans(offsets[closed], size[closed])
+        which = closed[owner]
+        away[at] = np.hypot(x[at] - x0[which], y[at] - y0[which])
     return away
 
 
@@ -136,47 +180,73 @@ def faces_between(shape: Outline, inner: Bool) -> Faces:
     -------
     Faces; a run of one point has no face
     """
-    size = np.diff(shape.start)
+    x, y = shape.x, shape.y
+    filled = np.flatnonzero(shape.start[1:] > shape.start[:-1])
     begins = inner.copy()
-    begins[shape.start[:-1][size > 1]] = True
+    begins[shape.start[filled]] = True
     first = np.flatnonzero(begins)
-    run = np.repeat(np.arange(len(size)), size)[first]
-    last = np.minimum(np.append(first[1:], len(inner) - 1), shape.start[run + 1] - 1)
-    x, y = shape.cloud.x[shape.index], shape.cloud.y[shape.index]
-    middle_x, middle_y, angle, rms = fit_lines(x, y, first, last)
+    size = _sizes(first, len(x))
+    inside = inner[first]
+    run = filled[np.cumsum(~inside) - 1]
+    # The vertex between two faces belongs to both.
+    shared = np.zeros(len(first), bool)
+    shared[:-1] = inside[1:]
+    last = first + size - 1 + shared
+    middle_x, middle_y, angle, rms = fit_lines(x, y, first, size, last, shared)
     direction_x, direction_y = np.cos(angle), np.sin(angle)
     length = (x[last] - x[first]) * direction_x + (y[last] - y[first]) * direction_y
-    flip = np.where(length < 0, -1.0, 1.0)
-    return Faces(
+    turned = length < 0
+    flip = np.where(turned, -1.0, 1.0)
+    faces = Faces(
         run=run,
         first=shape.index[first],
         last=shape.index[last],
-        points=last - first + 1,
+        points=size + shared,
         middle_x=middle_x,
         middle_y=middle_y,
         direction_x=direction_x * flip,
         direction_y=direction_y * flip,
-        angle=angle + np.where(length < 0, np.pi, 0.0),
+        angle=angle + np.pi * turned,
         rms=rms,
         length=np.abs(length),
-        offsets=offsets_of(np.bincount(run, minlength=len(size))),
+        offsets=offsets_of(np.bincount(run, minlength=len(shape.start) - 1)),
     )
+    return _without_points(faces)
 
 
-def fit_lines(x: Float64, y: Float64, first: Int64, last: Int64) -> tuple[Float64, Float64, Float64, Float64]:
-    """Total least squares lines through the points `first[j] … last[j]`: middle x, y, angle, rms, (J,) each."""
+def _without_points(faces: Faces) -> Faces:
+    """The faces but for those of a single point, the only "face" of its run."""
+    single = faces.last == faces.first
+    if not single.any():
+        return faces
+    offsets = offsets_of(np.bincount(faces.run[~single], minlength=len(faces.offsets) - 1))
+    kept = {name: getattr(faces, name)[~single] for name in Faces.__slots__ if name != "offsets"}
+    return Faces(**kept, offsets=offsets)
+
+
+def fit_lines(
+    x: Float64, y: Float64, first: Int64, size: Int64, last: Int64, shared: Bool
+) -> tuple[Float64, Float64, Float64, Float64]:
+    """Total least squares lines through the points `first[j] … last[j]`: middle x, y, angle, rms, (J,) each.
+
+    The stretches fill the points: each has `size[j]` of them, and where it is `shared` the first of the next as well.
+    """
     if not len(first):
         empty = np.empty(0)
         return empty, empty, empty, empty
-    index, owner, offsets = spans(first, last - first + 1)
-    count = np.diff(offsets).astype(np.float64)
-    x, y = x[index], y[index]
-    middle_x, middle_y = span_sum(x, offsets) / count, span_sum(y, offsets) / count
-    dx, dy = x - middle_x[owner], y - middle_y[owner]
-    xx = span_sum(dx * dx, offsets) / count
-    yy = span_sum(dy * dy, offsets) / count
-    xy = span_sum(dx * dy, offsets) / count
+    # Moments about the first point, moved to the middle afterwards: one pass, and accurate because it is near.
+    x0, y0 = x[first], y[first]
+    dx, dy = x - np.repeat(x0, size), y - np.repeat(y0, size)
+    end_x, end_y = (x[last] - x0) * shared, (y[last] - y0) * shared
+    share = 1.0 / (size + shared)
+    mean_x = (np.add.reduceat(dx, first) + end_x) * share
+    mean_y = (np.add.reduceat(dy, first) + end_y) * share
+    xy = (np.add.reduceat(dx * dy, first) + end_x * end_y) * share - mean_x * mean_y
+    dx *= dx
+    dy *= dy
+    xx = (np.add.reduceat(dx, first) + end_x * end_x) * share - mean_x * mean_x
+    yy = (np.add.reduceat(dy, first) + end_y * end_y) * share - mean_y * mean_y
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    spread = np.hypot(0.5 * (xx - yy), xy)
-    rms = np.sqrt(np.maximum(0.5 * (xx + yy) - spread, 0.0))
-    return middle_x, middle_y, angle, rms
+    half = 0.5 * (xx - yy)
+    rms = np.sqrt(np.maximum(0.5 * (xx + yy) - np.sqrt(half * half + xy * xy), 0.0))
+    return x0 + mean_x, y0 + mean_y, angle, rms

@@ -73,7 +73,7 @@ def on_wall_lines(
     lines = offsets_of(np.bincount(runs.row[faces.run[line]], minlength=rows))
     piece = np.flatnonzero(candidate[faces.run])
     row = runs.row[faces.run[piece]]
-    which, owner, _ = spans(lines[row], np.diff(lines)[row])
+    which, owner = _near(faces, line, piece, lines, row, sigma[row])
     which, part = line[which], piece[owner]
     on_line, jamb, reach, beyond, error = _within(runs.points, faces, which, part, sigma[row[owner]])
     pair = (
@@ -91,6 +91,38 @@ def on_wall_lines(
     balance = np.bincount(faces.run[piece], signed, minlength=len(runs))
     result: Bool = candidate & (balance > 0)
     return result
+
+
+def _near(
+    faces: Faces, line: Int64, piece: Int64, lines: Int64, row: Int64, sigma: Float64
+) -> tuple[Int64, Int64]:
+    """Pairs of a line and a piece of one sweep, without the many of which the middle of the piece lies too far off.
+
+    Parameters
+    ----------
+    line, piece : faces; sweep i has the lines `line[lines[i]:lines[i + 1]]`
+    row, sigma : (P,) sweep of each piece, and its noise [m]
+
+    Returns
+    -------
+    which, owner : (T,) indices into `line` and `piece`
+    """
+    middle_x, middle_y = faces.middle_x[line], faces.middle_y[line]
+    normal_x, normal_y = faces.direction_y[line], -faces.direction_x[line]
+    distance = middle_x * normal_x + middle_y * normal_y
+    behind = np.where(distance > 0, 1.0, -1.0)
+    count = np.diff(lines)[row]
+    which, owner, _ = spans(lines[row], count)
+    depth = np.repeat(faces.middle_x[piece], count) * (normal_x * behind)[which]
+    depth += np.repeat(faces.middle_y[piece], count) * (normal_y * behind)[which]
+    depth -= (distance * behind)[which]
+    # The middle is as deep as the two ends on average, and `_within` wants both in these bounds.
+    allowed = COLLINEAR + REACH_LIMIT + NOISE_GAIN * sigma
+    near = np.flatnonzero(
+        (depth >= np.repeat(-allowed, count))
+        & (depth <= np.repeat(np.maximum(allowed, WALL_THICKNESS), count))
+    )
+    return which[near], owner[near]
 
 
 def _within(
