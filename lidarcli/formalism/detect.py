@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.formalism import vertices
+from lidarcli.formalism import mask, vertices
 from lidarcli.formalism.describe import Segmentation, describe
 from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.difference import gaps, steepness, steps
@@ -16,7 +16,7 @@ from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
 from lidarcli.formalism.threshold import mean_difference, noise, noise_threshold
 from lidarcli.formalism.walls import chord, extent, on_wall_lines
-from lidarcli.sweeps import Float64, SweepBatch
+from lidarcli.sweeps import Bool, Float64, SweepBatch
 
 STRAIGHT = 0.02
 """[m] A face may leave its chord by this much plus three times the noise."""
@@ -31,7 +31,13 @@ PARTLY_HIDDEN_WIDTH = 0.65
 """Greatest visible extent of a partly hidden object, as a share of `max_width`: some of it is out of sight."""
 
 
-def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam: bool = False) -> Detection:
+def detect(
+    batch: SweepBatch,
+    parameters: Parameters | None = None,
+    *,
+    per_beam: bool = False,
+    within: Bool | None = None,
+) -> Detection:
     """Objects of every sweep of a batch (Definitions 2 to 7).
 
     Parameters
@@ -39,6 +45,8 @@ def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam:
     batch : SweepBatch of S sweeps; the result for a sweep does not depend on the others
     parameters : Parameters, by default those of profile `robust`
     per_beam : also fill `beam_set`, `beam_object` and `beam_s`
+    within : (S, B) beams that are known to belong to objects, all others not: §3's difference from a background tells.
+        Objects begin and end with them, too, whatever their edges and whatever line they are on
 
     Returns
     -------
@@ -59,15 +67,21 @@ def detect(batch: SweepBatch, parameters: Parameters | None = None, *, per_beam:
     d_mean = mean_difference(points, gap, size)
     sweep_d_th = _sweep_threshold(d_mean, sigma, parameters)
     adaptive = parameters.threshold == "adaptive"
-    candidates = steps(points, gap, size, sweep_d_th)
+    inside = None if within is None else mask.lay_out(points, within)
+    candidates = steps(points, gap, size if inside is None else mask.bordered(size, inside), sweep_d_th)
     jump = (
         one_sided_jumps(points, candidates, gap, sigma, parameters.max_gap)
         if adaptive
         else jumps(candidates.s, sweep_d_th[candidates.row])
     )
+    if inside is not None:
+        jump |= mask.crossing(candidates, inside)
     runs = split(batch, points, candidates, jump, parameters.max_gap)
+    known = None if inside is None else mask.of_runs(runs, inside)
     if parameters.profile == "paper":
-        segmentation = _literal(runs, sweep_d_th, parameters)
+        segmentation = _literal(runs, sweep_d_th, parameters, known)
+    elif known is not None:
+        segmentation = _known(runs, sigma, parameters, known)
     else:
         segmentation = _robust(runs, sigma, parameters)
     return describe(batch, runs, segmentation, d_mean, sweep_d_th, adaptive, sigma, per_beam)
@@ -82,20 +96,29 @@ def _sweep_threshold(d_mean: Float64, sigma: Float64, parameters: Parameters) ->
     return np.full(len(d_mean), float(parameters.threshold))
 
 
-def _literal(runs: Runs, d_th: Float64, parameters: Parameters) -> Segmentation:
-    """Profile `paper`: Definitions 5 to 7 as printed."""
+def _literal(runs: Runs, d_th: Float64, parameters: Parameters, known: Bool | None) -> Segmentation:
+    """Profile `paper`: Definitions 5 to 7 as printed; `known` (R,) tells the objects in place of their edges."""
     extremum, corner = vertices.literal(runs, d_th)
     shape = outline(runs, runs.size)
     faces = faces_between(shape, (extremum | corner)[shape.index])
     small = extent(runs, faces) <= parameters.max_width
     enough = runs.size >= parameters.min_beams
-    visible = fully_visible(runs)
+    visible = fully_visible(runs) if known is None else known
     return Segmentation(
         faces=faces,
         extremum=extremum,
         is_object=visible & small & enough,
         is_wall=~(visible & small) & enough & parameters.walls,
     )
+
+
+def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> Segmentation:
+    """Profile `robust` where the runs (R,) that belong to objects are known: no walls to look for."""
+    wanted = known & (runs.size >= parameters.min_beams)
+    shape = outline(runs, np.where(wanted, runs.size, 0))
+    faces = faces_between(shape, split_straight(shape, STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]))
+    wanted &= extent(runs, faces) <= parameters.max_width
+    return Segmentation(faces, np.zeros(len(runs.points), bool), wanted, np.zeros(len(runs), bool))
 
 
 def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
