@@ -156,6 +156,33 @@ def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
 
 
 @dataclass(frozen=True, slots=True)
+class SweepPoses:
+    """Where the sensor was at each of S sweeps, seen from above, in the world frame. NaN where unknown."""
+
+    x: Float64
+    """(S,) metres."""
+    y: Float64
+    yaw: Float64
+    """(S,) direction of the sensor's x axis [rad]."""
+    upside_down: Bool
+    """(S,) whether the sensor hangs head down, so that its bearings run clockwise in the world."""
+
+    def to_world(
+        self, row: Int64 | NDArray[np.intp], x: Float64, y: Float64, yaw: Float64
+    ) -> tuple[Float64, Float64, Float64]:
+        """Points and undirected lines in the sensor frame of sweep `row` (K,) in the world frame.
+
+        Returns x, y [m] and the direction in (-π/2, π/2] [rad], (K,) each.
+        """
+        side = np.where(self.upside_down[row], -1.0, 1.0)
+        turn = self.yaw[row]
+        cos, sin = np.cos(turn), np.sin(turn)
+        left = side * y
+        world_yaw = 0.5 * np.pi - (0.5 * np.pi - (turn + side * yaw)) % np.pi
+        return self.x[row] + cos * x - sin * left, self.y[row] + sin * x + cos * left, world_yaw
+
+
+@dataclass(frozen=True, slots=True)
 class SweepBatch:
     """S sweeps of one topic in log order, ranges normalised; arrays are (S,) or (S, B), see `RawSweeps`."""
 
@@ -178,6 +205,8 @@ class SweepBatch:
     """(S, B) `Status`; PADDING from `beams[i]` on."""
     closure: UInt8 = field(default_factory=lambda: np.empty(0, np.uint8))
     """(S,) `Closure`; derived from the geometry."""
+    poses: SweepPoses | None = None
+    """Where the sensor was, where that has been asked for and the log tells."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

@@ -17,10 +17,11 @@ MAY_IMPORT = {
     "errors": set[str](),
     "sweeps": {"errors"},
     "logs": CORE,
+    "poses": CORE | {"logs"},
     "formalism": CORE,
     "tables": CORE | {"formalism"},
     "simulate": CORE | {"tables"},
-    "pipeline": CORE | {"logs", "formalism", "tables"},
+    "pipeline": CORE | {"logs", "poses", "formalism", "tables"},
     "cli": CORE | {"logs", "formalism", "simulate", "pipeline"},
     "__init__": {"formalism", "pipeline"},
 }

@@ -42,6 +42,7 @@ STDOUT = "-"
   lidarcli detect bags/ -o tables --jobs 4 --overwrite
   lidarcli detect run.bag --topic /front_scan --start 10 --end 20 --beams
   lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
+  lidarcli detect run.mcap --pose /amcl_pose
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
@@ -94,6 +95,12 @@ STDOUT = "-"
     show_default=True,
     metavar="N",
     help="Take every N-th sweep.",
+)
+@option(
+    "--pose",
+    heading=SELECT,
+    metavar="TOPIC",
+    help="Topic that tells where the sensor was (docs/poses.md); none for no poses.  [default: the best there is]",
 )
 @option(
     "--profile",
@@ -153,6 +160,7 @@ def detect(
     start: float | None,
     end: float | None,
     every: int,
+    pose: str | None,
     no_return: Any,
     limits: tuple[float, float] | None,
     angle_min: float | None,
@@ -187,6 +195,7 @@ def detect(
             topics=frozenset(topics) if topics else None, start=start, end=end, every=every, rules=rules
         ),
         csv=geometry,
+        pose=pose,
         beams=beams,
         overwrite=overwrite,
     )

@@ -49,9 +49,9 @@ def info(
     limits: tuple[float, float] | None,
     **geometry: Any,
 ) -> int:
-    """Show what is in a log: topics, sweeps, geometry, clocks, beams, damage.
+    """Show what is in a log: topics, sweeps, geometry, clocks, beams, poses, damage.
 
-    Reads every log once, from end to end.
+    Reads every log from end to end.
     """
     rules = range_rules(no_return, limits)
     csv = csv_geometry(**geometry)

@@ -11,10 +11,13 @@ from typing import Any
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, Topic
 from lidarcli.pipeline.clock import ClockInfo
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
+from lidarcli.pipeline.posing import PoseInfo
 
 _OTHERS = 10
 """Topics without sweeps or poses that are shown."""
 
+_FRAMES = 2
+"""Pairs of frames shown of one topic."""
 _CLOSURES = {
     "open": "partial view",
     "closed": "full turn",
@@ -30,8 +33,7 @@ def as_text(info: LogInfo) -> str:
         _line("size", "unknown" if info.size is None else f"{info.size:,} bytes"),
     ]
     lines += [_line("" if index else "topics", text) for index, text in enumerate(_topics(info.topics))]
-    for name in info.pose_topics:
-        lines.append(_line("poses", name))
+    lines += _pose_lines(info)
     lines += [_line("note", note) for note in info.notes]
     lines += [_line("damage", damage) for damage in info.damage]
     for scan in info.scans:
@@ -58,6 +60,35 @@ def as_json(infos: Sequence[LogInfo]) -> str:
     return json.dumps([_log_json(info) for info in infos], indent=2, ensure_ascii=False)
 
 
+def _pose_lines(info: LogInfo) -> list[str]:
+    """One line per pose topic with what it holds, and one with its frames."""
+    told = {source.topic: source for source in info.pose_sources}
+    lines = []
+    for name in info.pose_topics:
+        if (source := told.get(name)) is None:
+            lines.append(_line("poses", name))
+            continue
+        rate = "" if source.rate is None else f", {source.rate:.2f} Hz, {source.span:.3f} s"
+        lines.append(_line("poses", f"{name}  {source.poses:,} pose{'' if source.poses == 1 else 's'}{rate}"))
+        frames = [" > ".join(part for part in pair if part) for pair in source.frames]
+        more = f" and {len(frames) - _FRAMES} more" if len(frames) > _FRAMES else ""
+        lines.append(_line("", f"  {', '.join(frames[:_FRAMES])}{more}"))
+    return lines
+
+
+def _pose_json(source: PoseInfo) -> dict[str, Any]:
+    return {
+        "topic": source.topic,
+        "type": source.type,
+        "poses": source.poses,
+        "rate": source.rate,
+        "start_ns": source.start_ns,
+        "end_ns": source.end_ns,
+        "span": source.span,
+        "frames": [{"parent": parent, "child": child} for parent, child in source.frames],
+    }
+
+
 def _scan_lines(scan: ScanInfo) -> list[str]:
     frame = f"frame {scan.frame_id}" if scan.frame_id else "no frame"
     clock = scan.clock
@@ -80,6 +111,8 @@ def _scan_lines(scan: ScanInfo) -> list[str]:
         lines.append(_line("time", f"{_stamp(clock.start_ns)} to {_stamp(clock.end_ns)}", 4))
         lines.append(_line("span", f"{clock.span:.3f} s", 4))
     lines.append(_line("clock", _clock(clock, scan.sweeps), 4))
+    if scan.pose:
+        lines.append(_line("pose", scan.pose, 4))
     for name, count in scan.by_status.items():
         share = f"{count / total:.2%}" if total else "-"
         lines.append(_line(name.replace("_", " "), f"{count:,} beams ({share})", 4))
@@ -109,6 +142,7 @@ def _log_json(info: LogInfo) -> dict[str, Any]:
         ],
         "scans": [_scan_json(scan) for scan in info.scans],
         "pose_topics": list(info.pose_topics),
+        "pose_sources": [_pose_json(source) for source in info.pose_sources],
         "dropped": [
             {"topic": topic, "cause": cause, "messages": count} for topic, cause, count in info.dropped
         ],
@@ -142,6 +176,7 @@ def _scan_json(scan: ScanInfo) -> dict[str, Any]:
             "record_minus_header": clock.offset,
         },
         "beams_by_status": dict(scan.by_status),
+        "pose": scan.pose or None,
     }
 
 

@@ -17,6 +17,7 @@ from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_stream
 from lidarcli.pipeline.inputs import STDIN, Source, log_name
+from lidarcli.pipeline.posing import Posing
 from lidarcli.pipeline.summary import damage_lines
 from lidarcli.sweeps import RangeRules, SweepBatch
 from lidarcli.tables.metadata import table_metadata
@@ -35,6 +36,7 @@ def read(
     every: int = 1,
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
+    pose: str | None = None,
 ) -> Iterator[SweepBatch]:
     """Batches of sweeps of a log in any format; a damaged part is warned of and left out.
 
@@ -46,6 +48,7 @@ def read(
     every : take every n-th sweep
     rules : how ranges are judged
     csv : what a CSV file may need to be told
+    pose : topic whose poses the batches get, `none` for no poses; by default the best there is
     """
     options = ReadOptions(
         topics=frozenset(topics) if topics else None,
@@ -55,7 +58,8 @@ def read(
         rules=rules or RangeRules(),
     )
     with open_log(fspath(path), csv=csv or CsvOptions()) as log:
-        yield from read_batches(log, options)
+        posing = Posing.of(log, pose)
+        yield from map(posing.attach, read_batches(log, options))
         _warn(fspath(path), log.report)
 
 
@@ -97,9 +101,9 @@ class _Collected:
 def _detect_log(path: str, parameters: Parameters, reading: dict[str, Any]) -> pa.Table:
     csv = reading.pop("csv", None) or CsvOptions()
     rules = reading.pop("rules", None) or RangeRules()
-    topics = reading.pop("topics", None)
+    topics, pose = reading.pop("topics", None), reading.pop("pose", None)
     read_options = ReadOptions(topics=frozenset(topics) if topics else None, rules=rules, **reading)
-    options = DetectOptions(parameters=parameters, read=read_options, csv=csv)
+    options = DetectOptions(parameters=parameters, read=read_options, csv=csv, pose=pose)
     source = Source(path, "stdin" if path == STDIN else log_name(Path(path)))
     collected = _Collected()
     summary, described = detect_to_stream(source, collected, options)

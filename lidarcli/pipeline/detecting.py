@@ -14,6 +14,7 @@ from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
+from lidarcli.pipeline.posing import Posing
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.pipeline.topics import absent, choose, nothing_read, scan_topics
 from lidarcli.sweeps import SweepBatch
@@ -35,6 +36,8 @@ class DetectOptions:
     parameters: Parameters = field(default_factory=Parameters)
     read: ReadOptions = field(default_factory=ReadOptions)
     csv: CsvOptions = field(default_factory=CsvOptions)
+    pose: str | None = None
+    """Topic whose poses to take, `none` for no poses; by default the best there is."""
     beams: bool = False
     """Also write the beams table."""
     overwrite: bool = False
@@ -62,6 +65,7 @@ class DetectOptions:
             "range": list(rules.limits) if rules.limits else None,
             "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
             **({"csv": told} if told else {}),
+            **({"pose": self.pose} if self.pose is not None else {}),
         }
 
 
@@ -80,7 +84,7 @@ def detect_to_files(
                 if options.beams:
                     files.write("beams", batch.topic, beams_rows(source.name, batch, detection))
             summary = run.close()
-            described = describe_source(source, log)
+            described = run.describe(source)
             files.publish(table_metadata(options.as_dict(), described, summary.damage))
             summary.outputs = [str(path) for path in files.paths]
     return summary
@@ -97,7 +101,7 @@ def detect_to_stream(
                 order.write(batch.topic, objects_rows(source.name, batch, detection))
             summary = run.close()
             order.drain()
-        return summary, describe_source(source, log)
+        return summary, run.describe(source)
 
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
@@ -132,10 +136,12 @@ class _Run:
             self.first = chosen[0]
         elif len(self._wanted) == 1:
             self.first = self._wanted[0]
+        self._posing = Posing.of(log, options.pose)
 
     def detections(self, per_beam: bool, progress: Progress | None) -> Iterator[tuple[SweepBatch, Detection]]:
         """Every batch with its objects."""
-        for batch in read_batches(self._log, self._read):
+        for raw in read_batches(self._log, self._read):
+            batch = self._posing.attach(raw)
             detection = detect(batch, self._options.parameters, per_beam=per_beam)
             self._summary.add(batch, detection)
             yield batch, detection
@@ -145,11 +151,16 @@ class _Run:
     def close(self) -> RunSummary:
         """The counts, or the error of a log that turned out to have no LaserScan."""
         summary = self._summary
-        summary.close(self._log.report)
+        summary.close(self._log.report, self._posing)
         summary.seconds = time.perf_counter() - self._started
         if not self._known:
             self._judge_topics()
         return summary
+
+    def describe(self, source: Source) -> dict[str, Any]:
+        """What the tables' metadata says of the source, and of its poses where it has some."""
+        poses = self._posing.described()
+        return describe_source(source, self._log) | ({"poses": poses} if poses else {})
 
     def _judge_topics(self) -> None:
         """A log without an index shows its topics only in the end."""

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, Topic
+from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, ReadReport, Topic
 from lidarcli.pipeline.clock import Clock, ClockInfo
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
+from lidarcli.pipeline.posing import FoundPoses, PoseInfo, find_poses, pose_infos
 from lidarcli.pipeline.summary import damage_lines
 from lidarcli.pipeline.topics import scan_topics
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
@@ -52,6 +53,8 @@ class ScanInfo:
     clock: ClockInfo
     by_status: Mapping[str, int]
     """`valid`, `no_return`, `too_close`, `invalid` → beams."""
+    pose: str = ""
+    """Topics and frames by which `detect` would tell where the sensor was; empty where it could not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,8 @@ class LogInfo:
     topics: tuple[Topic, ...]
     scans: tuple[ScanInfo, ...]
     pose_topics: tuple[str, ...]
+    pose_sources: tuple[PoseInfo, ...]
+    """What the pose topics hold; nothing for a pipe, which is read only once."""
     dropped: tuple[tuple[str, str, int], ...]
     """(topic, cause, messages) that could not be a sweep."""
     notes: tuple[str, ...]
@@ -85,10 +90,11 @@ def inspect_log(
     rules: RangeRules | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> LogInfo:
-    """Read a log once from end to end, in bounded memory, and tell what is in it."""
+    """Read a log from end to end, in bounded memory, and tell what is in it; its poses first, if it has some."""
     rules = rules or RangeRules()
     found: dict[tuple[str, str], _Scan] = {}
     with open_source(source, csv) as log:
+        poses = find_poses(log)
         for block in log.scans():
             for code in np.unique(block.frame):
                 key = block.topic, block.frame_ids[code]
@@ -103,12 +109,25 @@ def inspect_log(
             compression=log.compression,
             size=log.size,
             topics=topics,
-            scans=tuple(found[key].info(*key) for key in sorted(found)),
+            scans=tuple(found[key].info(*key, _pose(poses, key[1])) for key in sorted(found)),
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
+            pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
-            notes=tuple(report.notes),
-            damage=tuple(damage_lines(report)),
+            notes=(*report.notes, *(poses.notes if poses is not None else ())),
+            damage=_damage(report, poses),
         )
+
+
+def _pose(poses: FoundPoses | None, frame_id: str) -> str:
+    way = poses.sources.way(frame_id) if poses is not None else None
+    return f"{' and '.join(way.topics)} ({way.chain})" if way is not None else ""
+
+
+def _damage(report: ReadReport, poses: FoundPoses | None) -> tuple[str, ...]:
+    """Damaged parts that were met while reading the sweeps, and those that hold poses alone."""
+    lines = damage_lines(report)
+    more = [f"{part.place}: {part.cause}" for part in (poses.damage if poses is not None else ())]
+    return (*lines, *(line for line in more if line not in lines))
 
 
 class _Scan:
@@ -143,7 +162,7 @@ class _Scan:
         batch = normalise(block, np.arange(len(block)), rules)
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
 
-    def info(self, topic: str, frame_id: str) -> ScanInfo:
+    def info(self, topic: str, frame_id: str, pose: str) -> ScanInfo:
         """The state so far."""
         return ScanInfo(
             topic=topic,
@@ -151,6 +170,7 @@ class _Scan:
             sweeps=self.sweeps,
             closure=tuple(Closure(code).name.lower() for code in sorted(self._closures)),
             clock=self._clock.info(),
+            pose=pose,
             by_status={
                 status.name.lower(): int(self._statuses[status])
                 for status in Status

@@ -10,6 +10,7 @@ import numpy as np
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.formalism.detection import Detection
 from lidarcli.logs.base import ReadReport
+from lidarcli.pipeline.posing import Posing
 from lidarcli.sweeps import Status, SweepBatch
 
 
@@ -61,11 +62,14 @@ class RunSummary:
         self.by_set["A"] += int(detection.agent_beams.sum())
         self.by_set["S"] += int(detection.noise_beams.sum())
 
-    def close(self, report: ReadReport) -> None:
-        """Take over what reading has met."""
+    def close(self, report: ReadReport, posing: Posing | None = None) -> None:
+        """Take over what reading has met, the sweeps and their poses."""
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
         self.damage = damage_lines(report)
         self.notes = list(report.notes)
+        if posing is not None:
+            self.damage += [line for line in posing.damage_lines() if line not in self.damage]
+            self.notes += posing.notes()
 
 
 def damage_lines(report: ReadReport) -> list[str]:

@@ -33,6 +33,9 @@ def objects_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.Record
         "vertices": _vertices(detection),
         "faces": _faces(detection),
     }
+    if batch.poses is not None:
+        world = batch.poses.to_world(row, detection.box_x, detection.box_y, detection.box_yaw)
+        columns |= zip(("world_x", "world_y", "world_yaw"), map(floats, world), strict=True)
     return _record_batch(OBJECTS, columns, detection, count)
 
 
@@ -50,6 +53,8 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
     }
     for name, code in zip(_STATUSES, Status, strict=False):
         columns[name] = plain(np.count_nonzero(batch.status == code, axis=1).astype(np.int32))
+    if (poses := batch.poses) is not None:
+        columns |= {"pose_x": floats(poses.x), "pose_y": floats(poses.y), "pose_yaw": floats(poses.yaw)}
     return _record_batch(SWEEPS, columns, detection, count)
 
 

@@ -54,6 +54,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "topics",
         "scans",
         "pose_topics",
+        "pose_sources",
         "dropped",
         "notes",
         "damage",
@@ -86,6 +87,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "start_ns": 1_700_000_000_000_000_000,
         "end_ns": 1_700_000_001_900_000_000,
         "beams_by_status": {"valid": 7180, "no_return": 20, "too_close": 0, "invalid": 0},
+        "pose": None,
     }
 
 

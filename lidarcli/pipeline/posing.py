@@ -1,0 +1,274 @@
+"""Gives every sweep its pose: a first pass over the pose messages of the log, then batch by batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidarcli.errors import NoScanError
+from lidarcli.logs.base import POSE_TYPES, Damage, Log, ReadReport, Topic
+from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
+
+if TYPE_CHECKING:
+    from lidarcli.poses.sources import PoseSources, Way
+
+NONE = "none"
+"""What `--pose` takes for no poses at all."""
+TILTED = np.deg2rad(10.0)
+"""A sensor that leans more than this is worth a note."""
+SECOND = 1e-9
+
+_PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
+_SHOWN = 4
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPoses:
+    """The pose sources of a log, and what reading them has met."""
+
+    sources: PoseSources
+    notes: tuple[str, ...] = ()
+    damage: tuple[Damage, ...] = ()
+    """Damaged parts that hold poses; reading the sweeps may meet some of them again."""
+
+
+def find_poses(log: Log, wanted: str | None = None) -> FoundPoses | None:
+    """Read the poses of a log that has some and can be read twice.
+
+    Raises
+    ------
+    NoScanError
+        The topic that is wanted is not there.
+    """
+    if wanted == NONE:
+        return None
+    topics = log.topics()
+    if topics is None or log.size is None:
+        return None
+    there = [topic for topic in topics if topic.type in POSE_TYPES]
+    if wanted is not None and wanted.strip("/") not in {topic.name.strip("/") for topic in there}:
+        raise NoScanError(_absent(wanted, topics, there))
+    if not any(topic.messages != 0 for topic in there):
+        return None
+    # Most logs have no poses and need not wait for the imports.
+    from lidarcli.poses.sources import PoseSources
+    from lidarcli.poses.tracks import Tracks
+
+    tracks = Tracks()
+    kept = _Kept(log.report)
+    tracks.add(log.messages(POSE_TYPES))
+    damage = kept.give_back()
+    notes = [
+        f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())
+    ]
+    if tracks.left_out:
+        notes.append(f"poses: the last {tracks.left_out:,} are left out, there are too many to keep")
+    return FoundPoses(PoseSources(tracks.finish(), wanted), tuple(notes), damage)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseInfo:
+    """One topic with poses."""
+
+    topic: str
+    type: str
+    poses: int
+    """Poses (transforms) told."""
+    rate: float | None
+    """Of its fastest pair of frames, on average [Hz]; None for single poses."""
+    start_ns: int
+    end_ns: int
+    frames: tuple[tuple[str, str], ...]
+    """(frame in which, frame that is told of), the most told first; the latter empty where messages do not name it."""
+
+    @property
+    def span(self) -> float:
+        """From the first to the last stamp [s]."""
+        return (self.end_ns - self.start_ns) * SECOND
+
+
+def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
+    """What every pose topic of a log holds."""
+    infos = []
+    for topic in found.sources.topics:
+        mine = [track for track in found.sources.tracks if track.topic == topic]
+        mine.sort(key=lambda track: -track.messages)
+        spans = [track.span_ns for track in mine]
+        infos.append(
+            PoseInfo(
+                topic=topic,
+                type=mine[0].type,
+                poses=sum(track.messages for track in mine),
+                rate=max((track.rate for track in mine if track.rate is not None), default=None),
+                start_ns=min(first for first, _ in spans),
+                end_ns=max(last for _, last in spans),
+                frames=tuple((track.parent, track.child) for track in mine),
+            )
+        )
+    return tuple(infos)
+
+
+class _Kept:
+    """A report as it was before a pass over other messages: that pass must not count as reading the sweeps."""
+
+    def __init__(self, report: ReadReport) -> None:
+        self._report = report
+        self._damage, self._more = len(report.damage), report.damage_more
+
+    def give_back(self) -> tuple[Damage, ...]:
+        """Restore the report; the damage that the pass has met."""
+        met = tuple(self._report.damage[self._damage :])
+        del self._report.damage[self._damage :]
+        self._report.damage_more = self._more
+        return met
+
+
+def _absent(wanted: str, topics: Sequence[Topic], there: Sequence[Topic]) -> str:
+    types = {topic.name.strip("/"): topic.type for topic in topics}
+    if wanted.strip("/") in types:
+        return f"topic {wanted} is {types[wanted.strip('/')]}, which holds no pose"
+    names = ", ".join(sorted({topic.name for topic in there}))
+    return f"no topic {wanted} with poses in this log ({f'it has {names}' if names else 'it has none'})"
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What became of the sweeps of one frame."""
+
+    sweeps: int = 0
+    without: int = 0
+    tilt: float = 0.0
+    first_ns: int = np.iinfo(np.int64).max
+    last_ns: int = np.iinfo(np.int64).min
+    record_ns: tuple[int, int] = (np.iinfo(np.int64).max, np.iinfo(np.int64).min)
+
+    def add(self, batch: SweepBatch, rows: Int64) -> None:
+        """Take the times of some sweeps."""
+        stamps, records = batch.stamp_ns[rows], batch.record_ns[rows]
+        self.sweeps += len(rows)
+        self.first_ns, self.last_ns = (
+            min(self.first_ns, int(stamps.min())),
+            max(self.last_ns, int(stamps.max())),
+        )
+        low, high = self.record_ns
+        self.record_ns = min(low, int(records.min())), max(high, int(records.max()))
+
+
+@dataclass(slots=True)
+class Posing:
+    """Attaches poses to batches and remembers what a user should know of it."""
+
+    found: FoundPoses | None
+    missed: str = ""
+    """Why there are no poses though there may be some in the log."""
+    seen: dict[str, _Seen] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, log: Log, wanted: str | None = None) -> Posing:
+        """The poses of a log, as far as it has some and can be read twice."""
+        pipe = (
+            wanted != NONE and log.size is None and log.topics() is None and not log.format.startswith("csv")
+        )
+        return cls(find_poses(log, wanted), _PIPE if pipe else "")
+
+    def attach(self, batch: SweepBatch) -> SweepBatch:
+        """The batch with its poses, if the log has poses at all."""
+        if self.found is None or not len(batch):
+            return batch
+        from lidarcli.poses.motion import planar, tilt
+
+        count = len(batch)
+        x, y, yaw = (np.full(count, np.nan) for _ in range(3))
+        poses = SweepPoses(x, y, yaw, np.zeros(count, bool))
+        for code in np.unique(batch.frame).tolist():
+            rows = np.flatnonzero(batch.frame == code)
+            seen = self.seen.setdefault(batch.frame_ids[code], _Seen())
+            seen.add(batch, rows)
+            way = self.found.sources.way(batch.frame_ids[code])
+            if way is None:
+                continue
+            motion = way.at(batch.stamp_ns[rows])
+            here = planar(motion)
+            poses.x[rows], poses.y[rows], poses.yaw[rows] = here.x, here.y, here.yaw
+            poses.upside_down[rows] = here.upside_down
+            seen.without += int(np.count_nonzero(np.isnan(here.x)))
+            seen.tilt = max(seen.tilt, tilt(motion))
+        return replace(batch, poses=poses)
+
+    def damage_lines(self) -> list[str]:
+        """Damaged parts that hold poses."""
+        return [] if self.found is None else [f"{part.place}: {part.cause}" for part in self.found.damage]
+
+    def notes(self) -> list[str]:
+        """The choice, its alternatives and its gaps, a line each."""
+        if self.found is None:
+            return [self.missed] if self.missed else []
+        lines: list[str] = []
+        for frame in sorted(self.seen):
+            lines += self._frame_notes(frame, self.found.sources)
+        return [*dict.fromkeys(lines), *self.found.notes]
+
+    def described(self) -> dict[str, dict[str, str]]:
+        """Sensor frame → where its poses come from, for the tables' metadata."""
+        if self.found is None:
+            return {}
+        ways = {frame: self.found.sources.way(frame) for frame in sorted(self.seen)}
+        return {
+            frame: {"world": way.world, "topic": way.topics[0]}
+            for frame, way in ways.items()
+            if way is not None
+        }
+
+    def _frame_notes(self, frame: str, sources: PoseSources) -> list[str]:
+        way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
+        name = frame or "without a name"
+        if way is None:
+            hint = f"; --pose may name {_some(others)}" if others else ""
+            return [f"no pose for frame {name}: nothing leads from it to a fixed frame{hint}"]
+        lines = [_chosen(way, others)]
+        if seen.without:
+            lines.append(_gap(name, way, seen))
+        if seen.tilt > TILTED:
+            lines.append(
+                f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection"
+            )
+        for step in way.steps:
+            if step.track.jumps_back:
+                lines.append(
+                    f"stamps of {step.track.topic} jump back {step.track.jumps_back:,} times: "
+                    "poses there may mix two runs"
+                )
+        return lines
+
+
+def _chosen(way: Way, others: Sequence[str]) -> str:
+    line = f"poses by {' and '.join(way.topics)} ({way.chain})"
+    if way.assumption:
+        line += f"; {way.assumption}"
+    return line + (f"; also there: {_some(others)} (--pose TOPIC)" if others else "")
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return ", ".join(names[:_SHOWN]) + more
+
+
+def _gap(name: str, way: Way, seen: _Seen) -> str:
+    span = way.span_ns
+    line = f"without a pose: {seen.without:,} of {seen.sweeps:,} sweeps of frame {name}"
+    if span is None:
+        return line
+    if span[0] > span[1]:
+        return f"{line}; the links {way.chain} are never known at the same time"
+    apart = max(span[0] - seen.last_ns, seen.first_ns - span[1])
+    records = way.record_ns
+    together = records[0] <= seen.record_ns[1] and seen.record_ns[0] <= records[1]
+    if seen.without == seen.sweeps and apart > 0 and together:
+        return (
+            f"{line}; their header stamps and those of {way.topics[0]} are {apart * SECOND:,.3f} s apart, though both "
+            "were recorded at the same time: the clocks differ"
+        )
+    return f"{line}, whose stamps are outside the span of {way.topics[0]}"

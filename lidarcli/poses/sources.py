@@ -1,0 +1,171 @@
+"""Which of a log's pose sources tells where a sensor was, and how to ask it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.poses.motion import Motion, compose, inverse
+from lidarcli.poses.rows import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
+from lidarcli.poses.tracks import Track
+from lidarcli.poses.tree import FrameTree, Step
+from lidarcli.sweeps import Int64
+
+_OF_ROBOT = re.compile(
+    "ego|self|robot|base|vehicle|car|current|local|locali[sz]ation|localizer|amcl|slam|tracked|odom|odometry|"
+    "sensor|laser|lidar|scan"
+)
+"""Words in the name of a topic that make its poses those of the robot."""
+_OF_OTHERS = re.compile(
+    "goals?|initial|initialpose|targets?|waypoints?|cmd|command|setpoint|desired|reference|plan|planned|clicked|"
+    "marker|tag|object"
+)
+"""Words in the name of a topic that make its poses those of something else."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Way:
+    """How the pose of one sensor frame in the world comes about."""
+
+    topics: tuple[str, ...]
+    """The topic that decides, then those that help."""
+    frame: str
+    """The sensor's frame."""
+    world: str
+    """The fixed frame."""
+    steps: tuple[Step, ...]
+    """From the sensor to the world."""
+    assumption: str = ""
+    """What had to be taken for granted, in words; empty where all is told."""
+
+    @property
+    def chain(self) -> str:
+        """The frames from the world to the sensor.
+
+        Frames that no message names are left out.
+        """
+        frames = [self.frame, *(step.target for step in self.steps)]
+        return " > ".join(name for name in reversed(frames) if name)
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """The stamps between which every moving link is known; None where nothing moves."""
+        spans = [step.track.span_ns for step in self.steps if not step.track.static]
+        return (max(first for first, _ in spans), min(last for _, last in spans)) if spans else None
+
+    @property
+    def record_ns(self) -> tuple[int, int]:
+        """First and last record time of what decides."""
+        moving = [step.track for step in self.steps if not step.track.static] or [self.steps[0].track]
+        return max(track.record_ns[0] for track in moving), min(track.record_ns[1] for track in moving)
+
+    def at(self, stamp_ns: Int64) -> Motion:
+        """The pose of the sensor in the world at each time (S,), NaN outside the span of any moving link."""
+        count = len(stamp_ns)
+        pose = Motion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+        for track, down in self.steps:
+            link = track.at(stamp_ns)
+            pose = compose(inverse(link) if down else link, pose)
+        return pose
+
+
+class PoseSources:
+    """The tracks of a log, and the choice among them for each sensor frame.
+
+    In the order of preference: the tree of frames where it leads to a fixed frame, Odometry,
+    PoseWithCovarianceStamped, and poses whose topic has the name of a robot's.
+    """
+
+    def __init__(self, tracks: Sequence[Track], wanted: str | None = None) -> None:
+        self.tracks = tuple(tracks)
+        self._wanted = wanted
+        self._tree = FrameTree([track for track in tracks if track.is_link])
+        self._ways: dict[str, tuple[Way | None, tuple[str, ...]]] = {}
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics with poses."""
+        return tuple(dict.fromkeys(track.topic for track in self.tracks))
+
+    def way(self, frame_id: str) -> Way | None:
+        """The chosen way for a sensor frame; None where no source tells."""
+        return self._choice(frame_id)[0]
+
+    def alternatives(self, frame_id: str) -> tuple[str, ...]:
+        """Topics that could be chosen instead."""
+        return self._choice(frame_id)[1]
+
+    def _choice(self, frame_id: str) -> tuple[Way | None, tuple[str, ...]]:
+        if frame_id not in self._ways:
+            frame = frame_name(frame_id)
+            ways = self._all(frame) if self._wanted is None else self._told(frame, self._wanted)
+            chosen = ways[0] if ways else None
+            used = set(chosen.topics) if chosen else set()
+            others = tuple(topic for topic in self.topics if topic not in used and self._told(frame, topic))
+            self._ways[frame_id] = chosen, others
+        return self._ways[frame_id]
+
+    def _all(self, frame: str) -> list[Way]:
+        """Every way that may be taken unasked, the best first."""
+        found = [way] if (way := self._by_tree(frame, self._tree)) is not None else []
+        ranked = [(_rank(track), track) for track in self.tracks if not track.is_link]
+        usable = [(rank, track) for rank, track in ranked if rank is not None]
+        ways = [
+            (bool(way.assumption) and track.type == ODOMETRY, rank, -track.messages, track.topic, way)
+            for rank, track in usable
+            if (way := self._by_track(frame, track))
+        ]
+        ways.sort(key=lambda one: (one[1][0], one[0], *one[1:4]))
+        return found + [way for *_, way in ways]
+
+    def _told(self, frame: str, topic: str) -> list[Way]:
+        """The way by one topic, whatever its name; none where it does not lead to a fixed frame."""
+        mine = [track for track in self.tracks if track.topic.strip("/") == topic.strip("/")]
+        if any(track.is_link for track in mine):
+            if all(track.static for track in mine):
+                return []  # what only mounts something is no source of its own
+            links = [track for track in self.tracks if track.is_link and (track in mine or track.static)]
+            way = self._by_tree(frame, FrameTree(links))
+            return [way] if way is not None else []
+        mine.sort(key=lambda track: -track.messages)
+        return [self._by_track(frame, track) for track in mine[:1]]
+
+    def _by_tree(self, frame: str, tree: FrameTree) -> Way | None:
+        steps = tree.to_world(frame)
+        if not steps:
+            return None
+        moving = [step.track.topic for step in reversed(steps) if not step.track.static]
+        topics = tuple(dict.fromkeys(moving + [step.track.topic for step in steps]))
+        return Way(topics, frame, steps[-1].target, steps)
+
+    def _by_track(self, frame: str, track: Track) -> Way:
+        """Poses of the robot, with the sensor where the tree says it is mounted, else where the robot is."""
+        last = Step(track, down=False)
+        if track.child:
+            mount = self._tree.path(frame, track.child, avoid={track.parent})
+            if mount is not None:
+                helping = dict.fromkeys(step.track.topic for step in mount)
+                return Way((track.topic, *helping), frame, track.parent, (*mount, last))
+        taken = f"the sensor {frame or 'without a frame name'} is taken to be at "
+        taken += f"{track.child}: its mount is not in the log" if track.child else "the pose itself"
+        return Way((track.topic,), frame, track.parent, (last,), taken)
+
+
+def _rank(track: Track) -> tuple[int, int] | None:
+    """How likely a source tells where the robot is, the least first; None where it must be asked for."""
+    words = [word for word in re.split(r"[/_\-.]+", track.topic.lower()) if word]
+    if any(map(_OF_OTHERS.fullmatch, words)):
+        return None
+    like_a_robot = any(map(_OF_ROBOT.fullmatch, words))
+    if track.type == ODOMETRY:
+        return 0, 0 if words[-1:] == ["odom"] else 1
+    if track.type == WITH_COVARIANCE:
+        return 1, 0 if like_a_robot else 1
+    if track.type in TRANSFORMS:
+        return None
+    if like_a_robot:
+        return 2, 0
+    return (2, 1) if track.topic.rpartition("/")[2] == "pose" else None

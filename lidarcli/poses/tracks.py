@@ -1,0 +1,210 @@
+"""Gathers the pose messages of a log into tracks: one per topic and pair of frames, as sorted arrays."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lidarcli.logs.base import Message
+from lidarcli.poses import foxglove, rosbytes
+from lidarcli.poses.motion import Motion, interpolate
+from lidarcli.poses.rows import TRANSFORMS, PoseRows
+from lidarcli.sweeps import Bool, Float64, Int64
+
+MAX_POSES = 2_000_000
+"""Most poses of one log that are kept, 64 bytes each; those after them are left out."""
+TOGETHER = 2048
+TOGETHER_BYTES = 4 << 20
+"""Messages of a topic that are decoded at once."""
+
+NOT_FINITE = "its pose is not finite"
+NO_TURN = "its quaternion is zero"
+ENCODING = "its encoding is not read"
+
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Track:
+    """The poses of one frame in another that one topic tells, by increasing stamp."""
+
+    topic: str
+    type: str
+    parent: str
+    child: str
+    """Empty where the messages do not name it."""
+    static: bool
+    """Whether it holds for the whole log (/tf_static); the last one said holds."""
+    messages: int
+    """Poses told; runs of equal ones are kept by their ends alone."""
+    stamp_ns: Int64
+    """(N,) header stamps (record time where the header has none), each once."""
+    motion: Motion
+    """N poses."""
+    record_ns: tuple[int, int]
+    """First and last record time."""
+    jumps_back: int
+    """Stamps that are a second or more before one that was told earlier."""
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last stamp."""
+        return int(self.stamp_ns[0]), int(self.stamp_ns[-1])
+
+    @property
+    def rate(self) -> float | None:
+        """Poses per second, on average; None for a single one."""
+        seconds = (self.span_ns[1] - self.span_ns[0]) / SECOND_NS
+        return (self.messages - 1) / seconds if seconds > 0 else None
+
+    @property
+    def is_link(self) -> bool:
+        """Whether it is part of the tree of frames."""
+        return self.type in TRANSFORMS
+
+    def at(self, stamp_ns: Int64) -> Motion:
+        """The pose at each time, NaN where the track does not reach."""
+        if self.static:
+            last = np.full(len(stamp_ns), len(self.stamp_ns) - 1)
+            return Motion(self.motion.position[last], self.motion.rotation[last])
+        return interpolate(stamp_ns, self.stamp_ns, self.motion)
+
+
+@dataclass(slots=True)
+class _Growing:
+    """A track while it is read, in log order."""
+
+    stamps: list[Int64] = field(default_factory=list)
+    numbers: list[Float64] = field(default_factory=list)
+    messages: int = 0
+    record_ns: tuple[int, int] = (np.iinfo(np.int64).max, np.iinfo(np.int64).min)
+    latest: int = -(1 << 62)
+    jumps_back: int = 0
+
+    def add(self, stamp_ns: Int64, numbers: Float64, record_ns: Int64) -> int:
+        """Take poses in log order; how many of them are kept."""
+        self.messages += len(stamp_ns)
+        self.record_ns = (
+            min(self.record_ns[0], int(record_ns.min())),
+            max(self.record_ns[1], int(record_ns.max())),
+        )
+        latest = np.maximum.accumulate(np.concatenate([[self.latest], stamp_ns]))
+        self.jumps_back += int(np.count_nonzero(stamp_ns <= latest[:-1] - SECOND_NS))
+        in_order = bool((stamp_ns >= latest[:-1]).all())
+        self.latest = int(latest[-1])
+        if in_order and len(stamp_ns) > 2:
+            same = (numbers[1:] == numbers[:-1]).all(axis=1)
+            kept = np.ones(len(stamp_ns), bool)
+            kept[1:-1] = ~(same[:-1] & same[1:])
+            stamp_ns, numbers = stamp_ns[kept], numbers[kept]
+        self.stamps.append(stamp_ns)
+        self.numbers.append(numbers)
+        return len(stamp_ns)
+
+    def finish(self, key: tuple[str, str, str, str]) -> Track:
+        """The track, sorted; of several poses at one stamp the last that was told."""
+        topic, kind, parent, child = key
+        stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
+        static = topic.rpartition("/")[2] == "tf_static"
+        if static:
+            stamps, numbers = stamps[-1:], numbers[-1:]
+        elif (np.diff(stamps) <= 0).any():
+            order = np.argsort(stamps, kind="stable")
+            stamps, numbers = stamps[order], numbers[order]
+            last = np.append(stamps[1:] != stamps[:-1], True)
+            stamps, numbers = stamps[last], numbers[last]
+        motion = Motion(numbers[:, :3], numbers[:, 3:])
+        return Track(
+            topic, kind, parent, child, static, self.messages, stamps, motion, self.record_ns, self.jumps_back
+        )
+
+
+class Tracks:
+    """Folds pose messages into tracks, in bounded memory."""
+
+    def __init__(self, most: int = MAX_POSES) -> None:
+        self.refused: Counter[tuple[str, str]] = Counter()
+        """(topic, cause) → messages that cannot be a pose."""
+        self.left_out = 0
+        """Poses beyond the most that are kept."""
+        self._room = most
+        self._waiting: dict[tuple[str, str, str], tuple[list[bytes], list[int]]] = {}
+        self._bytes: Counter[tuple[str, str, str]] = Counter()
+        self._growing: dict[tuple[str, str, str, str], _Growing] = {}
+
+    def add(self, messages: Iterable[Message]) -> None:
+        """Take messages in log order."""
+        for message in messages:
+            key = message.topic, message.type, message.encoding
+            data, times = self._waiting.setdefault(key, ([], []))
+            data.append(message.data)
+            times.append(message.record_ns)
+            self._bytes[key] += len(message.data)
+            if len(data) >= TOGETHER or self._bytes[key] >= TOGETHER_BYTES:
+                self._flush(key)
+
+    def finish(self) -> list[Track]:
+        """All tracks, in the order in which they first appear."""
+        for key in list(self._waiting):
+            self._flush(key)
+        return [growing.finish(key) for key, growing in self._growing.items()]
+
+    def _flush(self, key: tuple[str, str, str]) -> None:
+        topic, kind, encoding = key
+        data, times = self._waiting.pop(key)
+        del self._bytes[key]
+        refused: Counter[str] = Counter()
+        found: dict[tuple[str, str], list[PoseRows]] = {}
+        for rows in _decode(kind, encoding, data, refused):
+            found.setdefault((rows.parent, rows.child), []).append(rows)
+        record_ns = np.array(times, np.int64)
+        for (parent, child), parts in found.items():
+            self._take((topic, kind, parent, child), parts, record_ns, refused)
+        for cause, count in refused.items():
+            self.refused[(topic, cause)] += count
+
+    def _take(
+        self,
+        key: tuple[str, str, str, str],
+        parts: Sequence[PoseRows],
+        record_ns: Int64,
+        refused: Counter[str],
+    ) -> None:
+        row = np.concatenate([part.row for part in parts])
+        stamps = np.concatenate([part.stamp_ns for part in parts])
+        numbers = np.concatenate([part.numbers for part in parts])
+        order = np.argsort(row, kind="stable")
+        row, stamps, numbers = row[order], stamps[order], numbers[order]
+        keep = _usable(numbers, refused)
+        row, stamps, numbers = row[keep], stamps[keep], numbers[keep]
+        fits = max(self._room, 0)
+        self.left_out += max(len(row) - fits, 0)
+        row, stamps, numbers = row[:fits], stamps[:fits], numbers[:fits]
+        if not len(row):
+            return
+        numbers[:, 3:] /= np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
+        stamps = np.where(stamps == 0, record_ns[row], stamps)
+        self._room -= self._growing.setdefault(key, _Growing()).add(stamps, numbers, record_ns[row])
+
+
+def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[str]) -> Iterable[PoseRows]:
+    if encoding in ("cdr", "ros1") and not kind.startswith("foxglove."):
+        return rosbytes.decode(kind, encoding, data, refused)
+    if encoding in ("json", "protobuf") and kind.startswith("foxglove."):
+        return foxglove.decode(kind, encoding, data, refused)
+    refused[ENCODING] += len(data)
+    return ()
+
+
+def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
+    """Poses that say something; the others are counted."""
+    finite = np.asarray(np.isfinite(numbers).all(axis=1))
+    turns = np.abs(np.where(finite[:, None], numbers[:, 3:], 1.0)).max(axis=1, initial=0.0) > 1e-6
+    for bad, cause in ((~finite, NOT_FINITE), (~turns, NO_TURN)):
+        if bad.any():
+            refused[cause] += int(np.count_nonzero(bad))
+    usable: Bool = finite & turns
+    return usable

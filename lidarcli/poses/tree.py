@@ -1,0 +1,83 @@
+"""The tree of frames: which links lead from one frame to another."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+from lidarcli.poses.tracks import Track
+
+WORLDS = ("map", "odom", "world")
+"""Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
+
+
+class Step(NamedTuple):
+    """A link on the way from a frame to another one."""
+
+    track: Track
+    down: bool
+    """From the parent to the child, against the direction in which the link speaks."""
+
+    @property
+    def target(self) -> str:
+        """The frame that the step leads to."""
+        return self.track.child if self.down else self.track.parent
+
+
+class FrameTree:
+    """The links of a log, both ways."""
+
+    def __init__(self, links: Sequence[Track]) -> None:
+        self._near: dict[str, dict[str, Step]] = {}
+        self._parent: dict[str, Track] = {}
+        for track in sorted(links, key=lambda link: (not link.static, -link.messages)):
+            if track.parent == track.child or not track.parent or not track.child:
+                continue
+            # Of two links that join the same frames the better one has come first.
+            self._near.setdefault(track.child, {}).setdefault(track.parent, Step(track, down=False))
+            self._near.setdefault(track.parent, {}).setdefault(track.child, Step(track, down=True))
+            self._parent.setdefault(track.child, track)
+
+    def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
+        """The shortest way between two frames, empty if they are one; None if there is none."""
+        return self._paths(start, avoid).get(target)
+
+    def to_world(self, start: str) -> tuple[Step, ...] | None:
+        """The way to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
+
+        The root counts only if something on the way to it moves and it is not the robot itself (base_link): a tree that
+        ends at the robot says nothing of the world.
+        """
+        if _last(start) in WORLDS:
+            return None
+        paths = self._paths(start)
+        for name in WORLDS:
+            for frame, path in paths.items():
+                if _last(frame) == name:
+                    return path
+        climbed: list[Step] = []
+        seen = {start}
+        frame = start
+        while (link := self._parent.get(frame)) is not None and link.parent not in seen:
+            climbed.append(Step(link, down=False))
+            frame = link.parent
+            seen.add(frame)
+        moves = any(not step.track.static for step in climbed)
+        return tuple(climbed) if moves and not _last(frame).startswith("base") else None
+
+    def _paths(self, start: str, avoid: Collection[str] = ()) -> dict[str, tuple[Step, ...]]:
+        """The shortest way to every frame that can be reached, the nearest first."""
+        found: dict[str, tuple[Step, ...]] = {start: ()}
+        waiting = deque([start])
+        while waiting:
+            frame = waiting.popleft()
+            for neighbour, step in self._near.get(frame, {}).items():
+                if neighbour not in found and neighbour not in avoid:
+                    found[neighbour] = (*found[frame], step)
+                    waiting.append(neighbour)
+        return found
+
+
+def _last(frame: str) -> str:
+    return frame.rpartition("/")[2]
