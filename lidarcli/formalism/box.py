@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.faces import Faces
-from lidarcli.formalism.points import Cloud
-from lidarcli.formalism.ragged import span_first, span_max, span_min, spans
+from lidarcli.formalism.ragged import span_bounds, span_first, span_max, spans
 from lidarcli.sweeps import Float64, Int64
 
 RIGHT_ANGLE = np.deg2rad(5.0)
@@ -29,37 +28,36 @@ class Boxes:
 
 
 def bounding_boxes(
-    points: Cloud, index: Int64, owner: Int64, offsets: Int64, faces: Faces, face: Int64, face_offsets: Int64
+    x: Float64, y: Float64, offsets: Int64, faces: Faces, face: Int64, face_offsets: Int64
 ) -> Boxes:
     """The smaller of the rectangles around each object that have a side along one of its two longest faces.
 
     Parameters
     ----------
-    points : the points of the batch
-    index, owner, offsets : the points of K objects, joined
+    x, y, offsets : the points of K objects, joined [m]
     faces : all faces; object k has the faces `face[face_offsets[k]:face_offsets[k + 1]]`
 
     Returns
     -------
     Boxes of K objects
     """
-    x, y = points.x[index], points.y[index]
     longest, second = _two_longest(faces, face, face_offsets)
     first, last = offsets[:-1], offsets[1:] - 1
     # Objects of a single point have no face, and there may be no others: -1 then finds the 0 at the end.
     angles = np.append(faces.angle, 0.0)
-    angle = np.where(longest >= 0, angles[longest], np.arctan2(y[last] - y[first], x[last] - x[first]))
-    rectangle = _rectangle(x, y, angle, owner, offsets)
+    angle = angles[longest]
+    alone = np.flatnonzero(longest < 0)
+    angle[alone] = np.arctan2(y[last[alone]] - y[first[alone]], x[last[alone]] - x[first[alone]])
+    low_u, high_u, low_v, high_v = bounds = _rectangle(x, y, angle, offsets)
     # A second direction matters only where the two longest faces are not at right angles anyway.
     turn = np.abs(np.sin(2.0 * (angles[second] - angle)))
     oblique = np.flatnonzero((second >= 0) & (turn > np.sin(2.0 * RIGHT_ANGLE)))
-    part, part_owner, part_offsets = spans(first[oblique], np.diff(offsets)[oblique])
-    other = _rectangle(x[part], y[part], faces.angle[second[oblique]], part_owner, part_offsets)
-    better = other.area < (1.0 - TIE) * rectangle.area[oblique]
-    for name in ("angle", "low_u", "high_u", "low_v", "high_v"):
-        getattr(rectangle, name)[oblique[better]] = getattr(other, name)[better]
-    angle, low_u, high_u = rectangle.angle, rectangle.low_u, rectangle.high_u
-    low_v, high_v = rectangle.low_v, rectangle.high_v
+    part, _, part_offsets = spans(first[oblique], np.diff(offsets)[oblique])
+    other_angle = angles[second[oblique]]
+    others = _rectangle(x[part], y[part], other_angle, part_offsets)
+    better = _area(others) < (1.0 - TIE) * _area(bounds)[oblique]
+    for values, other in zip((*bounds, angle), (*others, other_angle), strict=True):
+        values[oblique[better]] = other[better]
     middle_u, middle_v = 0.5 * (low_u + high_u), 0.5 * (low_v + high_v)
     cos, sin = np.cos(angle), np.sin(angle)
     length, width = high_u - low_u, high_v - low_v
@@ -74,33 +72,23 @@ def bounding_boxes(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Rectangle:
-    """(K,) each: bounds along the direction `angle` [rad] and across it [m]."""
-
-    angle: Float64
-    low_u: Float64
-    high_u: Float64
-    low_v: Float64
-    high_v: Float64
-
-    @property
-    def area(self) -> Float64:
-        area: Float64 = (self.high_u - self.low_u) * (self.high_v - self.low_v)
-        return area
+def _rectangle(
+    x: Float64, y: Float64, angle: Float64, offsets: Int64
+) -> tuple[Float64, Float64, Float64, Float64]:
+    """Bounds of the points of each object in the direction `angle` (K,) and across it [m]: low, high, low, high."""
+    size = np.diff(offsets)
+    cos, sin = np.repeat(np.cos(angle), size), np.repeat(np.sin(angle), size)
+    along, across = x * cos, y * cos
+    along += y * sin
+    across -= x * sin
+    return *span_bounds(along, offsets), *span_bounds(across, offsets)
 
 
-def _rectangle(x: Float64, y: Float64, angle: Float64, owner: Int64, offsets: Int64) -> _Rectangle:
-    """Bounds of the points of each object in the direction `angle` (K,)."""
-    cos, sin = np.cos(angle)[owner], np.sin(angle)[owner]
-    along, across = x * cos + y * sin, y * cos - x * sin
-    return _Rectangle(
-        angle.copy(),
-        span_min(along, offsets),
-        span_max(along, offsets),
-        span_min(across, offsets),
-        span_max(across, offsets),
-    )
+def _area(bounds: tuple[Float64, Float64, Float64, Float64]) -> Float64:
+    """(K,) areas of rectangles given by their bounds [m²]."""
+    low_u, high_u, low_v, high_v = bounds
+    area: Float64 = (high_u - low_u) * (high_v - low_v)
+    return area
 
 
 def _two_longest(faces: Faces, face: Int64, face_offsets: Int64) -> tuple[Int64, Int64]:
@@ -108,15 +96,13 @@ def _two_longest(faces: Faces, face: Int64, face_offsets: Int64) -> tuple[Int64,
     sizes = np.diff(face_offsets)
     longest, second = np.full(len(sizes), -1), np.full(len(sizes), -1)
     some = np.flatnonzero(sizes > 0)
-    if not len(some):
-        return longest, second
-    offsets = np.append(face_offsets[some], len(face))
-    owner = np.repeat(np.arange(len(some)), sizes[some])
-    length = faces.length[face].copy()
-    best = span_first(length == span_max(length, offsets)[owner], owner, len(some))
-    longest[some] = face[best]
+    longest[some] = face[face_offsets[some]]
+    many = np.flatnonzero(sizes > 1)
+    index, _, offsets = spans(face_offsets[many], sizes[many])
+    length = faces.length[face[index]]
+    best = span_first(length == np.repeat(span_max(length, offsets), sizes[many]), offsets)
+    longest[many] = face[index[best]]
     length[best] = -1.0
-    many = sizes[some] > 1
-    next_best = span_first(length == span_max(length, offsets)[owner], owner, len(some))
-    second[some[many]] = face[next_best[many]]
+    best = span_first(length == np.repeat(span_max(length, offsets), sizes[many]), offsets)
+    second[many] = face[index[best]]
     return longest, second

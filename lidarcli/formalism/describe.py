@@ -60,17 +60,17 @@ def describe(
 
     first, last = runs.first[chosen], runs.last[chosen]
     index, owner, offsets = spans(first, last - first + 1)
+    x, y = points.x[index], points.y[index]
     face, face_owner, face_offsets = spans(faces.offsets[chosen], np.diff(faces.offsets)[chosen])
     ranges = points.range(index)
     r_min = span_min(ranges, offsets)
-    nearest = index[span_first(ranges == r_min[owner], owner, len(chosen))]
+    nearest = index[span_first(ranges == np.repeat(r_min, np.diff(offsets)), offsets)]
     size = (last - first + 1).astype(np.float64)
     width = np.hypot(points.x[last] - points.x[first], points.y[last] - points.y[first])
-    box = bounding_boxes(points, index, owner, offsets, faces, face, face_offsets)
+    box = bounding_boxes(x, y, offsets, faces, face, face_offsets)
     shape = classify(
-        points,
-        index,
-        owner,
+        x,
+        y,
         offsets,
         np.diff(face_offsets),
         _worst_rms(faces, face, face_offsets),
@@ -108,8 +108,8 @@ def describe(
         else sweep_d_th[row],
         theta_min=points.theta(nearest, row),
         r_min=r_min,
-        x=span_sum(points.x[index], offsets) / size,
-        y=span_sum(points.y[index], offsets) / size,
+        x=span_sum(x, offsets) / size,
+        y=span_sum(y, offsets) / size,
         width=width,
         box_x=box.x,
         box_y=box.y,
@@ -150,6 +150,8 @@ def describe(
 def _in_order(runs: Runs, segmentation: Segmentation) -> Int64:
     """The chosen runs, sweep by sweep: objects by increasing bearing, then walls."""
     chosen = np.flatnonzero(segmentation.is_object | segmentation.is_wall)
+    if not segmentation.is_wall.any():
+        return chosen
     order: Int64 = chosen[np.lexsort((segmentation.is_wall[chosen], runs.row[chosen]))]
     return order
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.points import Cloud
-from lidarcli.formalism.ragged import offsets_of, spans
+from lidarcli.formalism.ragged import offsets_of, span_max_positive, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.sweeps import Bool, Float64, Int64
 
@@ -98,18 +98,18 @@ def split_straight(shape: Outline, tolerance: Float64) -> Bool:
     worth = np.flatnonzero(shape.start[1:] > shape.start[:-1])
     begin, end, tolerance = shape.start[worth], shape.start[worth + 1] - 1, tolerance[worth]
     # First the whole runs, which follow each other without a gap, then ever fewer parts of them.
-    offsets, index = begin, None
+    offsets, index = np.append(begin, len(x)), None
     for _ in range(MAX_SPLITS):
         if not len(begin):
             break
         away = _distance_from_chord(x, y, begin, end, tolerance, offsets, index)
-        farthest = np.maximum.reduceat(away, offsets)
+        farthest = span_max_positive(away, offsets)
         split = np.flatnonzero(farthest > tolerance)
         if not len(split):
             break
         threshold = np.full(len(begin), np.inf)
         threshold[split] = farthest[split]
-        at = np.flatnonzero(away == np.repeat(threshold, _sizes(offsets, len(away))))
+        at = np.flatnonzero(away == np.repeat(threshold, np.diff(offsets)))
         at = at[np.searchsorted(at, offsets[split])]
         middle = at if index is None else index[at]
         inner[middle] = True
@@ -121,17 +121,8 @@ def split_straight(shape: Outline, tolerance: Float64) -> Bool:
         size = end - begin - 1
         offsets = offsets_of(size)
         index = np.arange(offsets[-1])
-        offsets = offsets[:-1]
-        index += np.repeat(begin + 1 - offsets, size)
+        index += np.repeat(begin + 1 - offsets[:-1], size)
     return inner
-
-
-def _sizes(offsets: Int64, total: int) -> Int64:
-    """(J,) sizes of spans that begin at `offsets` and fill `total` values."""
-    size = np.empty_like(offsets)
-    np.subtract(offsets[1:], offsets[:-1], out=size[:-1])
-    size[-1:] = total - offsets[-1:]
-    return size
 
 
 def _distance_from_chord(
@@ -145,7 +136,7 @@ def _distance_from_chord(
 ) -> Float64:
     """Distance of points from the chord `begin … end` of their stretch; from its start where the chord is a point.
 
-    Stretch j has the points of `index` from `offsets[j]` on, None: all points.
+    Stretch j has the points `index[offsets[j]:offsets[j + 1]]`, of all points where `index` is None.
     """
     x0, y0 = x[begin], y[begin]
     chord_x, chord_y = x[end] - x0, y[end] - y0
@@ -156,7 +147,7 @@ def _distance_from_chord(
     normal_x, normal_y = chord_y * scale, -chord_x * scale
     if index is not None:
         x, y = x[index], y[index]
-    size = _sizes(offsets, len(x))
+    size = np.diff(offsets)
     away = x * np.repeat(normal_x, size)
     away += y * np.repeat(normal_y, size)
     away -= np.repeat(x0 * normal_x + y0 * normal_y, size)
@@ -185,7 +176,7 @@ def faces_between(shape: Outline, inner: Bool) -> Faces:
     begins = inner.copy()
     begins[shape.start[filled]] = True
     first = np.flatnonzero(begins)
-    size = _sizes(first, len(x))
+    size = np.diff(first, append=len(x))
     inside = inner[first]
     run = filled[np.cumsum(~inside) - 1]
     # The vertex between two faces belongs to both.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int64
 
 
 def spans(begin: Int64, size: Int64) -> tuple[Int64, Int64, Int64]:
@@ -19,10 +19,10 @@ def spans(begin: Int64, size: Int64) -> tuple[Int64, Int64, Int64]:
     >>> [part.tolist() for part in spans(np.array([5, 0]), np.array([2, 1]))]
     [[5, 6, 0], [0, 0, 1], [0, 2, 3]]
     """
-    offsets = np.zeros(len(size) + 1, np.int64)
-    np.cumsum(size, out=offsets[1:])
+    offsets = offsets_of(size)
     owner = np.repeat(np.arange(len(size)), size)
-    index = np.arange(offsets[-1]) + (begin - offsets[:-1])[owner]
+    index = np.arange(offsets[-1])
+    index += np.repeat(begin - offsets[:-1], size)
     return index, owner, offsets
 
 
@@ -34,22 +34,45 @@ def span_sum(values: Float64, offsets: Int64) -> Float64:
 
 def span_max(values: Float64, offsets: Int64) -> Float64:
     """(J,) greatest values over the spans of a joined array, all of which hold at least one value."""
-    greatest: Float64 = np.maximum.reduceat(values, offsets[:-1]) if len(offsets) > 1 else np.empty(0)
+    greatest: Float64 = np.maximum.reduceat(values, offsets[:-1]) if len(offsets) > 1 else values[:0]
     return greatest
 
 
 def span_min(values: Float64, offsets: Int64) -> Float64:
     """(J,) least values over the spans of a joined array, all of which hold at least one value."""
-    least: Float64 = np.minimum.reduceat(values, offsets[:-1]) if len(offsets) > 1 else np.empty(0)
+    least: Float64 = np.minimum.reduceat(values, offsets[:-1]) if len(offsets) > 1 else values[:0]
     return least
 
 
-def span_first(mask: np.ndarray, owner: Int64, count: int) -> Int64:
-    """(count,) joined index of the first True of each span; -1 where a span has none."""
-    first = np.full(count, -1, np.int64)
-    hit = np.flatnonzero(mask)[::-1]
-    first[owner[hit]] = hit
-    return first
+def span_max_positive(values: Float64, offsets: Int64) -> Float64:
+    """`span_max` of values that are not negative: their bits are ordered as they are, and integers compare faster."""
+    if len(offsets) < 2:
+        return values[:0]
+    greatest: Float64 = np.maximum.reduceat(values.view(np.int64), offsets[:-1]).view(np.float64)
+    return greatest
+
+
+def span_bounds(values: Float64, offsets: Int64) -> tuple[Float64, Float64]:
+    """(J,) least and greatest values over the spans of a joined array, all of which hold at least one value."""
+    if len(offsets) < 2:
+        return values[:0], values[:0]
+    order = _ordered(values.view(np.int64))
+    low, high = np.minimum.reduceat(order, offsets[:-1]), np.maximum.reduceat(order, offsets[:-1])
+    return _ordered(low).view(np.float64), _ordered(high).view(np.float64)
+
+
+def _ordered(bits: Int64) -> Int64:
+    """Integers that are ordered as the floats with these bits; and back, by doing it again."""
+    sign = bits >> 63
+    sign &= np.int64(0x7FFFFFFFFFFFFFFF)
+    sign ^= bits
+    return sign
+
+
+def span_first(mask: Bool, offsets: Int64) -> Int64:
+    """(J,) joined index of the first True of each span, all of which hold one."""
+    hit = np.flatnonzero(mask)
+    return hit[np.searchsorted(hit, offsets[:-1])]
 
 
 def offsets_of(sizes: Int64) -> Int64:
