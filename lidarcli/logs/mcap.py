@@ -211,9 +211,12 @@ class McapLog:
         """Raw messages of the given types in file order."""
         known = self._catalogue
         for _, rows in self._pass(lambda key: 0 if known.type(key) in types else _UNWANTED):
+            kinds = {
+                key: (known.channels[key].topic, known.type(key), known.channels[key].message_encoding)
+                for key in np.unique(rows.channel).tolist()
+            }
             for key, (data, log_ns) in zip(rows.channel.tolist(), _payloads(rows), strict=True):
-                channel = known.channels[key]
-                yield Message(channel.topic, known.type(key), channel.message_encoding, log_ns, data)
+                yield Message(*kinds[key], log_ns, data)
 
     def _decoder(self, key: int) -> _Columns | _OneByOne | None:
         """What decodes a channel's messages; None, with a note where one is due, if they are no sweeps."""

@@ -18,9 +18,11 @@ MAX_POSES = 2_000_000
 """Most poses of one log that are kept, 64 bytes each; those after them are left out."""
 TOGETHER = 2048
 TOGETHER_BYTES = 4 << 20
-"""Messages of a topic that are decoded at once."""
+"""Messages of a topic that are decoded at once, and bytes of all that wait."""
 
 NOT_FINITE = "its pose is not finite"
+_LARGEST = 1e12
+"""Nobody is so far away [m]."""
 NO_TURN = "its quaternion is zero"
 ENCODING = "its encoding is not read"
 
@@ -131,36 +133,42 @@ class Tracks:
         self.left_out = 0
         """Poses beyond the most that are kept."""
         self._room = most
-        self._waiting: dict[tuple[str, str, str], tuple[list[bytes], list[int]]] = {}
-        self._bytes: Counter[tuple[str, str, str]] = Counter()
+        self._waiting: dict[tuple[str, str, str], list[Message]] = {}
+        self._bytes = 0
         self._growing: dict[tuple[str, str, str, str], _Growing] = {}
 
     def add(self, messages: Iterable[Message]) -> None:
         """Take messages in log order."""
         for message in messages:
             key = message.topic, message.type, message.encoding
-            data, times = self._waiting.setdefault(key, ([], []))
-            data.append(message.data)
-            times.append(message.record_ns)
-            self._bytes[key] += len(message.data)
-            if len(data) >= TOGETHER or self._bytes[key] >= TOGETHER_BYTES:
+            if (waiting := self._waiting.get(key)) is None:
+                waiting = self._waiting[key] = []
+            waiting.append(message)
+            self._bytes += len(message.data)
+            if len(waiting) >= TOGETHER:
                 self._flush(key)
+            elif self._bytes >= TOGETHER_BYTES:
+                self._flush_all()
 
     def finish(self) -> list[Track]:
         """All tracks, in the order in which they first appear."""
+        self._flush_all()
+        return [growing.finish(key) for key, growing in self._growing.items()]
+
+    def _flush_all(self) -> None:
         for key in list(self._waiting):
             self._flush(key)
-        return [growing.finish(key) for key, growing in self._growing.items()]
 
     def _flush(self, key: tuple[str, str, str]) -> None:
         topic, kind, encoding = key
-        data, times = self._waiting.pop(key)
-        del self._bytes[key]
+        waiting = self._waiting.pop(key)
+        data = [message.data for message in waiting]
+        self._bytes -= sum(map(len, data))
         refused: Counter[str] = Counter()
         found: dict[tuple[str, str], list[PoseRows]] = {}
         for rows in _decode(kind, encoding, data, refused):
             found.setdefault((rows.parent, rows.child), []).append(rows)
-        record_ns = np.array(times, np.int64)
+        record_ns = np.array([message.record_ns for message in waiting], np.int64)
         for (parent, child), parts in found.items():
             self._take((topic, kind, parent, child), parts, record_ns, refused)
         for cause, count in refused.items():
@@ -201,7 +209,8 @@ def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[st
 
 def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
     """Poses that say something; the others are counted."""
-    finite = np.asarray(np.isfinite(numbers).all(axis=1))
+    # Squares of larger numbers overflow; a comparison with NaN does not hold.
+    finite = np.asarray((np.abs(numbers) < _LARGEST).all(axis=1))
     turns = np.abs(np.where(finite[:, None], numbers[:, 3:], 1.0)).max(axis=1, initial=0.0) > 1e-6
     for bad, cause in ((~finite, NOT_FINITE), (~turns, NO_TURN)):
         if bad.any():
