@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism.detection import BOTH_HIDDEN, CUT, END_HIDDEN, FULL, START_HIDDEN
-from lidarcli.formalism.runs import HIDDEN, OPEN, OWN, VIEW, Runs
+from lidarcli.formalism.runs import HIDDEN, OPEN, OWN, UNKNOWN, VIEW, Runs
 from lidarcli.sweeps import Bool, UInt8
+
+
+NO_NEIGHBOUR = (OPEN, UNKNOWN)
+"""Beside the run is no range at all: nothing is seen behind it, and scanners also lose the beam that grazes an edge."""
 
 
 def fully_visible(runs: Runs) -> Bool:
@@ -38,7 +42,7 @@ def partly_visible(runs: Runs, enclosed: Bool, slight: Bool) -> Bool:
     (R,)
     """
     own = (runs.start_edge == OWN) | (runs.end_edge == OWN)
-    open_start, open_end = runs.start_edge == OPEN, runs.end_edge == OPEN
+    open_start, open_end = np.isin(runs.start_edge, NO_NEIGHBOUR), np.isin(runs.end_edge, NO_NEIGHBOUR)
     free = np.where(slight, open_start | open_end, open_start & open_end)
     # A turn without any discontinuity surrounds the sensor: both its edges are hidden, by no step at all.
     surrounding = (runs.start_edge == HIDDEN) & (runs.end_edge == HIDDEN) & np.isnan(runs.s_start)
