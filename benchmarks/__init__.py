@@ -1,0 +1,1 @@
+"""Measurements of lidarcli: speed (`make bench`) and accuracy (`make accuracy`)."""

@@ -1,0 +1,103 @@
+"""The sweeps of the benchmark with their truth: random scenes × sensors × faults, 27 cells in all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from lidarcli.simulate.entities import legs_of
+from lidarcli.simulate.generate import simulate_sweep_arrays
+from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, Kind, random_scene, sensor_with
+from lidarcli.simulate.scene import Entity, Scene
+from lidarcli.sweeps import Float64, Int32, RangeRules, RawSweeps, SweepBatch, UInt8, concatenate, normalise
+
+Things = Literal["plain", "whole", "legs"]
+"""Scenes without legged things; with them, each one entity; with them, each leg an entity of its own."""
+
+THINGS = ("box", "cylinder", "pole", "plant", "person", "chair", "table", "ladder", "leg", "wall")
+"""Kinds of entities; the codes of `Truth.kind` are positions in this tuple."""
+WALL = THINGS.index("wall")
+POLE_DIAMETER = 0.12
+"""A cylinder up to this thick [m] is called a pole: few beams hit it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One of the 27 conditions."""
+
+    kind: Kind
+    sensor: str
+    noise: float
+    """Standard deviation of a range [m]."""
+    lost: float
+    """Share of lost beams."""
+
+    @property
+    def label(self) -> str:
+        """Short name for tables."""
+        return f"{self.sensor} · {100 * self.noise:.0f} cm"
+
+
+CELLS = tuple(Cell(kind, sensor, *fault) for kind in KINDS for sensor in SENSORS for fault in FAULTS)
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What S sweeps of B beams saw. E: the largest number of entities in one sweep."""
+
+    entity: Int32
+    """(S, B) entity that the beam hit, -1 for none or without a range."""
+    kind: UInt8
+    """(S, E) code into `THINGS`; `WALL` also where there is no such entity."""
+
+
+def kind_of(entity: Entity) -> int:
+    """Code into `THINGS`."""
+    thin = entity.kind == "cylinder" and entity.length <= POLE_DIAMETER
+    return THINGS.index("pole" if thin else entity.kind)
+
+
+def with_legs_apart(scene: Scene) -> Scene:
+    """The same scene with every leg an entity of its own."""
+    return replace(scene, entities=tuple(leg for entity in scene.entities for leg in legs_of(entity)))
+
+
+def simulate(scenes: list[Scene], seeds: list[int], sweeps: int = 1) -> tuple[SweepBatch, Truth]:
+    """Sweeps of several scenes as one batch, with their truth."""
+    raws, hits, kinds = [], [], []
+    most = max(len(scene.entities) for scene in scenes)
+    for scene, seed in zip(scenes, seeds, strict=True):
+        raw, hit, entities = simulate_sweep_arrays(scene, sweeps, seed)
+        kind = np.full(most, WALL, np.uint8)
+        kind[: len(entities)] = [kind_of(entity) for entity in entities]
+        raws.append(raw)
+        hits.append(hit)
+        kinds.append(np.tile(kind, (sweeps, 1)))
+    return judged(concatenate(raws)), Truth(np.concatenate(hits), np.concatenate(kinds))
+
+
+def judged(raw: RawSweeps) -> SweepBatch:
+    """Normalised by the default rules."""
+    return normalise(raw, np.arange(len(raw)), RangeRules())
+
+
+def cells_of(kind: Kind, seeds: list[int], things: Things) -> Iterator[tuple[Cell, SweepBatch, Truth]]:
+    """The cells of one kind of scene: one sweep of each seed's scene by each sensor with each fault."""
+    ideal = SENSORS["361"]
+    scenes = [random_scene(kind, seed, ideal, legged=things != "plain") for seed in seeds]
+    if things == "legs":
+        scenes = [with_legs_apart(scene) for scene in scenes]
+    for cell in CELLS:
+        if cell.kind == kind:
+            sensor = sensor_with(SENSORS[cell.sensor], cell.noise, cell.lost)
+            batch, truth = simulate([replace(scene, sensor=sensor) for scene in scenes], seeds)
+            yield cell, batch, truth
+
+
+def points_xy(batch: SweepBatch) -> tuple[Float64, Float64]:
+    """(S, B) positions in the sensor frame [m], NaN without a range."""
+    bearings, ranges = batch.bearings(), batch.ranges.astype(np.float64)
+    return ranges * np.cos(bearings), ranges * np.sin(bearings)
