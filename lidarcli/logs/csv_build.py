@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
+from lidarcli.logs.csv_cells import not_a_number
 from lidarcli.logs.csv_layouts import Columns, given_geometry
 from lidarcli.logs.csv_times import seconds_and_nanoseconds, to_ns
 from lidarcli.logs.laserscan import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY
@@ -23,6 +24,14 @@ GEOMETRY = (
     "range_max",
 )
 NO_TIME = "the time cannot be read"
+
+
+def bad_cell(report: ReadReport, line: int, cell: bytes) -> None:
+    """Record a row that is dropped for a cell that is no number; only what is kept is put into words."""
+    if len(report.damage) < ReadReport.MAX_DAMAGE:
+        report.add_damage(f"line {line}", not_a_number(cell))
+    else:
+        report.damage_more += 1
 
 
 def read_times(

@@ -42,8 +42,8 @@ class Numbers:
     """NaN where a cell holds none."""
     empty: Bool | None
     """True for cells without a value (empty, null); None: there are no such cells."""
-    bad: dict[int, str]
-    """Row → cause, for rows with a cell that is no number; their values are NaN."""
+    bad: dict[int, bytes]
+    """Row → a cell that is no number; the values of such a row are NaN."""
 
 
 class Cells:
@@ -155,6 +155,13 @@ def say(cell: bytes, most: int = 24) -> str:
     return f"'{text[:most]}…'" if len(text) > most else f"'{text}'"
 
 
+def not_a_number(cell: bytes) -> str:
+    """Why a row with this cell is no sweep."""
+    if cell.strip(b" \"'") in (b"...", b"\xe2\x80\xa6"):
+        return "the array was abbreviated ('...') when the log was written (ros2 topic echo: --full-length)"
+    return f"{say(cell)} is not a number"
+
+
 def _cast(
     text: bytes, starts: Int32, ends: Int32, dtype: type[np.floating]
 ) -> tuple[NDArray[Any], Bool | None]:
@@ -225,11 +232,11 @@ def _slow_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: t
         if not count:
             continue
         numbers: list[float | None] = []
-        for place, cell in enumerate(part.split(separator)):
+        for cell in part.split(separator):
             try:
                 numbers.append(parse_number(cell))
             except ValueError:
-                bad[row] = _not_a_number(cell, place)
+                bad[row] = cell
                 numbers = [np.nan] * count
                 break
         values += [np.nan if number is None else number for number in numbers]
@@ -239,17 +246,11 @@ def _slow_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: t
     return Numbers(flat, np.array(empty, np.bool_) if any(empty) else None, bad)
 
 
-def _not_a_number(cell: bytes, place: int) -> str:
-    if cell.strip(b" \"'") in (b"...", b"\xe2\x80\xa6"):
-        return "the array was abbreviated ('...') when the log was written (ros2 topic echo: --full-length)"
-    return f"{say(cell)} is not a number"
-
-
 def _join(left: Numbers, right: Numbers, rows: int) -> Numbers:
     empty = None
     if left.empty is not None or right.empty is not None:
         empty = np.concatenate(
             [np.zeros(len(n.values), np.bool_) if n.empty is None else n.empty for n in (left, right)]
         )
-    bad = left.bad | {row + rows: cause for row, cause in right.bad.items()}
+    bad = left.bad | {row + rows: cell for row, cell in right.bad.items()}
     return Numbers(np.concatenate([left.values, right.values]), empty, bad)

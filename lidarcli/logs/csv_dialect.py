@@ -15,6 +15,8 @@ from lidarcli.sweeps import Int64
 
 _LISTS = re.compile(rb'\[[^\]]*\]|"[^"]*"')
 _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
+_ENOUGH = 64 << 10
+"""Bytes of a line that show how its cells are set apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +47,18 @@ class Lines:
 
 def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
     """The separator that most lines hold, outside quotes and lists; None for text that is no table."""
-    bare = [_LISTS.sub(b'"', line) for line in lines]
+    # The head counts for more than what follows: damage must not hide what the file is.
+    lines = lines[:12]
+    bare = [_LISTS.sub(b'"', line[:_ENOUGH]) for line in lines]
     enough = max(1, (len(bare) + 1) // 2)
 
     def common(separator: bytes) -> bool:
-        return sum(separator in line.strip() for line in bare) >= enough
+        found = [separator in line.strip() for line in bare]
+        return sum(found) >= enough or (len(found) > 2 and all(found[:2]))
 
     if common(b",") and common(b" ") and not common(b";") and not common(b"\t"):
-        # Decimal commas set apart by spaces: every word of the last line is such a number.
-        words = bare[-1].split()
+        # Decimal commas set apart by spaces: every word of a line is such a number.
+        words = max(bare, key=len).split()
         if len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words):
             return Dialect(b" ", decimal_comma=True)
     for separator in (b";", b"\t", b",", b" "):
@@ -61,9 +66,11 @@ def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
             break
     else:
         return None
-    trailing = separator != b" " and all(line.rstrip(b" ").endswith(separator) for line in bare)
+    trailing = separator != b" " and all(line.rstrip(b" ").endswith(separator) for line in lines)
     comma = separator in b";\t" and any(
-        _DECIMAL_COMMA.fullmatch(cell.strip(b'"')) for line in lines for cell in line.split(separator)
+        _DECIMAL_COMMA.fullmatch(cell.strip(b'"'))
+        for line in lines
+        for cell in line[:_ENOUGH].split(separator)
     )
     return Dialect(separator, comma, trailing)
 
@@ -127,24 +134,19 @@ def csv_cells(line: str, separator: str) -> list[str]:
 
 
 def _unquote(text: bytes, separator: bytes) -> bytes:
-    """Take off quotes; what stood for a separator inside them becomes a space, or a decimal point."""
-    text = re.sub(rb'"([^"\n' + re.escape(separator) + rb']*)"', rb"\1", text)
-    if b'"' not in text:
-        return text
-    lines = text.split(b"\n")
-    mark = separator.decode()
-    for place, line in enumerate(lines):
-        if b'"' not in line:
-            continue
-        try:
-            cells = csv_cells(line.decode("utf-8", "surrogateescape"), mark)
-        except ValueError:
-            continue
-        plain = [
-            cell.replace(",", ".")
-            if _DECIMAL_COMMA.fullmatch(cell.encode("utf-8", "surrogateescape"))
-            else cell.replace(mark, " ").replace("\n", " ")
-            for cell in cells
-        ]
-        lines[place] = mark.join(plain).encode("utf-8", "surrogateescape")
-    return b"\n".join(lines)
+    """Take off quotes; a separator inside them becomes a space, or a decimal point between two digits."""
+    buffer = np.frombuffer(text, np.uint8)
+    quotes = np.flatnonzero(buffer == ord('"'))
+    marks = np.flatnonzero(buffer == separator[0])
+    ends = np.flatnonzero(buffer == ord("\n"))
+    before_line = np.searchsorted(quotes, np.append(0, ends + 1))
+    # A line with a quote too many has no inside and outside: its quotes go, its separators stay.
+    matched = np.diff(before_line) % 2 == 0
+    line = np.searchsorted(ends, marks)
+    inside = marks[((np.searchsorted(quotes, marks) - before_line[line]) % 2 == 1) & matched[line]]
+    if len(inside):
+        changed = buffer.copy()
+        digit = (buffer >= ord("0")) & (buffer <= ord("9"))
+        changed[inside] = np.where(digit[inside - 1] & digit[inside + 1], ord("."), ord(" "))
+        text = changed.tobytes()
+    return text.replace(b'"', b"")

@@ -15,7 +15,7 @@ from lidarcli.logs.csv_times import NS, time_unit
 
 SAMPLE_LINES = 3000
 SAMPLE_BYTES = 256 << 10
-"""How much is looked at to recognise a layout; three lines at least."""
+"""How much is looked at to recognise a layout; two lines at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,10 @@ class Head:
     options: CsvOptions
 
     def column(self, index: int) -> list[bytes]:
-        """The cells of a column that are not empty."""
-        return [row[index] for row in self.rows if len(row) > index and row[index]]
+        """The cells of a column that are not empty, in rows as long as the header where there is one."""
+        least = len(self.names) or index + 1
+        cells = [row[index] for row in self.rows if len(row) >= least and row[index]]
+        return cells or [row[index] for row in self.rows if len(row) > index and row[index]]
 
 
 def read_head(lines: Sequence[bytes], options: CsvOptions, path: str) -> Head:
@@ -70,7 +72,7 @@ def _sample(numbered: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
     size = 0
     for place, (_, line) in enumerate(numbered):
         size += len(line)
-        if place >= 3 and (size > SAMPLE_BYTES or place >= SAMPLE_LINES):
+        if place >= 2 and (size > SAMPLE_BYTES or place >= SAMPLE_LINES):
             return numbered[:place]
     return numbered
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
 from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.csv_build import NO_TIME, build, encode_frames, keep_sound, number_type, pad, read_times
-from lidarcli.logs.csv_cells import parse_number, parse_rows, say
+from lidarcli.logs.csv_cells import not_a_number, parse_number, parse_rows, say
 from lidarcli.logs.csv_dialect import csv_cells, read_lines
 from lidarcli.logs.csv_layouts import Columns, Layout
 from lidarcli.logs.csv_source import MAX_LINE, Block
@@ -23,6 +24,12 @@ _FRAME = re.compile(r"frame_id['\"]?\s*[:=]\s*(?:'([^']*)'|\"([^\"]*)\"|([^\s,'\
 _PARENTHESES = re.compile(rb'"\s*\(([^()]*)\)\s*"')
 _CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
 _GEOMETRY = ("angle_min", "angle_increment", "range_min", "range_max")
+_MOST_LISTS = 64
+"""A record with more lists than this is garbage."""
+_MOST_TEXT = 1 << 20
+"""Most bytes of a record outside its lists."""
+_MOST_LINES = 100_000
+"""Most lines that one record may span."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +53,7 @@ class ListDecoder:
         scan = layout.scans[0]
         self._scan = scan if topics is None or scan.topic in topics else None
         self._open: list[bytes] = []
-        self._open_line = 0
+        self._open_line = self._open_size = 0
 
     def feed(self, block: Block) -> Iterator[RawSweeps]:
         """The sweeps of one block."""
@@ -73,7 +80,7 @@ class ListDecoder:
         odd = line.count(b'"') % 2 == 1
         if not self._open:
             if odd:
-                self._open, self._open_line = [line], number
+                self._open, self._open_line, self._open_size = [line], number, len(line)
             else:
                 yield number, line
             return
@@ -86,12 +93,15 @@ class ListDecoder:
             yield number, line
             return
         self._open.append(line)
+        self._open_size += len(line)
         if odd:
             start, text = self._open_line, b" ".join(self._open)
             self._open = []
             yield start, text
-        elif sum(map(len, self._open)) > MAX_LINE:
-            self._report.add_damage(f"line {self._open_line}", f"a record longer than {MAX_LINE >> 20} MiB")
+        elif len(self._open) > _MOST_LINES or self._open_size > MAX_LINE:
+            self._report.add_damage(
+                f"line {self._open_line}", "a quote that never ends: its lines are dropped"
+            )
             self._open = []
 
     def _is_record(self, line: bytes) -> bool:
@@ -99,20 +109,26 @@ class ListDecoder:
 
     def _split(self, text: bytes) -> tuple[list[bytes], list[str]] | None:
         """The lists of a record, and its cells with the number of a list in place of each."""
+        if text.count(self._layout.dialect.separator) < self._layout.width - 1:
+            return None
         lists: list[bytes] = []
         plain: list[bytes] = []
         place = 0
         if self._layout.brackets == b"(":
-            for match in _PARENTHESES.finditer(text):
+            for match in islice(_PARENTHESES.finditer(text), _MOST_LISTS):
                 plain += [text[place : match.start()], b"\x01%d" % len(lists)]
                 lists.append(match[1])
                 place = match.end()
         else:
             while (begin := text.find(b"[", place)) >= 0 and (end := text.find(b"]", begin)) >= 0:
+                if len(lists) == _MOST_LISTS:
+                    return None
                 plain += [text[place:begin], b"\x01%d" % len(lists)]
                 lists.append(text[begin + 1 : end])
                 place = end + 1
         plain.append(text[place:])
+        if sum(map(len, plain)) > _MOST_TEXT:
+            return None
         try:
             cells = csv_cells(
                 b"".join(plain).decode("utf-8", "replace"), self._layout.dialect.separator.decode()
@@ -151,7 +167,7 @@ class ListDecoder:
         self, scan: Columns, records: list[_Record], parts: list[bytes], counts: np.ndarray
     ) -> RawSweeps | None:
         found = parse_rows(parts, counts, b",", number_type(self._options))
-        causes = dict(found.bad)
+        causes = {row: not_a_number(cell) for row, cell in found.bad.items()}
         known: dict[str, np.ndarray] = {}
         for name in _GEOMETRY:
             if name in scan.fields:

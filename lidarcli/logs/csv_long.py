@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
-from lidarcli.logs.csv_build import NO_TIME, build, encode_frames, keep_sound, number_type, pad, read_times
+from lidarcli.logs.csv_build import (
+    NO_TIME,
+    bad_cell,
+    build,
+    encode_frames,
+    keep_sound,
+    number_type,
+    pad,
+    read_times,
+)
 from lidarcli.logs.csv_cells import Cells, parse_rows
 from lidarcli.logs.csv_dialect import Lines, read_lines
 from lidarcli.logs.csv_layouts import Columns, Layout
@@ -164,8 +173,8 @@ class LongDecoder:
             cells.column(whole, self._scan.first), ones, separator, number_type(self._options)
         )
         bad = angle.bad | ranges.bad
-        for row, cause in sorted(bad.items()):
-            self._report.add_damage(f"line {numbers[whole[row]]}", cause)
+        for row, cell in sorted(bad.items()):
+            bad_cell(self._report, int(numbers[whole[row]]), cell)
         good = np.delete(np.arange(len(whole)), list(bad))
         texts = {}
         for column in wanted:

@@ -33,6 +33,9 @@ from lidarcli.logs.csv_names import (
 from lidarcli.logs.csv_times import DATE, DATE_UNPADDED, S_UNPADDED, UNPADDED, time_unit
 from lidarcli.sweeps import TURN
 
+_RECORD = 1 << 20
+"""Bytes within which the first record with a list must end, the list itself not counted."""
+
 
 def recognise(lines: Sequence[bytes], options: CsvOptions, path: str) -> Layout:
     """The layout of a file that begins with `lines` (all of them, as they stand).
@@ -114,9 +117,12 @@ def _list_layout(head: Head) -> Layout | None:
         plain = [canonical(name) for name in head.names]
         return Layout(LIST, head.dialect, head.start) if "ranges" in plain else None
     # A list may span lines (numpy's own spelling); a comma inside brackets separates no cells.
-    text = b"\n".join(head.lines).decode("utf-8", "replace")
+    # Only names that speak of ranges are worth the look.
+    if not any(re.search("range|scan|dist|data|value", name.lower()) for name in head.names):
+        return None
+    text = re.sub(rb"\[[^\]]*\]", b"[]", b"\n".join(head.lines))[:_RECORD].decode("utf-8", "replace")
     try:
-        cells = csv_cells(re.sub(r"\[[^\]]*\]", "[]", text), head.dialect.separator.decode())
+        cells = csv_cells(text, head.dialect.separator.decode())
     except ValueError:
         return None
     found = list_column(head.names, dict(enumerate(cells[: len(head.names)])))

@@ -11,8 +11,8 @@ from typing import Protocol
 
 from lidarcli.logs.base import ReadReport
 
-MAX_LINE = 32 << 20
-"""Bytes of the longest line that is read (a million beams fit); a longer one is skipped and reported."""
+MAX_LINE = 8 << 20
+"""Bytes of the longest line that is read (100,000 beams with intensities fit); a longer one is skipped and reported."""
 FIRST_BLOCK = 64 << 10
 BLOCK = 512 << 10
 _CHUNK = 256 << 10

@@ -26,6 +26,7 @@ _DATE = re.compile(
     rb"(?:[T_ ]+(\d\d?):(\d\d)(?::(\d\d)(?:[.,](\d+))?)?)?\s*(?:Z|UTC|([+-])(\d\d):?(\d\d)?)?\s*",
     re.IGNORECASE,
 )
+_NUMBER = re.compile(rb"[-+]?(?:\d{1,30}(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,2})?")
 _EPOCH = date(1970, 1, 1).toordinal()
 _MIN, _MAX = -(1 << 63), (1 << 63) - 1
 
@@ -33,29 +34,26 @@ _MIN, _MAX = -(1 << 63), (1 << 63) - 1
 def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
     """Nanoseconds per unit of a time column (`DATE` for dates), from its name or the size of its values.
 
-    None where the samples are no times. Seconds since 1970 have 10 digits before the point, milliseconds 13,
+    None where most samples are no times. Seconds since 1970 have 10 digits before the point, milliseconds 13,
     microseconds 16, nanoseconds 19: no clock that a robot carries comes near the next unit.
 
     >>> time_unit("time", [b"1714555596445048407"]), time_unit("t", [b"12.5"]), time_unit("t_ms", [b"5"])
     (1, 1000000000, 1000000)
     """
     samples = [cell for cell in samples if cell.strip()]
-    if not samples:
+    dates = [cell for cell in samples if _DATE.fullmatch(cell)]
+    if len(dates) > len(samples) // 2:
+        return DATE_UNPADDED if _is_unpadded(dates, DATE, DATE_UNPADDED) else DATE
+    numbers = [cell for cell in samples if _NUMBER.fullmatch(cell.strip())]
+    if len(numbers) <= len(samples) // 2:
         return None
-    if all(_DATE.fullmatch(cell) for cell in samples):
-        return DATE_UNPADDED if _is_unpadded(samples, DATE, DATE_UNPADDED) else DATE
-    try:
-        largest = max(Decimal(cell.decode().strip()).copy_abs() for cell in samples)
-    except (ArithmeticError, UnicodeDecodeError):
-        return None
-    if not largest.is_finite():
-        return None
+    largest = max(Decimal(cell.decode().strip()).copy_abs() for cell in numbers)
     if named := _UNIT_IN_NAME.search(name.lower()):
         return _UNITS[named[1]]
     for unit, least in ((NS, 10**17), (US, 10**14), (MS, 10**11)):
         if largest >= least:
             return unit
-    return S_UNPADDED if _is_unpadded(samples, S, S_UNPADDED) else S
+    return S_UNPADDED if _is_unpadded(numbers, S, S_UNPADDED) else S
 
 
 def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:

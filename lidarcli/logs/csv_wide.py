@@ -10,6 +10,7 @@ from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.csv_build import (
     GEOMETRY,
     NO_TIME,
+    bad_cell,
     build,
     encode_frames,
     keep_sound,
@@ -48,8 +49,9 @@ class WideDecoder:
         cells = Cells(lines.text, layout.dialect.separator)
         rows = np.arange(len(cells.count))
         single = np.flatnonzero(cells.count == 1)
-        blank = [row for row in single.tolist() if not cells.column(np.array([row]), 0)[0].strip()]
-        rows = np.delete(rows, blank)
+        if len(single):
+            blank = [not cell.strip() for cell in cells.column(single, 0)]
+            rows = np.delete(rows, single[blank])
         if lines.cut and len(rows):
             rows = self._drop_cut(cells, rows, lines.numbers)
         if len(rows):
@@ -80,7 +82,7 @@ class WideDecoder:
             return
         known, odd = self._geometry(scan, cells, rows)
         if odd:
-            self._damage({int(numbers[rows[row]]): cause for row, cause in odd.items()})
+            self._bad_cells(odd, numbers[rows])
             keep = np.delete(np.arange(len(rows)), list(odd))
             rows, known = rows[keep], {name: values[keep] for name, values in known.items()}
         view = np.full(len(rows), -1)
@@ -109,12 +111,13 @@ class WideDecoder:
         view: Int64,
     ) -> RawSweeps | None:
         """Rows of known beam counts → one block, without the rows that turn out to be none."""
-        ranges, beams, good, causes = self._ranges(scan, cells, rows, beams, view)
+        ranges, beams, good, bad = self._ranges(scan, cells, rows, beams, view)
         stamp, record, untimed = read_times(scan, lambda index: cells.column(rows, index), len(rows))
+        self._bad_cells(bad, numbers[rows])
         if untimed is not None:
-            causes |= dict.fromkeys(np.flatnonzero(untimed & good).tolist(), NO_TIME)
+            for line in numbers[rows[untimed & good]].tolist():
+                self._report.add_damage(f"line {line}", NO_TIME)
             good &= ~untimed
-        self._damage({int(numbers[rows[row]]): cause for row, cause in causes.items()})
         frame: tuple[Int32, tuple[str, ...]] = np.zeros(len(rows), np.int32), ("",)
         if "frame" in scan.fields:
             frame = encode_frames(cells.column(rows, scan.fields["frame"]))
@@ -124,8 +127,8 @@ class WideDecoder:
 
     def _ranges(
         self, scan: Columns, cells: Cells, rows: Int64, beams: Int64, view: Int64
-    ) -> tuple[Float32, Int64, Bool, dict[int, str]]:
-        """Ranges, beam counts, which rows are sweeps, and why the others are damaged."""
+    ) -> tuple[Float32, Int64, Bool, dict[int, bytes]]:
+        """Ranges, beam counts, which rows are sweeps, and what the others have in place of a number."""
         first, span, order = scan.first, beams, None
         if len(scan.ranges) and not scan.open_end:
             first = int(scan.ranges.min())
@@ -159,7 +162,7 @@ class WideDecoder:
 
     def _geometry(
         self, scan: Columns, cells: Cells, rows: Int64
-    ) -> tuple[dict[str, Float64], dict[int, str]]:
+    ) -> tuple[dict[str, Float64], dict[int, bytes]]:
         """The float32 geometry of each row (as a LaserScan has it), and rows whose geometry is no number."""
         columns = {name: scan.fields[name] for name in GEOMETRY if name in scan.fields}
         if not columns:
@@ -170,7 +173,7 @@ class WideDecoder:
             table = found.values.reshape(len(rows), len(columns)).astype(np.float64)
             return {name: table[:, column - low] for name, column in columns.items()}, found.bad
         values: dict[str, Float64] = {}
-        bad: dict[int, str] = {}
+        bad: dict[int, bytes] = {}
         for name, column in columns.items():
             found = cells.numbers(rows, column, np.ones(len(rows), np.int64), np.float32)
             values[name] = found.values.astype(np.float64)
@@ -185,7 +188,7 @@ class WideDecoder:
             return np.where(count <= self._layout.width, named, -1)
         rest = count - scan.first
         if not self._layout.width:
-            return rest
+            return np.where(rest > 0, rest, -1)
         regular = count == self._layout.width
         if not named:
             # An empty array is written as one empty cell.
@@ -194,22 +197,20 @@ class WideDecoder:
         half = np.where(rest % 2 == 0, rest // 2, -1)
         ranged = half if scan.doubled else rest
         full = np.full(len(rows), named) if named else ranged
-        near_half = (half >= 0) & (np.abs(half - view) <= 1)
-        near_rest = np.abs(rest - view) <= 1
+        near_half = (half >= 0) & (view >= 0) & (np.abs(half - view) <= 1)
+        near_rest = (view >= 0) & (np.abs(rest - view) <= 1)
         other = np.where(near_rest, rest, np.where(near_half & (scan.doubled or not named), half, -1))
-        beams: Int64 = np.where(regular, full, np.where(view < 0, ranged, other))
+        beams: Int64 = np.where(regular, full, np.where((view < 0) & (rest > 0), ranged, other))
         return beams
 
     def _misfits(self, cells: Cells, rows: Int64, numbers: Int64) -> None:
         usual = f"{self._usual} are usual" if self._usual else "there should be more"
-        for row in rows.tolist():
-            self._report.add_damage(
-                f"line {numbers[row]}", f"{cells.count[row]} cells where {usual}: the row is dropped"
-            )
+        for line, count in zip(numbers[rows].tolist(), cells.count[rows].tolist(), strict=True):
+            self._report.add_damage(f"line {line}", f"{count} cells where {usual}: the row is dropped")
 
-    def _damage(self, causes: dict[int, str]) -> None:
-        for line, cause in sorted(causes.items()):
-            self._report.add_damage(f"line {line}", cause)
+    def _bad_cells(self, bad: dict[int, bytes], numbers: Int64) -> None:
+        for row, cell in sorted(bad.items()):
+            bad_cell(self._report, int(numbers[row]), cell)
 
 
 def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:

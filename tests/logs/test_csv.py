@@ -649,8 +649,8 @@ def test_a_line_without_end_stays_within_bounds(fill: bytes) -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert got.ranges[:, 2].tolist() == [7, 7, 8]
-    assert log.report.damage == [Damage("line 4", "longer than 32 MiB: skipped")]
-    assert peak < 150e6
+    assert log.report.damage == [Damage("line 4", "longer than 8 MiB: skipped")]
+    assert peak < 80e6
 
 
 def test_rows_of_very_different_length_are_not_padded_to_one_width() -> None:
