@@ -124,12 +124,13 @@ def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> S
 def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
     """Profile `robust`: the same definitions with the estimates a real sensor needs."""
     enough = runs.size >= parameters.min_beams
-    narrow = chord(runs) <= parameters.max_width
+    ends = chord(runs)
+    narrow = ends <= parameters.max_width
     tolerance = STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]
     thinned = np.maximum(-(-runs.size // WALL_STRIDE), np.minimum(runs.size, WALL_POINTS))
     shape = outline(runs, np.where(enough & narrow, runs.size, np.where(narrow, 0, thinned)))
     faces = faces_between(shape, split_straight(shape, tolerance))
-    reach = extent(runs, faces)
+    reach = extent(runs, faces, ends)
     small = enough & (reach <= parameters.max_width)
     partial = partly_hidden(runs)
     wall = enough & ~small

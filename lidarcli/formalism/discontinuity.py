@@ -88,7 +88,7 @@ def _inverse_and_slopes(
     """
     cell = steps.cell[candidate]
     beside = np.arange(-1 - REACH, 1 + REACH)[:, None]
-    u = 1.0 / points.range.take(cell + beside, mode="wrap")
+    u = 1.0 / points.range.take(cell + beside, mode="clip")
     before, here = REACH, REACH + 1
     slope_before = _agreed([(u[before] - u[before - lag]) / lag for lag in range(1, REACH + 1)])
     slope_here = _agreed([(u[here + lag] - u[here]) / lag for lag in range(1, REACH + 1)])
@@ -96,13 +96,19 @@ def _inverse_and_slopes(
     u = u[before : here + 1]
     if len(some):
         near = candidate[some]
-        stretch = steps.stretch[near]
+        stretch, cell, predecessor = steps.stretch[near], steps.cell[near], steps.before[near]
+        preceding = _preceding(points)
         # The predecessor is in the same stretch, unless the point begins one.
-        begins = steps.cell[near] == points.begin[stretch]
-        stretch_before = np.where(begins, _preceding(points)[stretch], stretch)
-        u[0, some] = 1.0 / points.range[steps.before[near]]
-        slope_before[some] = _gentlest_slope(points, gap, steps.before[near], stretch_before, -1, max_gap)
-        slope_here[some] = _gentlest_slope(points, gap, steps.cell[near], stretch, +1, max_gap)
+        before_stretch = np.where(cell == points.begin[stretch], preceding[stretch], stretch)
+        u[0, some] = 1.0 / points.range[predecessor]
+        slope_before[some], slope_here[some] = _gentlest_slopes(
+            points,
+            gap,
+            preceding,
+            np.stack([predecessor, cell]),
+            np.stack([before_stretch, stretch]),
+            max_gap,
+        )
     return u, slope_before, slope_here
 
 
@@ -114,35 +120,42 @@ def _preceding(points: Points) -> Int64:
     return preceding
 
 
-def _gentlest_slope(
-    points: Points, gap: Gaps, at: Int64, stretch: Int64, direction: int, max_gap: int
+def _gentlest_slopes(
+    points: Points, gap: Gaps, preceding: Int64, at: Int64, stretch: Int64, max_gap: int
 ) -> Float64:
-    """du/dk per beam that the points on one side of `at` support, over lost beams.
+    """du/dk per beam that the points on either side of a step support, over lost beams. (2, C)
 
     Parameters
     ----------
-    at, stretch : (C,) cells of points, and the stretches they are in
-    direction : which way to look, -1 or +1
-    max_gap : how many lost beams may lie between `at` and a point that counts
+    preceding : (G,) the stretch before each
+    at, stretch : (2, C) cells of the points before and after a step, and the stretches they are in
+    max_gap : how many lost beams may lie between such a point and one that counts
     """
-    preceding = _preceding(points)
-    if direction < 0:
-        edge, enter, other, lost = points.begin, points.end, preceding, gap.missing
-    else:
-        other = np.empty_like(preceding)
-        other[preceding] = np.arange(len(preceding))
-        edge, enter, lost = points.end, points.begin, gap.missing[other]
+    count = len(preceding)
+    following = np.empty_like(preceding)
+    following[preceding] = np.arange(count)
+    # Looking back, then looking ahead: where the next stretch begins, which that is, and how far it is.
+    enter = np.stack([points.end[preceding], points.begin[following]])
+    other = np.stack([preceding, following + count])
+    far = np.stack([gap.missing, gap.missing[following]])
+    enter, other, far = enter.reshape(-1), other.reshape(-1), far.reshape(-1)
+    stretch = stretch + np.array([[0], [count]])
+    direction = np.array([[-1], [1]])
+
     u_at = 1.0 / points.range[at]
-    span = np.zeros(len(at), np.int64)
+    span = np.zeros(at.shape, np.int64)
     slopes = []
     for lag in range(1, REACH + 1):
-        leaves = at == edge[stretch]
-        span = np.minimum(span + 1 + leaves * lost[stretch], NEVER)
-        following = other[stretch]
-        at = np.where(leaves, enter[following], at + direction)
-        stretch = np.where(leaves, following, stretch)
-        slope = direction * (1.0 / points.range[at] - u_at) / span
-        slopes.append(np.where(span <= lag + max_gap, slope, np.nan))
+        at = at + direction
+        span += 1
+        leaves = np.flatnonzero(~points.valid[at])
+        left = stretch.reshape(-1)[leaves]
+        span.reshape(-1)[leaves] += far[left]
+        at.reshape(-1)[leaves] = enter[left]
+        stretch.reshape(-1)[leaves] = other[left]
+        slope = (1.0 / points.range[at] - u_at) / (span * direction)
+        slope[span > lag + max_gap] = np.nan
+        slopes.append(slope)
     return _agreed(slopes)
 
 

@@ -95,34 +95,42 @@ def split_straight(shape: Outline, tolerance: Float64) -> Bool:
     """
     x, y = shape.x, shape.y
     inner = np.zeros(len(x), bool)
-    worth = np.flatnonzero(shape.start[1:] > shape.start[:-1])
-    begin, end, tolerance = shape.start[worth], shape.start[worth + 1] - 1, tolerance[worth]
+    size = np.diff(shape.start)
+    worth = np.flatnonzero(size)
+    begin, size, tolerance = shape.start[worth], size[worth], tolerance[worth]
     # First the whole runs, which follow each other without a gap, then ever fewer parts of them.
-    offsets, index = np.append(begin, len(x)), None
+    end, offsets, index = begin + size - 1, np.append(begin, len(x)), None
     for _ in range(MAX_SPLITS):
         if not len(begin):
             break
-        away = _distance_from_chord(x, y, begin, end, tolerance, offsets, index)
+        away = _distance_from_chord(x, y, begin, end, size, tolerance, offsets, index)
         farthest = span_max_positive(away, offsets)
         split = np.flatnonzero(farthest > tolerance)
         if not len(split):
             break
         threshold = np.full(len(begin), np.inf)
         threshold[split] = farthest[split]
-        at = np.flatnonzero(away == np.repeat(threshold, np.diff(offsets)))
+        at = np.flatnonzero(away == np.repeat(threshold, size))
         at = at[np.searchsorted(at, offsets[split])]
         middle = at if index is None else index[at]
         inner[middle] = True
-        begin = np.stack([begin[split], middle], axis=1).reshape(-1)
-        end = np.stack([middle, end[split]], axis=1).reshape(-1)
-        tolerance = np.repeat(tolerance[split], 2)
-        worth = np.flatnonzero(end - begin > 1)
-        begin, end, tolerance = begin[worth], end[worth], tolerance[worth]
+        # Both parts of each, of which those with an inner point of their own are worth a look.
+        begin, end = _pairs(begin[split], middle), _pairs(middle, end[split])
         size = end - begin - 1
+        worth = np.flatnonzero(size)
+        begin, end, size = begin[worth], end[worth], size[worth]
+        tolerance = tolerance[split[worth >> 1]]
         offsets = offsets_of(size)
         index = np.arange(offsets[-1])
         index += np.repeat(begin + 1 - offsets[:-1], size)
     return inner
+
+
+def _pairs(one: Int64, other: Int64) -> Int64:
+    """(2 J,) the values of both, in turns."""
+    pairs = np.empty((len(one), 2), np.int64)
+    pairs[:, 0], pairs[:, 1] = one, other
+    return pairs.reshape(-1)
 
 
 def _distance_from_chord(
@@ -130,13 +138,14 @@ def _distance_from_chord(
     y: Float64,
     begin: Int64,
     end: Int64,
+    size: Int64,
     tolerance: Float64,
     offsets: Int64,
     index: Int64 | None,
 ) -> Float64:
     """Distance of points from the chord `begin … end` of their stretch; from its start where the chord is a point.
 
-    Stretch j has the points `index[offsets[j]:offsets[j + 1]]`, of all points where `index` is None.
+    Stretch j has the `size[j]` points `index[offsets[j]:offsets[j + 1]]`, of all points where `index` is None.
     """
     x0, y0 = x[begin], y[begin]
     chord_x, chord_y = x[end] - x0, y[end] - y0
@@ -147,9 +156,11 @@ def _distance_from_chord(
     normal_x, normal_y = chord_y * scale, -chord_x * scale
     if index is not None:
         x, y = x[index], y[index]
-    size = np.diff(offsets)
-    away = x * np.repeat(normal_x, size)
-    away += y * np.repeat(normal_y, size)
+    away = np.repeat(normal_x, size)
+    away *= x
+    across = np.repeat(normal_y, size)
+    across *= y
+    away += across
     away -= np.repeat(x0 * normal_x + y0 * normal_y, size)
     np.abs(away, out=away)
     if len(closed):
@@ -227,14 +238,17 @@ def fit_lines(
         return empty, empty, empty, empty
     # Moments about the first point, moved to the middle afterwards: one pass, and accurate because it is near.
     x0, y0 = x[first], y[first]
-    dx, dy = x - np.repeat(x0, size), y - np.repeat(y0, size)
+    dx, dy = np.repeat(x0, size), np.repeat(y0, size)
+    np.subtract(x, dx, out=dx)
+    np.subtract(y, dy, out=dy)
+    product = dx * dy
     end_x, end_y = (x[last] - x0) * shared, (y[last] - y0) * shared
     share = 1.0 / (size + shared)
     mean_x = (np.add.reduceat(dx, first) + end_x) * share
     mean_y = (np.add.reduceat(dy, first) + end_y) * share
-    xy = (np.add.reduceat(dx * dy, first) + end_x * end_y) * share - mean_x * mean_y
     dx *= dx
     dy *= dy
+    xy = (np.add.reduceat(product, first) + end_x * end_y) * share - mean_x * mean_y
     xx = (np.add.reduceat(dx, first) + end_x * end_x) * share - mean_x * mean_x
     yy = (np.add.reduceat(dy, first) + end_y * end_y) * share - mean_y * mean_y
     angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism.detection import BOTH_HIDDEN, CUT, END_HIDDEN, FULL, START_HIDDEN
-from lidarcli.formalism.runs import HIDDEN, OPEN, OWN, UNKNOWN, VIEW, Runs
+from lidarcli.formalism.runs import EDGES, HIDDEN, OPEN, OWN, UNKNOWN, VIEW, Runs
 from lidarcli.sweeps import Bool, UInt8
-
 
 NO_NEIGHBOUR = (OPEN, UNKNOWN)
 """Beside the run is no range at all: nothing is seen behind it, and scanners also lose the beam that grazes an edge."""
@@ -42,7 +41,7 @@ def partly_visible(runs: Runs, enclosed: Bool, slight: Bool) -> Bool:
     (R,)
     """
     own = (runs.start_edge == OWN) | (runs.end_edge == OWN)
-    open_start, open_end = np.isin(runs.start_edge, NO_NEIGHBOUR), np.isin(runs.end_edge, NO_NEIGHBOUR)
+    open_start, open_end = _is_one_of(runs.start_edge, NO_NEIGHBOUR), _is_one_of(runs.end_edge, NO_NEIGHBOUR)
     free = np.where(slight, open_start | open_end, open_start & open_end)
     # A turn without any discontinuity surrounds the sensor: both its edges are hidden, by no step at all.
     surrounding = (runs.start_edge == HIDDEN) & (runs.end_edge == HIDDEN) & np.isnan(runs.s_start)
@@ -53,16 +52,31 @@ def partly_visible(runs: Runs, enclosed: Bool, slight: Bool) -> Bool:
 def partly_hidden(runs: Runs) -> Bool:
     """Runs that may go on where an edge is hidden, beyond the view or unknown. (R,)"""
     seen = (OWN, OPEN)
-    partial: Bool = ~(np.isin(runs.start_edge, seen) & np.isin(runs.end_edge, seen))
+    partial: Bool = ~(_is_one_of(runs.start_edge, seen) & _is_one_of(runs.end_edge, seen))
     return partial
+
+
+def _is_one_of(edge: UInt8, kinds: tuple[int, int]) -> Bool:
+    """Which edges are of one of two kinds."""
+    result: Bool = (edge == kinds[0]) | (edge == kinds[1])
+    return result
+
+
+def _together() -> UInt8:
+    """(5, 5) what every start edge (row) and end edge (column) say together."""
+    codes = np.full((len(EDGES), len(EDGES)), FULL, np.uint8)
+    codes[HIDDEN] = START_HIDDEN
+    codes[:, HIDDEN] = END_HIDDEN
+    codes[HIDDEN, HIDDEN] = BOTH_HIDDEN
+    codes[VIEW] = CUT
+    codes[:, VIEW] = CUT
+    return codes
+
+
+_TOGETHER = _together()
 
 
 def visibility(runs: Runs) -> UInt8:
     """(R,) codes into `VISIBILITIES`: what the two edges of a run say together."""
-    hidden_start, hidden_end = runs.start_edge == HIDDEN, runs.end_edge == HIDDEN
-    codes = np.full(len(runs), FULL, np.uint8)
-    codes[hidden_start] = START_HIDDEN
-    codes[hidden_end] = END_HIDDEN
-    codes[hidden_start & hidden_end] = BOTH_HIDDEN
-    codes[(runs.start_edge == VIEW) | (runs.end_edge == VIEW)] = CUT
+    codes: UInt8 = _TOGETHER[runs.start_edge, runs.end_edge]
     return codes

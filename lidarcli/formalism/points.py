@@ -44,7 +44,8 @@ class Geometry:
         reverse = batch.angle_increment < 0
         bearings = batch.beams - (batch.closure == Closure.SHARED)
         last = batch.angle_min + (bearings - 1) * batch.angle_increment
-        period = np.where(batch.closure == Closure.OPEN, 0, bearings).astype(np.int64)
+        period = bearings.astype(np.int64)
+        period[batch.closure == Closure.OPEN] = 0
         return Geometry(
             first=np.where(reverse, last, batch.angle_min),
             step=np.abs(batch.angle_increment),
@@ -238,17 +239,20 @@ def place(batch: SweepBatch, points: Points, again: Int64, beyond: Bool) -> Clou
     cos, sin = _directions(batch, points)
     table = points.table(points.range)
     x, y = (table * cos).reshape(-1), (table * sin).reshape(-1)
-    return Cloud(points, cell, beyond, x[cell], y[cell])
+    return Cloud(points, cell, beyond, x.take(cell, mode="clip"), y.take(cell, mode="clip"))
 
 
 def _directions(batch: SweepBatch, points: Points) -> tuple[Float64, Float64]:
     """cos θ and sin θ of the cells: computed once per distinct geometry of the batch. (1 or S, stride) each."""
     position = np.arange(points.stride) - MARGIN
-    last = np.where(points.geometry.reverse, points.geometry.bearings - 1, 0)
-    keys = np.stack([batch.angle_min, batch.angle_increment, last], axis=1)
-    uniform = bool((keys == keys[:1]).all())
-    distinct, code = (keys[:1], None) if uniform else np.unique(keys, axis=0, return_inverse=True)
-    start, increment, last = (column[:, None] for column in distinct.T)
+    start, increment = batch.angle_min, batch.angle_increment
+    last = points.geometry.reverse * (points.geometry.bearings - 1.0)
+    code = None
+    if all(bool((values == values[:1]).all()) for values in (start, increment, last)):
+        start, increment, last = start[:1, None], increment[:1, None], last[:1, None]
+    else:
+        distinct, code = np.unique(np.stack([start, increment, last], axis=1), axis=0, return_inverse=True)
+        start, increment, last = (column[:, None] for column in distinct.T)
     theta = start + increment * np.where(increment < 0, last - position, position)
     cos, sin = np.cos(theta), np.sin(theta)
     return (cos, sin) if code is None else (cos[code.reshape(-1)], sin[code.reshape(-1)])

@@ -11,7 +11,7 @@ from lidarcli.formalism.points import NEVER, Cloud, Points, place
 from lidarcli.formalism.ragged import spans
 from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, UInt8
 
-OWN, HIDDEN, OPEN, UNKNOWN, VIEW = range(5)
+OWN, HIDDEN, OPEN, UNKNOWN, VIEW = EDGES = range(5)
 """An edge of a run: the run is the nearer side; the neighbour is, and hides the rest; a beam without a return is beside
 it; an invalid or too close one is; the view ends."""
 
@@ -91,14 +91,21 @@ def split(batch: SweepBatch, points: Points, steps: Steps, jump: Bool, max_gap: 
 
     first, again, beyond = _repeat_over_seam(len(points), first, size, final, begin, end)
     cloud = place(batch, points, again, beyond)
-    start_edge = _edge(-enter.s, enter.missing > max_gap, batch, cloud, row, first, -1)
-    end_edge = _edge(s_end, missing_end > max_gap, batch, cloud, row, first + size - 1, +1)
-    s_start = enter.s.copy()
-    s_start[(enter.missing > max_gap) | enter.whole] = np.nan
-    s_end[(missing_end > max_gap) | enter.whole] = np.nan
-    start_edge[enter.whole] = HIDDEN
-    end_edge[enter.whole] = HIDDEN
-    return Runs(cloud, row, first, size, start_edge, end_edge, s_start, s_end)
+    # Both edges of all runs at once, the starts first: how far the neighbour falls back behind the run.
+    lone = np.concatenate([enter.missing, missing_end]) > max_gap
+    s = np.concatenate([enter.s, s_end])
+    edge = np.empty((2, count), np.uint8)
+    np.choose(np.concatenate([s[:count] < 0, s[count:] > 0]), (HIDDEN, OWN), out=edge.reshape(-1))
+    alone = np.flatnonzero(lone)
+    s[alone] = np.nan
+    at_end = alone >= count
+    run = alone - count * at_end
+    index = first[run] + (size[run] - 1) * at_end
+    edge.reshape(-1)[alone] = _beside(batch, cloud, row[run], index, 2 * at_end - 1)
+    if enter.whole.any():
+        s.reshape(2, count)[:, enter.whole] = np.nan
+        edge[:, enter.whole] = HIDDEN
+    return Runs(cloud, row, first, size, edge[0], edge[1], s[:count], s[count:])
 
 
 def _entries(points: Points, steps: Steps, broken: Int64) -> _Entries:
@@ -147,18 +154,12 @@ def _repeat_over_seam(
     return first, again, beyond
 
 
-def _edge(
-    drop: Float64, lone: Bool, batch: SweepBatch, points: Cloud, row: Int64, index: Int64, side: int
-) -> UInt8:
-    """What lies beside the points of `index`: `drop` > 0 means the neighbour is further away than the run.
-
-    `lone`: whether there is no neighbour within reach, but a beam without a range, or the end of the view.
-    """
-    edge = np.where(drop > 0, OWN, HIDDEN).astype(np.uint8)
-    alone = np.flatnonzero(lone)
-    row = row[alone]
-    beam = points.geometry.beam(row, points.position(index[alone], row) + side)
+def _beside(batch: SweepBatch, points: Cloud, row: Int64, index: Int64, side: Int64) -> UInt8:
+    """Edges of runs that have no neighbour within reach: what the beams beside points say, on the `side` -1 or +1."""
+    beam = points.geometry.beam(row, points.position(index, row) + side)
     outside = (beam < 0) | (beam >= batch.beams[row])
-    status = batch.status[row, np.clip(beam, 0, max(batch.width - 1, 0))]
-    edge[alone] = np.where(outside, VIEW, np.where(status == Status.NO_RETURN, OPEN, UNKNOWN))
+    beam[outside] = 0
+    status = batch.status.reshape(-1)[row * batch.width + beam]
+    edge = np.where(status == Status.NO_RETURN, OPEN, UNKNOWN).astype(np.uint8)
+    edge[outside] = VIEW
     return edge

@@ -69,17 +69,26 @@ def noise(batch: SweepBatch) -> Float64:
     (S,) metres, at least `NOISE_FLOOR`.
     """
     rows, width = batch.ranges.shape
-    second = np.full((rows, width), np.inf, np.float32)
-    if width >= 3:
-        u = np.float32(1.0) / batch.ranges
-        cosine = (2.0 * np.cos(batch.angle_increment)).astype(np.float32)[:, None]
-        second[:, 1:-1] = u[:, :-2] + u[:, 2:] - cosine * u[:, 1:-1]
-        _close(second, u, cosine, batch)
-        second *= batch.ranges * batch.ranges
-        np.abs(second, out=second)
+    if width < 3 or not rows:
+        return np.full(rows, NOISE_FLOOR)
+    u = np.float32(1.0) / batch.ranges
+    cosine = (2.0 * np.cos(batch.angle_increment)).astype(np.float32)[:, None]
+    second = np.empty((rows, width), np.float32)
+    # All sweeps in one go; where one ends and the next begins there is no second difference, or that over the seam.
+    flat = u.reshape(-1)
+    np.add(flat[:-2], flat[2:], out=second.reshape(-1)[1:-1])
+    second -= cosine * u
+    second[:, 0] = np.nan
+    second[:, -1] = np.nan
+    _close(second, u, cosine[:, 0], batch)
+    u = batch.ranges * batch.ranges
+    second *= u
+    np.abs(second, out=second)
     second.sort(axis=1)  # NaN, where a beam has no range, sorts last
-    count = np.count_nonzero(np.isfinite(second), axis=1)
-    median = second[np.arange(rows), np.maximum(count - 1, 0) // 2] if width else np.zeros(rows)
+    # Every sweep has a NaN but a turn without loss, for which argmax finds none and says 0.
+    count = np.isnan(second).argmax(axis=1)
+    count[~np.isnan(second[:, -1])] = width
+    median = second[np.arange(rows), np.maximum(count - 1, 0) // 2]
     sigma = np.where(count > 0, median, 0.0) * (MEDIAN_TO_SIGMA / SECOND_DIFFERENCE_GAIN)
     noise: Float64 = np.maximum(sigma, NOISE_FLOOR)
     return noise
@@ -88,8 +97,16 @@ def noise(batch: SweepBatch) -> Float64:
 def _close(second: Float32, u: Float32, cosine: Float32, batch: SweepBatch) -> None:
     """Fill in the two second differences over the seam of the sweeps that make a full turn."""
     rows = np.flatnonzero(batch.closure != Closure.OPEN)
-    last = batch.beams[rows] - 1 - (batch.closure[rows] == Closure.SHARED)
-    second[rows, 0] = u[rows, last] + u[rows, 1] - cosine[rows, 0] * u[rows, 0]
-    second[rows, last] = u[rows, last - 1] + u[rows, 0] - cosine[rows, 0] * u[rows, last]
-    repeated = rows[batch.closure[rows] == Closure.SHARED]
-    second[repeated, batch.beams[repeated] - 1] = np.nan
+    if not len(rows):
+        return
+    shared = batch.closure[rows] == Closure.SHARED
+    cosine = cosine[rows]
+    first = rows * batch.width
+    last = first + batch.beams[rows] - 1
+    repeated = last[shared]
+    last = last - shared
+    u, second = u.reshape(-1), second.reshape(-1)
+    u_first, u_last = u[first], u[last]
+    second[first] = u_last + u[first + 1] - cosine * u_first
+    second[last] = u[last - 1] + u_first - cosine * u_last
+    second[repeated] = np.nan

@@ -35,16 +35,24 @@ def chord(runs: Runs) -> Float64:
     return distance
 
 
-def extent(runs: Runs, faces: Faces) -> Float64:
-    """(R,) how far a run reaches [m]: the greatest distance of a vertex from its first or last point."""
+def extent(runs: Runs, faces: Faces, ends: Float64 | None = None) -> Float64:
+    """(R,) how far a run reaches [m]: the greatest distance of a vertex from its first or last point.
+
+    `ends` (R,) is their `chord`, where it is known already.
+    """
     x, y = runs.points.x, runs.points.y
-    reach = chord(runs)
-    filled = np.flatnonzero(np.diff(faces.offsets) > 1)
-    face, owner, offsets = spans(faces.offsets[filled], np.diff(faces.offsets)[filled])
-    at = faces.last[face]
-    for anchor in (runs.first[filled], runs.last[filled]):
-        away = np.square(x[at] - x[anchor][owner]) + np.square(y[at] - y[anchor][owner])
-        reach[filled] = np.maximum(reach[filled], np.sqrt(span_max(away, offsets)))
+    reach = chord(runs) if ends is None else ends.copy()
+    count = np.diff(faces.offsets)
+    bent = np.flatnonzero(count > 1)
+    if not len(bent):
+        return reach
+    face, _, offsets = spans(faces.offsets[bent], count[bent])
+    at, size = faces.last[face], count[bent]
+    vertex_x, vertex_y = x[at], y[at]
+    for anchor in (runs.first[bent], runs.last[bent]):
+        dx, dy = vertex_x - np.repeat(x[anchor], size), vertex_y - np.repeat(y[anchor], size)
+        away = np.sqrt(span_max(dx * dx + dy * dy, offsets))
+        reach[bent] = np.maximum(reach[bent], away)
     return reach
 
 
