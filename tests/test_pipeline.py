@@ -341,7 +341,8 @@ def test_no_scan(
     with pytest.raises(UnreadableError if damage else NoScanError) as caught:
         detect_to_files(SOURCE, tmp_path, asking(*asked))
     if damage:
-        message = "no LaserScan in the part that could be read; byte 99: cut off"
+        named = f" topic {asked[0]}" if asked else ""
+        message = f"no LaserScan{named} in the part that could be read; byte 99: cut off"
     assert str(caught.value).removeprefix("run.fake: ") == message
     assert list(tmp_path.iterdir()) == []
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from lidarcli.cli.messages import one_line
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, Topic
 from lidarcli.pipeline.clock import ClockInfo
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
@@ -38,7 +39,7 @@ def as_text(info: LogInfo) -> str:
     lines += [_line("damage", damage) for damage in info.damage]
     for scan in info.scans:
         lines += _scan_lines(scan)
-    return "\n".join(lines)
+    return "\n".join(map(one_line, lines))
 
 
 def _topics(topics: Sequence[Topic]) -> list[str]:
@@ -57,7 +58,9 @@ def _topics(topics: Sequence[Topic]) -> list[str]:
 
 def as_json(infos: Sequence[LogInfo]) -> str:
     """A list with one object per log; angles in radians, ranges in metres, times in seconds."""
-    return json.dumps([_log_json(info) for info in infos], indent=2, ensure_ascii=False)
+    text = json.dumps([_log_json(info) for info in infos], indent=2, ensure_ascii=False)
+    # File names need not be UTF-8; what is not has its escape in JSON too.
+    return text.encode(errors="backslashreplace").decode()
 
 
 def _pose_lines(info: LogInfo) -> list[str]:

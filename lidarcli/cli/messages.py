@@ -14,6 +14,17 @@ def _to_stderr(line: str) -> None:
     click.echo(line, err=True)
 
 
+def one_line(text: str) -> str:
+    r"""Text from a log or a file name, with escapes for what would break the line or steer the terminal.
+
+    >>> one_line("/scan\n\x1b[2J °")
+    '/scan\\n\\x1b[2J °'
+    """
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+
+
 class Bar(Protocol):
     """What can be taken off the screen and put back."""
 
@@ -36,17 +47,17 @@ class Messages:
 
     def error(self, *parts: str) -> None:
         """`lidarcli: run.mcap: what is wrong`, always shown."""
-        self.write(": ".join(["lidarcli", *parts]))
+        self.write(one_line(": ".join(["lidarcli", *parts])))
 
     def info(self, line: str) -> None:
         """A line of a summary."""
         if not self.quiet:
-            self.write(line)
+            self.write(one_line(line))
 
     def detail(self, line: str) -> None:
         """What only some want to know."""
         if self.verbose:
-            self.write(line)
+            self.write(one_line(line))
 
     @contextmanager
     def paused(self) -> Iterator[None]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import Messages, one_line
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs import Nothing, Source
@@ -44,7 +44,7 @@ def progress_bar(
 
         def report(source: Source, position: int) -> None:
             done[source] = position
-            bar.update(task, completed=sum(done.values()), description=source.name)
+            bar.update(task, completed=sum(done.values()), description=one_line(source.name))
 
         try:
             yield report

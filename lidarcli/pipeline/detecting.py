@@ -131,7 +131,7 @@ class _Run:
                 # Listing topics reports no damage; reading does, and steps over whatever is not wanted.
                 for _ in log.scans(frozenset(self._wanted) or None):
                     pass
-                raise nothing_read(self._damage(), err) from None
+                raise nothing_read(self._damage(), err, self._wanted) from None
             self._read = replace(options.read, topics=frozenset(chosen))
             self.first = chosen[0]
         elif len(self._wanted) == 1:
@@ -180,7 +180,7 @@ class _Run:
                 return
         else:
             error = NoScanError("no LaserScan in it")
-        raise nothing_read(summary.damage, error)
+        raise nothing_read(summary.damage, error, self._wanted)
 
     def _damage(self) -> list[str]:
         summary = RunSummary()

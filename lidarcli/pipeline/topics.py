@@ -49,11 +49,12 @@ def absent(missing: Sequence[str], topics: Sequence[Topic]) -> str:
     return f"no LaserScan topic {' or '.join(missing)} in this log ({has})"
 
 
-def nothing_read(damage: Sequence[str], error: NoScanError) -> LidarcliError:
+def nothing_read(damage: Sequence[str], error: NoScanError, wanted: Sequence[str]) -> LidarcliError:
     """A log that is damaged and shows no LaserScan counts as unreadable: the scans may be in the lost part."""
     if not damage:
         return error
-    return UnreadableError(f"no LaserScan in the part that could be read; {damage[0]}")
+    named = f" topic {' or '.join(wanted)}" if wanted else ""
+    return UnreadableError(f"no LaserScan{named} in the part that could be read; {damage[0]}")
 
 
 def _list(topics: Sequence[Topic]) -> str:

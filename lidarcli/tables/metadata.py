@@ -34,7 +34,8 @@ def table_metadata(
         entries[SOURCE] = _json(source)
     if damage:
         entries[DAMAGE] = _json(list(damage))
-    return {key.encode(): value.encode() for key, value in entries.items()}
+    # Names of files need not be UTF-8, but what Arrow keeps must be.
+    return {key.encode(): value.encode(errors="replace") for key, value in entries.items()}
 
 
 def _json(value: object) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -9,13 +10,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import lidarcli.cli
+from lidarcli.logs import open_log
 from lidarcli.pipeline import detecting
+from lidarcli.simulate.writers import write_log
 
 Run = Callable[..., Any]
 
@@ -306,3 +310,35 @@ def test_main_exits_with_the_code(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SystemExit) as caught:
         lidarcli.cli.main(["info"])
     assert caught.value.code == 4
+
+
+def test_odd_names_of_files_neither_break_lines_nor_the_run(
+    logs: Path, tmp_path: Path, lidarcli: Run
+) -> None:
+    folder = tmp_path / "odd"
+    folder.mkdir()
+    names = [b"a\nb\x1b[2J.mcap", b"latin-\xff.mcap"]
+    for name in names:
+        Path(os.fsdecode(bytes(folder) + b"/" + name)).write_bytes((logs / "run.mcap").read_bytes())
+    assert lidarcli("detect", folder, "-o", tmp_path / "out").code == 0
+    written = sorted(os.listdir(os.fsencode(tmp_path / "out")))  # noqa: PTH208 (names as bytes)
+    assert written == [
+        name.removesuffix(b".mcap") + ending
+        for name in names
+        for ending in (b".objects.parquet", b".sweeps.parquet")
+    ]
+    assert lidarcli("-q", "detect", folder, "-o", "-").code == 0
+    ran = lidarcli("info", folder)
+    heads = [line for line in ran.out.splitlines() if line and not line.startswith(" ")]
+    assert heads == [f"{folder}/a\\nb\\x1b[2J.mcap", f"{folder}/latin-\\udcff.mcap"]
+    infos = json.loads(lidarcli("info", folder, "--format", "json").out)
+    assert [os.fsencode(info["path"]) for info in infos] == [bytes(folder) + b"/" + name for name in names]
+
+
+def test_names_in_a_log_do_not_steer_the_terminal(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    path = tmp_path / "run.mcap"
+    with open_log(logs / "run.mcap") as log:
+        write_log(path, [replace(block, topic="/scan\n\x1b[31m") for block in log.scans()])
+    for ran in (lidarcli("info", path), lidarcli("detect", path, "--topic", "/x", "-o", tmp_path)):
+        assert "/scan\\n\\x1b[31m" in ran.out + ran.err
+        assert "\x1b" not in ran.out + ran.err
