@@ -61,12 +61,13 @@ def find_poses(log: Log, wanted: str | None = None) -> FoundPoses | None:
     kept = _Kept(log.report)
     tracks.add(log.messages(POSE_TYPES))
     damage = kept.give_back()
+    found = tracks.finish()
     notes = [
         f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())
     ]
     if tracks.left_out:
         notes.append(f"poses: the last {tracks.left_out:,} are left out, there are too many to keep")
-    return FoundPoses(PoseSources(tracks.finish(), wanted), tuple(notes), damage)
+    return FoundPoses(PoseSources(found, wanted), tuple(notes), damage)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,448 @@
+"""Every sweep gets its pose: from logs in every container to the columns of the tables and the notes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import lidarcli
+from lidarcli.cli import run
+from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
+from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.inspecting import inspect_log
+from lidarcli.pipeline.posing import Posing
+from lidarcli.simulate.generate import simulate_blocks
+from lidarcli.simulate.load import load_scene
+from lidarcli.simulate.odometry import PoseRows, simulate_odometry
+from lidarcli.simulate.scene import Scene
+from lidarcli.simulate.writers import write_log
+from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, SweepPoses, normalise
+from tests.poses.pose_messages import ODOMETRY, POSE, SECOND, TF, odometry, pose_stamped, tf
+
+SAMPLES = Path(__file__).parents[2] / "samples"
+START = 1_700_000_000_000_000_000
+
+
+def drive() -> tuple[Scene, PoseRows]:
+    """The scene of a robot that drives around, and what it believes of its way."""
+    scene = load_scene(SAMPLES / "drive.toml")
+    poses = simulate_odometry(scene, 12, seed=0)
+    assert poses is not None
+    return scene, poses
+
+
+def raw_sweeps(scene: Scene, count: int = 12) -> list[RawSweeps]:
+    return [block.raw for block in simulate_blocks(scene, count, 0)]
+
+
+def poses_of(path: Path, pose: str | None = None) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """(S, 3) x, y, yaw of the sweeps as `read` gives them."""
+    parts = [batch.poses for batch in lidarcli.read(path, pose=pose)]
+    assert all(part is not None for part in parts)
+    return np.concatenate([np.column_stack([p.x, p.y, p.yaw]) for p in parts if p is not None])
+
+
+@pytest.mark.parametrize("pose", [None, "/odom"])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("run.mcap", {"encoding": "cdr"}),
+        ("run.mcap", {"encoding": "ros1", "compression": "lz4"}),
+        ("run.mcap", {"encoding": "json"}),
+        ("run.mcap", {"encoding": "protobuf"}),
+        ("run.bag", {"compression": "bz2"}),
+        ("run.db3", {}),
+        ("run", {"compression": "zstd"}),
+        ("run", {"compression": "zstd-message"}),
+        ("run", {"container": "ros2-mcap"}),
+    ],
+)
+def test_every_container(tmp_path: Path, name: str, options: dict[str, str], pose: str | None) -> None:
+    scene, poses = drive()
+    write_log(tmp_path / name, raw_sweeps(scene), poses=poses, **options)
+    expected = poses.poses.copy()
+    found = poses_of(tmp_path / name, pose)
+    np.testing.assert_allclose(found[:, :2], expected[:, :2], atol=1e-12)
+    np.testing.assert_allclose(np.cos(found[:, 2] - expected[:, 2]), 1)
+
+
+def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
+    """Odometry at 7 Hz along a line while turning at a constant rate; sweeps at 5 Hz, some of them outside."""
+    scene, poses = drive()
+    stamps = START + 350_000_000 + np.arange(12, dtype=np.int64) * SECOND // 7
+
+    def truth(
+        stamp_ns: np.ndarray[tuple[int], np.dtype[np.int64]],
+    ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+        seconds = (stamp_ns - START) / SECOND
+        return np.column_stack([1 + 2 * seconds, -seconds, 3.0 + seconds])
+
+    rows = replace(poses, stamp_ns=stamps, poses=truth(stamps))
+    write_log(tmp_path / "run.mcap", raw_sweeps(scene), poses=rows)
+    found = poses_of(tmp_path / "run.mcap")
+    sweeps = START + np.arange(12) * 200_000_000
+    inside = (sweeps >= stamps[0]) & (sweeps <= stamps[-1])
+    assert inside.tolist() == [False] * 2 + [True] * 8 + [False] * 2
+    np.testing.assert_array_equal(np.isnan(found).all(axis=1), ~inside)
+    expected = truth(sweeps)[inside]
+    np.testing.assert_allclose(found[inside, :2], expected[:, :2], atol=1e-9)
+    np.testing.assert_allclose(np.cos(found[inside, 2] - expected[:, 2]), 1, atol=1e-12)
+
+    summary = detect_to_files(Source(str(tmp_path / "run.mcap"), "run"), tmp_path, DetectOptions())
+    assert summary.notes == [
+        "poses by /tf and /tf_static (odom > base_link > laser); also there: /odom (--pose TOPIC)",
+        "without a pose: 4 of 12 sweeps of frame laser, whose stamps are outside the span of /tf",
+    ]
+    assert summary.exit_code == 0
+    sweeps_table = pq.read_table(tmp_path / "run.sweeps.parquet")
+    for name, column in zip(("pose_x", "pose_y", "pose_yaw"), found.T, strict=True):
+        values = [None if np.isnan(value) else value for value in column]
+        assert sweeps_table[name].to_pylist() == values
+    objects = pq.read_table(tmp_path / "run.objects.parquet").to_pylist()
+    assert {row["world_x"] is None for row in objects if not inside[row["sweep"]]} == {True}
+    for row in objects:
+        if inside[row["sweep"]]:
+            x, y, yaw = found[row["sweep"]]
+            assert row["world_x"] == pytest.approx(
+                x + np.cos(yaw) * row["box_x"] - np.sin(yaw) * row["box_y"]
+            )
+            assert row["world_y"] == pytest.approx(
+                y + np.sin(yaw) * row["box_x"] + np.cos(yaw) * row["box_y"]
+            )
+            assert abs(np.sin(row["world_yaw"] - yaw - row["box_yaw"])) < 1e-9
+            assert -np.pi / 2 < row["world_yaw"] <= np.pi / 2
+
+
+def test_the_batch_size_does_not_matter(tmp_path: Path) -> None:
+    batch, log = (
+        batch_of(40),
+        FakeLog(messages=[odometry(START + k * SECOND, "odom", "laser", (k, 0, k / 2)) for k in range(5)]),
+    )
+    whole = Posing.of(log).attach(batch).poses
+    assert whole is not None
+    for size in (1, 7):
+        posing = Posing.of(log)
+        parts = [posing.attach(part).poses for part in cut(batch, size)]
+        joined = np.concatenate([part.x for part in parts if part is not None])
+        np.testing.assert_array_equal(joined, whole.x)
+        assert posing.notes() == ["poses by /odom (odom > laser)"]
+
+
+# --- one log in memory ------------------------------------------------------------------------------------
+
+
+@dataclass
+class FakeLog:
+    """A log in memory with sweeps that nobody reads here and some pose messages."""
+
+    messages_: list[Message] = field(default_factory=list)
+    path: str = "run.fake"
+    format: str = "fake"
+    compression: str = "none"
+    size: int | None = 1234
+    indexed: bool = True
+    report: ReadReport = field(default_factory=ReadReport)
+    passes: int = 0
+
+    def __init__(
+        self, messages: list[Message] | None = None, size: int | None = 1234, damage: str = ""
+    ) -> None:
+        self.messages_ = messages or []
+        self.path, self.format, self.compression, self.size = "run.fake", "fake", "none", size
+        self.report = ReadReport()
+        self.damage = damage
+        self.passes = 0
+
+    def topics(self) -> list[Topic] | None:
+        if self.size is None:
+            return None
+        names = dict.fromkeys((message.topic, message.type) for message in self.messages_)
+        return [Topic("/scan", LASERSCAN, "cdr", 40), *(Topic(*name, "cdr", 9) for name in names)]
+
+    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+        return iter(())
+
+    def messages(self, types: Collection[str]) -> Iterator[Message]:
+        self.passes += 1
+        if self.damage:
+            self.report.add_damage("byte 7", self.damage)
+        return iter([message for message in self.messages_ if message.type in types])
+
+    def close(self) -> None:
+        pass
+
+    def __enter__(self) -> FakeLog:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        pass
+
+
+def batch_of(
+    count: int = 40, stamp_ns: int = START, record_ns: int = START, frame: str = "laser"
+) -> SweepBatch:
+    """Sweeps at 10 Hz."""
+    steps = np.arange(count) * 100_000_000
+    raw = RawSweeps(
+        topic="/scan",
+        frame_ids=(frame,),
+        frame=np.zeros(count, np.int32),
+        stamp_ns=stamp_ns + steps,
+        record_ns=record_ns + steps,
+        angle_min=np.zeros(count),
+        angle_increment=np.full(count, 0.1),
+        range_min=np.zeros(count, np.float32),
+        range_max=np.full(count, 10, np.float32),
+        beams=np.full(count, 4, np.int32),
+        ranges=np.ones((count, 4), np.float32),
+    )
+    return normalise(raw, np.arange(count), RangeRules())
+
+
+def cut(batch: SweepBatch, size: int) -> Iterator[SweepBatch]:
+    names = (
+        "frame",
+        "sweep",
+        "stamp_ns",
+        "record_ns",
+        "angle_min",
+        "angle_increment",
+        "range_min",
+        "range_max",
+    )
+    for first in range(0, len(batch), size):
+        rows = slice(first, first + size)
+        arrays = {
+            name: getattr(batch, name)[rows] for name in (*names, "beams", "ranges", "status", "closure")
+        }
+        yield replace(batch, **arrays)
+
+
+def posed(messages: list[Message], batch: SweepBatch | None = None) -> tuple[SweepPoses | None, list[str]]:
+    """The poses of some sweeps by a log with these messages, and the notes."""
+    posing = Posing.of(FakeLog(messages))
+    poses = posing.attach(batch or batch_of()).poses
+    return poses, posing.notes()
+
+
+def test_two_sensors_have_a_chain_each() -> None:
+    front, rear = batch_of(3, frame="front"), batch_of(3, frame="/rear")
+    both = replace(front, frame_ids=("front", "/rear"), frame=np.array([0, 1, 0], np.int32))
+    messages = [odometry(START + k * SECOND, "odom", "base_link", (k, 0, 0)) for k in range(2)]
+    messages += [tf(START + k * SECOND, "odom", "base_link", (k, 0, 0)) for k in range(2)]
+    messages += [
+        tf(0, "base_link", "front", (1, 0, 0), "/tf_static"),
+        tf(0, "base_link", "rear", (-1, 0, np.pi), "/tf_static"),
+    ]
+    poses, notes = posed(messages, both)
+    assert poses is not None
+    np.testing.assert_allclose(poses.x, [1.0, -0.9, 1.2])
+    np.testing.assert_allclose(np.cos(poses.yaw), [1, -1, 1])
+    assert notes == [
+        "poses by /tf and /tf_static (odom > base_link > rear); also there: /odom (--pose TOPIC)",
+        "poses by /tf and /tf_static (odom > base_link > front); also there: /odom (--pose TOPIC)",
+    ]
+    assert len(rear) == 3
+
+
+def test_clocks_that_differ_are_not_mixed() -> None:
+    far = 93 * 86400 * SECOND
+    messages = [
+        replace(odometry(START - far + k * SECOND, "odom", "laser", (k, 0, 0)), record_ns=START + k * SECOND)
+        for k in range(6)
+    ]
+    poses, notes = posed(messages)
+    assert poses is not None
+    assert np.isnan(poses.x).all()
+    assert notes[1] == (
+        "without a pose: 40 of 40 sweeps of frame laser; their header stamps and those of /odom are 8,035,195.000 s "
+        "apart, though both were recorded at the same time: the clocks differ"
+    )
+    # Recorded at other times, it is no fault of a clock.
+    _, notes = posed([replace(message, record_ns=message.record_ns - far) for message in messages])
+    assert (
+        notes[1]
+        == "without a pose: 40 of 40 sweeps of frame laser, whose stamps are outside the span of /odom"
+    )
+
+
+def test_links_that_are_never_known_together() -> None:
+    messages = [tf(START + k * SECOND, "map", "odom", (0, 0, 0)) for k in range(2)]
+    messages += [tf(START + k * SECOND, "odom", "laser", (0, 0, 0)) for k in range(2, 4)]
+    _, notes = posed(messages)
+    assert notes[1] == (
+        "without a pose: 40 of 40 sweeps of frame laser; the links map > odom > laser are never known at the same time"
+    )
+
+
+def test_a_frame_that_nothing_places() -> None:
+    poses, notes = posed(
+        [tf(START, "map", "other", (0, 0, 0)), pose_stamped(START, "map", (0, 0, 0), "/red_pose")]
+    )
+    assert poses is not None
+    assert np.isnan(poses.yaw).all()
+    assert notes == [
+        "no pose for frame laser: nothing leads from it to a fixed frame; --pose may name /red_pose"
+    ]
+
+
+def test_a_leaning_sensor_and_a_clock_that_jumps_are_noted() -> None:
+    lean = np.deg2rad(30)
+    tilted = (0, 0, 0, np.sin(lean / 2), 0, 0, np.cos(lean / 2))
+    messages = [tf(START + k * SECOND, "map", "laser", tilted) for k in (0, 2, 4, 1, 3)]
+    _, notes = posed(messages)
+    assert notes == [
+        "poses by /tf (map > laser)",
+        "frame laser leans by up to 30 degrees: its poses are their projection",
+        "stamps of /tf jump back 2 times: poses there may mix two runs",
+    ]
+
+
+def test_an_upside_down_sensor() -> None:
+    over = (0, 0, 0, 1, 0, 0, 0)
+    messages = [tf(START + k * 5 * SECOND, "map", "laser", over) for k in range(2)]
+    poses, notes = posed(messages)
+    assert poses is not None
+    assert poses.upside_down.all()
+    assert notes == ["poses by /tf (map > laser)"]
+    row = np.array([0])
+    x, y, yaw = poses.to_world(row, np.array([1.0]), np.array([2.0]), np.array([0.3]))
+    assert (x[0], y[0], yaw[0]) == pytest.approx((1.0, -2.0, -0.3))
+
+
+def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
+    messages = [odometry(START + k * SECOND, "odom", "laser", (k, 0, 0)) for k in range(6)]
+    messages.append(Message("/odom", ODOMETRY, "cdr", START, b"\0\1\0\0"))
+    messages.append(pose_stamped(START, "map", (np.nan, 0, 0), "/pose"))
+    _, notes = posed(messages)
+    assert notes == [
+        "poses by /odom (odom > laser)",
+        "1 of /odom left out: shorter than its type",
+        "1 of /pose left out: its pose is not finite",
+    ]
+
+
+def test_damage_met_in_the_first_pass_is_kept_once() -> None:
+    log = FakeLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
+    posing = Posing.of(log)
+    assert log.report.damage == []
+    assert posing.damage_lines() == ["byte 7: torn"]
+
+
+def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
+    plain, pipe = FakeLog(), FakeLog([odometry(START, "odom", "laser", (0, 0, 0))], size=None)
+    unasked = FakeLog([odometry(START, "odom", "laser", (0, 0, 0))])
+    assert Posing.of(plain).notes() == []
+    assert Posing.of(plain).attach(batch_of()).poses is None
+    assert Posing.of(unasked, "none").notes() == []
+    assert Posing.of(pipe, "none").notes() == []
+    assert Posing.of(pipe).notes() == [
+        "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
+    ]
+    assert (plain.passes, pipe.passes, unasked.passes) == (0, 0, 0)
+
+
+# --- the commands -----------------------------------------------------------------------------------------
+
+
+def test_a_topic_that_is_asked_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    log = str(SAMPLES / "drive.db3")
+    assert run(["detect", log, "-o", str(tmp_path), "--pose", "odom"]) == 0
+    assert (
+        "note     poses by /odom and /tf_static (odom > base_link > laser); also there: /tf"
+        in capfd.readouterr().err
+    )
+    metadata = pq.read_schema(tmp_path / "drive.sweeps.parquet").metadata
+    assert json.loads(metadata[b"lidarcli.parameters"])["pose"] == "odom"
+    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": {"topic": "/odom", "world": "odom"}}
+
+
+def test_no_poses_on_request(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["detect", str(SAMPLES / "drive.db3"), "-o", str(tmp_path), "--pose", "none"]) == 0
+    assert "note" not in capfd.readouterr().err
+    table = pq.read_table(tmp_path / "drive.sweeps.parquet")
+    assert table["pose_x"].null_count == table.num_rows
+    assert "poses" not in json.loads(table.schema.metadata[b"lidarcli.source"])
+
+
+@pytest.mark.parametrize(
+    ("topic", "words"),
+    [
+        ("/amcl", "no topic /amcl with poses in this log (it has /odom, /tf, /tf_static)"),
+        ("/scan", "topic /scan is sensor_msgs/msg/LaserScan, which holds no pose"),
+    ],
+)
+def test_a_topic_that_is_not_there(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], topic: str, words: str
+) -> None:
+    log = str(SAMPLES / "drive.db3")
+    assert run(["detect", log, "-o", str(tmp_path), "--pose", topic]) == 4
+    assert capfd.readouterr().err == f"lidarcli: {log}: {words}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_pipe_has_no_poses(tmp_path: Path) -> None:
+    scene, poses = drive()
+    write_log(tmp_path / "run.mcap", raw_sweeps(scene), poses=poses)
+    with (tmp_path / "run.mcap").open("rb") as file:
+        done = subprocess.run(
+            [sys.executable, "-m", "lidarcli", "detect", "-", "-o", str(tmp_path)],
+            stdin=file,
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "LC_ALL": "C.UTF-8"},
+        )
+    assert "  note     poses, if there are any, are not used: a pipe is read only once" in done.stderr
+    assert pq.read_table(tmp_path / "stdin.sweeps.parquet")["pose_x"].null_count == 12
+
+
+def test_detect_in_python_takes_the_topic() -> None:
+    path = SAMPLES / "drive.db3"
+    by_tree, by_odometry = lidarcli.detect(path), lidarcli.detect(path, pose="/odom")
+    np.testing.assert_allclose(by_tree["world_x"].to_numpy(), by_odometry["world_x"].to_numpy(), atol=1e-12)
+    without = lidarcli.detect(path, pose="none")
+    assert without["world_x"].null_count == without.num_rows == by_tree.num_rows
+
+
+def test_info_lists_the_sources() -> None:
+    info = inspect_log(Source(str(SAMPLES / "drive.db3"), "drive"))
+    assert info.pose_topics == ("/odom", "/tf", "/tf_static")
+    told = {source.topic: source for source in info.pose_sources}
+    assert {topic: (one.type, one.poses, one.frames) for topic, one in told.items()} == {
+        "/odom": (ODOMETRY, 150, (("odom", "base_link"),)),
+        "/tf": (TF, 150, (("odom", "base_link"),)),
+        "/tf_static": (TF, 1, (("base_link", "laser"),)),
+    }
+    assert told["/odom"].rate == pytest.approx(5)
+    assert told["/odom"].span == pytest.approx(29.8)
+    assert told["/tf_static"].rate is None
+    (scan,) = info.scans
+    assert scan.pose == "/tf and /tf_static (odom > base_link > laser)"
+
+
+def test_info_as_json(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(SAMPLES / "drive.db3"), "--format", "json"]) == 0
+    (info,) = json.loads(capfd.readouterr().out)
+    assert info["pose_sources"][0] == {
+        "topic": "/tf_static",
+        "type": TF,
+        "poses": 1,
+        "rate": None,
+        "start_ns": START,
+        "end_ns": START,
+        "span": 0.0,
+        "frames": [{"parent": "base_link", "child": "laser"}],
+    }
+    assert info["scans"][0]["pose"] == "/tf and /tf_static (odom > base_link > laser)"
+    assert POSE not in {topic["type"] for topic in info["topics"]}
