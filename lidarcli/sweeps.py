@@ -167,6 +167,10 @@ class SweepPoses:
     upside_down: Bool
     """(S,) whether the sensor hangs head down, so that its bearings run clockwise in the world."""
 
+    def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepPoses:
+        """The poses of `index`, which may repeat."""
+        return SweepPoses(self.x[index], self.y[index], self.yaw[index], self.upside_down[index])
+
     def to_world(
         self, row: Int64 | NDArray[np.intp], x: Float64, y: Float64, yaw: Float64
     ) -> tuple[Float64, Float64, Float64]:
@@ -211,6 +215,11 @@ class SweepBatch:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
+    def rows(self, index: NDArray[np.intp] | Int64) -> SweepBatch:
+        """The same batch with the sweeps of `index` alone."""
+        picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
+        return replace(self, poses=None if self.poses is None else self.poses.rows(index), **picked)
+
     @property
     def width(self) -> int:
         """B, the number of columns."""
@@ -221,6 +230,9 @@ class SweepBatch:
         columns = np.arange(self.width)
         bearings: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * columns
         return bearings
+
+
+_BATCH_ROW_FIELDS = (*_ROW_FIELDS, "sweep", "status", "closure")
 
 
 def closure(beams: Int32, angle_increment: Float64) -> UInt8:

@@ -1,0 +1,89 @@
+"""§3: r_e, the sweep of the scene without the objects of interest, at every place where it was taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.formalism.grid import Grid
+from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses
+
+KNOWN_GAP = 0.05
+"""Up to this share of sweeps without a return are lost beams of a surface that is there."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Background:
+    """What one sensor sees of the scene without objects of interest: K stations of B beams each.
+
+    A station is a place and heading of the sensor. A sensor of which no pose is known has one, whose pose is NaN.
+    """
+
+    topic: str
+    frame_id: str
+    grid: Grid
+    range_max: float
+    """Greatest range of the sensor [m]; inf where unknown."""
+    r_e: Float64
+    """(K, B) r_e [m]: inf where the beam is open (no return is what the background is), NaN where nothing is known."""
+    spread: Float64
+    """(K, B) robust standard deviation of the ranges that back r_e [m]; NaN where r_e is no range."""
+    support: Float64
+    """(K, B) share of the observations that back r_e; 0 where nothing is known."""
+    no_return: Float64
+    """(K, B) share of the observations without a return."""
+    sweeps: Int64
+    """(K,) sweeps of each station."""
+    poses: SweepPoses
+    """(K,) places in the world frame, NaN where none is known."""
+    distance: float = 0.25
+    """Sweeps up to this far from a station [m] belong to it …"""
+    angle: float = np.deg2rad(5.0)
+    """… if their heading differs by no more than this [rad]."""
+
+    def __len__(self) -> int:
+        return len(self.sweeps)
+
+    @property
+    def posed(self) -> Bool:
+        """(K,) stations whose pose is known."""
+        return ~np.isnan(self.poses.x)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Surroundings:
+    """A background with the beams next to each taken in, (K, B) each: depth edges jitter by a beam."""
+
+    near: Float64
+    """The nearest r_e [m], the greatest range of the sensor for an open beam; NaN where the beam itself is unknown."""
+    far: Float64
+    """The farthest r_e [m], inf where an open beam is among them."""
+    spread: Float64
+    """The greatest spread [m]."""
+    returns: Bool
+    """Whether all of them return nearly always."""
+
+
+def surroundings(background: Background, reach: int) -> Surroundings:
+    """The background in windows of `reach` beams to either side of each."""
+    r_e = background.r_e
+    known = ~np.isnan(r_e)
+    near = np.where(known, np.minimum(r_e, background.range_max), np.inf)
+    far = np.where(known, r_e, -np.inf)
+    spread = np.where(known & np.isfinite(r_e), background.spread, 0.0)
+    lost = background.no_return > KNOWN_GAP
+    windows = [_beside(background, offset) for offset in range(-reach, reach + 1)]
+    return Surroundings(
+        near=np.where(known, np.minimum.reduce([near[:, beam] for beam in windows]), np.nan),
+        far=np.where(known, np.maximum.reduce([far[:, beam] for beam in windows]), np.nan),
+        spread=np.maximum.reduce([spread[:, beam] for beam in windows]),
+        returns=known & ~np.logical_or.reduce([lost[:, beam] for beam in windows]),
+    )
+
+
+def _beside(background: Background, offset: int) -> Int64:
+    """(B,) the beam so many beams further on; at the edge of the view the last one."""
+    grid = background.grid
+    beam = np.arange(grid.beams) + offset
+    return beam % grid.period if grid.period else np.clip(beam, 0, grid.beams - 1)

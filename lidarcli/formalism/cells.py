@@ -1,0 +1,187 @@
+"""§3: ranges counted per station, beam and bin of 2 cm, and the background that the counts speak for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.formalism.ragged import offsets_of, span_sum, spans
+from lidarcli.sweeps import Float64, Int64
+
+UNIT = 1e-4
+"""[m] Ranges are counted in whole units, so that sums are exact in any order."""
+BIN = 200
+"""Units of a bin: 2 cm."""
+REACH = 5
+"""Bins to either side of one that back it: a surface with noise of up to 3 cm fits in."""
+SUPPORT = 0.35
+"""Share of the observations of a beam that must back its background: people who pass have less."""
+OPEN = 0.5
+"""A beam with this share of observations without a return is open, unless a surface has enough support."""
+
+_BITS = 23
+_FAR = (1 << _BITS) - 1
+"""Greatest range that can be told from others [units]: 838 m."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cells:
+    """C cells: a beam and a bin each, sorted. All numbers are whole: sums are exact, whatever the order."""
+
+    key: Int64
+    """(C,) number of the beam << 23 | first unit of the bin."""
+    count: Int64
+    """(C,) ranges in it."""
+    total: Int64
+    """(C,) sum of their units above the first of the bin."""
+    squares: Int64
+    """(C,) sum of the squares of these."""
+
+    def __len__(self) -> int:
+        return len(self.key)
+
+    @property
+    def beam(self) -> Int64:
+        """(C,)"""
+        return self.key >> _BITS
+
+    @property
+    def unit(self) -> Int64:
+        """(C,) first unit of the bin."""
+        return self.key & _FAR
+
+
+def count_ranges(beam: Int64, ranges: Float64) -> Cells:
+    """Count ranges [m] at beams, (N,) each.
+
+    >>> cells = count_ranges(np.array([1, 0, 1]), np.array([2.001, 5.0, 2.003]))
+    >>> cells.beam.tolist(), (cells.unit * UNIT).round(2).tolist(), cells.count.tolist()
+    ([0, 1], [5.0, 2.0], [1, 2])
+    """
+    unit = np.minimum(np.rint(ranges / UNIT).astype(np.int64), _FAR)
+    value = (beam.astype(np.int64) << _BITS) | unit
+    value.sort()
+    unit = (value & _FAR) % BIN
+    return _summed(value - unit, np.ones(len(value), np.int64), unit, unit * unit)
+
+
+def merge(parts: list[Cells]) -> Cells:
+    """The cells of all parts together."""
+    if len(parts) == 1:
+        return parts[0]
+    key = np.concatenate([part.key for part in parts])
+    order = np.argsort(key, kind="stable")
+    count = np.concatenate([part.count for part in parts])[order]
+    total = np.concatenate([part.total for part in parts])[order]
+    squares = np.concatenate([part.squares for part in parts])[order]
+    return _summed(key[order], count, total, squares)
+
+
+def _summed(key: Int64, count: Int64, total: Int64, squares: Int64) -> Cells:
+    """One cell per distinct key; the keys are sorted."""
+    first = np.ones(len(key), bool)
+    np.not_equal(key[1:], key[:-1], out=first[1:])
+    start = np.flatnonzero(first)
+    if len(start) == len(key):
+        return Cells(key, count, total, squares)
+    sums = (np.add.reduceat(values, start) for values in (count, total, squares))
+    return Cells(key[start], *sums)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Estimate:
+    """r_e of N beams, see `Background`."""
+
+    r_e: Float64
+    spread: Float64
+    support: Float64
+    no_return: Float64
+
+
+def estimate(cells: Cells, no_return: Int64) -> Estimate:
+    """r_e of each beam: its farthest surface with enough support, because people stand before the background.
+
+    Ranges within 10 cm of one another are one surface. Where that is too narrow for any to have enough support (foliage,
+    a sensor that shakes), the width is doubled until one has.
+
+    Parameters
+    ----------
+    cells : ranges of N beams
+    no_return : (N,) observations without a return
+
+    Returns
+    -------
+    Estimate, (N,) each
+    """
+    beams = len(no_return)
+    beam = cells.beam
+    returns = np.bincount(beam, cells.count, minlength=beams).astype(np.int64)
+    observed = no_return + returns
+    result = Estimate(
+        r_e=np.where(observed > 0, np.inf, np.nan),
+        spread=np.full(beams, np.nan),
+        support=no_return / np.maximum(observed, 1),
+        no_return=no_return / np.maximum(observed, 1),
+    )
+    need = SUPPORT * observed
+    wanted = returns > 0
+    reach = REACH
+    while wanted.any():
+        begin, end, backing = _windows(cells, reach)
+        enough = np.flatnonzero((backing >= need[beam]) & wanted[beam])
+        found, peak = _peaks(cells, enough, backing, reach)
+        _describe(result, cells, found, begin[peak], end[peak], observed)
+        wanted[found] = False
+        # What returns less often than not may be people alone: no width turns them into a surface.
+        wanted &= no_return < OPEN * observed
+        reach *= 2
+    return result
+
+
+def _windows(cells: Cells, reach: int) -> tuple[Int64, Int64, Int64]:
+    """The cells within `reach` bins of each cell, from `begin` to before `end`, and the ranges in them. (C,) each."""
+    base = cells.beam << _BITS
+    low = np.maximum(cells.key - reach * BIN, base)
+    high = np.minimum(cells.key + reach * BIN, base + _FAR)
+    begin, end = np.searchsorted(cells.key, low), np.searchsorted(cells.key, high, side="right")
+    until = offsets_of(cells.count)
+    return begin, end, until[end] - until[begin]
+
+
+def _peaks(cells: Cells, enough: Int64, backing: Int64, reach: int) -> tuple[Int64, Int64]:
+    """For each beam with cells that have enough backing the one with most, on the farthest surface that has any.
+
+    Returns
+    -------
+    beam, cell : (F,)
+    """
+    beam = cells.beam[enough]
+    found, first = np.unique(beam, return_index=True)
+    last = np.append(first[1:], len(beam)) - 1
+    nearest = (cells.key[enough[last]] - 2 * reach * BIN)[np.searchsorted(found, beam)]
+    there = enough[cells.key[enough] >= nearest]
+    order = np.lexsort((backing[there], cells.beam[there]))
+    there = there[order]
+    ends = np.append(np.flatnonzero(np.diff(cells.beam[there])), len(there) - 1)[: len(found)]
+    return found, there[ends]
+
+
+def _describe(
+    result: Estimate, cells: Cells, found: Int64, begin: Int64, end: Int64, observed: Int64
+) -> None:
+    """Fill in the beams `found`, whose ranges are in the cells from `begin` to before `end`."""
+    if not len(found):
+        return
+    index, owner, offsets = spans(begin, end - begin)
+    centre = cells.unit[begin]
+    above = cells.unit[index] - centre[owner]
+    count = cells.count[index]
+    backing = span_sum(count.astype(np.float64), offsets)
+    total = span_sum((above * count + cells.total[index]).astype(np.float64), offsets)
+    square = above * above * count + 2 * above * cells.total[index] + cells.squares[index]
+    squares = span_sum(square.astype(np.float64), offsets)
+    mean = total / backing
+    result.r_e[found] = (centre + mean) * UNIT
+    result.spread[found] = np.sqrt(np.maximum(squares / backing - mean * mean, 0.0)) * UNIT
+    result.support[found] = backing / observed[found]
