@@ -49,7 +49,11 @@ def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
     """The separator that most lines hold, outside quotes and lists; None for text that is no table."""
     # The head counts for more than what follows: damage must not hide what the file is.
     lines = lines[:12]
-    bare = [_LISTS.sub(b'"', line[:_ENOUGH]) for line in lines]
+    if max(map(len, lines)) <= _ENOUGH:
+        # A quoted cell may span lines.
+        bare = _LISTS.sub(b'"', b"\n".join(lines)).split(b"\n")
+    else:
+        bare = [_LISTS.sub(b'"', line[:_ENOUGH]) for line in lines]
     enough = max(1, (len(bare) + 1) // 2)
 
     def common(separator: bytes) -> bool:

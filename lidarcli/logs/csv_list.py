@@ -109,7 +109,7 @@ class ListDecoder:
 
     def _split(self, text: bytes) -> tuple[list[bytes], list[str]] | None:
         """The lists of a record, and its cells with the number of a list in place of each."""
-        if text.count(self._layout.dialect.separator) < self._layout.width - 1:
+        if self._layout.brackets not in text and text.count(self._layout.dialect.separator) < 2:
             return None
         lists: list[bytes] = []
         plain: list[bytes] = []
@@ -184,6 +184,7 @@ class ListDecoder:
             headers = [record.cells[scan.fields["header"]] for record in records]
             if "stamp" not in scan.units and "seconds" not in scan.fields:
                 stamp = _header_stamps(headers, stamp)
+                record_ns = record_ns if "record" in scan.units else stamp
             if "frame" not in scan.fields:
                 frame = encode_frames([_header_frame(header) for header in headers])
         if untimed is not None:

@@ -24,6 +24,7 @@ from lidarcli.logs.csv_list import ListDecoder
 from lidarcli.logs.csv_long import LongDecoder
 from lidarcli.logs.csv_recognise import recognise
 from lidarcli.logs.csv_source import FIRST_BLOCK, MAX_LINE, Block, TextSource
+from lidarcli.logs.csv_times import time_notes
 from lidarcli.logs.csv_wide import WideDecoder
 from lidarcli.sweeps import RawSweeps
 
@@ -75,7 +76,8 @@ class CsvLog:
                 raise
         name = PER_SWEEP if self._files else self._layout.name
         self.format = f"csv ({name})"
-        self.report.notes.append("; ".join([f"CSV layout: {name}", *self._layout.notes]))
+        times = time_notes(unit for scan in self._layout.scans for unit in scan.units.values())
+        self.report.notes.append("; ".join([f"CSV layout: {name}", *self._layout.notes, *times]))
 
     def topics(self) -> list[Topic] | None:
         """The scans that the columns hold; none in a table without ranges."""

@@ -30,7 +30,7 @@ from lidarcli.logs.csv_names import (
     find_long,
     list_column,
 )
-from lidarcli.logs.csv_times import DATE, DATE_UNPADDED, S_UNPADDED, UNPADDED, time_unit
+from lidarcli.logs.csv_times import time_unit
 from lidarcli.sweeps import TURN
 
 _RECORD = 1 << 20
@@ -136,11 +136,6 @@ def _list_layout(head: Head) -> Layout | None:
     brackets = b"[" if "[" in cells[listed] else b"("
     name = _ros_name(head.names)
     topic = Family(prefix, np.empty(0, np.int64)).topic
-    notes = []
-    if {DATE, DATE_UNPADDED} & set(found_units.values()):
-        notes.append("times have no zone and are read as UTC")
-    if {S_UNPADDED, DATE_UNPADDED} & set(found_units.values()):
-        notes.append(UNPADDED)
     return Layout(
         LIST if name == WIDE else f"{name}, {LIST}",
         head.dialect,
@@ -150,7 +145,6 @@ def _list_layout(head: Head) -> Layout | None:
         (Columns(topic, fields, found_units, first=listed),),
         listed=True,
         brackets=brackets,
-        notes=tuple(notes),
     )
 
 

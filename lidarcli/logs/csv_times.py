@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import date
 from decimal import Decimal
 
@@ -16,7 +16,10 @@ DATE = 0
 """Stands for a date and time of day in place of a unit."""
 S_UNPADDED, DATE_UNPADDED = -1, -2
 """The same, but behind the point stand nanoseconds without leading zeros: `1.5` is 1 s 5 ns."""
-UNPADDED = "behind the point of times stand nanoseconds without leading zeros"
+_NOTES = {
+    (DATE, DATE_UNPADDED): "times without a zone are read as UTC",
+    (S_UNPADDED, DATE_UNPADDED): "behind the point of times stand nanoseconds without leading zeros",
+}
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
@@ -71,6 +74,12 @@ def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:
     if bad is not None or bad_too is not None:
         return False
     return bool((np.diff(times) < 0).any() and (np.diff(others) >= 0).all())
+
+
+def time_notes(units: Iterable[int]) -> list[str]:
+    """What a user should know of times in these units."""
+    found = set(units)
+    return [note for some, note in _NOTES.items() if found.intersection(some)]
 
 
 def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool | None]:

@@ -217,6 +217,31 @@ def test_one_range_column_with_lists_as_people_write_them() -> None:
     assert rows_of(got) == [[1.0, 2.0], []]
 
 
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'stamp': {'secs': 5, 'nsecs': 6}, 'frame_id': 'base'}",
+        '{""stamp"": {""sec"": 5, ""nanosec"": 6}, ""frame_id"": ""base""}',
+        "std_msgs.msg.Header(stamp=builtin_interfaces.msg.Time(sec=5, nanosec=6), frame_id='base')",
+        'seq: 12\nstamp:\n  secs: 5\n  nsecs: 6\nframe_id: ""base""',
+    ],
+    ids=["dict", "json", "repr", "yaml"],
+)
+def test_printed_headers(header: str) -> None:
+    row = f'"{header}",0.0,0.1,"array(\'f\', [1.0, 2.0])"\n'
+    got, log = read_text("header,angle_min,angle_increment,ranges\n" + row * 3, CsvOptions())
+    assert (rows_of(got), got.frame_ids) == ([[1.0, 2.0]] * 3, ("base",))
+    assert got.stamp_ns.tolist() == got.record_ns.tolist() == [5_000_000_006] * 3
+    assert log.report.damage == []
+
+
+def test_fractions_that_are_counts_of_nanoseconds() -> None:
+    times = ["7.945000000", "8.45000000", "8.145000000", "8.999999999"]
+    got, log = read_text("time,r0,r1,r2\n" + "".join(f"{time},1,2,3\n" for time in times))
+    assert got.stamp_ns.tolist() == [7_945_000_000, 8_045_000_000, 8_145_000_000, 8_999_999_999]
+    assert "behind the point of times stand nanoseconds without leading zeros" in log.report.notes[0]
+
+
 def test_list_damage_is_named_and_passed_over() -> None:
     good = "1.0,\"{'stamp': {'sec': 3, 'nanosec': 4}, 'frame_id': 'a'}\",0.0,0.1,\"[1.0, 2.0]\"\n"
     text = "time,header,angle_min,angle_increment,ranges\n" + good + '2.0,"{}",0.0,0.1,"[1.0, 2\n' + good
@@ -258,7 +283,7 @@ def test_real_csv_equals_its_bag() -> None:
         ranges = np.frombuffer(data, "<u4", fields[7], at + 32)
         np.testing.assert_array_equal(got.ranges[row].view(np.uint32), ranges)
     assert log.report.damage == []
-    assert "times have no zone and are read as UTC" in log.report.notes[0]
+    assert "times without a zone are read as UTC" in log.report.notes[0]
 
 
 @pytest.mark.parametrize(
