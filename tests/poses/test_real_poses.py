@@ -1,0 +1,128 @@
+"""Poses of real robots against the topics they come from, read by rosbags; `LIDARCLI_REAL_LOGS` names the folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+import lidarcli
+from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.inputs import Source
+from lidarcli.sweeps import Float64
+from tests.poses.pose_messages import ROS2
+
+FOLDER = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
+
+pytestmark = pytest.mark.skipif(
+    "LIDARCLI_REAL_LOGS" not in os.environ, reason="LIDARCLI_REAL_LOGS names no folder of real logs"
+)
+
+GAZEBO = FOLDER / "my_gazebo_tutorials"
+CAR = FOLDER / "datmo" / "parallel.bag"
+
+
+def told(path: Path, topic: str) -> Iterator[Any]:
+    """The messages of a topic."""
+    with AnyReader([path], default_typestore=ROS2) as reader:
+        connections = [one for one in reader.connections if one.topic == topic]
+        for connection, _, data in reader.messages(connections):
+            yield reader.deserialize(data, connection.msgtype)
+
+
+def row(stamp: Any, position: Any, turn: Any) -> tuple[int, float, float, float]:
+    """Stamp [ns], x, y, yaw."""
+    yaw = np.arctan2(2 * (turn.x * turn.y + turn.w * turn.z), 1 - 2 * (turn.y**2 + turn.z**2))
+    return stamp.sec * 10**9 + stamp.nanosec, position.x, position.y, float(yaw)
+
+
+def between(rows: list[tuple[int, float, float, float]], stamp_ns: Any) -> Float64:
+    """(S, 3) the poses at the stamps: linear in x, y and in the unwrapped yaw; NaN outside."""
+    found = {one[0]: one[1:] for one in rows}
+    stamps = np.array(sorted(found), np.int64)
+    values = np.array([found[stamp] for stamp in stamps.tolist()])
+    values[:, 2] = np.unwrap(values[:, 2])
+    at = (stamp_ns - stamps[0]) / 1e9
+    grid = (stamps - stamps[0]) / 1e9
+    return np.column_stack([np.interp(at, grid, column, np.nan, np.nan) for column in values.T])
+
+
+def posed(path: Path, pose: str | None = None) -> tuple[Any, Float64]:
+    """Stamps of the sweeps, and their poses."""
+    batches = list(lidarcli.read(path, pose=pose))
+    poses = [batch.poses for batch in batches]
+    rows = [np.column_stack([one.x, one.y, one.yaw]) for one in poses if one is not None]
+    return np.concatenate([batch.stamp_ns for batch in batches]), np.concatenate(rows)
+
+
+def agree(found: Float64, expected: Float64, tolerance: float = 1e-6) -> None:
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
+    known = ~np.isnan(expected[:, 0])
+    np.testing.assert_allclose(found[known, :2], expected[known, :2], atol=tolerance)
+    turn = found[known, 2] - expected[known, 2]
+    np.testing.assert_allclose(np.arctan2(np.sin(turn), np.cos(turn)), 0, atol=tolerance)
+
+
+@pytest.mark.parametrize("day", ["20_53_49", "20_46_08"])
+@pytest.mark.parametrize("topic", [None, "/odom"])
+def test_gazebo(day: str, topic: str | None) -> None:
+    (path,) = (GAZEBO / day).glob("*.db3")
+    stamps, found = posed(path, topic)
+    if topic is None:
+        links = (link for message in told(path, "/tf") for link in message.transforms)
+        rows = [
+            row(link.header.stamp, link.transform.translation, link.transform.rotation)
+            for link in links
+            if link.child_frame_id == "base_footprint"
+        ]
+    else:
+        rows = [
+            row(one.header.stamp, one.pose.pose.position, one.pose.pose.orientation)
+            for one in told(path, topic)
+        ]
+    robot = between(rows, stamps)
+    # The scanner stands on base_link, which stands on base_footprint without a turn.
+    mounts = {
+        link.child_frame_id: link.transform.translation
+        for message in told(path, "/tf_static")
+        for link in message.transforms
+    }
+    x, y = (getattr(mounts["base_link"], axis) + getattr(mounts["base_scan"], axis) for axis in "xy")
+    cos, sin = np.cos(robot[:, 2]), np.sin(robot[:, 2])
+    sensor = robot + np.column_stack([cos * x - sin * y, sin * x + cos * y, np.zeros(len(robot))])
+    # The robot pitches by some milliradians, which moves the scanner on top of it by a millimetre.
+    agree(found, sensor, tolerance=2e-3)
+    assert np.count_nonzero(~np.isnan(found[:, 0])) > 110
+
+
+@pytest.mark.parametrize("topic", [None, "/ego_pose", "/red_pose"])
+def test_motion_capture(topic: str | None) -> None:
+    stamps, found = posed(CAR, topic)
+    rows = [
+        row(one.header.stamp, one.pose.position, one.pose.orientation)
+        for one in told(CAR, topic or "/ego_pose")
+    ]
+    agree(found, between(rows, stamps), tolerance=1e-3)
+    assert np.count_nonzero(np.isnan(found[:, 0])) == 1
+
+
+def test_what_is_said_of_motion_capture(tmp_path: Path) -> None:
+    summary = detect_to_files(Source(str(CAR), "car"), tmp_path, DetectOptions())
+    assert summary.notes == [
+        "poses by /ego_pose (map > laser); the sensor laser is taken to be at the pose itself; "
+        "also there: /red_pose (--pose TOPIC)",
+        "without a pose: 1 of 219 sweeps of frame laser, whose stamps are outside the span of /ego_pose",
+    ]
+
+
+def test_a_chain_of_moving_links(tmp_path: Path) -> None:
+    log = FOLDER / "robots_ii" / "mylaserdata_20151128.bag"
+    summary = detect_to_files(Source(str(log), "stage"), tmp_path, DetectOptions())
+    assert summary.notes == [
+        "poses by /tf (robot_0/odom > robot_0/base_footprint > robot_0/base_link > robot_0/base_laser_link)"
+    ]
