@@ -35,10 +35,19 @@ def told(path: Path, topic: str) -> Iterator[Any]:
             yield reader.deserialize(data, connection.msgtype)
 
 
-def row(stamp: Any, position: Any, turn: Any) -> tuple[int, float, float, float]:
-    """Stamp [ns], x, y, yaw."""
-    yaw = np.arctan2(2 * (turn.x * turn.y + turn.w * turn.z), 1 - 2 * (turn.y**2 + turn.z**2))
-    return stamp.sec * 10**9 + stamp.nanosec, position.x, position.y, float(yaw)
+def row(
+    stamp: Any, position: Any, turn: Any, mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> tuple[int, float, float, float]:
+    """Stamp [ns], x, y of a point that is mounted there without a turn, yaw."""
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    first = (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))
+    second = (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x))
+    return (
+        stamp.sec * 10**9 + stamp.nanosec,
+        position.x + float(np.dot(first, mount)),
+        position.y + float(np.dot(second, mount)),
+        float(np.arctan2(second[0], first[0])),
+    )
 
 
 def between(rows: list[tuple[int, float, float, float]], stamp_ns: Any) -> Float64:
@@ -73,30 +82,23 @@ def agree(found: Float64, expected: Float64, tolerance: float = 1e-6) -> None:
 def test_gazebo(day: str, topic: str | None) -> None:
     (path,) = (GAZEBO / day).glob("*.db3")
     stamps, found = posed(path, topic)
+    # The scanner stands on base_link, which stands on base_footprint, both without a turn.
+    links = [link for message in told(path, "/tf_static") for link in message.transforms]
+    steps = [
+        link.transform.translation for link in links if link.child_frame_id in ("base_link", "base_scan")
+    ]
+    mount = (sum(step.x for step in steps), sum(step.y for step in steps), sum(step.z for step in steps))
     if topic is None:
-        links = (link for message in told(path, "/tf") for link in message.transforms)
+        moving = (link for message in told(path, "/tf") for link in message.transforms)
         rows = [
-            row(link.header.stamp, link.transform.translation, link.transform.rotation)
-            for link in links
+            row(link.header.stamp, link.transform.translation, link.transform.rotation, mount)
+            for link in moving
             if link.child_frame_id == "base_footprint"
         ]
     else:
-        rows = [
-            row(one.header.stamp, one.pose.pose.position, one.pose.pose.orientation)
-            for one in told(path, topic)
-        ]
-    robot = between(rows, stamps)
-    # The scanner stands on base_link, which stands on base_footprint without a turn.
-    mounts = {
-        link.child_frame_id: link.transform.translation
-        for message in told(path, "/tf_static")
-        for link in message.transforms
-    }
-    x, y = (getattr(mounts["base_link"], axis) + getattr(mounts["base_scan"], axis) for axis in "xy")
-    cos, sin = np.cos(robot[:, 2]), np.sin(robot[:, 2])
-    sensor = robot + np.column_stack([cos * x - sin * y, sin * x + cos * y, np.zeros(len(robot))])
-    # The robot pitches by some milliradians, which moves the scanner on top of it by a millimetre.
-    agree(found, sensor, tolerance=2e-3)
+        poses = ((one.header.stamp, one.pose.pose) for one in told(path, topic))
+        rows = [row(stamp, pose.position, pose.orientation, mount) for stamp, pose in poses]
+    agree(found, between(rows, stamps), tolerance=1e-5)
     assert np.count_nonzero(~np.isnan(found[:, 0])) > 110
 
 
