@@ -8,7 +8,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format samples golden docs bench accuracy clean
+.PHONY: help demo test check format samples golden docs bench accuracy fuzz clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -44,6 +44,9 @@ bench: $(VENV)/installed ## throughput and memory of detect, beside merely readi
 
 accuracy: $(VENV)/installed-dev ## how right the detection is; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks.accuracy $(ACCURACY)
+
+fuzz: $(VENV)/installed-dev ## mutated logs of every container; more with FUZZ="--seconds 3600"
+	$(BIN)/python -m tools.fuzz $(FUZZ)
 
 clean: ## remove the environment and everything that was built
 	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,207 @@
+"""Small logs of every container, and how to mutate what is inside their compressed parts."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import struct
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import numpy as np
+import zstandard
+
+from lidarcli.simulate.csv_writer import LAYOUTS
+from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.scene import Odometry
+from lidarcli.simulate.writers import write_log
+from lidarcli.sweeps import RawSweeps
+from tools.fuzz.mutate import Random, mutate
+
+SWEEPS = 10
+BEAMS = 24
+STEP_NS = 100_000_000
+
+Pack = Callable[[bytes], bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A log as the files it is made of."""
+
+    log: str
+    """What is opened: a file of `files`, or the folder they are in."""
+    files: Mapping[str, bytes]
+    inside: Mapping[str, tuple[bytes, Pack]] = field(default_factory=dict)
+    """File → what its packed part holds, and how to make the file again from that."""
+
+    def mutated(self, random: Random) -> dict[str, bytes]:
+        """The same log with one of its files changed, before or after packing."""
+        name = sorted(self.files)[int(random.integers(len(self.files)))]
+        if name in self.inside and random.integers(2):
+            content, pack = self.inside[name]
+            changed = pack(mutate(content, random))
+        else:
+            changed = mutate(self.files[name], random)
+        return {**self.files, name: changed}
+
+
+def sweeps(topic: str = "/scan", beams: int = BEAMS, seed: int = 1) -> RawSweeps:
+    """Sweeps with some beams of every kind, from two frames."""
+    random = np.random.default_rng(seed)
+    ranges = random.uniform(0.05, 9.0, (SWEEPS, beams)).round(3).astype(np.float32)
+    ranges[:, 5], ranges[:, 9], ranges[:, 11] = np.inf, 0.0, np.nan
+    stamps = 1_700_000_000_000_000_000 + STEP_NS * np.arange(SWEEPS)
+    return RawSweeps(
+        topic=topic,
+        frame_ids=("laser", "rear"),
+        frame=np.arange(SWEEPS, dtype=np.int32) % 2,
+        stamp_ns=stamps,
+        record_ns=stamps + 7,
+        angle_min=np.full(SWEEPS, -1.5),
+        angle_increment=np.full(SWEEPS, 0.125),
+        range_min=np.full(SWEEPS, 0.1, np.float32),
+        range_max=np.full(SWEEPS, 8.0, np.float32),
+        beams=np.full(SWEEPS, beams, np.int32),
+        ranges=ranges,
+    )
+
+
+def poses() -> PoseRows:
+    """A straight way for the sweeps."""
+    return PoseRows(
+        odometry=Odometry(),
+        laser_frame="laser",
+        stamp_ns=sweeps().stamp_ns,
+        poses=np.column_stack([np.arange(SWEEPS) * 0.1, np.zeros(SWEEPS), np.zeros(SWEEPS)]),
+        speed=np.ones(SWEEPS),
+        yaw_rate=np.zeros(SWEEPS),
+    )
+
+
+def _written(log: str, container: str | None = None, **options: Any) -> Sample:
+    blocks = [sweeps(), sweeps("/rear", BEAMS - 5, 2)]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / log
+        if container == "csv":
+            write_log(path, blocks[:1], container=container, **options)
+        else:
+            write_log(path, blocks, container=container, poses=poses(), **options)
+        found = [path] if path.is_file() else sorted(path.iterdir())
+        return Sample(log, {str(file.relative_to(folder)): file.read_bytes() for file in found})
+
+
+def _mcap(encoding: str, compression: str) -> Sample:
+    """Chunks of half a dozen messages; inside, one chunk without a checksum is packed again."""
+    sample = _written("run.mcap", encoding=encoding, compression=compression, chunk_size=1500)
+    plain = _written("run.mcap", encoding=encoding, compression="none", chunk_size=1500).files["run.mcap"]
+    first, content, end = _first_chunk(plain)
+
+    def pack(changed: bytes) -> bytes:
+        packed = _PACKERS[compression](changed)
+        name = b"" if compression == "none" else compression.encode()
+        head = struct.pack("<QQQII", 0, 2**62, len(changed), 0, len(name)) + name
+        chunk = head + struct.pack("<Q", len(packed)) + packed
+        return plain[:first] + struct.pack("<BQ", 6, len(chunk)) + chunk + plain[end:]
+
+    return Sample(sample.log, sample.files, {"run.mcap": (content, pack)})
+
+
+def _first_chunk(data: bytes) -> tuple[int, bytes, int]:
+    """Where the first chunk of an uncompressed MCAP begins, what it holds, and where it ends."""
+    place = 8
+    while data[place] != 6:
+        place += 9 + int(struct.unpack_from("<Q", data, place + 1)[0])
+    end = place + 9 + int(struct.unpack_from("<Q", data, place + 1)[0])
+    return place, data[place + 9 + 32 + 8 : end], end
+
+
+def _bag(compression: str) -> Sample:
+    """Inside, the one chunk of the bag is packed again."""
+    sample = _written("run.bag", compression=compression)
+    plain = _written("run.bag", compression="none").files["run.bag"]
+    # The bag record fills the file's first 4096 bytes.
+    first = 13 + 4096
+    header = int(struct.unpack_from("<I", plain, first)[0])
+    size = int(struct.unpack_from("<I", plain, first + 4 + header)[0])
+    start = first + 8 + header
+
+    def pack(changed: bytes) -> bytes:
+        packed = _PACKERS[compression](changed)
+        fields = (
+            b"compression=" + compression.encode(),
+            b"op=\x05",
+            b"size=" + struct.pack("<I", len(changed)),
+        )
+        head = b"".join(struct.pack("<I", len(part)) + part for part in fields)
+        record = struct.pack("<I", len(head)) + head + struct.pack("<I", len(packed)) + packed
+        return plain[:first] + record + plain[start + size :]
+
+    return Sample(sample.log, sample.files, {"run.bag": (plain[start : start + size], pack)})
+
+
+def _folder(container: str, compression: str) -> Sample:
+    sample = _written("run", container, compression=compression)
+    if compression != "zstd" or container != "ros2":
+        return sample
+    plain = _written("run", container).files
+    content = next(data for name, data in plain.items() if name.endswith(".db3"))
+    packed = next(name for name in sample.files if name.endswith(".zstd"))
+    return Sample(sample.log, sample.files, {packed: (content, _PACKERS["zstd"])})
+
+
+def _csv(log: str, layout: str) -> Sample:
+    sample = _written(log, "csv", layout=layout)
+    if not log.endswith(".gz"):
+        return sample
+    return Sample(log, sample.files, {log: (gzip.decompress(sample.files[log]), _PACKERS["gzip"])})
+
+
+def _lz4(data: bytes) -> bytes:
+    return bytes(lz4.frame.compress(data))
+
+
+def _zstd(data: bytes) -> bytes:
+    return zstandard.ZstdCompressor().compress(data)
+
+
+_PACKERS: Mapping[str, Pack] = {
+    "none": bytes,
+    "lz4": _lz4,
+    "zstd": _zstd,
+    "bz2": bz2.compress,
+    "gzip": gzip.compress,
+}
+
+_MAKERS: dict[str, Callable[[], Sample]] = {
+    **{
+        f"mcap-{encoding}-{compression}": partial(_mcap, encoding, compression)
+        for encoding in ("cdr", "ros1", "json", "protobuf")
+        for compression in ("none", "lz4", "zstd")
+    },
+    **{f"bag-{compression}": partial(_bag, compression) for compression in ("none", "bz2", "lz4")},
+    "db3": partial(_written, "run.db3"),
+    **{
+        f"ros2-{compression}": partial(_folder, "ros2", compression)
+        for compression in ("none", "zstd", "zstd-message")
+    },
+    "ros2-mcap": partial(_folder, "ros2-mcap", "none"),
+    **{
+        f"csv-{layout}": partial(_csv, "run" if layout == "per-sweep" else "run.csv", layout)
+        for layout in LAYOUTS
+    },
+    "csv-gz": partial(_csv, "run.csv.gz", "rostopic"),
+}
+
+CONTAINERS = tuple(_MAKERS)
+
+
+@cache
+def sample_of(container: str) -> Sample:
+    """The sample of one of `CONTAINERS`, the same bytes every time."""
+    return _MAKERS[container]()
