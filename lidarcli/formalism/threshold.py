@@ -75,8 +75,9 @@ def noise(batch: SweepBatch) -> Float64:
     cosine = (2.0 * np.cos(batch.angle_increment)).astype(np.float32)[:, None]
     second = np.empty((rows, width), np.float32)
     # All sweeps in one go; where one ends and the next begins there is no second difference, or that over the seam.
-    flat = u.reshape(-1)
-    np.add(flat[:-2], flat[2:], out=second.reshape(-1)[1:-1])
+    flat, out = u.reshape(-1), second.reshape(-1)
+    out[0] = out[-1] = np.nan
+    np.add(flat[:-2], flat[2:], out=out[1:-1])
     second -= cosine * u
     second[:, 0] = np.nan
     second[:, -1] = np.nan
