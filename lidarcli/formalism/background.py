@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.grid import Grid
-from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses
+from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepPoses
 
 KNOWN_GAP = 0.05
 """Up to this share of sweeps without a return are lost beams of a surface that is there."""
@@ -55,11 +55,13 @@ class Background:
 class Surroundings:
     """A background with the beams next to each taken in, (K, B) each: depth edges jitter by a beam."""
 
-    near: Float64
+    r_e: Float32
+    """That of the beam itself [m]."""
+    near: Float32
     """The nearest r_e [m], the greatest range of the sensor for an open beam; NaN where the beam itself is unknown."""
-    far: Float64
+    far: Float32
     """The farthest r_e [m], inf where an open beam is among them."""
-    spread: Float64
+    spread: Float32
     """The greatest spread [m]."""
     returns: Bool
     """Whether all of them return nearly always."""
@@ -74,10 +76,13 @@ def surroundings(background: Background, reach: int) -> Surroundings:
     spread = np.where(known & np.isfinite(r_e), background.spread, 0.0)
     lost = background.no_return > KNOWN_GAP
     windows = [_beside(background, offset) for offset in range(-reach, reach + 1)]
+    near = np.minimum.reduce([near[:, beam] for beam in windows])
+    far = np.maximum.reduce([far[:, beam] for beam in windows])
     return Surroundings(
-        near=np.where(known, np.minimum.reduce([near[:, beam] for beam in windows]), np.nan),
-        far=np.where(known, np.maximum.reduce([far[:, beam] for beam in windows]), np.nan),
-        spread=np.maximum.reduce([spread[:, beam] for beam in windows]),
+        r_e=r_e.astype(np.float32),
+        near=np.where(known, near, np.nan).astype(np.float32),
+        far=np.where(known, far, np.nan).astype(np.float32),
+        spread=np.maximum.reduce([spread[:, beam] for beam in windows]).astype(np.float32),
         returns=known & ~np.logical_or.reduce([lost[:, beam] for beam in windows]),
     )
 

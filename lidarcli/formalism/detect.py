@@ -37,6 +37,7 @@ def detect(
     *,
     per_beam: bool = False,
     within: Bool | None = None,
+    sigma: Float64 | None = None,
 ) -> Detection:
     """Objects of every sweep of a batch (Definitions 2 to 7).
 
@@ -47,6 +48,7 @@ def detect(
     per_beam : also fill `beam_set`, `beam_object` and `beam_s`
     within : (S, B) beams that are known to belong to objects, all others not: §3's difference from a background tells.
         Objects begin and end with them, too, whatever their edges and whatever line they are on
+    sigma : (S,) noise of the ranges [m], where that is known already
 
     Returns
     -------
@@ -63,7 +65,7 @@ def detect(
     parameters = parameters or Parameters()
     points = collect(batch)
     gap, size = gaps(points), steepness(points)
-    sigma = noise(batch)
+    sigma = noise(batch) if sigma is None else sigma
     d_mean = mean_difference(points, gap, size)
     sweep_d_th = _sweep_threshold(d_mean, sigma, parameters)
     adaptive = parameters.threshold == "adaptive"

@@ -10,11 +10,13 @@ SETS = ("O", "A", "S")
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown", "wall")
 VISIBILITIES = ("full", "start_hidden", "end_hidden", "both_hidden", "cut")
 VERTEX_KINDS = ("start", "end", "corner", "extremum")
+CHANGES = ("appeared", "removed")
 
 OBJECT, AGENT, NOISE = range(3)
 PRISMATIC, ROUND, LEGGED, IRREGULAR, UNKNOWN, WALL = range(6)
 FULL, START_HIDDEN, END_HIDDEN, BOTH_HIDDEN, CUT = range(5)
 START, END, CORNER, EXTREMUM = range(4)
+APPEARED, REMOVED = range(2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,11 @@ class Detection:
     """(S, B) number of the object a beam belongs to; 0 = none."""
     beam_s: Float64 | None = None
     """(S, B) the difference function (Def. 2)."""
+
+    difference: Float64 | None = None
+    """(K,) median signed r_w - r_e over the beams of each object (§3); only with a background."""
+    change: UInt8 | None = None
+    """(K,) whether it appeared or is gone; only with a background."""
 
     def __len__(self) -> int:
         return len(self.row)

@@ -13,7 +13,13 @@ SAME_BEAM = 0.05
 """Bearings that differ by less than this share of a step are the same."""
 
 
-def beam_at(angle_min: float, angle_increment: float, beams: int, period: int, bearing: Float64) -> Int32:
+def beam_at(
+    angle_min: float | Float64,
+    angle_increment: float | Float64,
+    beams: int | Int32,
+    period: int | Int32,
+    bearing: Float64,
+) -> Int32:
     """The beam of a geometry whose bearing is nearest; -1 where the bearing is out of view. Any shape.
 
     >>> beam_at(0.0, np.pi / 2, 4, 4, np.array([0.1, -0.1, 3 * np.pi])).tolist()
@@ -22,12 +28,12 @@ def beam_at(angle_min: float, angle_increment: float, beams: int, period: int, b
     [3, -1, 0, 1]
     """
     offset = (bearing - angle_min) / angle_increment
-    turn = abs(TURN / angle_increment)
+    turn = np.abs(TURN / angle_increment)
     # Half a step before the first beam still belongs to it.
     beam = np.rint(offset - turn * np.floor((offset + 0.5) / turn)).astype(np.int32)
-    if period:
-        return np.where(beam >= period, beam % period, beam).astype(np.int32)
-    return np.where(beam < beams, beam, -1).astype(np.int32)
+    beyond = np.where(np.asarray(period) > 0, beam % np.maximum(period, 1), -1)
+    limit = np.where(np.asarray(period) > 0, period, beams)
+    return np.where(beam < limit, beam, beyond).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,3 +97,40 @@ def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, 
     beam = grid.beam(bearing)
     beam[np.arange(batch.width) >= batch.beams[:, None]] = -1
     return beam, ranges
+
+
+def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Float64:
+    """What sensors would see that stand beside a station, of what the station sees.
+
+    Parameters
+    ----------
+    batch : S sweeps of up to B beams
+    grid : C bearings at the station
+    ranges : (S, C) what the station of each sweep sees [m]; inf: nothing, NaN: not known
+    moved : (S,) where the sensor was, seen from the station
+
+    Returns
+    -------
+    (S, B) ranges [m]: the nearest where several fall on one beam, NaN where none does
+    """
+    bearing = np.broadcast_to(grid.bearings(), ranges.shape)
+    finite = np.isfinite(ranges)
+    distance = np.where(finite, ranges, 0.0)
+    x = distance * np.cos(bearing) - moved.x[:, None]
+    y = distance * np.sin(bearing) - moved.y[:, None]
+    turned = np.where(finite, np.arctan2(y, x), bearing) - moved.yaw[:, None]
+    bearings = batch.beams - (batch.closure == Closure.SHARED)
+    beam = beam_at(
+        batch.angle_min[:, None],
+        batch.angle_increment[:, None],
+        batch.beams[:, None],
+        np.where(batch.closure == Closure.OPEN, 0, bearings)[:, None],
+        turned,
+    )
+    seen = np.full((len(batch), batch.width), np.inf)
+    known = np.zeros(seen.shape, bool)
+    row, column = np.nonzero((beam >= 0) & ~np.isnan(ranges))
+    known[row, beam[row, column]] = True
+    row, column = np.nonzero((beam >= 0) & finite)
+    np.minimum.at(seen, (row, beam[row, column]), np.hypot(x, y)[row, column])
+    return np.where(known, seen, np.nan)

@@ -1,0 +1,379 @@
+"""§3: r_w - r_e, where it leaves the noise, and the objects that make it do so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lidarcli.formalism.alignment import Lines, align, lines
+from lidarcli.formalism.background import Background, Surroundings, surroundings
+from lidarcli.formalism.combine import combine
+from lidarcli.formalism.detect import detect
+from lidarcli.formalism.detection import (
+    APPEARED,
+    BOTH_HIDDEN,
+    CUT,
+    END_HIDDEN,
+    FULL,
+    REMOVED,
+    START_HIDDEN,
+    Detection,
+)
+from lidarcli.formalism.grid import expected, project
+from lidarcli.formalism.parameters import Parameters
+from lidarcli.formalism.ragged import spans
+from lidarcli.formalism.stations import Shift, nearest, shift
+from lidarcli.formalism.threshold import noise
+from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch
+
+NOISE_GAIN = 4.0
+"""A range leaves the background where it is so many standard deviations away from it …"""
+FLOOR = 0.08
+"""… and this far [m]: what a surface's reflectivity and the sensor's temperature make of a range."""
+WEAK = 0.6
+"""Beside beams that leave the background this share of the threshold is enough."""
+ALIGNED = 0.015
+"""Error [m] of ranges that are seen from a station where the sensor was not."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Difference:
+    """r_w - r_e of S sweeps of up to B beams."""
+
+    station: Int64
+    """(S,) station of the background, -1 for none."""
+    away: Float64
+    """(S,) distance from the nearest station [m]; 0 without poses, inf where nothing is known."""
+    known: Bool
+    """(S, B) beams with a range or no return to which the background has something to say."""
+    r_e: Float32
+    """(S, B) what the background is in the direction of each beam [m]; inf: open, NaN: not known."""
+    difference: Float32
+    """(S, B) r_w - r_e [m], where nothing comes back the greatest range of the sensor in its place; NaN: not known."""
+    appeared: Bool
+    """(S, B) beams that end before the background."""
+    removed: Bool
+    """(S, B) beams that pass through it."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tolerance:
+    """What may be taken for the background, and which sweeps may be compared with it. None: as the background has it."""
+
+    threshold: float | None = None
+    """Least |r_w - r_e| [m] that counts; by default from the noise."""
+    distance: float | None = None
+    """Farthest station [m]."""
+    angle: float | None = None
+    """Greatest difference of heading [rad]."""
+    removed: bool = False
+    """Also look for what is gone."""
+    max_gap: int = 2
+    """So many beams without a return are lost, more say that nothing is there."""
+
+
+class Subtraction:
+    """A background, prepared for sweeps to be compared with it."""
+
+    def __init__(self, background: Background, tolerance: Tolerance | None = None) -> None:
+        self.background = background
+        self.tolerance = tolerance or Tolerance()
+        self._around: dict[int, Surroundings] = {}
+        self._known: Lines | None = None
+
+    def difference(self, batch: SweepBatch, sigma: Float64) -> Difference:
+        """Compare sweeps of this sensor with the background of the place where they were taken.
+
+        Parameters
+        ----------
+        batch : S sweeps of up to B beams
+        sigma : (S,) noise of their ranges [m]
+        """
+        station, away = self._stations(batch)
+        result = nothing_known(batch, station, away)
+        posed = batch.poses is not None and bool(self.background.posed.any())
+        moved = shift(batch.poses, self.background.poses.rows(station)) if posed and batch.poses else None
+        here = self.background.grid.fits(batch)
+        if moved is not None:
+            here &= moved.none
+        for rows in (np.flatnonzero(here & (station >= 0)), np.flatnonzero(~here & (station >= 0))):
+            if not len(rows):
+                continue
+            whole = len(rows) == len(batch)
+            part = batch if whole else batch.rows(rows)
+            if here[rows[0]]:
+                found = self._here(part, station[rows], sigma[rows])
+            else:
+                found = self._elsewhere(part, station[rows], sigma[rows], moved and moved.rows(rows))
+            if whole:
+                return replace(found, station=station, away=away)
+            for name in ("known", "r_e", "difference", "appeared", "removed"):
+                values = getattr(found, name)
+                getattr(result, name)[rows, : values.shape[1]] = values
+        return result
+
+    def _stations(self, batch: SweepBatch) -> tuple[Int64, Float64]:
+        """The station of each sweep, and how far the nearest is."""
+        background, count = self.background, len(batch)
+        only = np.zeros(count, np.int64)
+        if not len(background):
+            return only - 1, np.full(count, np.inf)
+        if not background.posed.any():
+            return only, np.zeros(count)
+        if batch.poses is None:
+            # A parked sensor needs no pose; one that moved does.
+            return (only, np.zeros(count)) if len(background) == 1 else (only - 1, np.full(count, np.inf))
+        distance = background.distance if self.tolerance.distance is None else self.tolerance.distance
+        angle = background.angle if self.tolerance.angle is None else self.tolerance.angle
+        return nearest(batch.poses, background.poses, distance, angle)
+
+    def _surroundings(self, reach: int) -> Surroundings:
+        if reach not in self._around:
+            self._around[reach] = surroundings(self.background, reach)
+        return self._around[reach]
+
+    def _here(self, batch: SweepBatch, station: Int64, sigma: Float64) -> Difference:
+        """Sweeps with the bearings of the background, taken where it was."""
+        around = self._surroundings(1)
+        beams = self.background.grid.beams
+        at = station[:1] if bool((station == station[0]).all()) else station
+        return self._judge(
+            batch,
+            batch.ranges[:, :beams],
+            around.near[at],
+            around.far[at],
+            around.r_e[at],
+            around.returns[at],
+            self._threshold(around.spread[at], sigma, 0.0),
+        )
+
+    def _elsewhere(
+        self, batch: SweepBatch, station: Int64, sigma: Float64, moved: Shift | None
+    ) -> Difference:
+        """Sweeps with other bearings, or taken beside a station."""
+        background = self.background
+        if moved is not None:
+            if self._known is None:
+                self._known = lines(background.grid, background.r_e)
+            moved = align(batch, background.grid, self._known, station, moved)
+        beam, ranges = project(batch, background.grid, moved)
+        # A coarse sweep may look anywhere between its beams.
+        reach = np.maximum(np.rint(np.abs(batch.angle_increment / background.grid.angle_increment)), 1)
+        near, far, r_e, spread = (np.full(beam.shape, np.nan, np.float32) for _ in range(4))
+        returns = np.zeros(beam.shape, bool)
+        for width in np.unique(reach).astype(int).tolist():
+            around = self._surroundings(width)
+            row, column = np.nonzero((beam >= 0) & (reach == width)[:, None])
+            place = station[row], beam[row, column]
+            near[row, column], far[row, column] = around.near[place], around.far[place]
+            r_e[row, column], spread[row, column] = around.r_e[place], around.spread[place]
+            returns[row, column] = around.returns[place]
+        threshold = self._threshold(spread, sigma, 0.0 if moved is None else ALIGNED)
+        found = self._judge(batch, ranges.astype(np.float32), near, far, r_e, returns, threshold)
+        if moved is None or not self.tolerance.removed:
+            return found
+        seen = expected(batch, background.grid, background.r_e[station], moved).astype(np.float32)
+        gone = self._judge(
+            batch, batch.ranges, np.full_like(seen, -np.inf), _farthest(batch, seen), seen, returns, threshold
+        )
+        removed = gone.removed & ~found.appeared
+        return replace(
+            found,
+            removed=removed,
+            r_e=np.where(removed, gone.r_e, found.r_e),
+            difference=np.where(removed, gone.difference, found.difference),
+        )
+
+    def _threshold(self, spread: Float32, sigma: Float64, error: float) -> Float32:
+        """(S, B) or (1, 1) the least difference that counts [m]."""
+        if self.tolerance.threshold is not None:
+            return np.full((1, 1), self.tolerance.threshold, np.float32)
+        noisy = np.maximum(spread, sigma.astype(np.float32)[:, None])
+        noisy *= np.float32(NOISE_GAIN)
+        noisy += np.float32(error)
+        threshold: Float32 = np.maximum(noisy, np.float32(FLOOR), out=noisy)
+        return threshold
+
+    def _judge(
+        self,
+        batch: SweepBatch,
+        ranges: Float32,
+        near: Float32,
+        far: Float32,
+        r_e: Float32,
+        returns: Bool,
+        threshold: Float32,
+    ) -> Difference:
+        """Compare ranges with what is known of their directions; all (S, B), the known may be one row for all."""
+        width = ranges.shape[1]
+        status = batch.status[:, :width]
+        weak = np.float32(WEAK) * threshold
+        with np.errstate(invalid="ignore"):
+            closer = near - ranges
+            appeared = _joined(closer, weak, threshold, np.zeros((), bool), 0)
+            shape = ranges.shape
+            removed = np.zeros(shape, bool)
+            if self.tolerance.removed:
+                lost = (status == Status.NO_RETURN) & returns & np.isfinite(far)
+                removed = _joined(ranges - far, weak, threshold, lost, self.tolerance.max_gap)
+            limit = batch.range_max[:, None]
+            known = ~np.isnan(r_e) & (status <= Status.NO_RETURN)
+            difference = np.where(status == Status.NO_RETURN, limit, ranges) - np.minimum(r_e, limit)
+        difference[~np.isfinite(difference)] = np.nan
+        return Difference(
+            station=np.zeros(0, np.int64),
+            away=np.zeros(0),
+            known=known,
+            r_e=np.broadcast_to(r_e, shape),
+            difference=difference,
+            appeared=appeared,
+            removed=removed,
+        )
+
+
+def nothing_known(batch: SweepBatch, station: Int64 | None = None, away: Float64 | None = None) -> Difference:
+    """The difference of sweeps from a background that nobody has."""
+    shape = batch.ranges.shape
+    return Difference(
+        station=np.full(len(batch), -1) if station is None else station,
+        away=np.full(len(batch), np.inf) if away is None else away,
+        known=np.zeros(shape, bool),
+        r_e=np.full(shape, np.nan, np.float32),
+        difference=np.full(shape, np.nan, np.float32),
+        appeared=np.zeros(shape, bool),
+        removed=np.zeros(shape, bool),
+    )
+
+
+def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
+    """(S, B) the farthest that is seen at each beam and those beside it; NaN where the beam itself knows nothing."""
+    far = np.where(np.isnan(seen), -np.inf, seen)
+    wide = far.copy()
+    np.maximum(wide[:, 1:], far[:, :-1], out=wide[:, 1:])
+    np.maximum(wide[:, :-1], far[:, 1:], out=wide[:, :-1])
+    rows = np.flatnonzero(batch.closure != Closure.OPEN)
+    last = (batch.beams - 1)[rows]
+    ends = np.maximum(far[rows, 0], far[rows, last])
+    wide[rows, 0] = np.maximum(wide[rows, 0], ends)
+    wide[rows, last] = np.maximum(wide[rows, last], ends)
+    return np.where(np.isnan(seen), np.nan, wide)
+
+
+def _joined(excess: Float32, weak: Float32, strong: Float32, lost: Bool, most_lost: int) -> Bool:
+    """Runs of beams that all exceed the weak threshold, and the strong one somewhere.
+
+    Parameters
+    ----------
+    excess : (S, B) how far each beam is beyond the background [m]; NaN where it has no range
+    weak, strong : thresholds [m], (S, B) or (1, 1)
+    lost : (S, B) beams that belong to such a run without a range, or one False
+    most_lost : a run of more of these needs no range
+
+    Returns
+    -------
+    (S, B) a single beam between two runs joins them if it is beyond the background at all
+    """
+    candidate = excess > weak
+    if lost.any():
+        candidate |= lost
+    width = max(excess.shape[1], 1)
+    at = np.flatnonzero(candidate)
+    result = np.zeros(excess.shape, bool)
+    if not len(at):
+        return result
+    row = at // width
+    begins = np.ones(len(at), bool)
+    begins[1:] = (np.diff(at) > 1) | (row[1:] != row[:-1])
+    start = np.flatnonzero(begins)
+    limit = np.broadcast_to(strong, excess.shape)
+    evidence = (excess.reshape(-1)[at] > limit[row, at - row * width]).astype(np.int64) * (most_lost + 1)
+    if lost.ndim:
+        evidence += lost.reshape(-1)[at]
+    sure = np.add.reduceat(evidence, start) > most_lost
+    kept = at[np.repeat(sure, np.diff(np.append(start, len(at))))]
+    flat = result.reshape(-1)
+    flat[kept] = True
+    alone = (np.diff(kept) == 2) & (kept[1:] // width == kept[:-1] // width)
+    hole = kept[:-1][alone] + 1
+    flat[hole[excess.reshape(-1)[hole] > 0]] = True
+    return result
+
+
+def changes(
+    batch: SweepBatch,
+    difference: Difference,
+    parameters: Parameters,
+    sigma: Float64,
+    *,
+    per_beam: bool = False,
+) -> Detection:
+    """The objects that differ from the background: what has appeared and, where that was looked for, what is gone.
+
+    Appeared objects are built from r_w, removed ones from r_e, by the same definitions. All other beams are in S (Def. 4).
+
+    Parameters
+    ----------
+    batch : S sweeps
+    difference : from their background
+    parameters : of the detection; walls are not looked for
+    sigma : (S,) noise of the ranges [m]
+    per_beam : also fill `beam_set`, `beam_object` and `beam_s`
+    """
+    found = detect(batch, parameters, per_beam=per_beam, within=difference.appeared, sigma=sigma)
+    found = _described(found, batch, difference.difference, difference.appeared, APPEARED)
+    rows = np.flatnonzero(difference.removed.any(axis=1))
+    if not len(rows):
+        return found
+    before = batch.rows(rows)
+    r_e, removed = difference.r_e[rows], difference.removed[rows]
+    status = np.where(np.isnan(r_e), Status.INVALID, np.where(np.isinf(r_e), Status.NO_RETURN, Status.VALID))
+    status[before.status == Status.PADDING] = Status.PADDING
+    ranges = np.where(status == Status.VALID, r_e, np.nan).astype(np.float32)
+    scene = replace(before, ranges=ranges, status=status.astype(np.uint8))
+    gone = detect(scene, parameters, per_beam=per_beam, within=removed, sigma=noise(scene))
+    gone = _described(gone, scene, difference.difference[rows], removed, REMOVED)
+    return combine(found, gone, rows)
+
+
+def _described(
+    found: Detection, batch: SweepBatch, difference: Float32, within: Bool, change: int
+) -> Detection:
+    """Add what the background tells of each object."""
+    return replace(
+        found,
+        visibility=_visibility(found),
+        difference=_medians(found, batch, np.where(within, difference, np.nan)),
+        change=np.full(len(found), change, np.uint8),
+    )
+
+
+def _visibility(found: Detection) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
+    """(K,) an object that leans against the background is not hidden by it: only a step beyond d_th hides."""
+    with np.errstate(invalid="ignore"):
+        start = (found.s_i > found.d_th) & np.isin(found.visibility, (START_HIDDEN, BOTH_HIDDEN))
+        end = (found.s_f < -found.d_th) & np.isin(found.visibility, (END_HIDDEN, BOTH_HIDDEN))
+    hidden = np.array([FULL, START_HIDDEN, END_HIDDEN, BOTH_HIDDEN], np.uint8)[start + 2 * end]
+    return np.where(found.visibility == CUT, CUT, hidden).astype(np.uint8)
+
+
+def _medians(found: Detection, batch: SweepBatch, values: Float32) -> Float64:
+    """(K,) median of the (S, B) values over the beams of each object, NaN left out."""
+    count = batch.beams - (batch.closure == Closure.SHARED)
+    size = (found.beam_f - found.beam_i).astype(np.int64)
+    size = np.where(size < 0, size + count[found.row], size) + 1
+    beam, owner, _ = spans(found.beam_i.astype(np.int64), size)
+    row = found.row[owner]
+    value = values[row, beam % count[row]].astype(np.float64)
+    known = ~np.isnan(value)
+    value, owner = value[known], owner[known]
+    order = np.lexsort((value, owner))
+    value = value[order]
+    number = np.bincount(owner, minlength=len(found))
+    first = np.cumsum(number) - number
+    result = np.full(len(found), np.nan)
+    some = np.flatnonzero(number)
+    low = first[some] + (number[some] - 1) // 2
+    high = first[some] + number[some] // 2
+    result[some] = 0.5 * (value[low] + value[high])
+    return result
