@@ -66,7 +66,7 @@ def find_poses(log: Log, wanted: str | None = None) -> FoundPoses | None:
         f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())
     ]
     if tracks.left_out:
-        notes.append(f"poses: the last {tracks.left_out:,} are left out, there are too many to keep")
+        notes.append(f"{tracks.left_out:,} poses left out: too many to keep")
     return FoundPoses(PoseSources(found, wanted), tuple(notes), damage)
 
 

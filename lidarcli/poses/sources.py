@@ -123,11 +123,14 @@ class PoseSources:
 
     def _told(self, frame: str, topic: str) -> list[Way]:
         """The way by one topic, whatever its name; none where it does not lead to a fixed frame."""
-        mine = [track for track in self.tracks if track.topic.strip("/") == topic.strip("/")]
+        name = topic.strip("/")
+        mine = [track for track in self.tracks if track.topic.strip("/") == name]
         if any(track.is_link for track in mine):
             if all(track.static for track in mine):
                 return []  # what only mounts something is no source of its own
-            links = [track for track in self.tracks if track.is_link and (track in mine or track.static)]
+            links = [
+                one for one in self.tracks if one.is_link and (one.static or one.topic.strip("/") == name)
+            ]
             way = self._by_tree(frame, FrameTree(links))
             return [way] if way is not None else []
         mine.sort(key=lambda track: -track.messages)

@@ -16,6 +16,8 @@ from lidarcli.sweeps import Bool, Float64, Int64
 
 MAX_POSES = 2_000_000
 """Most poses of one log that are kept, 64 bytes each; those after them are left out."""
+MAX_TRACKS = 10_000
+"""Most pairs of frames of one log that are followed."""
 TOGETHER = 2048
 TOGETHER_BYTES = 4 << 20
 """Messages of a topic that are decoded at once, and bytes of all that wait."""
@@ -131,7 +133,7 @@ class Tracks:
         self.refused: Counter[tuple[str, str]] = Counter()
         """(topic, cause) → messages that cannot be a pose."""
         self.left_out = 0
-        """Poses beyond the most that are kept."""
+        """Poses beyond the most that are kept, or of more frames than are followed."""
         self._room = most
         self._waiting: dict[tuple[str, str, str], list[Message]] = {}
         self._bytes = 0
@@ -188,7 +190,8 @@ class Tracks:
         row, stamps, numbers = row[order], stamps[order], numbers[order]
         keep = _usable(numbers, refused)
         row, stamps, numbers = row[keep], stamps[keep], numbers[keep]
-        fits = max(self._room, 0)
+        known = key in self._growing or len(self._growing) < MAX_TRACKS
+        fits = max(self._room, 0) if known else 0
         self.left_out += max(len(row) - fits, 0)
         row, stamps, numbers = row[:fits], stamps[:fits], numbers[:fits]
         if not len(row):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from lidarcli.poses.tracks import Track
@@ -24,6 +24,11 @@ class Step(NamedTuple):
         """The frame that the step leads to."""
         return self.track.child if self.down else self.track.parent
 
+    @property
+    def source(self) -> str:
+        """The frame that the step comes from."""
+        return self.track.parent if self.down else self.track.child
+
 
 class FrameTree:
     """The links of a log, both ways."""
@@ -41,7 +46,8 @@ class FrameTree:
 
     def path(self, start: str, target: str, avoid: Collection[str] = ()) -> tuple[Step, ...] | None:
         """The shortest way between two frames, empty if they are one; None if there is none."""
-        return self._paths(start, avoid).get(target)
+        reached = self._reached(start, avoid)
+        return _way(reached, target) if target in reached else None
 
     def to_world(self, start: str) -> tuple[Step, ...] | None:
         """The way to the best fixed frame: `WORLDS` in their order, else the root of the tree; None without one.
@@ -51,11 +57,11 @@ class FrameTree:
         """
         if _last(start) in WORLDS:
             return None
-        paths = self._paths(start)
+        reached = self._reached(start)
         for name in WORLDS:
-            for frame, path in paths.items():
+            for frame in reached:
                 if _last(frame) == name:
-                    return path
+                    return _way(reached, frame)
         climbed: list[Step] = []
         seen = {start}
         frame = start
@@ -66,17 +72,25 @@ class FrameTree:
         moves = any(not step.track.static for step in climbed)
         return tuple(climbed) if moves and not _last(frame).startswith("base") else None
 
-    def _paths(self, start: str, avoid: Collection[str] = ()) -> dict[str, tuple[Step, ...]]:
-        """The shortest way to every frame that can be reached, the nearest first."""
-        found: dict[str, tuple[Step, ...]] = {start: ()}
+    def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
+        """Every frame that can be reached, the nearest first, with the step that leads to it."""
+        found: dict[str, Step | None] = {start: None}
         waiting = deque([start])
         while waiting:
-            frame = waiting.popleft()
-            for neighbour, step in self._near.get(frame, {}).items():
+            for neighbour, step in self._near.get(waiting.popleft(), {}).items():
                 if neighbour not in found and neighbour not in avoid:
-                    found[neighbour] = (*found[frame], step)
+                    found[neighbour] = step
                     waiting.append(neighbour)
         return found
+
+
+def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
+    """The steps to a frame that can be reached, from the start on."""
+    steps: list[Step] = []
+    while (step := reached[target]) is not None:
+        steps.append(step)
+        target = step.source
+    return tuple(reversed(steps))
 
 
 def _last(frame: str) -> str:

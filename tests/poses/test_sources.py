@@ -106,6 +106,13 @@ def test_a_ring_of_frames_does_no_harm() -> None:
     assert taken(ring) in (None, ("/tf", "c"), ("/tf", "b"), ("/tf", "a"))
 
 
+def test_a_very_long_chain() -> None:
+    chain = [one for k in range(3000) for one in static(f"f{k}", f"f{k + 1}", (0.001, 0, 0))]
+    way = sources([*chain, *moving("map", "f0")]).way("f3000")
+    assert way is not None
+    np.testing.assert_allclose(planar(way.at(AT)).x, AT + 3.0)
+
+
 def test_a_tree_told_upside_down() -> None:
     # Some nodes tell the odometry frame as a child of the robot.
     way = sources([*moving("base_link", "odom"), *static("base_link", "laser", (0, 2, 0))]).way("laser")

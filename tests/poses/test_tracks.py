@@ -116,6 +116,14 @@ def test_quaternions_are_normalised() -> None:
     assert planar(track.motion).yaw[0] == pytest.approx(np.pi / 2)
 
 
+def test_no_more_pairs_of_frames_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracks, "MAX_TRACKS", 3)
+    found = Tracks()
+    found.add(tf(stamp, "odom", f"frame{k}", (k, 0, 0)) for stamp in range(2) for k in range(5))
+    assert [track.child for track in found.finish()] == ["frame0", "frame1", "frame2"]
+    assert found.left_out == 4
+
+
 def test_no_more_poses_than_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tracks, "TOGETHER", 10)
     found = Tracks(most=25)
