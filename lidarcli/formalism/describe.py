@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lidarcli.formalism.box import bounding_boxes
-from lidarcli.formalism.detection import CORNER, END, EXTREMUM, NOISE, OBJECT, START, WALL, Detection
+from lidarcli.formalism.corners import Corners
+from lidarcli.formalism.detection import CORNER, END, EXTREMUM, LEGGED, NOISE, OBJECT, START, WALL, Detection
 from lidarcli.formalism.difference import difference
 from lidarcli.formalism.discontinuity import adaptive_threshold
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.objects import visibility
+from lidarcli.formalism.parts import assemble
 from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_min, span_sum, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.formalism.shape import classify
@@ -29,6 +31,10 @@ class Segmentation:
     """(R,)"""
     is_wall: Bool
     """(R,) walls to report."""
+    label: Int64 | None = None
+    """(R,) objects of the same label are one; None: each run is alone."""
+    corners: Corners | None = None
+    """Where the vertices are; None: at their points."""
 
 
 def describe(
@@ -53,19 +59,25 @@ def describe(
     """
     faces, points = segmentation.faces, runs.points
     rows = len(batch)
-    chosen = _in_order(runs, segmentation)
-    row, wall = runs.row[chosen], segmentation.is_wall[chosen]
+    parts = assemble(runs, segmentation.is_object, segmentation.is_wall, segmentation.label)
+    begin, end = parts.run[parts.offsets[:-1]], parts.run[parts.offsets[1:] - 1]
+    row, wall = runs.row[begin], segmentation.is_wall[begin]
     count = np.bincount(row[~wall], minlength=rows)
-    number = np.arange(len(chosen)) - offsets_of(np.bincount(row, minlength=rows))[row] + 1
+    number = np.arange(len(begin)) - offsets_of(np.bincount(row, minlength=rows))[row] + 1
 
-    first, last = runs.first[chosen], runs.last[chosen]
-    index, owner, offsets = spans(first, last - first + 1)
+    first, last = runs.first[begin], runs.last[end]
+    index, _, part_offsets = spans(runs.first[parts.run], runs.size[parts.run])
+    offsets = part_offsets[parts.offsets]
+    owner = np.repeat(np.arange(len(begin)), np.diff(offsets))
     x, y = points.x[index], points.y[index]
-    face, face_owner, face_offsets = spans(faces.offsets[chosen], np.diff(faces.offsets)[chosen])
+    face, _, face_part_offsets = spans(faces.offsets[parts.run], np.diff(faces.offsets)[parts.run])
+    face_offsets = face_part_offsets[parts.offsets]
     ranges = points.range(index)
     r_min = span_min(ranges, offsets)
-    nearest = index[span_first(ranges == np.repeat(r_min, np.diff(offsets)), offsets)]
-    size = (last - first + 1).astype(np.float64)
+    nearest = span_first(ranges == np.repeat(r_min, np.diff(offsets)), offsets)
+    nearest_part = np.searchsorted(part_offsets, nearest, side="right") - 1
+    nearest = index[nearest]
+    size = np.diff(offsets).astype(np.float64)
     width = np.hypot(points.x[last] - points.x[first], points.y[last] - points.y[first])
     box = bounding_boxes(x, y, offsets, faces, face, face_offsets)
     shape = classify(
@@ -77,36 +89,38 @@ def describe(
         width,
         sigma[row],
     )
+    shape[np.diff(parts.offsets) > 1] = LEGGED
     shape[wall] = WALL
 
     reverse = points.geometry.reverse[row]
     beam_first = points.geometry.beam(row, points.position(first, row))
     beam_last = points.geometry.beam(row, points.position(last, row))
     object_beams = np.bincount(row[~wall], size[~wall], minlength=rows).astype(np.int32)
-    vertex_offsets, vertex_theta, vertex_r, vertex_kind = _vertices(
-        runs, segmentation, face, face_offsets, chosen
-    )
+    past = parts.theta_i - points.theta(runs.first[parts.run], runs.row[parts.run])
+    vertex_part_offsets, vertex_theta, vertex_r, vertex_kind = _vertices(runs, segmentation, parts.run, past)
+    vertex_offsets = vertex_part_offsets[parts.offsets]
+    face_theta_i, face_theta_f, face_length = _between(vertex_theta, vertex_r, vertex_part_offsets)
     result = Detection(
         row=row,
         object=number.astype(np.int32),
         set=np.where(wall, NOISE, OBJECT).astype(np.uint8),
         shape=shape,
-        visibility=visibility(runs)[chosen],
+        visibility=visibility(runs.start_edge[begin], runs.end_edge[end]),
         beam_i=np.where(reverse, beam_last, beam_first).astype(np.int32),
         beam_f=np.where(reverse, beam_first, beam_last).astype(np.int32),
         beams=size.astype(np.int32),
-        theta_i=points.theta(first, row),
-        theta_f=points.theta(last, row),
+        theta_i=parts.theta_i[parts.offsets[:-1]],
+        theta_f=parts.theta_f[parts.offsets[1:] - 1],
         r_i=points.range(first),
         r_f=points.range(last),
-        s_i=runs.s_start[chosen],
-        s_f=runs.s_end[chosen],
+        s_i=runs.s_start[begin],
+        s_f=runs.s_end[end],
         d_th=adaptive_threshold(
-            sigma[row], points.geometry.step[row], points.range(first), runs.s_start[chosen]
+            sigma[row], points.geometry.step[row], points.range(first), runs.s_start[begin]
         )
         if adaptive
         else sweep_d_th[row],
-        theta_min=points.theta(nearest, row),
+        theta_min=points.theta(nearest, row) + past[nearest_part],
         r_min=r_min,
         x=span_sum(x, offsets) / size,
         y=span_sum(y, offsets) / size,
@@ -121,9 +135,9 @@ def describe(
         vertex_r=vertex_r,
         vertex_kind=vertex_kind,
         face_offsets=face_offsets.astype(np.int32),
-        face_theta_i=points.theta(faces.first[face], row[face_owner]),
-        face_theta_f=points.theta(faces.last[face], row[face_owner]),
-        face_length=faces.length[face],
+        face_theta_i=face_theta_i,
+        face_theta_f=face_theta_f,
+        face_length=face_length,
         face_rms=faces.rms[face],
         d_mean=d_mean,
         sweep_d_th=sweep_d_th,
@@ -147,15 +161,6 @@ def describe(
     )
 
 
-def _in_order(runs: Runs, segmentation: Segmentation) -> Int64:
-    """The chosen runs, sweep by sweep: objects by increasing bearing, then walls."""
-    chosen = np.flatnonzero(segmentation.is_object | segmentation.is_wall)
-    if not segmentation.is_wall.any():
-        return chosen
-    order: Int64 = chosen[np.lexsort((segmentation.is_wall[chosen], runs.row[chosen]))]
-    return order
-
-
 def _worst_rms(faces: Faces, face: Int64, face_offsets: Int64) -> Float64:
     """(K,) largest rms of a straight fit among the faces of each object [m]; 0 without faces."""
     worst = np.zeros(len(face_offsets) - 1)
@@ -166,13 +171,15 @@ def _worst_rms(faces: Faces, face: Int64, face_offsets: Int64) -> Float64:
 
 
 def _vertices(
-    runs: Runs, segmentation: Segmentation, face: Int64, face_offsets: Int64, chosen: Int64
+    runs: Runs, segmentation: Segmentation, chosen: Int64, past: Float64
 ) -> tuple[Int64, Float64, Float64, UInt8]:
     """Vertices of the chosen runs (Def. 6): P_i, the points between faces, P_f. Offsets, bearings, ranges, kinds.
 
-    A run of a single point has one vertex, which is start and end at once and is called start.
+    A run of a single point has one vertex, which is start and end at once and is called start. `past` (P,) is what a
+    part's bearings grow by past the seam [rad].
     """
     faces, points = segmentation.faces, runs.points
+    face, _, face_offsets = spans(faces.offsets[chosen], np.diff(faces.offsets)[chosen])
     sizes = np.diff(face_offsets) + 1
     offsets = offsets_of(sizes)
     at = np.empty(offsets[-1], np.int64)
@@ -180,8 +187,33 @@ def _vertices(
     follows = np.ones(len(at), bool)
     follows[offsets[:-1]] = False
     at[follows] = faces.last[face]
-    row = np.repeat(runs.row[chosen], sizes)
+    owner = np.repeat(np.arange(len(chosen)), sizes)
+    theta, r = points.theta(at, runs.row[chosen][owner]), points.range(at)
+    if segmentation.corners is not None:
+        _move(segmentation.corners, chosen, theta, r, offsets)
     kind = np.where(segmentation.extremum[at], EXTREMUM, CORNER).astype(np.uint8)
     kind[offsets[1:] - 1] = END
     kind[offsets[:-1]] = START
-    return offsets, points.theta(at, row), points.range(at), kind
+    return offsets, theta + past[owner], r, kind
+
+
+def _move(corners: Corners, chosen: Int64, theta: Float64, r: Float64, offsets: Int64) -> None:
+    """Put the vertices of the chosen runs where their corners are: bearings count from that of their points."""
+    has = np.diff(corners.offsets)[chosen] > 0
+    source, _, _ = spans(corners.offsets[chosen[has]], np.diff(corners.offsets)[chosen[has]])
+    target, _, _ = spans(offsets[:-1][has], np.diff(offsets)[has])
+    source, target = source[corners.moved[source]], target[corners.moved[source]]
+    x, y = corners.x[source], corners.y[source]
+    cos, sin = np.cos(theta[target]), np.sin(theta[target])
+    theta[target] += np.arctan2(y * cos - x * sin, x * cos + y * sin)
+    r[target] = np.hypot(x, y)
+
+
+def _between(vertex_theta: Float64, vertex_r: Float64, offsets: Int64) -> tuple[Float64, Float64, Float64]:
+    """The faces between consecutive vertices of each part: bearings of their ends [rad], distance of these [m]."""
+    starts, ends = np.ones(len(vertex_theta), bool), np.ones(len(vertex_theta), bool)
+    starts[offsets[1:] - 1] = False
+    ends[offsets[:-1]] = False
+    theta_i, theta_f, r_i, r_f = vertex_theta[starts], vertex_theta[ends], vertex_r[starts], vertex_r[ends]
+    length = np.sqrt(np.maximum(r_i * r_i + r_f * r_f - 2.0 * r_i * r_f * np.cos(theta_f - theta_i), 0.0))
+    return theta_i, theta_f, length

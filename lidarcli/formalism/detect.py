@@ -5,18 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism import mask, vertices
+from lidarcli.formalism.corners import locate, settle
 from lidarcli.formalism.describe import Segmentation, describe
 from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.difference import gaps, steepness, steps
 from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, outline, split_straight
+from lidarcli.formalism.grouping import close_pairs, joined
 from lidarcli.formalism.objects import fully_visible, partly_hidden, partly_visible
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
 from lidarcli.formalism.threshold import mean_difference, noise, noise_threshold
 from lidarcli.formalism.walls import chord, extent, on_wall_lines
-from lidarcli.sweeps import Bool, Float64, SweepBatch
+from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
 
 STRAIGHT = 0.02
 """[m] A face may leave its chord by this much plus three times the noise."""
@@ -106,12 +108,21 @@ def _literal(runs: Runs, d_th: Float64, parameters: Parameters, known: Bool | No
     small = extent(runs, faces) <= parameters.max_width
     enough = runs.size >= parameters.min_beams
     visible = fully_visible(runs) if known is None else known
+    is_object = visible & small & enough
     return Segmentation(
         faces=faces,
         extremum=extremum,
-        is_object=visible & small & enough,
+        is_object=is_object,
         is_wall=~(visible & small) & enough & parameters.walls,
+        label=_grouped(runs, is_object, parameters),
     )
+
+
+def _grouped(runs: Runs, is_object: Bool, parameters: Parameters) -> Int64 | None:
+    """(R,) label of the thing that each object is a part of, where things of several parts are asked for."""
+    if parameters.group_gap <= 0:
+        return None
+    return joined(len(runs), *close_pairs(runs, np.flatnonzero(is_object), parameters.group_gap))
 
 
 def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> Segmentation:
@@ -143,7 +154,8 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
     is_object = small & ~wall & partly_visible(runs, enclosed, reach < END_WIDTH)
     is_object &= (reach <= PARTLY_HIDDEN_WIDTH * parameters.max_width) | ~partial
     is_wall = wall & parameters.walls
-    if parameters.walls:
-        shape = outline(runs, np.where(is_object | is_wall, runs.size, 0))
-        faces = faces_between(shape, split_straight(shape, tolerance))
-    return Segmentation(faces, np.zeros(len(runs.points), bool), is_object, is_wall)
+    label = _grouped(runs, is_object, parameters)
+    shape = outline(runs, np.where(is_object | is_wall, runs.size, 0))
+    _, faces = settle(shape, split_straight(shape, tolerance), tolerance)
+    corners = locate(shape, faces, tolerance)
+    return Segmentation(faces, np.zeros(len(runs.points), bool), is_object, is_wall, label, corners)

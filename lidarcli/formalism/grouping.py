@@ -50,7 +50,9 @@ def _least_distance(cloud: Cloud, first_a: Int64, size_a: Int64, first_b: Int64,
     """(P,) distance between the nearest points of two stretches of points each [m]."""
     point, pair, _ = spans(first_a, size_a)
     other, owner, offsets = spans(first_b[pair], size_b[pair])
-    squared = np.square(cloud.x[other] - cloud.x[point][owner]) + np.square(cloud.y[other] - cloud.y[point][owner])
+    squared = np.square(cloud.x[other] - cloud.x[point][owner]) + np.square(
+        cloud.y[other] - cloud.y[point][owner]
+    )
     nearest = span_min(squared, offsets)
     _, _, pair_offsets = spans(first_a, size_a)
     return np.sqrt(span_min(nearest, pair_offsets))

@@ -76,7 +76,12 @@ def _together() -> UInt8:
 _TOGETHER = _together()
 
 
-def visibility(runs: Runs) -> UInt8:
-    """(R,) codes into `VISIBILITIES`: what the two edges of a run say together."""
-    codes: UInt8 = _TOGETHER[runs.start_edge, runs.end_edge]
+def visibility(start_edge: UInt8, end_edge: UInt8) -> UInt8:
+    """(K,) codes into `VISIBILITIES`: what the two edges of an object say together."""
+    hidden_start, hidden_end = start_edge == HIDDEN, end_edge == HIDDEN
+    codes = np.full(len(start_edge), FULL, np.uint8)
+    codes[hidden_start] = START_HIDDEN
+    codes[hidden_end] = END_HIDDEN
+    codes[hidden_start & hidden_end] = BOTH_HIDDEN
+    codes[(start_edge == VIEW) | (end_edge == VIEW)] = CUT
     return codes
