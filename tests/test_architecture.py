@@ -21,7 +21,8 @@ MAY_IMPORT = {
     "formalism": CORE,
     "tables": CORE | {"formalism"},
     "simulate": CORE | {"tables"},
-    "pipeline": CORE | {"logs", "poses", "formalism", "tables"},
+    "reports": CORE | {"formalism", "tables"},
+    "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports"},
     "cli": CORE | {"logs", "formalism", "simulate", "pipeline"},
     "__init__": {"formalism", "pipeline"},
 }
@@ -29,11 +30,13 @@ MAY_IMPORT = {
 
 ROOMS_OF = {
     "click": {"cli"},
-    "rich": {"cli"},
+    "rich": {"cli", "reports"},
+    "matplotlib": {"reports"},
+    "jinja2": {"reports"},
     "mcap": {"logs", "simulate"},
     "rosbags": {"logs", "simulate"},
     "sqlite3": {"logs", "simulate"},
-    "pyarrow": {"tables", "pipeline", "logs", "simulate"},
+    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports"},
     "pandas": {"logs", "simulate"},
 }
 

@@ -14,7 +14,7 @@ from lidarcli import __version__
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import LidarcliError
 
-COMMANDS = ("info", "detect", "simulate")
+COMMANDS = ("info", "detect", "report", "simulate")
 """Each is a file of this package with a command of its name."""
 
 INTERRUPTED = 130
@@ -38,8 +38,8 @@ class LazyCommands(click.Group):
 @click.group(
     cls=LazyCommands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80},
-    epilog="Exit codes: 0 done, 2 usage, 3 some input unreadable, 4 no LaserScan, 5 output refused, "
-    "70 internal error, 130 interrupted.",
+    epilog="Exit codes: 0 done, 1 a check does not hold, 2 usage, 3 some input unreadable, 4 no LaserScan, "
+    "5 output refused, 70 internal error, 130 interrupted.",
 )
 @click.option("-v", "--verbose", is_flag=True, help="Say more on stderr.")
 @click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")

@@ -1,0 +1,131 @@
+"""`lidarcli report`: figures of one or many runs for people, programs and CI."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import INPUTS, GroupedCommand, option
+
+OUTPUT, GATES = "Output", "Gates"
+STDOUT = "-"
+
+
+@click.command(
+    cls=GroupedCommand,
+    epilog="""Examples:
+
+\b
+  lidarcli report tables/
+  lidarcli report run.objects.parquet -o run.html --log run.mcap
+  lidarcli report tables/ -o out.md -o out.xml --check "sweeps >= 100"
+  lidarcli report tables/ --check "objects_per_sweep.p95 <= 12"
+  lidarcli report tables/ --check "objects where width > 1.5 == 0"
+  lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
+  lidarcli report 'tables/*.parquet' --format json | jq .figures
+  lidarcli report tables/ --format junit -o report.xml --overwrite""",
+)
+@click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=click.Path())
+@option(
+    "-o",
+    "--output",
+    "outputs",
+    heading=OUTPUT,
+    metavar="FILE",
+    multiple=True,
+    help="File to write, may be repeated: .txt, .md, .html, .json or .xml (JUnit).  [default: standard output]",
+)
+@option(
+    "--format",
+    "kind",
+    heading=OUTPUT,
+    type=click.Choice(["text", "markdown", "html", "json", "junit"]),
+    help="Format, where the suffix does not say it.  [default: by suffix, else text]",
+)
+@option(
+    "--log",
+    "logs",
+    heading=OUTPUT,
+    metavar="LOG",
+    multiple=True,
+    type=INPUTS,
+    help="Log of the tables, may be repeated: HTML then shows its raw sweeps.  "
+    "[default: the beams tables, where they are]",
+)
+@option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
+@option(
+    "--check",
+    "checks",
+    heading=GATES,
+    metavar="EXPR",
+    multiple=True,
+    help="What has to hold, or the exit code is 1; may be repeated (docs/reports.md).  [default: none]",
+)
+@option(
+    "--baseline",
+    "baseline",
+    heading=GATES,
+    metavar="TABLE",
+    multiple=True,
+    type=click.Path(),
+    help="Tables to compare with, may be repeated; checks may then name delta.FIGURE.  [default: none]",
+)
+@click.pass_obj
+def report(
+    say: Messages,
+    /,
+    tables: tuple[str, ...],
+    outputs: tuple[str, ...],
+    kind: str | None,
+    logs: tuple[str, ...],
+    overwrite: bool,
+    checks: tuple[str, ...],
+    baseline: tuple[str, ...],
+) -> int:
+    """Sum up what is in one or many runs, and hold it against checks.
+
+    TABLE is an objects or sweeps table of detect (the other one is found beside
+    it), a folder to search, or a pattern.
+    """
+    from lidarcli.pipeline.outputs import refuse, write_whole
+    from lidarcli.pipeline.reporting import SUFFIXES, ReportOptions, make_report, render, understand
+
+    kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
+    if len(outputs) > 1 and kind is not None:
+        raise click.UsageError("--format is for one output; several take theirs from their suffixes")
+    options = ReportOptions(tables, checks, baseline, logs)
+    understand(options)
+    refuse([Path(name) for name in outputs if name != STDOUT], overwrite)
+    made = make_report(options, viewer="html" in kinds)
+    for problem in made.report.problems:
+        say.error(problem)
+    for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
+        if name == STDOUT:
+            words = render(made, form, options, colour=sys.stdout.isatty())
+            sys.stdout.buffer.write(words.encode("utf-8", "replace"))
+        else:
+            write_whole(Path(name), render(made, form, options).encode("utf-8", "replace"))
+            say.info(f"  wrote    {name}")
+    for verdict in made.report.verdicts:
+        if not verdict.holds:
+            say.error(
+                f"check does not hold: {verdict.expression}: expected {verdict.expected}, found {verdict.words}"
+            )
+    return made.exit_code
+
+
+def _kind(name: str, kind: str | None, suffixes: dict[str, str]) -> str:
+    """The format of one output."""
+    if kind is not None:
+        return kind
+    if name == STDOUT:
+        return "text"
+    suffix = Path(name).suffix.lower()
+    if suffix not in suffixes:
+        raise click.UsageError(
+            f"{name}: the suffix names no format ({' '.join(suffixes)}); say which with --format"
+        )
+    return suffixes[suffix]

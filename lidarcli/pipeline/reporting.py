@@ -1,0 +1,149 @@
+"""Tables in, a report out: reads the columns that are needed, sums up, holds the checks, renders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import pyarrow as pa
+
+from lidarcli.errors import LidarcliError, OptionError, UnreadableError
+from lidarcli.pipeline.tables_found import Pair, find_pairs, read_columns, read_source
+from lidarcli.reports.checks import Check, columns_needed, judge, parse_check
+from lidarcli.reports.columns import Rows, Run, Source
+from lidarcli.reports.compare import compare
+from lidarcli.reports.report import Report
+from lidarcli.reports.streams import streams_of
+from lidarcli.reports.summary import OBJECT_COLUMNS, edges_of, summarise, values_of
+from lidarcli.tables.schemas import SWEEPS
+
+FORMATS = ("text", "markdown", "html", "json", "junit")
+SUFFIXES = {
+    ".txt": "text",
+    ".md": "markdown",
+    ".markdown": "markdown",
+    ".html": "html",
+    ".htm": "html",
+    ".json": "json",
+    ".xml": "junit",
+}
+VIEWER_COLUMNS = ("topic", "frame_id", "sweep", "object", "beam_i", "beam_f", "box_x", "box_y", "box_yaw")
+"""Columns of the objects table that only the viewer reads."""
+CHECK_FAILED = 1
+
+
+@dataclass(frozen=True, slots=True)
+class ReportOptions:
+    """What a user may ask of a report."""
+
+    tables: tuple[str, ...]
+    checks: tuple[str, ...] = ()
+    baseline: tuple[str, ...] = ()
+    logs: tuple[str, ...] = ()
+    """Logs whose raw sweeps the viewer of the HTML shows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """A report, the rows it is about, and where they come from."""
+
+    report: Report
+    run: Run
+    pairs: tuple[Pair, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """3 when tables could not be read, 1 when a check does not hold, else 0."""
+        if self.report.problems:
+            return UnreadableError.exit_code
+        return 0 if self.report.holds else CHECK_FAILED
+
+
+def understand(options: ReportOptions) -> list[Check]:
+    """The checks, or a usage error before any work is done."""
+    return [parse_check(text, bool(options.baseline)) for text in options.checks]
+
+
+def make_report(options: ReportOptions, viewer: bool = False) -> Made:
+    """Read the tables and make the report; `viewer` also reads what the viewer of the HTML shows.
+
+    Raises
+    ------
+    UnreadableError
+        None of the tables can be read, or the baseline cannot.
+    """
+    checks = understand(options)
+    run, pairs, problems = _load(options.tables, checks, viewer)
+    if not options.baseline:
+        summary = summarise(run)
+        verdicts = tuple(judge(check, summary.figures, run) for check in checks)
+        return Made(Report(summary, verdicts, None, problems), run, pairs)
+    base_run, _, base_problems = _load(options.baseline, (), False)
+    if base_problems:
+        raise UnreadableError(f"baseline: {base_problems[0]}")
+    # Both runs share the edges of their histograms.
+    edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
+    summary, baseline = summarise(run, edges), summarise(base_run, edges)
+    comparison = compare(run, summary, base_run, baseline)
+    verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
+    return Made(Report(summary, verdicts, comparison, problems), run, pairs)
+
+
+def _load(
+    inputs: Sequence[str], checks: Sequence[Check], viewer: bool
+) -> tuple[Run, tuple[Pair, ...], tuple[str, ...]]:
+    """The rows of all tables that can be read, and one line for each that cannot."""
+    pairs, problems = find_pairs(inputs)
+    columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
+    read: list[tuple[Pair, Source, pa.Table, pa.Table]] = []
+    for pair in pairs:
+        try:
+            sweeps = read_columns(pair.sweeps, SWEEPS.names)
+            objects = read_columns(pair.objects, columns)
+            read.append((pair, _named(read_source(pair), sweeps), sweeps, objects))
+        except UnreadableError as err:
+            problems.append(err)
+    if not read:
+        raise _nothing(problems)
+    kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
+    try:
+        run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables))
+    except pa.ArrowException as err:
+        raise UnreadableError(f"the tables do not fit together: {str(err).splitlines()[0]}") from err
+    return run, kept, tuple(str(problem) for problem in problems)
+
+
+def _named(source: Source, sweeps: pa.Table) -> Source:
+    """The name of the log as its rows have it: with its place below the folder that was given."""
+    return replace(source, log=str(sweeps["log"][0].as_py())) if sweeps.num_rows else source
+
+
+def _nothing(problems: Sequence[UnreadableError]) -> LidarcliError:
+    if not problems:
+        return OptionError("no tables to report on")
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return UnreadableError(f"{problems[0]}{more}")
+
+
+def render(made: Made, kind: str, options: ReportOptions, colour: bool = False) -> str:
+    """The report in one of `FORMATS`."""
+    if kind == "text":
+        from lidarcli.reports import text
+
+        return text.render(made.report, colour)
+    if kind == "markdown":
+        from lidarcli.reports import markdown
+
+        return markdown.render(made.report)
+    if kind == "json":
+        from lidarcli.reports import json
+
+        return json.render(made.report)
+    if kind == "junit":
+        from lidarcli.reports import junit
+
+        return junit.render(made.report)
+    from lidarcli.pipeline.viewing import viewer_of
+    from lidarcli.reports import html
+
+    return html.render(made.report, viewer_of(made.run, made.report.summary, made.pairs, options.logs))

@@ -1,0 +1,101 @@
+"""Columns of Arrow tables as numpy arrays; a table of one or many logs knows which row came from which."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from lidarcli.sweeps import Float64, Int32, Int64
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where the rows of one pair of tables come from."""
+
+    label: str
+    """The objects table as the user named it."""
+    log: str
+    """The log's name, as in column `log`."""
+    format: str = ""
+    size: int | None = None
+    version: str = ""
+    parameters: dict[str, Any] = field(default_factory=dict)
+    damage: tuple[str, ...] = ()
+    path: str = ""
+    """The log itself, where the user has named it too."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of one kind of table, from one or many sources."""
+
+    table: pa.Table
+    source: Int32
+    """(K,) index of the source of each row."""
+
+    def __len__(self) -> int:
+        return int(self.table.num_rows)
+
+    @staticmethod
+    def join(tables: Sequence[pa.Table]) -> Rows:
+        """The rows of several sources, one after the other."""
+        source = np.repeat(np.arange(len(tables), dtype=np.int32), [table.num_rows for table in tables])
+        return Rows(pa.concat_tables(tables).unify_dictionaries().combine_chunks(), source)
+
+    def numbers(self, name: str) -> Float64:
+        """A numeric column, NaN for null; the number of elements of a list column."""
+        column = self.table[name]
+        if pa.types.is_list(column.type):
+            column = pc.list_value_length(column)
+        values: Float64 = column.cast(pa.float64()).to_numpy(zero_copy_only=False)
+        return values
+
+    def integers(self, name: str) -> Int64:
+        """A column of integers without nulls; a stamp in nanoseconds."""
+        column = self.table[name]
+        if pa.types.is_timestamp(column.type):
+            column = column.cast(pa.int64())
+        values: Int64 = column.to_numpy(zero_copy_only=False).astype(np.int64, copy=False)
+        return values
+
+    def words(self, name: str) -> tuple[Int32, list[str]]:
+        """A column of names: (K,) codes, -1 for null, and the names."""
+        column = self.table[name]
+        if not column.num_chunks or not len(column):
+            return np.empty(0, np.int32), []
+        chunk = column.chunk(0)
+        codes = pc.fill_null(chunk.indices, -1).to_numpy(zero_copy_only=False).astype(np.int32, copy=False)
+        return codes, chunk.dictionary.to_pylist()
+
+    def has_any(self, name: str) -> bool:
+        """Whether the column is there with any value at all."""
+        return name in self.table.column_names and self.table[name].null_count < len(self)
+
+    def counts(self, name: str, where: NDArray[np.bool_] | None = None) -> dict[str, int]:
+        """How often each name occurs among the rows of `where`."""
+        codes, names = self.words(name)
+        chosen = codes if where is None else codes[where]
+        totals = np.bincount(chosen[chosen >= 0], minlength=len(names))
+        return {text: int(total) for text, total in zip(names, totals, strict=True) if total}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One or many logs after `detect`: what a report is about."""
+
+    sources: tuple[Source, ...]
+    sweeps: Rows
+    objects: Rows
+
+    @cached_property
+    def is_object(self) -> NDArray[np.bool_]:
+        """(K,) rows of the objects table that are objects (set O): walls and agents are not."""
+        codes, names = self.objects.words("set")
+        return codes == names.index("O") if "O" in names else np.zeros(len(codes), bool)

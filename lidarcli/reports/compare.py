@@ -1,0 +1,114 @@
+"""Two runs side by side: differences of the figures, and sweeps whose number of objects changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.reports.columns import Run, Source
+from lidarcli.reports.figures import DELTA
+from lidarcli.reports.summary import Summary
+from lidarcli.sweeps import Int64
+
+SHOWN = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A sweep with another number of objects than in the baseline."""
+
+    log: str
+    topic: str
+    sweep: int
+    before: int
+    now: int
+
+    @property
+    def difference(self) -> int:
+        """Objects more than in the baseline."""
+        return self.now - self.before
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A run beside its baseline."""
+
+    baseline: Summary
+    figures: dict[str, float | None]
+    """`delta.NAME` of every figure, and the names of `figures.COMPARED`."""
+    parameters: tuple[tuple[str, str, str], ...]
+    """(name, here, in the baseline) of the parameters that differ."""
+    changes: tuple[Change, ...]
+    """The greatest first, at most `SHOWN`."""
+
+
+def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Comparison:
+    """Sweeps are matched by log, topic and index; of one log each, the names of the logs may differ."""
+    ids = _identities(run, base_run)
+    rows, base_rows = ids
+    here, there = run.sweeps.numbers("objects"), base_run.sweeps.numbers("objects")
+    _, mine, theirs = np.intersect1d(rows, base_rows, return_indices=True)
+    difference = here[mine] - there[theirs]
+    changed = np.flatnonzero(difference)
+    figures: dict[str, float | None] = {
+        "compared_sweeps": len(mine),
+        "changed_sweeps": len(changed),
+        "added_sweeps": len(run.sweeps) - len(mine),
+        "removed_sweeps": len(base_run.sweeps) - len(mine),
+    }
+    for name, value in summary.figures.items():
+        before = baseline.figures[name]
+        figures[DELTA + name] = None if value is None or before is None else value - before
+    best = changed[np.argsort(-np.abs(difference[changed]), kind="stable")[:SHOWN]]
+    topic, topics = run.sweeps.words("topic")
+    sweep = run.sweeps.integers("sweep")
+    changes = tuple(
+        Change(
+            log=run.sources[int(run.sweeps.source[row])].log,
+            topic=topics[topic[row]],
+            sweep=int(sweep[row]),
+            before=int(there[other]),
+            now=int(here[row]),
+        )
+        for row, other in zip(mine[best].tolist(), theirs[best].tolist(), strict=True)
+    )
+    return Comparison(baseline, figures, _parameters(run.sources, base_run.sources), changes)
+
+
+def _identities(run: Run, base_run: Run) -> tuple[Int64, Int64]:
+    """(S,) a number for each sweep of both runs, equal where log, topic and index are."""
+    single = len(run.sources) == len(base_run.sources) == 1
+    names: dict[tuple[str, str], int] = {}
+    most = max((int(one.sweeps.integers("sweep").max(initial=0)) for one in (run, base_run)), default=0) + 1
+    ids = []
+    for one in (run, base_run):
+        topic, topics = one.sweeps.words("topic")
+        logs = np.array([0 if single else _code(names, ("log", source.log)) for source in one.sources])
+        codes = np.array([_code(names, ("topic", text)) for text in topics] or [0])
+        key = logs[one.sweeps.source] * 1_000_003 + codes[topic]
+        ids.append(key.astype(np.int64) * most + one.sweeps.integers("sweep"))
+    return ids[0], ids[1]
+
+
+def _code(names: dict[tuple[str, str], int], name: tuple[str, str]) -> int:
+    return names.setdefault(name, len(names))
+
+
+def _parameters(here: Sequence[Source], there: Sequence[Source]) -> tuple[tuple[str, str, str], ...]:
+    mine, theirs = _settings(here), _settings(there)
+    return tuple(
+        (name, mine.get(name, "-"), theirs.get(name, "-"))
+        for name in sorted({*mine, *theirs})
+        if mine.get(name) != theirs.get(name)
+    )
+
+
+def _settings(sources: Sequence[Source]) -> dict[str, str]:
+    values: dict[str, set[str]] = {}
+    for source in sources:
+        values.setdefault("lidarcli", set()).add(source.version)
+        for name, value in source.parameters.items():
+            values.setdefault(name, set()).add(str(value))
+    return {name: " | ".join(sorted(found)) for name, found in values.items()}

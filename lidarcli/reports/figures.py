@@ -1,0 +1,81 @@
+"""The figures that a report states and a check may name, each with its unit and meaning."""
+
+from __future__ import annotations
+
+from lidarcli.formalism.detection import SHAPES, VISIBILITIES
+from lidarcli.reports.spread import STATISTICS
+
+COUNTS: dict[str, tuple[str, str]] = {
+    "logs": ("1", "logs"),
+    "topics": ("1", "sequences of sweeps: one per log, topic and frame"),
+    "sweeps": ("1", "sweeps"),
+    "objects": ("1", "objects (set O) of all sweeps"),
+    "agents": ("1", "agents (set A) of all sweeps"),
+    "beams": ("1", "beams of all sweeps"),
+    "valid_share": ("1", "share of the beams with a range"),
+    "no_return_share": ("1", "share of the beams without a return"),
+    "too_close_share": ("1", "share of the beams below the range limit"),
+    "invalid_share": ("1", "share of the beams without a usable value"),
+    "object_share": ("1", "share of the beams in set O"),
+    "agent_share": ("1", "share of the beams in set A"),
+    "noise_share": ("1", "share of the beams in set S"),
+    "duration": ("s", "from first to last stamp, summed over the logs"),
+    "rate": ("Hz", "one over the median step between stamps"),
+    "gaps": ("1", "steps of at least one and a half median steps"),
+    "missing_sweeps": ("1", "sweeps that would fill the gaps"),
+    "longest_gap": ("s", "the longest gap; 0 without gaps"),
+    "backward": ("1", "stamps before their predecessor's"),
+    "repeated": ("1", "stamps equal to their predecessor's"),
+    "damage": ("1", "parts of the logs that could not be read"),
+}
+"""Figures of one number."""
+
+SPREADS: dict[str, tuple[str, str]] = {
+    "objects_per_sweep": ("1", "objects (set O) of a sweep"),
+    "agents_per_sweep": ("1", "agents (set A) of a sweep"),
+    "lost_share": ("1", "share of a sweep's beams without a range"),
+    "step": ("s", "time from sweep to sweep"),
+    "noise": ("m", "estimated standard deviation of the ranges of a sweep"),
+    "d_th": ("m", "threshold of a discontinuity"),
+    "d_mean": ("m", "mean of |s| of a sweep (Def. 3)"),
+    "range": ("m", "range of the nearest point of an object"),
+    "bearing": ("rad", "bearing of the nearest point of an object"),
+    "width": ("m", "chord of an object"),
+    "box_length": ("m", "longer side of an object's box"),
+    "box_width": ("m", "shorter side of an object's box"),
+    "beams_per_object": ("1", "valid beams of an object"),
+    "difference": ("m", "median of r_w - r_e over an object's beams"),
+}
+"""Figures with a value per sweep or per object: `.mean`, `.std`, `.min`, `.p05`, `.p50`, `.p95`, `.max`."""
+
+CATEGORIES: dict[str, tuple[str, ...]] = {
+    "shape": tuple(name for name in SHAPES if name != "wall"),
+    "visibility": VISIBILITIES,
+    "change": ("appeared", "removed"),
+}
+"""Numbers of objects by kind: `shape.prismatic`."""
+
+COMPARED: dict[str, tuple[str, str]] = {
+    "compared_sweeps": ("1", "sweeps that are in both runs"),
+    "changed_sweeps": ("1", "of these, sweeps with another number of objects"),
+    "added_sweeps": ("1", "sweeps that are not in the baseline"),
+    "removed_sweeps": ("1", "sweeps that are in the baseline alone"),
+}
+"""Figures that need a baseline, beside `delta.NAME` of every other."""
+
+DELTA = "delta."
+WHOLE = frozenset({"logs", "topics", "sweeps", "objects", "agents", "beams", "damage"})
+
+
+def names() -> list[str]:
+    """Every figure of one run, statistics spelled out."""
+    spreads = [f"{name}.{statistic}" for name in SPREADS for statistic in STATISTICS]
+    kinds = [f"{name}.{kind}" for name, values in CATEGORIES.items() for kind in values]
+    return [*COUNTS, *spreads, *kinds]
+
+
+def unit_of(name: str) -> str:
+    """The unit of a figure, `1` for a count or a share."""
+    plain = name.removeprefix(DELTA)
+    entry = COUNTS.get(plain) or SPREADS.get(plain.split(".", maxsplit=1)[0])
+    return entry[0] if entry else "1"

@@ -1,0 +1,157 @@
+"""A report as JSON: the schema of docs/reports.md."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from lidarcli import __version__
+from lidarcli.reports.compare import Comparison
+from lidarcli.reports.distributions import Density, Histogram
+from lidarcli.reports.report import Report
+from lidarcli.reports.standing import Standing
+from lidarcli.reports.streams import Course, Stream
+from lidarcli.reports.summary import Summary
+from lidarcli.reports.wording import stamp
+from lidarcli.sweeps import Float64
+
+SCHEMA = "lidarcli.report/1"
+"""The name of the schema; the number changes when a program that reads it may break."""
+DIGITS = 9
+
+
+def render(report: Report) -> str:
+    """One JSON object; numbers have nine digits, null stands for what cannot be measured."""
+    return json.dumps(as_dict(report), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+
+
+def as_dict(report: Report) -> dict[str, Any]:
+    """The report as plain values."""
+    summary = report.summary
+    return {
+        "schema": SCHEMA,
+        "lidarcli": __version__,
+        "holds": report.holds,
+        "checks": [
+            {
+                "check": verdict.expression,
+                "holds": verdict.holds,
+                "expected": verdict.expected,
+                "found": _number(verdict.found),
+            }
+            for verdict in report.verdicts
+        ],
+        "problems": list(report.problems),
+        **_summary(summary),
+        "comparison": None if report.comparison is None else _comparison(report.comparison),
+    }
+
+
+def _summary(summary: Summary) -> dict[str, Any]:
+    return {
+        "sources": [
+            {
+                "log": source.log,
+                "format": source.format,
+                "size": source.size,
+                "lidarcli": source.version,
+                "parameters": source.parameters,
+                "damage": list(source.damage),
+            }
+            for source in summary.sources
+        ],
+        "figures": _numbers(summary.figures),
+        "beams": {"status": summary.status, "set": summary.sets},
+        "objects": {
+            name: {**dict.fromkeys(summary.kinds[name], 0), **summary.kinds[name]} for name in summary.kinds
+        },
+        "histograms": {name: _histogram(one) for name, one in summary.histograms.items()},
+        "maps": [_density(one) for one in summary.densities],
+        "streams": [_stream(one) for one in summary.streams.all],
+        "standing_out": [_standing(one) for one in summary.standing],
+    }
+
+
+def _comparison(comparison: Comparison) -> dict[str, Any]:
+    baseline = comparison.baseline
+    return {
+        "baseline": {
+            "logs": [source.log for source in baseline.sources],
+            "figures": _numbers(baseline.figures),
+            "histograms": {name: _histogram(one) for name, one in baseline.histograms.items()},
+        },
+        "figures": _numbers(comparison.figures),
+        "parameters": [
+            {"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters
+        ],
+        "changes": [asdict(change) for change in comparison.changes],
+    }
+
+
+def _histogram(one: Histogram) -> dict[str, Any]:
+    return {"unit": one.unit, "edges": _list(one.edges), "counts": one.counts.tolist()}
+
+
+def _density(one: Density) -> dict[str, Any]:
+    return {
+        "frame": one.frame,
+        "x0": _number(one.x0),
+        "y0": _number(one.y0),
+        "cell": _number(one.cell),
+        "counts": one.counts.tolist(),
+    }
+
+
+def _stream(one: Stream) -> dict[str, Any]:
+    return {
+        "log": one.log,
+        "topic": one.topic,
+        "frame_id": one.frame_id,
+        "sweeps": one.sweeps,
+        "objects": one.objects,
+        "start": stamp(one.start_ns),
+        "start_ns": one.start_ns,
+        "end_ns": one.end_ns,
+        "duration": _number(one.duration),
+        "rate": _number(one.rate),
+        "gaps": one.gaps,
+        "missing_sweeps": one.missing,
+        "longest_gap": _number(one.longest_gap),
+        "backward": one.backward,
+        "repeated": one.repeated,
+        "course": _course(one.course),
+    }
+
+
+def _course(one: Course) -> dict[str, Any]:
+    columns = ("seconds", "objects_mean", "objects_min", "objects_max", "d_th", "noise", "lost_share")
+    return {"sweep": one.sweep.tolist(), **{name: _list(getattr(one, name)) for name in columns}}
+
+
+def _standing(one: Standing) -> dict[str, Any]:
+    return {
+        "kind": one.kind,
+        "log": one.log,
+        "topic": one.topic,
+        "sweep": one.sweep,
+        "stamp": stamp(one.stamp_ns),
+        "value": _number(one.value),
+    }
+
+
+def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    return {name: _number(value) for name, value in values.items()}
+
+
+def _list(values: Float64) -> list[float | None]:
+    return [_number(value) for value in values.tolist()]
+
+
+def _number(value: float | None) -> float | int | None:
+    """A whole number without a decimal point, any other with nine digits; null for what is none."""
+    if value is None or not math.isfinite(value):
+        return None
+    return int(value) if value == int(value) else float(f"{value:.{DIGITS}g}")

@@ -1,0 +1,194 @@
+"""A report as Markdown, for a comment on a pull request."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from lidarcli.reports.bars import resample, spark
+from lidarcli.reports.report import Report
+from lidarcli.reports.standing import KINDS
+from lidarcli.reports.summary import Summary
+from lidarcli.reports.text import COMPARED, STREAMS
+from lidarcli.reports.wording import (
+    SETS,
+    SHOWN_SPREADS,
+    SHOWN_STATISTICS,
+    kind_counts,
+    number,
+    origin,
+    quantity,
+    settings,
+    share,
+    spread_name,
+    spread_row,
+    stamp,
+)
+
+SPARK = 60
+
+
+def render(report: Report) -> str:
+    """The verdict and the key figures in sight, the rest folded."""
+    summary = report.summary
+    lines = [f"## lidarcli report: {text(report.title)}", ""]
+    lines += [f"**Not read:** {text(problem)}\n" for problem in report.problems]
+    lines += [*_checks(report), *_overview(summary), *_comparison(report), *_standing(summary)]
+    for title, part in (
+        ("Figures", _spreads(summary)),
+        ("Objects and beams by kind", _kinds(summary)),
+        ("Over time", _courses(summary)),
+        ("Logs and parameters", _sources(summary)),
+    ):
+        body = [*part]
+        if body:
+            lines += ["<details>", f"<summary>{title}</summary>", "", *body, "</details>", ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def text(value: object) -> str:
+    """Text of a log where Markdown and HTML could read commands: they are spelled out.
+
+    >>> text("a|b <script> `x`")
+    'a\\\\|b &lt;script&gt; \\\\`x\\\\`'
+    """
+    plain = " ".join(str(value).split())
+    plain = plain.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    for mark in "\\`*_[]|~#@!":
+        plain = plain.replace(mark, "\\" + mark)
+    return plain
+
+
+def code(value: object) -> str:
+    """Text as code: in a table a bar has to be escaped even there."""
+    plain = " ".join(str(value).split()).replace("`", "'")
+    return "`" + plain.replace("|", "\\|") + "`"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], right: int | None = 1) -> list[str]:
+    marks = ["---:" if right is not None and index >= right else "---" for index in range(len(head))]
+    lines = [head, marks, *rows]
+    return [*("| " + " | ".join(line) + " |" for line in lines), ""]
+
+
+def _checks(report: Report) -> list[str]:
+    if not report.verdicts:
+        return []
+    failed = sum(not verdict.holds for verdict in report.verdicts)
+    total = len(report.verdicts)
+    words = f"{failed} of {total} checks do not hold" if failed else f"All {total} checks hold"
+    rows = [
+        ["holds" if one.holds else "**fails**", code(one.expression), one.words] for one in report.verdicts
+    ]
+    return [f"**{words}.**", "", *_table(["", "check", "found"], rows, 2)]
+
+
+def _overview(summary: Summary) -> list[str]:
+    names = ("sweeps", "duration", "rate", "gaps", "objects", "objects_per_sweep.mean", "valid_share")
+    words = ("sweeps", "duration", "rate", "gaps", "objects", "objects per sweep", "beams with a range")
+    values = [quantity(name, summary.figures[name]) for name in names]
+    return _table(words, [values], 0)
+
+
+def _comparison(report: Report) -> Iterator[str]:
+    comparison = report.comparison
+    if comparison is None:
+        return
+    here, there, delta = report.summary.figures, comparison.baseline.figures, comparison.figures
+    yield "### Compared with the baseline"
+    yield ""
+    rows = [
+        [
+            name,
+            quantity(name, there[name]),
+            quantity(name, here[name]),
+            quantity(name, delta[f"delta.{name}"], True),
+        ]
+        for name in COMPARED
+        if here[name] is not None or there[name] is not None
+    ]
+    yield from _table(["figure", "baseline", "here", "difference"], rows)
+    for name, mine, other in comparison.parameters:
+        yield f"- {text(name)}: {code(other)} in the baseline, {code(mine)} here"
+    yield (
+        f"- {number(delta['changed_sweeps'])} of {number(delta['compared_sweeps'])} common sweeps have another number of "
+        f"objects; {number(delta['added_sweeps'])} only here, {number(delta['removed_sweeps'])} only in the baseline"
+    )
+    yield ""
+    if comparison.changes:
+        rows = [
+            [text(one.log), text(one.topic), str(one.sweep), str(one.before), str(one.now)]
+            for one in comparison.changes
+        ]
+        yield from _table(["log", "topic", "sweep", "before", "now"], rows, 2)
+
+
+def _standing(summary: Summary) -> list[str]:
+    if not summary.standing:
+        return []
+    rows = [
+        [KINDS[one.kind], one.words, str(one.sweep), text(one.log), text(one.topic), stamp(one.stamp_ns)]
+        for one in summary.standing
+    ]
+    return [
+        "### Sweeps that stand out",
+        "",
+        *_table(["", "value", "sweep", "log", "topic", "stamp"], rows, None),
+    ]
+
+
+def _spreads(summary: Summary) -> list[str]:
+    rows = [
+        [code(spread_name(name)), *spread_row(name, summary.spreads[name])]
+        for name in SHOWN_SPREADS
+        if summary.spreads[name].count
+    ]
+    return _table(["", *SHOWN_STATISTICS], rows) if rows else []
+
+
+def _kinds(summary: Summary) -> Iterator[str]:
+    for name in ("shape", "visibility", "change"):
+        counts = kind_counts(summary, name)
+        if counts:
+            total = sum(counts.values())
+            rows = [[kind, f"{count:,}", share(count, total)] for kind, count in counts.items()]
+            yield from _table([name, "objects", "share"], rows)
+    beams = sum(summary.status.values())
+    counts = {**summary.status, **{SETS[name]: count for name, count in summary.sets.items()}}
+    rows = [[name.replace("_", " "), f"{count:,}", share(count, beams)] for name, count in counts.items()]
+    yield from _table(["beams", "count", "share"], rows)
+
+
+def _courses(summary: Summary) -> Iterator[str]:
+    streams = summary.streams.all
+    rows = [
+        [
+            text(one.name),
+            f"{one.sweeps:,}",
+            number(one.rate),
+            number(one.gaps),
+            number(one.backward),
+            code(spark(resample(one.course.objects_mean, SPARK))),
+            number(max((x for x in one.course.objects_mean.tolist() if math.isfinite(x)), default=None), 3),
+        ]
+        for one in streams[:STREAMS]
+    ]
+    if rows:
+        yield from _table(
+            ["topic", "sweeps", "rate [Hz]", "gaps", "backward", "objects per sweep", "max"], rows
+        )
+    if len(streams) > STREAMS:
+        yield f"and {len(streams) - STREAMS:,} more topics"
+        yield ""
+
+
+def _sources(summary: Summary) -> Iterator[str]:
+    rows = [[text(one.log), text(origin(one)), text(settings(one))] for one in summary.sources[:STREAMS]]
+    yield from _table(["log", "format", "parameters"], rows, None)
+    if len(summary.sources) > STREAMS:
+        yield f"and {len(summary.sources) - STREAMS:,} more logs"
+        yield ""
+    for source in summary.sources:
+        for line in source.damage:
+            yield f"- damage in {text(source.log)}: {text(line)}"
+            yield ""

@@ -1,0 +1,172 @@
+"""The clock of every sequence of sweeps (one log, topic and frame), and its figures over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.reports.columns import Run
+from lidarcli.sweeps import Bool, Float64, Int64
+
+GAP = 1.5
+"""A step of so many median steps is a gap: at least one sweep is missing."""
+BINS = 100
+"""Most points of a course over time."""
+SECOND = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Figures over time: T bins of equal numbers of sweeps, (T,) each."""
+
+    seconds: Float64
+    """Start of the bin, from the first stamp [s]."""
+    sweep: Int64
+    """First sweep of the bin."""
+    objects_mean: Float64
+    objects_min: Float64
+    objects_max: Float64
+    d_th: Float64
+    """Mean [m]."""
+    noise: Float64
+    lost_share: Float64
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """The sweeps of one log, topic and frame, in log order."""
+
+    source: int
+    log: str
+    topic: str
+    frame_id: str
+    sweeps: int
+    objects: int
+    start_ns: int
+    end_ns: int
+    rate: float | None
+    """[Hz]"""
+    gaps: int
+    missing: int
+    longest_gap: float
+    """[s]"""
+    backward: int
+    repeated: int
+    course: Course
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last stamp [s]."""
+        return (self.end_ns - self.start_ns) * SECOND
+
+    @property
+    def name(self) -> str:
+        """Log, topic and frame for people."""
+        frame = f" ({self.frame_id})" if self.frame_id else ""
+        return f"{self.log} {self.topic}{frame}"
+
+
+@dataclass(frozen=True, slots=True)
+class Streams:
+    """All streams, and what they say of each of the S sweeps."""
+
+    all: tuple[Stream, ...]
+    stream: Int64
+    """(S,) stream of each sweep."""
+    step: Float64
+    """(S,) time since the sweep before of the same stream [s]; NaN for the first."""
+    gap: Bool
+    """(S,) whether that step is a gap."""
+
+
+def streams_of(run: Run) -> Streams:
+    """The sweeps of a run by log, topic and frame."""
+    rows = run.sweeps
+    topic, topics = rows.words("topic")
+    frame, frames = rows.words("frame_id")
+    key = (rows.source.astype(np.int64) * (len(topics) + 1) + topic) * (len(frames) + 1) + frame
+    _, stream = np.unique(key, return_inverse=True)
+    order = np.argsort(stream, kind="stable")
+    bounds = np.flatnonzero(np.diff(stream[order], prepend=-1))
+    step = np.full(len(rows), np.nan)
+    gap = np.zeros(len(rows), bool)
+    columns = _Columns(run)
+    found = []
+    for mine in np.split(order, bounds[1:]) if len(order) else []:
+        first = mine[0]
+        names = (topics[topic[first]] if topic[first] >= 0 else "", frames[frame[first]])
+        found.append(_stream(run, columns, mine, names, step, gap))
+    return Streams(tuple(found), stream.astype(np.int64), step, gap)
+
+
+class _Columns:
+    """The columns that streams need, read once."""
+
+    def __init__(self, run: Run) -> None:
+        rows = run.sweeps
+        self.stamp = rows.integers("stamp")
+        self.sweep = rows.integers("sweep")
+        self.objects = rows.numbers("objects")
+        self.d_th = rows.numbers("d_th")
+        self.noise = rows.numbers("noise")
+        beams = rows.numbers("beams")
+        self.lost = np.divide(beams - rows.numbers("valid"), beams, out=np.zeros(len(rows)), where=beams > 0)
+
+
+def _stream(
+    run: Run, columns: _Columns, mine: Int64, names: tuple[str, str], step: Float64, gap: Bool
+) -> Stream:
+    stamp, index = columns.stamp[mine], columns.sweep[mine]
+    steps = np.diff(stamp)
+    # Where only every n-th sweep was taken, a step of n sweeps is none too many.
+    strides = np.maximum(np.diff(index), 1)
+    single = steps / strides
+    median = float(np.median(single[single > 0])) if (single > 0).any() else 0.0
+    is_gap = (single >= GAP * median) & (steps > 0) if median else np.zeros(len(steps), bool)
+    step[mine[1:]] = steps * SECOND
+    gap[mine[1:]] = is_gap
+    missing = np.round(steps[is_gap] / median) - strides[is_gap] if median else np.zeros(0)
+    source = int(run.sweeps.source[mine[0]])
+    return Stream(
+        source=source,
+        log=run.sources[source].log,
+        topic=names[0],
+        frame_id=names[1],
+        sweeps=len(mine),
+        objects=int(columns.objects[mine].sum()),
+        start_ns=int(stamp.min()),
+        end_ns=int(stamp.max()),
+        rate=1.0 / (median * SECOND) if median else None,
+        gaps=int(is_gap.sum()),
+        missing=int(missing.sum()),
+        longest_gap=float(steps[is_gap].max(initial=0)) * SECOND,
+        backward=int((steps < 0).sum()),
+        repeated=int((steps == 0).sum()),
+        course=_course(columns, mine),
+    )
+
+
+def _course(columns: _Columns, mine: Int64) -> Course:
+    """Bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
+    begin = np.unique(np.linspace(0, len(mine), min(BINS, len(mine)), endpoint=False).astype(np.int64))
+    size = np.diff(np.append(begin, len(mine)))
+
+    def mean(values: Float64) -> Float64:
+        there = np.isfinite(values)
+        total = np.add.reduceat(np.where(there, values, 0.0), begin)
+        count = np.add.reduceat(there.astype(np.int64), begin)
+        found: Float64 = np.divide(total, count, out=np.full(len(begin), np.nan), where=count > 0)
+        return found
+
+    objects = columns.objects[mine]
+    return Course(
+        seconds=(columns.stamp[mine][begin] - columns.stamp[mine[0]]) * SECOND,
+        sweep=columns.sweep[mine][begin],
+        objects_mean=np.add.reduceat(objects, begin) / size,
+        objects_min=np.minimum.reduceat(objects, begin),
+        objects_max=np.maximum.reduceat(objects, begin),
+        d_th=mean(columns.d_th[mine]),
+        noise=mean(columns.noise[mine]),
+        lost_share=mean(columns.lost[mine]),
+    )

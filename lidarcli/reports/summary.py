@@ -1,0 +1,180 @@
+"""The figures of a run: everything that a report in any format shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.reports.columns import Run, Source
+from lidarcli.reports.distributions import (
+    Density,
+    Histogram,
+    bearing_edges,
+    density,
+    histogram,
+    nice_edges,
+)
+from lidarcli.reports.figures import CATEGORIES, SPREADS
+from lidarcli.reports.spread import STATISTICS, Spread
+from lidarcli.reports.standing import Standing, standing_out
+from lidarcli.reports.streams import Streams, streams_of
+from lidarcli.sweeps import Float64
+
+STATUSES = ("valid", "no_return", "too_close", "invalid")
+SETS = {"object": "O", "agent": "A", "noise": "S"}
+DRAWN = ("range", "bearing", "width", "objects_per_sweep")
+"""Figures with a histogram."""
+OF_OBJECTS = {
+    "range": "r_min",
+    "bearing": "theta_min",
+    "width": "width",
+    "box_length": "box_length",
+    "box_width": "box_width",
+    "beams_per_object": "beams",
+    "difference": "difference",
+}
+"""Figure → column of the objects table."""
+OBJECT_COLUMNS = (
+    "set",
+    "shape",
+    "visibility",
+    "change",
+    "x",
+    "y",
+    "world_x",
+    "world_y",
+    *OF_OBJECTS.values(),
+)
+"""Columns of the objects table that a summary reads."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a run holds."""
+
+    sources: tuple[Source, ...]
+    streams: Streams
+    figures: dict[str, float | None]
+    """Every name of `figures.names()` → value; None where there is nothing to measure."""
+    spreads: dict[str, Spread]
+    histograms: dict[str, Histogram]
+    kinds: dict[str, dict[str, int]]
+    """`shape`, `visibility`, `change` → name → objects; only names that occur."""
+    status: dict[str, int]
+    """Beams by status."""
+    sets: dict[str, int]
+    """Beams by set (Def. 4)."""
+    densities: tuple[Density, ...]
+    standing: tuple[Standing, ...]
+
+
+def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
+    """The values of every figure that has one per sweep or per object."""
+    sweeps = run.sweeps
+    beams = sweeps.numbers("beams")
+    lost = np.divide(
+        beams - sweeps.numbers("valid"), beams, out=np.full(len(sweeps), np.nan), where=beams > 0
+    )
+    values = {
+        "objects_per_sweep": sweeps.numbers("objects"),
+        "agents_per_sweep": sweeps.numbers("agents"),
+        "lost_share": lost,
+        "step": streams.step,
+        "noise": sweeps.numbers("noise"),
+        "d_th": sweeps.numbers("d_th"),
+        "d_mean": sweeps.numbers("d_mean"),
+    }
+    mine = run.is_object
+    all_mine = bool(mine.all())
+    for name, column in OF_OBJECTS.items():
+        numbers = run.objects.numbers(column) if run.objects.has_any(column) else np.empty(0)
+        values[name] = numbers if all_mine or not len(numbers) else numbers[mine]
+    return values
+
+
+def edges_of(*values: Mapping[str, Float64]) -> dict[str, Float64]:
+    """Edges of the histograms that suit all of the runs."""
+    edges = {name: nice_edges(np.concatenate([one[name] for one in values])) for name in DRAWN}
+    edges["bearing"] = bearing_edges()
+    most = max((one["objects_per_sweep"].max(initial=0.0) for one in values), default=0.0)
+    stride = max(1, int(np.ceil((most + 1) / 40)))
+    edges["objects_per_sweep"] = np.arange(0, most + 1 + stride, stride) - 0.5
+    return edges
+
+
+def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
+    """The figures of a run; `edges` of histograms that have to match another run's."""
+    streams = streams_of(run)
+    values = values_of(run, streams)
+    edges = edges or edges_of(values)
+    spreads = {name: Spread.of(values[name]) for name in SPREADS}
+    mine = run.is_object
+    kinds = {name: run.objects.counts(name, mine) for name in CATEGORIES}
+    status = {name: int(run.sweeps.numbers(name).sum()) for name in STATUSES}
+    sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SETS.items()}
+    return Summary(
+        sources=run.sources,
+        streams=streams,
+        figures=_figures(run, streams, spreads, kinds, status, sets),
+        spreads=spreads,
+        histograms={name: histogram(name, SPREADS[name][0], values[name], edges[name]) for name in DRAWN},
+        kinds=kinds,
+        status=status,
+        sets=sets,
+        densities=_densities(run),
+        standing=standing_out(run, streams),
+    )
+
+
+def _figures(
+    run: Run,
+    streams: Streams,
+    spreads: Mapping[str, Spread],
+    kinds: Mapping[str, Mapping[str, int]],
+    status: Mapping[str, int],
+    sets: Mapping[str, int],
+) -> dict[str, float | None]:
+    beams = sum(status.values())
+
+    def share(count: int) -> float | None:
+        return count / beams if beams else None
+
+    durations: dict[int, float] = {}
+    for stream in streams.all:
+        durations[stream.source] = max(durations.get(stream.source, 0.0), stream.duration)
+    rates = [stream.rate for stream in streams.all if stream.rate is not None]
+    figures: dict[str, float | None] = {
+        "logs": len(run.sources),
+        "topics": len(streams.all),
+        "sweeps": len(run.sweeps),
+        "objects": int(run.sweeps.numbers("objects").sum()),
+        "agents": int(run.sweeps.numbers("agents").sum()),
+        "beams": beams,
+        **{f"{name}_share": share(status[name]) for name in STATUSES},
+        **{f"{name}_share": share(sets[letter]) for name, letter in SETS.items()},
+        "duration": sum(durations.values()),
+        "rate": float(np.median(rates)) if rates else None,
+        "gaps": sum(stream.gaps for stream in streams.all),
+        "missing_sweeps": sum(stream.missing for stream in streams.all),
+        "longest_gap": max((stream.longest_gap for stream in streams.all), default=0.0),
+        "backward": sum(stream.backward for stream in streams.all),
+        "repeated": sum(stream.repeated for stream in streams.all),
+        "damage": sum(len(source.damage) for source in run.sources),
+    }
+    for name, spread in spreads.items():
+        figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
+    for name, known in CATEGORIES.items():
+        figures |= {f"{name}.{kind}": kinds[name].get(kind, 0) for kind in known}
+    return figures
+
+
+def _densities(run: Run) -> tuple[Density, ...]:
+    mine = run.is_object
+    maps = []
+    for frame, x, y in (("sensor", "x", "y"), ("world", "world_x", "world_y")):
+        if run.objects.has_any(x):
+            found = density(frame, run.objects.numbers(x)[mine], run.objects.numbers(y)[mine])
+            maps += [found] if found is not None else []
+    return tuple(maps)

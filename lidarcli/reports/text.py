@@ -1,0 +1,319 @@
+"""A report for the terminal: 80 columns, readable without colour."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from lidarcli.reports.bars import bar, resample, shade, spark
+from lidarcli.reports.figures import SPREADS
+from lidarcli.reports.report import Report
+from lidarcli.reports.standing import KINDS
+from lidarcli.reports.streams import Stream
+from lidarcli.reports.summary import Summary
+from lidarcli.reports.wording import (
+    SETS,
+    SHOWN_SPREADS,
+    SHOWN_STATISTICS,
+    kind_counts,
+    number,
+    origin,
+    quantity,
+    settings,
+    share,
+    spread_name,
+    spread_row,
+    stamp,
+)
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+WIDTH = 80
+BAR = 28
+SPARK = 54
+STREAMS = 12
+"""Streams shown; the JSON holds all."""
+COMPARED = (
+    "sweeps",
+    "objects",
+    "agents",
+    "valid_share",
+    "no_return_share",
+    "gaps",
+    "longest_gap",
+    "rate",
+    "objects_per_sweep.mean",
+    "objects_per_sweep.p95",
+    "range.p50",
+    "width.p50",
+    "width.p95",
+    "d_th.mean",
+    "noise.p50",
+)
+"""Figures that a comparison shows, with the kinds of objects."""
+
+
+def render(report: Report, colour: bool = False) -> str:
+    """The report as text; `colour` for a terminal."""
+    from rich.console import Console
+
+    out = io.StringIO()
+    console = Console(
+        file=out,
+        width=WIDTH,
+        force_terminal=colour,
+        no_color=not colour,
+        color_system="standard" if colour else None,
+        highlight=False,
+        markup=False,
+        emoji=False,
+        legacy_windows=False,
+    )
+    for part in _parts(report):
+        console.print(part)
+    lines = [line.rstrip() for line in out.getvalue().splitlines()]
+    return "\n".join(lines).strip("\n") + "\n"
+
+
+def _parts(report: Report) -> Iterator[RenderableType]:
+    summary = report.summary
+    yield from _checks(report)
+    yield from _sources(summary)
+    yield from _overview(summary)
+    yield from _streams(summary)
+    yield from _spreads(summary)
+    yield from _kinds(summary)
+    yield from _histograms(summary)
+    yield from _maps(summary)
+    yield from _standing(summary)
+    yield from _comparison(report)
+
+
+def _heading(text: str) -> RenderableType:
+    from rich.text import Text
+
+    return Text(f"\n{text}", style="bold")
+
+
+def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequence[str] = ()) -> Any:
+    """A table without lines; columns in `right` are flush right, the last one wraps."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, show_header=bool(head), pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    columns = len(head or rows[0])
+    for index in range(columns):
+        last = index == columns - 1
+        table.add_column(
+            head[index] if head else "",
+            justify="right" if index in right else "left",
+            overflow="fold",
+            no_wrap=not last and index != 0,
+        )
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    return table
+
+
+def _checks(report: Report) -> Iterator[RenderableType]:
+    from rich.text import Text
+
+    for problem in report.problems:
+        yield Text(f"not read: {problem}", style="red")
+    if not report.verdicts:
+        return
+    failed = sum(not verdict.holds for verdict in report.verdicts)
+    total = len(report.verdicts)
+    words = f"Checks: {total} of {total} hold" if not failed else f"Checks: {failed} of {total} do not hold"
+    yield _heading(words)
+    for verdict in report.verdicts:
+        mark = "ok  " if verdict.holds else "FAIL"
+        line = Text(mark, style="green" if verdict.holds else "bold red")
+        line.append(f"  {verdict.expression}  (found {verdict.words})", style="none")
+        yield line
+
+
+def _sources(summary: Summary) -> Iterator[RenderableType]:
+    yield _heading("Logs" if len(summary.sources) > 1 else "Log")
+    shown = summary.sources[:STREAMS]
+    rows = [[source.log, origin(source)] for source in shown]
+    if len(summary.sources) > STREAMS:
+        rows.append([f"and {len(summary.sources) - STREAMS:,} more", ""])
+    yield _grid(rows)
+    for text in dict.fromkeys(settings(source) for source in summary.sources):
+        yield _grid([["parameters", text]])
+    for source in summary.sources:
+        for line in source.damage:
+            yield _grid([["damage", f"{source.log}: {line}"]])
+
+
+def _overview(summary: Summary) -> Iterator[RenderableType]:
+    figures = summary.figures
+    yield _heading("Overview")
+    rows = [
+        ["sweeps", f"{number(figures['sweeps'])} in {quantity('duration', figures['duration'])}"],
+        [
+            "objects",
+            f"{number(figures['objects'])}, {number(figures['objects_per_sweep.mean'], 3)} per sweep",
+        ],
+        ["agents", number(figures["agents"])],
+        [
+            "clock",
+            f"{quantity('rate', figures['rate'])}, {number(figures['gaps'])} gaps "
+            f"(longest {quantity('longest_gap', figures['longest_gap'])}, "
+            f"{number(figures['missing_sweeps'])} sweeps missing), "
+            f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated",
+        ],
+    ]
+    total = sum(summary.status.values())
+    rows.append(["beams", f"{total:,}"])
+    rows += [[f"  {name.replace('_', ' ')}", _bar(count, total)] for name, count in summary.status.items()]
+    rows += [[f"  {SETS[name]}", _bar(count, total)] for name, count in summary.sets.items()]
+    yield _grid(rows)
+
+
+def _bar(count: int, total: int) -> str:
+    part = count / total if total else 0.0
+    return f"{bar(part, BAR)} {share(count, total):>6} {count:>13,}"
+
+
+def _streams(summary: Summary) -> Iterator[RenderableType]:
+    streams = summary.streams.all
+    yield _heading("Over time")
+    for stream in streams[:STREAMS]:
+        yield _grid([[stream.name, f"{stream.sweeps:,} sweeps from {stamp(stream.start_ns)}"]])
+        yield from _course(stream)
+    if len(streams) > STREAMS:
+        yield _grid([[f"and {len(streams) - STREAMS:,} more topics"]])
+
+
+def _course(stream: Stream) -> Iterator[RenderableType]:
+    course = stream.course
+    for name, values, unit in (
+        ("objects", course.objects_mean, ""),
+        ("d_th", course.d_th, " m"),
+        ("noise", course.noise, " m"),
+        ("lost", course.lost_share, ""),
+    ):
+        top = max((value for value in values.tolist() if math.isfinite(value)), default=None)
+        most = f"{top:.1%}" if name == "lost" and top is not None else f"{number(top, 3)}{unit}"
+        line = spark(resample(values, SPARK))
+        from rich.text import Text
+
+        yield Text(f"  {name:<8}{line:<{SPARK}}  max {most}", no_wrap=True)
+
+
+def _spreads(summary: Summary) -> Iterator[RenderableType]:
+    rows = [
+        [spread_name(name), *spread_row(name, summary.spreads[name])]
+        for name in SHOWN_SPREADS
+        if summary.spreads[name].count
+    ]
+    if rows:
+        yield _heading("Figures")
+        yield _grid(rows, right=range(1, 7), head=["", *SHOWN_STATISTICS])
+
+
+def _kinds(summary: Summary) -> Iterator[RenderableType]:
+    for name in ("shape", "visibility", "change"):
+        counts = kind_counts(summary, name)
+        if counts:
+            yield _heading(f"Objects by {name}")
+            total = sum(counts.values())
+            yield _grid([[f"{kind:<11}", _bar(count, total)] for kind, count in counts.items()])
+
+
+def _histograms(summary: Summary) -> Iterator[RenderableType]:
+    drawn = [one for one in summary.histograms.values() if one.counts.sum()]
+    if not drawn:
+        return
+    from rich.text import Text
+
+    yield _heading("Distributions")
+    for one in drawn:
+        factor, unit = (180 / math.pi, "deg") if one.unit == "rad" else (1.0, one.unit)
+        unit = "" if unit == "1" else f" {unit}"
+        # The edges of whole numbers lie between them.
+        half = 0.5 if one.name == "objects_per_sweep" else 0.0
+        low, high = one.edges[0] * factor + half, one.edges[-1] * factor - half
+        line = "".join(
+            mark if count else "·" for mark, count in zip(spark(one.counts), one.counts, strict=True)
+        )
+        yield Text(f"  {one.name:<18}{number(low):>6} {line} {number(high)}{unit}", no_wrap=True)
+
+
+def _maps(summary: Summary) -> Iterator[RenderableType]:
+    from rich.text import Text
+
+    for one in summary.densities:
+        lines = shade(one, WIDTH - 4, 20)
+        nx, ny = one.counts.shape
+        span = f"x {number(one.x0)} to {number(one.x0 + nx * one.cell)} m, y {number(one.y0)} to "
+        yield _heading(
+            f"Where objects were ({one.frame} frame, {span}{number(one.y0 + ny * one.cell)} m, y up)"
+        )
+        for line in lines:
+            yield Text(f"  {line}", no_wrap=True)
+
+
+def _standing(summary: Summary) -> Iterator[RenderableType]:
+    if not summary.standing:
+        return
+    yield _heading("Sweeps that stand out (lidarcli plot LOG --topic TOPIC --sweep N)")
+    several = len(summary.sources) > 1
+    rows = [
+        [
+            KINDS[one.kind],
+            one.words,
+            str(one.sweep),
+            *([one.log] if several else []),
+            one.topic,
+            stamp(one.stamp_ns),
+        ]
+        for one in summary.standing
+    ]
+    head = ["", "value", "sweep", *(["log"] if several else []), "topic", "stamp"]
+    yield _grid(rows, right=(1, 2), head=head)
+
+
+def _comparison(report: Report) -> Iterator[RenderableType]:
+    comparison = report.comparison
+    if comparison is None:
+        return
+    here, there, delta = report.summary.figures, comparison.baseline.figures, comparison.figures
+    yield _heading("Compared with the baseline")
+    kinds = [name for name in here if name.split(".")[0] in ("shape", "visibility") and name not in SPREADS]
+    names = [*COMPARED, *(name for name in kinds if here[name] or there[name])]
+    rows = [
+        [
+            name,
+            quantity(name, there[name]),
+            quantity(name, here[name]),
+            quantity(f"delta.{name}", delta[f"delta.{name}"], sign=True),
+        ]
+        for name in names
+        if here[name] is not None or there[name] is not None
+    ]
+    yield _grid(rows, right=(1, 2, 3), head=["", "baseline", "here", "difference"])
+    for name, mine, other in comparison.parameters:
+        yield _grid([["differs", f"{name}: {other} in the baseline, {mine} here"]])
+    yield _grid(
+        [
+            [
+                "sweeps",
+                f"{number(delta['compared_sweeps'])} in both, {number(delta['changed_sweeps'])} with another number of "
+                f"objects, {number(delta['added_sweeps'])} only here, {number(delta['removed_sweeps'])} only in the "
+                "baseline",
+            ]
+        ]
+    )
+    if comparison.changes:
+        rows = [
+            [one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.difference:+d}"]
+            for one in comparison.changes
+        ]
+        yield _heading("Sweeps whose objects changed most")
+        yield _grid(rows, right=(2, 3, 4, 5), head=["log", "topic", "sweep", "before", "now", "change"])

@@ -1,0 +1,163 @@
+"""`lidarcli report`: formats, gates, exit codes."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from tests.reports.runs import sweep, thing, write_run
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """The tables of a run of 20 sweeps with two objects each; the second is gone after half of them."""
+    counts = [2 if k < 10 else 1 for k in range(20)]
+    objects = [thing(k, n + 1, width=0.3 + 0.2 * n) for k, count in enumerate(counts) for n in range(count)]
+    return write_run(tmp_path / "run", [sweep(k, count) for k, count in enumerate(counts)], objects)
+
+
+def test_text_on_standard_output(lidarcli: Run, run: Path) -> None:
+    ran = lidarcli("report", run)
+    assert (ran.code, ran.err) == (0, "")
+    assert max(map(len, ran.out.splitlines())) <= 80
+    assert "\x1b" not in ran.out
+    for words in (
+        "sweeps         20 in 1.9 s",
+        "objects        30, 1.5 per sweep",
+        "prismatic",
+        "run /scan (laser)",
+    ):
+        assert words in ran.out
+
+
+def test_either_table_names_the_pair_and_folders_are_searched(lidarcli: Run, run: Path) -> None:
+    sweeps = run.with_name("run.sweeps.parquet")
+    wanted = lidarcli("report", run, "--format", "json").out
+    for inputs in ([sweeps], [run.parent], [f"{run.parent}/*.parquet"], [run, sweeps, run.parent]):
+        assert lidarcli("report", *inputs, "--format", "json").out == wanted
+
+
+def test_json(lidarcli: Run, run: Path) -> None:
+    found = json.loads(lidarcli("report", run, "--format", "json", "--check", "objects == 30").out)
+    assert found["schema"] == "lidarcli.report/1"
+    assert found["figures"]["objects_per_sweep.mean"] == 1.5
+    assert found["figures"]["width.max"] == 0.5
+    assert found["checks"] == [{"check": "objects == 30", "holds": True, "expected": "== 30", "found": 30}]
+    assert found["sources"][0]["parameters"] == {"profile": "robust", "every": 1}
+    assert found["streams"][0]["start"] == "2023-11-14T22:13:20.000Z"
+    assert found["comparison"] is None
+
+
+def test_checks_decide_the_exit_code(lidarcli: Run, run: Path) -> None:
+    assert lidarcli("report", run, "--check", "sweeps >= 20").code == 0
+    ran = lidarcli("report", run, "--check", "sweeps >= 20", "--check", "objects_per_sweep.max < 2")
+    assert ran.code == 1
+    assert ran.out.startswith(
+        "Checks: 1 of 2 do not hold\nok    sweeps >= 20  (found 20)\nFAIL  objects_per_sweep.max < 2  (found 2)\n"
+    )
+    assert ran.err == ("lidarcli: check does not hold: objects_per_sweep.max < 2: expected < 2, found 2\n")
+
+
+@pytest.mark.parametrize("expression", ["sweps > 1", "sweeps >", "delta.objects == 0"])
+def test_a_check_that_makes_no_sense_is_a_usage_error(lidarcli: Run, expression: str) -> None:
+    ran = lidarcli("report", "nowhere.objects.parquet", "--check", expression)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith(f"lidarcli: --check '{expression}': ")
+    assert len(ran.err.splitlines()) == 1
+
+
+def test_junit_has_a_case_per_check(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "report.xml"
+    checks = ["sweeps >= 20", "objects where width > 0.4 < 5"]
+    ran = lidarcli("-q", "report", run, "-o", out, *(word for check in checks for word in ("--check", check)))
+    assert ran.code == 1
+    suite = ET.parse(out).getroot()[0]
+    assert (suite.get("name"), suite.get("tests"), suite.get("failures")) == ("run", "2", "1")
+    cases = suite.findall("testcase")
+    assert [case.get("name") for case in cases] == checks
+    assert [[child.get("message") for child in case] for case in cases] == [[], ["expected < 5, found 10"]]
+    properties = {item.get("name"): item.get("value") for item in suite.iter("property")}
+    assert properties["objects"] == "30"
+
+
+def test_several_outputs_at_once(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    names = ["a.md", "b.json", "c.xml", "d.txt"]
+    words = [word for name in names for word in ("-o", tmp_path / name)]
+    ran = lidarcli("report", run, *words)
+    assert (ran.code, ran.out) == (0, "")
+    assert [line.split()[1] for line in ran.err.splitlines()] == [str(tmp_path / name) for name in names]
+    again = lidarcli("report", run, *words)
+    assert again.code == 5
+    assert again.err == (f"lidarcli: {tmp_path / 'a.md'} exists; use --overwrite to replace it\n")
+    assert lidarcli("report", run, *words, "--overwrite").code == 0
+
+
+def test_outputs_whose_format_nobody_knows(lidarcli: Run, run: Path) -> None:
+    ran = lidarcli("report", run, "-o", "report.doc")
+    assert ran.code == 2
+    assert "report.doc: the suffix names no format (.txt .md" in ran.err
+
+
+def test_inputs_that_cannot_be_read(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.objects.parquet"
+    bad.write_bytes(b"PAR1 is not enough")
+    (tmp_path / "bad.sweeps.parquet").write_bytes(b"")
+    foreign = tmp_path / "foreign.sweeps.parquet"
+    pq.write_table(pq.read_table(run).select(["log"]), foreign)
+    for name, why in (
+        (tmp_path / "none.objects.parquet", "no such file or folder"),
+        (tmp_path / "*.nothing", "no tables match this pattern"),
+        (bad, "cannot be read as Parquet: "),
+        (foreign, "not a table of lidarcli detect: no column agent_beams, agents, "),
+        (__file__, "not a table of lidarcli detect (<log>.objects.parquet or <log>.sweeps.parquet)"),
+    ):
+        ran = lidarcli("report", name)
+        assert (ran.code, ran.out) == (3, "")
+        assert why in ran.err
+        assert len(ran.err.splitlines()) == 1
+    ran = lidarcli("report", bad, run, "--format", "json")
+    assert ran.code == 3
+    assert json.loads(ran.out)["figures"]["sweeps"] == 20
+    assert "bad.sweeps.parquet: cannot be read as Parquet" in json.loads(ran.out)["problems"][0]
+
+
+def test_a_baseline(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    base = write_run(tmp_path / "base", [sweep(k, 2) for k in range(18)], [thing(k, 1) for k in range(18)])
+    checks = ["delta.objects_per_sweep.mean between -0.5 and 0.5", "changed_sweeps == 8", "added_sweeps == 2"]
+    words = [word for check in checks for word in ("--check", check)]
+    ran = lidarcli("report", run, "--baseline", base, "--format", "json", *words)
+    found = json.loads(ran.out)
+    assert [check["found"] for check in found["checks"]] == [-0.5, 8, 2]
+    assert ran.code == 0
+    assert found["comparison"]["baseline"]["figures"]["sweeps"] == 18
+    assert found["comparison"]["changes"][0] == {
+        "log": "run",
+        "topic": "/scan",
+        "sweep": 10,
+        "before": 2,
+        "now": 1,
+    }
+    text = lidarcli("report", run, "--baseline", base).out
+    assert "18 in both, 8 with another number of objects, 2 only here, 0 only in the" in text
+    missing = lidarcli("report", run, "--baseline", tmp_path / "nothing")
+    assert (missing.code, missing.out) == (3, "")
+
+
+def test_damage_of_the_log_is_told(lidarcli: Run, tmp_path: Path) -> None:
+    run = write_run(tmp_path, [sweep(0)], damage=["byte 99: cut"])
+    assert "damage  run: byte 99: cut" in lidarcli("report", run).out
+    assert lidarcli("report", run, "--check", "damage == 0").code == 1
+
+
+def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path) -> None:
+    run = write_run(tmp_path, [])
+    for kind in ("text", "markdown", "json", "junit"):
+        assert lidarcli("report", run, "--format", kind).code == 0

@@ -1,0 +1,166 @@
+"""The grammar of `--check`: what it measures, and what it says of mistakes."""
+
+from __future__ import annotations
+
+import pytest
+
+from lidarcli.errors import OptionError
+from lidarcli.reports.checks import columns_needed, judge, parse_check
+from lidarcli.reports.columns import Run
+from lidarcli.reports.summary import summarise
+from tests.reports.runs import run_of, sweep, thing
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    objects = [
+        thing(0, 1, width=0.4, r_min=0.9),
+        thing(0, 2, width=0.6, r_min=0.8, shape="round", visibility="cut"),
+        thing(1, 1, width=0.7, r_min=3.0, shape="unknown", difference=-0.5, change="appeared"),
+        thing(1, 2, width=4.0, set="S", shape="wall"),
+    ]
+    return run_of([sweep(0, 2), sweep(1, 1), sweep(2, 0)], objects)
+
+
+@pytest.mark.parametrize(
+    ("expression", "found"),
+    [
+        ("sweeps == 3", 3),
+        ("objects != 4", 3),
+        ("objects_per_sweep.mean between 1 and 1", 1),
+        ("objects_per_sweep.max <= 2", 2),
+        ("valid_share > 0.98", 0.99),
+        ("rate between 9.9 and 10.1", 10),
+        ("duration >= 0.2", 0.2),
+        ("shape.prismatic == 1", 1),
+        ("visibility.cut < 2", 1),
+        ("objects where width > 0.5 and r_min < 1.0 == 1", 1),
+        ("objects where width > 0.5 and range_min < 1.0 == 1", 1),
+        ("objects where width > 0.5 or r_min < 1.0 == 3", 3),
+        ("objects where (width > 0.5 or r_min < 1.0) and not shape == round == 2", 2),
+        ("objects where shape == prismatic == 1", 1),
+        ("objects where visibility != full == 1", 1),
+        ("objects where shape == 'round' and visibility == \"cut\" > 0", 1),
+        ("objects where width between 0.5 and 0.8 between 2 and 3", 2),
+        ("objects where set == S == 1", 1),
+        ("objects where difference < 0 == 1", 1),
+        ("objects where not difference < 0 == 0", 0),
+        ("objects where difference is null == 2", 2),
+        ("objects where change is not null == 1", 1),
+        ("objects where change != removed == 1", 1),
+        ("objects where topic == '/scan' == 3", 3),
+        ("objects where topic == /nowhere == 0", None),
+        ("objects where topic == '/nowhere' == 0", 0),
+        ("objects where vertices == 0 == 3", 3),
+        ("sweeps where objects == 0 <= 1", 1),
+        ("sweeps where sweep >= 1 and objects > 0 == 1", 1),
+        ("width.max<1e3", 0.7),
+        ("backward == -0", 0),
+    ],
+)
+def test_what_a_check_finds(run: Run, expression: str, found: float | None) -> None:
+    if found is None:
+        with pytest.raises(OptionError, match="cannot be read at '/', column 24"):
+            parse_check(expression)
+        return
+    verdict = judge(parse_check(expression), summarise(run).figures, run)
+    assert verdict.found == pytest.approx(found)
+    assert verdict.holds
+
+
+@pytest.mark.parametrize(
+    ("expression", "expected", "words"),
+    [
+        ("sweeps >= 100", ">= 100", "3"),
+        ("objects_per_sweep.p95 between 5 and 6", "between 5 and 6", "1.9"),
+        ("difference.mean < -1", "< -1", "-0.5"),
+        ("objects where width < 0 != 0", "!= 0", "0"),
+        ("agents_per_sweep.p95 > 0", "> 0", "0"),
+    ],
+)
+def test_a_check_that_does_not_hold(run: Run, expression: str, expected: str, words: str) -> None:
+    verdict = judge(parse_check(expression), summarise(run).figures, run)
+    assert (verdict.holds, verdict.expected, verdict.words) == (False, expected, words)
+
+
+def test_without_anything_to_measure_a_check_does_not_hold() -> None:
+    empty = run_of([sweep(0)])
+    verdict = judge(parse_check("width.mean < 5"), summarise(empty).figures, empty)
+    assert (verdict.holds, verdict.found, verdict.words) == (False, None, "nothing to measure")
+
+
+@pytest.mark.parametrize(
+    ("expression", "problem"),
+    [
+        ("", "expected a figure such as sweeps or objects_per_sweep.mean at the end"),
+        ("100 < sweeps", "expected a figure such as sweeps or objects_per_sweep.mean at '100', column 1"),
+        ("sweeps", "expected a comparison (==, !=, <=, >=, <, >, between) at the end"),
+        ("sweeps = 3", "cannot be read at '=', column 8"),
+        ("sweeps >= many", "expected a number at 'many', column 11"),
+        ("sweeps >= 3 4", "expected nothing more at '4', column 13"),
+        ("sweeps >= 3.4.5", "cannot be read at '3', column 11"),
+        ("sweeps between 3 or 4", "expected 'and' at 'or', column 18"),
+        ("sweeps between 4 and 3", "4 is above 3: nothing is between them, at '4', column 16"),
+        (
+            "beams where valid > 3 == 0",
+            "only objects and sweeps can be counted with where, not at 'beams', column 1",
+        ),
+        ("objects where (width > 1 == 0", "expected ')' at '==', column 26"),
+        (
+            "objects where width 1 == 0",
+            "expected a comparison (==, !=, <=, >=, <, >, between, is) of width at '1', column 21",
+        ),
+        (
+            "objects where shape > round == 0",
+            "expected ==, != or is (column shape holds names) at '>', column 21",
+        ),
+        (
+            "objects where shape == square == 0",
+            "unknown shape (prismatic, round, legged, irregular, unknown, wall) at 'square', column 24",
+        ),
+        ("objects where change is nothing == 0", "expected null at 'nothing', column 25"),
+        ("__import__('os').system('id') == 0", "cannot be read at '.', column 17"),
+    ],
+)
+def test_mistakes(expression: str, problem: str) -> None:
+    with pytest.raises(OptionError) as error:
+        parse_check(expression)
+    assert str(error.value).startswith(f"--check '{expression}': {problem}")
+    assert "\n" not in str(error.value)
+    assert error.value.exit_code == 2
+
+
+def test_an_unknown_figure_lists_those_that_are_there() -> None:
+    with pytest.raises(OptionError) as error:
+        parse_check("sweps >= 1")
+    words = str(error.value)
+    assert "unknown figure 'sweps'; did you mean sweeps? available: logs, topics, sweeps, objects," in words
+    for name in ("objects_per_sweep", "p95", "shape.round", "delta.NAME", "changed_sweeps", "objects where"):
+        assert name in words
+
+
+def test_an_unknown_column_lists_those_that_are_there() -> None:
+    with pytest.raises(
+        OptionError, match=r"unknown column of objects \(log, topic, .*r_min.*range_min.*\) at 'size'"
+    ):
+        parse_check("objects where size > 1 == 0")
+    with pytest.raises(OptionError, match=r"unknown column of sweeps \(log, .*valid.*\) at 'width'"):
+        parse_check("sweeps where width > 1 == 0")
+
+
+def test_a_spread_needs_a_statistic() -> None:
+    with pytest.raises(OptionError, match=r"has several values, choose one of \.mean, \.std, \.min"):
+        parse_check("objects_per_sweep < 3")
+
+
+def test_delta_needs_a_baseline() -> None:
+    for expression in ("delta.objects == 0", "changed_sweeps == 0"):
+        with pytest.raises(OptionError, match="needs a --baseline to compare with"):
+            parse_check(expression)
+        assert parse_check(expression, compared=True).expected == "== 0"
+
+
+def test_only_the_columns_that_are_looked_at_are_read() -> None:
+    checks = [parse_check("objects where width > 1 or not track is null == 0"), parse_check("sweeps > 3")]
+    assert columns_needed(checks, "objects") == {"width", "track"}
+    assert columns_needed(checks, "sweeps") == frozenset()
