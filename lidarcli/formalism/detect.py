@@ -72,7 +72,7 @@ def detect(
     sweep_d_th = _sweep_threshold(d_mean, sigma, parameters)
     adaptive = parameters.threshold == "adaptive"
     inside = None if within is None else mask.lay_out(points, within)
-    candidates = steps(points, gap, size if inside is None else mask.bordered(size, inside), sweep_d_th)
+    candidates = steps(points, gap, size if inside is None else mask.bordered(points, size, inside), sweep_d_th)
     jump = (
         one_sided_jumps(points, candidates, gap, sigma, parameters.max_gap)
         if adaptive

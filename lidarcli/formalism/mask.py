@@ -33,10 +33,11 @@ def lay_out(points: Points, within: Bool) -> Bool:
     return cells
 
 
-def bordered(steepness: Float64, inside: Bool) -> Float64:
+def bordered(points: Points, steepness: Float64, inside: Bool) -> Float64:
     """|s| of every cell with ∞ where the mask begins or ends, so that every border is a step to look at."""
     border = np.zeros(len(inside), bool)
     np.not_equal(inside[1:], inside[:-1], out=border[1:])
+    border &= points.valid
     return np.where(border, np.inf, steepness)
 
 
