@@ -28,6 +28,7 @@ from lidarcli.logs.laserscan import TOO_MANY, split_rows
 from lidarcli.sweeps import Float64, Int32, Int64, RawSweeps
 
 CUT = "the file ends within this sweep: it is dropped"
+CUT_ROW = "the file ends within the first row of a sweep: it is dropped"
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +91,8 @@ class LongDecoder:
         elif self._is_cut(int(ends[-1] - starts[-1])):
             self._report.add_damage(f"line {lines.numbers[whole[starts[-1]]]}", CUT)
             starts, ends = starts[:-1], ends[:-1]
+        elif self._broken:
+            self._report.add_damage(f"after line {lines.numbers[whole[-1]]}", CUT_ROW)
         if len(starts):
             self._usual = int(ends[-1] - starts[-1])
             yield from self._sweeps(rows, starts, ends, lines.numbers[whole])
@@ -113,8 +116,11 @@ class LongDecoder:
         return cells, np.flatnonzero(fits)
 
     def _is_cut(self, beams: int) -> bool:
-        """Whether the last sweep has lost its end: the text stops in a row, or well before the usual end."""
-        return self._broken or beams < 0.9 * self._usual
+        """Whether the last sweep has lost its end: the text stops well before the usual end, or in a row of it."""
+        if self._broken:
+            # With as many beams as the sweep before, it is whole, and the broken row would begin the next.
+            return self._usual == 0 or beams < self._usual
+        return beams < 0.9 * self._usual
 
     def _parse(self, cells: Cells, whole: Int64, numbers: Int64) -> tuple[_Rows, NDArray[np.intp]]:
         """The columns of `whole` rows, and which of these could be parsed."""
