@@ -35,7 +35,6 @@ class Rosbag1Log:
     def __init__(self, source: str | Path | BinaryIO) -> None:
         self.path = path = str(source) if isinstance(source, str | Path) else "-"
         self.report = ReadReport()
-        self._places: set[str] = set()
         self._file = _open(path, source)
         try:
             self.size: int | None = self._file.seek(0, 2)
@@ -124,10 +123,7 @@ class Rosbag1Log:
     def _pass(self, wanted: Wanted, report: ReadReport) -> Pass:
         def damaged(place: str, cause: str) -> None:
             # A second pass meets the same damage.
-            if report is not self.report:
-                report.add_damage(place, cause)
-            elif place not in self._places:
-                self._places.add(place)
+            if all(known.place != place for known in report.damage):
                 report.add_damage(place, cause)
 
         return Pass(self._file, self.size or 0, self._index, wanted, damaged)

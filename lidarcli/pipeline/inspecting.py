@@ -125,9 +125,7 @@ def _pose(poses: FoundPoses | None, frame_id: str) -> str:
 
 def _damage(report: ReadReport, poses: FoundPoses | None) -> tuple[str, ...]:
     """Damaged parts that were met while reading the sweeps, and those that hold poses alone."""
-    lines = damage_lines(report)
-    more = [f"{part.place}: {part.cause}" for part in (poses.damage if poses is not None else ())]
-    return (*lines, *(line for line in more if line not in lines))
+    return (*damage_lines(report), *(poses.damage_lines(report) if poses is not None else ()))
 
 
 class _Scan:

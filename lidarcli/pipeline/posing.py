@@ -34,6 +34,11 @@ class FoundPoses:
     damage: tuple[Damage, ...] = ()
     """Damaged parts that hold poses; reading the sweeps may meet some of them again."""
 
+    def damage_lines(self, report: ReadReport) -> list[str]:
+        """Damaged parts that reading the sweeps has not met."""
+        met = {part.place for part in report.damage}
+        return [f"{part.place}: {part.cause}" for part in self.damage if part.place not in met]
+
 
 def find_poses(log: Log, wanted: str | None = None) -> FoundPoses | None:
     """Read the poses of a log that has some and can be read twice.
@@ -198,10 +203,6 @@ class Posing:
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
             seen.tilt = max(seen.tilt, tilt(motion))
         return replace(batch, poses=poses)
-
-    def damage_lines(self) -> list[str]:
-        """Damaged parts that hold poses."""
-        return [] if self.found is None else [f"{part.place}: {part.cause}" for part in self.found.damage]
 
     def notes(self) -> list[str]:
         """The choice, its alternatives and its gaps, a line each."""

@@ -68,7 +68,7 @@ class RunSummary:
         self.damage = damage_lines(report)
         self.notes = list(report.notes)
         if posing is not None:
-            self.damage += [line for line in posing.damage_lines() if line not in self.damage]
+            self.damage += posing.found.damage_lines(report) if posing.found is not None else []
             self.notes += posing.notes()
 
 

@@ -336,7 +336,10 @@ def test_damage_met_in_the_first_pass_is_kept_once() -> None:
     log = FakeLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
     posing = Posing.of(log)
     assert log.report.damage == []
-    assert posing.damage_lines() == ["byte 7: torn"]
+    assert posing.found is not None
+    assert posing.found.damage_lines(log.report) == ["byte 7: torn"]
+    log.report.add_damage("byte 7", "torn, as the sweeps show")
+    assert posing.found.damage_lines(log.report) == []
 
 
 def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
@@ -350,6 +353,24 @@ def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
         "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
     ]
     assert (plain.passes, pipe.passes, unasked.passes) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.db3"])
+def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
+    scene, poses = drive()
+    one_by_one = [part.rows(slice(k, k + 1)) for part in raw_sweeps(scene) for k in range(len(part))]
+    write_log(tmp_path / name, one_by_one, poses=poses, chunk_size=4000)
+    data = (tmp_path / name).read_bytes()
+    (tmp_path / name).write_bytes(data[: len(data) * 3 // 5])
+    said = [
+        detect_to_files(
+            Source(str(tmp_path / name), "run"), tmp_path / pose.strip("/"), DetectOptions(pose=pose)
+        ).damage
+        for pose in ("/odom", "none")
+    ]
+    assert len(said[0]) == 1
+    assert said[0] == said[1]
+    assert inspect_log(Source(str(tmp_path / name), "run")).damage == tuple(said[0])
 
 
 # --- the commands -----------------------------------------------------------------------------------------
