@@ -208,24 +208,22 @@ class Subtraction:
         """Compare ranges with what is known of their directions; all (S, B), the known may be one row for all."""
         width = ranges.shape[1]
         status = batch.status[:, :width]
-        weak = np.float32(WEAK) * threshold
+        nothing = status == Status.NO_RETURN
+        limit = batch.range_max[:, None]
         with np.errstate(invalid="ignore"):
-            closer = near - ranges
-            appeared = _joined(closer, weak, threshold, np.zeros((), bool), 0)
-            shape = ranges.shape
-            removed = np.zeros(shape, bool)
-            if self.tolerance.removed:
-                lost = (status == Status.NO_RETURN) & returns & np.isfinite(far)
-                removed = _joined(ranges - far, weak, threshold, lost, self.tolerance.max_gap)
-            limit = batch.range_max[:, None]
             known = ~np.isnan(r_e) & (status <= Status.NO_RETURN)
-            difference = np.where(status == Status.NO_RETURN, limit, ranges) - np.minimum(r_e, limit)
-        difference[~np.isfinite(difference)] = np.nan
+            difference = np.where(nothing, limit, ranges) - np.minimum(r_e, limit)
+            appeared = _runs(-difference, near - ranges, threshold)
+            removed = np.zeros(ranges.shape, bool)
+            if self.tolerance.removed:
+                lost = nothing & returns & np.isfinite(far)
+                removed = _runs(difference, ranges - far, threshold, lost, self.tolerance.max_gap)
+            difference[~np.isfinite(difference)] = np.nan
         return Difference(
             station=np.zeros(0, np.int64),
             away=np.zeros(0),
             known=known,
-            r_e=np.broadcast_to(r_e, shape),
+            r_e=np.broadcast_to(r_e, ranges.shape),
             difference=difference,
             appeared=appeared,
             removed=removed,
@@ -260,43 +258,48 @@ def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
     return np.where(np.isnan(seen), np.nan, wide)
 
 
-def _joined(excess: Float32, weak: Float32, strong: Float32, lost: Bool, most_lost: int) -> Bool:
-    """Runs of beams that all exceed the weak threshold, and the strong one somewhere.
+def _runs(
+    own: Float32, beyond: Float32, threshold: Float32, lost: Bool | None = None, most_lost: int = 0
+) -> Bool:
+    """Runs of beams that leave their own r_e, one of which leaves that of the beams beside it, too.
+
+    A depth edge that jitters by a beam gives runs without such a beam. A run of lost beams needs none if it is long.
 
     Parameters
     ----------
-    excess : (S, B) how far each beam is beyond the background [m]; NaN where it has no range
-    weak, strong : thresholds [m], (S, B) or (1, 1)
-    lost : (S, B) beams that belong to such a run without a range, or one False
-    most_lost : a run of more of these needs no range
+    own : (S, B) how far each beam is beyond its own r_e [m]; NaN where that is not known
+    beyond : (S, B) how far it is beyond all of r_e around it [m]
+    threshold : (S, B) or (1, 1) metres; beside a beam beyond it `WEAK` of it is enough
+    lost : (S, B) beams without a return where there should be one
+    most_lost : more of these in a row are no accident
 
     Returns
     -------
-    (S, B) a single beam between two runs joins them if it is beyond the background at all
+    (S, B) a single beam between two runs joins them if it is on their side of the background at all
     """
-    candidate = excess > weak
-    if lost.any():
+    candidate = own > np.float32(WEAK) * threshold
+    if lost is not None:
         candidate |= lost
-    width = max(excess.shape[1], 1)
+    elif not candidate.any():
+        return candidate
+    width = max(own.shape[1], 1)
     at = np.flatnonzero(candidate)
-    result = np.zeros(excess.shape, bool)
-    if not len(at):
-        return result
     row = at // width
     begins = np.ones(len(at), bool)
-    begins[1:] = (np.diff(at) > 1) | (row[1:] != row[:-1])
+    begins[1:] = (at[1:] - at[:-1] > 1) | (row[1:] != row[:-1])
     start = np.flatnonzero(begins)
-    limit = np.broadcast_to(strong, excess.shape)
-    evidence = (excess.reshape(-1)[at] > limit[row, at - row * width]).astype(np.int64) * (most_lost + 1)
-    if lost.ndim:
+    limit = np.broadcast_to(threshold, own.shape)[row, at - row * width]
+    evidence = (beyond.reshape(-1)[at] > limit) * np.int64(most_lost + 1)
+    if lost is not None:
         evidence += lost.reshape(-1)[at]
-    sure = np.add.reduceat(evidence, start) > most_lost
+    sure = np.add.reduceat(evidence, start) > most_lost if len(at) else np.zeros(0, bool)
     kept = at[np.repeat(sure, np.diff(np.append(start, len(at))))]
+    result = np.zeros(own.shape, bool)
     flat = result.reshape(-1)
     flat[kept] = True
-    alone = (np.diff(kept) == 2) & (kept[1:] // width == kept[:-1] // width)
+    alone = (kept[1:] - kept[:-1] == 2) & (kept[1:] // width == kept[:-1] // width)
     hole = kept[:-1][alone] + 1
-    flat[hole[excess.reshape(-1)[hole] > 0]] = True
+    flat[hole[own.reshape(-1)[hole] > 0]] = True
     return result
 
 
