@@ -12,7 +12,7 @@ from lidarcli.sweeps import Int64, SweepBatch
 
 Method = Callable[[SweepBatch], Int64]
 
-GROUP_GAP = 0.6
+GROUP_GAP = 0.45
 """[m] `--group-gap` that makes one object of the legs of a chair, a person or a ladder."""
 
 

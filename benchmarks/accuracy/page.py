@@ -304,12 +304,14 @@ def _legs(results: Sequence[real.Legs]) -> str:
 
 def _cars(results: Sequence[real.Car]) -> str:
     text = (
-        "The other car, distance from its motion-capture position to the nearest box of profile `robust` (0 inside), in\n"
-        "all sweeps, whether the car is in view or not:\n\n"
+        "The other car, by the motion capture of [datmo](https://github.com/kostaskonkk/datmo): distance from its\n"
+        "position to the nearest box of profile `robust` (0 inside), in the sweeps that have a return within\n"
+        f"{real.SEEN} m of it:\n\n"
     )
     rows = [
         [
-            f"{car.log}, {car.sweeps} sweeps",
+            car.log,
+            f"{car.seen} of {car.sweeps}",
             f"{car.median:.3f} m",
             f"{car.p90:.3f} m",
             *(f"{share:.3f}" for share in car.within),
@@ -319,5 +321,13 @@ def _cars(results: Sequence[real.Car]) -> str:
         for car in results
     ]
     within = [f"within {limit} m" for limit in real.WITHIN]
-    head = ["log", "median", "90 %", *within, "median to the nearest return", "detections per sweep"]
+    head = [
+        "log",
+        "sweeps",
+        "median",
+        "90 %",
+        *within,
+        "median to the nearest return",
+        "detections per sweep",
+    ]
     return text + table(head, rows)

@@ -25,6 +25,8 @@ CAR_LOGS = "datmo/*.bag"
 CAR, EGO = "/red_pose", "/ego_pose"
 WITHIN = (0.15, 0.25)
 """[m]"""
+SEEN = 0.25
+"""[m] Half the length of the car: without a return this near it is behind the sensor's own body or too close."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +44,19 @@ class Legs:
 
 @dataclass(frozen=True, slots=True)
 class Car:
-    """Distance from the car's position to the nearest box of one log, 0 inside [m]."""
+    """Distance from the car's position to the nearest box of one log, 0 inside [m], where the sensor sees the car."""
 
     log: str
     sweeps: int
+    seen: int
+    """Sweeps with a return within `SEEN` of the position."""
     median: float
     p90: float
     within: tuple[float, ...]
     to_point: float
-    """Median distance from the car's position to the nearest valid return."""
+    """Median distance from the car's position to the nearest valid return, in the same sweeps."""
     detections: float
+    """Per sweep, over all sweeps."""
 
 
 def measure_legs(folder: Path) -> list[Legs]:
@@ -110,16 +115,19 @@ def measure_car(folder: Path) -> list[Car]:
                     detection.box_yaw[k],
                 )
                 boxes_off.append(float(off.min(initial=np.inf)))
-        off = np.array(boxes_off)
+        near = np.array(points_off)
+        seen = near <= SEEN
+        off = np.array(boxes_off)[seen]
         results.append(
             Car(
                 log=path.name,
-                sweeps=len(off),
+                sweeps=len(seen),
+                seen=len(off),
                 median=float(np.median(off)),
                 p90=float(np.quantile(off, 0.9)),
                 within=tuple(float(np.mean(off <= limit)) for limit in WITHIN),
-                to_point=float(np.median(points_off)),
-                detections=count / max(len(off), 1),
+                to_point=float(np.median(near[seen])),
+                detections=count / max(len(seen), 1),
             )
         )
     return results
