@@ -331,6 +331,8 @@ def changes(
     before = batch.rows(rows)
     r_e, removed = difference.r_e[rows], difference.removed[rows]
     status = np.where(np.isnan(r_e), Status.INVALID, np.where(np.isinf(r_e), Status.NO_RETURN, Status.VALID))
+    # A beam that is lost now says nothing of what was there: bridged like any other lost beam.
+    status[(before.status != Status.VALID) & ~removed] = Status.INVALID
     status[before.status == Status.PADDING] = Status.PADDING
     ranges = np.where(status == Status.VALID, r_e, np.nan).astype(np.float32)
     scene = replace(before, ranges=ranges, status=status.astype(np.uint8))
