@@ -171,7 +171,7 @@ def _wrong(tally: Tally) -> str:
 def _legged(tally: Tally) -> str:
     return (
         "### With legged things\n\n"
-        "Scenes as above, but about a quarter of the free-standing things are persons (two legs), chairs, tables and\n"
+        "Scenes as above, but more than a quarter of the free-standing things are persons (two legs), chairs, tables and\n"
         "ladders. First every leg counts as a thing of its own:\n\n"
         + _summary(tally, "legs")
         + f"\nThen every legged thing counts as one, which `--group-gap {GROUP_GAP:g}` asks for:\n\n"

@@ -36,9 +36,9 @@ legged things.
 hit is found when one right detection holds half of them. Precision is the share of right detections, recall the share
 of found entities, F1 their harmonic mean.
 
-**Compared with** published segmentations, reimplemented from their formulas. Each breaks a sweep where the distance
-between consecutive valid points exceeds a threshold, closes the seam of a full turn, and takes what has at least 3
-points and extends no further than 2 m in any direction:
+**Compared with** published segmentations, reimplemented from their formulas. All but the last break a sweep where the
+distance between consecutive valid points exceeds a threshold, and close the seam of a full turn. What has at least 3
+points and extends no further than 2 m in any direction is a detection:
 
 - *fixed 0.3 m*;
 - *0.1 m + 0.00628 r*, of the range r (Przybyła, Detection and tracking of 2D geometric obstacles from LRF data,
@@ -65,8 +65,8 @@ LIMITS = """## Limits
   moving sensors or sloping floors. The real recordings are few and their labels narrow.
 - Nothing tells a box from a short free-standing piece of wall, or a thing that stands in a doorway and fills it from
   the wall; where a thing is hidden on both sides, only its line shows that it is no wall behind.
-- A thing hit by 3 or 4 beams is found as well as a large one, but its shape is `unknown`, and its box is the chord of
-  what was hit.
+- Of things hit by 3 or 4 beams more are missed than of others (see the table by beams); their shape is `unknown`, and
+  their box is the chord of what was hit.
 - One detection per leg: without `--group-gap` a chair is several objects.
 - The baselines have no notion of a wall. Their precision in rooms and corridors is that of their width limit; a map
   of the walls would help them as it would help any method.
