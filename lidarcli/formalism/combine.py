@@ -14,7 +14,7 @@ from lidarcli.sweeps import Int32, Int64
 
 _SWEEP_FIELDS = {
     *("d_mean", "sweep_d_th", "noise", "objects", "agents", "object_beams", "agent_beams", "noise_beams"),
-    *("beam_set", "beam_object", "beam_s"),
+    *("beam_set", "beam_object", "beam_s", "beam_difference", "station"),
 }
 _VERTEX_FIELDS = ("vertex_theta", "vertex_r", "vertex_kind")
 _FACE_FIELDS = ("face_theta_i", "face_theta_f", "face_length", "face_rms")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lidarcli.sweeps import Float64, Int32, Int64, UInt8
+from lidarcli.sweeps import Float32, Float64, Int32, Int64, UInt8
 
 SETS = ("O", "A", "S")
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown", "wall")
@@ -89,6 +89,10 @@ class Detection:
     """(K,) median signed r_w - r_e over the beams of each object (§3); only with a background."""
     change: UInt8 | None = None
     """(K,) whether it appeared or is gone; only with a background."""
+    station: Int32 | None = None
+    """(S,) station of the background that each sweep was compared with, -1 for none; only with a background."""
+    beam_difference: Float32 | None = None
+    """(S, B) r_w - r_e [m], NaN where not known; only with a background and `per_beam`."""
 
     def __len__(self) -> int:
         return len(self.row)

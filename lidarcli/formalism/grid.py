@@ -67,7 +67,7 @@ class Grid:
     def of(batch: SweepBatch, row: int) -> Grid:
         """The bearings of a sweep."""
         beams, kind = int(batch.beams[row]), batch.closure[row]
-        period = 0 if kind == Closure.OPEN else beams - (kind == Closure.SHARED)
+        period = 0 if kind == Closure.OPEN else beams - int(kind == Closure.SHARED)
         return Grid(float(batch.angle_min[row]), float(batch.angle_increment[row]), beams, period)
 
 

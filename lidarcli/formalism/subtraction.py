@@ -325,6 +325,11 @@ def changes(
     """
     found = detect(batch, parameters, per_beam=per_beam, within=difference.appeared, sigma=sigma)
     found = _described(found, batch, difference.difference, difference.appeared, APPEARED)
+    found = replace(
+        found,
+        station=difference.station.astype(np.int32),
+        beam_difference=difference.difference if per_beam else None,
+    )
     rows = np.flatnonzero(difference.removed.any(axis=1))
     if not len(rows):
         return found

@@ -9,9 +9,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
+from lidarcli.formalism.detection import CHANGES
 from lidarcli.sweeps import Status, SweepBatch
 from lidarcli.tables.arrays import codes, floats, masked, names_of, plain
-from lidarcli.tables.schemas import BEAMS, FACE, OBJECTS, STAMP, SWEEPS, VERTEX
+from lidarcli.tables.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX
 
 _STATUSES = ("valid", "no_return", "too_close", "invalid")
 """Names of `Status` by code; padding is no beam and never gets a row."""
@@ -33,6 +34,8 @@ def objects_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.Record
         "vertices": _vertices(detection),
         "faces": _faces(detection),
     }
+    if detection.change is not None:
+        columns["change"] = codes(detection.change, CHANGES)
     if batch.poses is not None:
         world = batch.poses.to_world(row, detection.box_x, detection.box_y, detection.box_yaw)
         columns |= zip(("world_x", "world_y", "world_yaw"), map(floats, world), strict=True)
@@ -53,6 +56,8 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
     }
     for name, code in zip(_STATUSES, Status, strict=False):
         columns[name] = plain(np.count_nonzero(batch.status == code, axis=1).astype(np.int32))
+    if detection.station is not None:
+        columns["station"] = masked(detection.station, detection.station < 0)
     if (poses := batch.poses) is not None:
         columns |= {"pose_x": floats(poses.x), "pose_y": floats(poses.y), "pose_yaw": floats(poses.yaw)}
     return _record_batch(SWEEPS, columns, detection, count)
@@ -71,6 +76,7 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
     row, beam = np.nonzero(np.arange(batch.width) < batch.beams[:, None])
     count = len(row)
     owner = detection.beam_object[row, beam]
+    difference = detection.beam_difference
     columns = {
         "log": _constant(log, count),
         "topic": _constant(batch.topic, count),
@@ -82,6 +88,7 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
         "s": floats(detection.beam_s[row, beam]),
         "set": codes(detection.beam_set[row, beam], SETS),
         "object": masked(owner, owner == 0),
+        "difference": pa.nulls(count, FLOAT) if difference is None else floats(difference[row, beam]),
     }
     return _record_batch(BEAMS, columns, detection, count)
 

@@ -109,6 +109,9 @@ SWEEPS = pa.schema(
         column("pose_x", FLOAT, "m", "sensor position in the world frame; null without a pose"),
         column("pose_y", FLOAT, "m", "sensor position in the world frame; null without a pose"),
         column("pose_yaw", FLOAT, "rad", "sensor yaw in the world frame; null without a pose"),
+        column(
+            "station", INT32, "1", "station of the background that it was compared with; null without one"
+        ),
     ]
 )
 
@@ -124,6 +127,26 @@ BEAMS = pa.schema(
         column("s", FLOAT, "m", "signed difference to the beam before; null where undefined"),
         column("set", TEXT, "", "O, A or S (Def. 4)"),
         column("object", INT32, "1", "number of the object the beam belongs to; null in S"),
+        column("difference", FLOAT, "m", "r_w - r_e; null without a background"),
+    ]
+)
+
+BACKGROUND = pa.schema(
+    [
+        _TOPIC,
+        _FRAME,
+        column("station", INT32, "1", "place and heading of the sensor, from 0 for each topic and frame"),
+        column("beam", INT32, "1", "index of the beam, from 0"),
+        column("theta", FLOAT, "rad", "bearing of the beam"),
+        column("r_e", FLOAT, "m", "range of the background; inf: open, nothing returns; null: nothing known"),
+        column("spread", FLOAT, "m", "robust standard deviation of the ranges that back r_e"),
+        column("support", FLOAT, "1", "share of the observations that back r_e"),
+        column("no_return", FLOAT, "1", "share of the observations without a return"),
+        column("sweeps", INT64, "1", "sweeps of the station"),
+        column("pose_x", FLOAT, "m", "sensor position in the world frame; null without a pose"),
+        column("pose_y", FLOAT, "m", "sensor position in the world frame; null without a pose"),
+        column("pose_yaw", FLOAT, "rad", "sensor yaw in the world frame; null without a pose"),
+        column("upside_down", pa.bool_(), "", "whether the sensor hangs head down"),
     ]
 )
 
