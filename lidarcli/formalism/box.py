@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lidarcli.formalism.circle import Circles
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.ragged import span_bounds, span_first, span_max, spans
 from lidarcli.sweeps import Float64, Int64
@@ -28,14 +29,24 @@ class Boxes:
 
 
 def bounding_boxes(
-    x: Float64, y: Float64, offsets: Int64, faces: Faces, face: Int64, face_offsets: Int64
+    x: Float64,
+    y: Float64,
+    offsets: Int64,
+    faces: Faces,
+    face: Int64,
+    face_offsets: Int64,
+    round_ones: Int64,
+    circles: Circles,
 ) -> Boxes:
     """The smaller of the rectangles around each object that have a side along one of its two longest faces.
 
+    The box of a round object is the square around its circle that faces the sensor.
+
     Parameters
     ----------
-    x, y, offsets : the points of K objects, joined [m]
+    x, y, offsets : the points or vertices of K objects, joined [m]
     faces : all faces; object k has the faces `face[face_offsets[k]:face_offsets[k + 1]]`
+    round_ones, circles : (C,) objects that are round, and their circles
 
     Returns
     -------
@@ -63,13 +74,18 @@ def bounding_boxes(
     length, width = high_u - low_u, high_v - low_v
     turn = width > length
     yaw = np.where(turn, angle + 0.5 * np.pi, angle)
-    return Boxes(
+    boxes = Boxes(
         x=middle_u * cos - middle_v * sin,
         y=middle_u * sin + middle_v * cos,
         length=np.where(turn, width, length),
         width=np.where(turn, length, width),
         yaw=0.5 * np.pi - (0.5 * np.pi - yaw) % np.pi,
     )
+    boxes.x[round_ones], boxes.y[round_ones] = circles.x, circles.y
+    boxes.length[round_ones] = boxes.width[round_ones] = 2.0 * circles.radius
+    bearing = np.arctan2(circles.y, circles.x)
+    boxes.yaw[round_ones] = 0.5 * np.pi - (0.5 * np.pi - bearing) % np.pi
+    return boxes
 
 
 def _rectangle(

@@ -116,11 +116,18 @@ class Corners:
     offsets: Int64
     """(R + 1,) vertices of each run; none where it has no face."""
     moved: Bool
-    """(V,) vertices that are not at their points but where their faces meet."""
+    """(V,) vertices that are where their faces meet; the others are on their face, beside their point."""
     x: Float64
     """(V,) forward [m]."""
     y: Float64
     """(V,) left [m]."""
+
+
+def _on_line(faces: Faces, face: Int64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+    """The points of the lines of `face` that are nearest to x, y [m]."""
+    along_x, along_y = faces.direction_x[face], faces.direction_y[face]
+    along = (x - faces.middle_x[face]) * along_x + (y - faces.middle_y[face]) * along_y
+    return faces.middle_x[face] + along * along_x, faces.middle_y[face] + along * along_y
 
 
 def locate(shape: Outline, faces: Faces, tolerance: Float64) -> Corners:
@@ -133,8 +140,8 @@ def locate(shape: Outline, faces: Faces, tolerance: Float64) -> Corners:
     first = faces.first[faces.offsets[:-1][count > 0]]
     follows = np.ones(len(x), bool)
     follows[begin] = False
-    x[begin], y[begin] = cloud.x[first], cloud.y[first]
-    x[follows], y[follows] = cloud.x[faces.last], cloud.y[faces.last]
+    x[begin], y[begin] = _on_line(faces, faces.offsets[:-1][count > 0], cloud.x[first], cloud.y[first])
+    x[follows], y[follows] = _on_line(faces, np.arange(len(faces)), cloud.x[faces.last], cloud.y[faces.last])
     one = np.flatnonzero(faces.run[:-1] == faces.run[1:])
     meet_x, meet_y, usable = _meeting(faces, one, one + 1)
     usable &= (faces.points[one] > 2) & (faces.points[one + 1] > 2)

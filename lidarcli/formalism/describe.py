@@ -8,13 +8,24 @@ import numpy as np
 
 from lidarcli.formalism.box import bounding_boxes
 from lidarcli.formalism.corners import Corners
-from lidarcli.formalism.detection import CORNER, END, EXTREMUM, LEGGED, NOISE, OBJECT, START, WALL, Detection
+from lidarcli.formalism.detection import (
+    CORNER,
+    END,
+    EXTREMUM,
+    LEGGED,
+    NOISE,
+    OBJECT,
+    PRISMATIC,
+    START,
+    WALL,
+    Detection,
+)
 from lidarcli.formalism.difference import difference
 from lidarcli.formalism.discontinuity import adaptive_threshold
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.objects import visibility
 from lidarcli.formalism.parts import assemble
-from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_min, span_sum, spans
+from lidarcli.formalism.ragged import offsets_of, span_first, span_min, span_sum, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.formalism.shape import classify
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, UInt8
@@ -79,16 +90,11 @@ def describe(
     nearest = index[nearest]
     size = np.diff(offsets).astype(np.float64)
     width = np.hypot(points.x[last] - points.x[first], points.y[last] - points.y[first])
-    box = bounding_boxes(x, y, offsets, faces, face, face_offsets)
-    shape = classify(
-        x,
-        y,
-        offsets,
-        np.diff(face_offsets),
-        _worst_rms(faces, face, face_offsets),
-        width,
-        sigma[row],
+    shape, round_ones, circles = classify(x, y, offsets, faces, face, face_offsets, width, sigma[row])
+    hull = _hulls(
+        x, y, offsets, runs, segmentation, begin, (shape == PRISMATIC) & (np.diff(parts.offsets) == 1)
     )
+    box = bounding_boxes(*hull, faces, face, face_offsets, round_ones, circles)
     shape[np.diff(parts.offsets) > 1] = LEGGED
     shape[wall] = WALL
 
@@ -161,13 +167,33 @@ def describe(
     )
 
 
-def _worst_rms(faces: Faces, face: Int64, face_offsets: Int64) -> Float64:
-    """(K,) largest rms of a straight fit among the faces of each object [m]; 0 without faces."""
-    worst = np.zeros(len(face_offsets) - 1)
-    filled = np.flatnonzero(np.diff(face_offsets) > 0)
-    if len(filled):
-        worst[filled] = span_max(faces.rms[face], np.append(face_offsets[filled], len(face)))
-    return worst
+def _hulls(
+    x: Float64,
+    y: Float64,
+    offsets: Int64,
+    runs: Runs,
+    segmentation: Segmentation,
+    run: Int64,
+    prism: Bool,
+) -> tuple[Float64, Float64, Int64]:
+    """What the box of each object has to hold: its points (T,), or of a prism the vertices, which scatter less.
+
+    Takes the points of K objects with their offsets, their first runs and which of them are prisms.
+    """
+    corners = segmentation.corners
+    if corners is None or not prism.any():
+        return x, y, offsets
+    begin, count = corners.offsets[run], np.diff(corners.offsets)[run]
+    size = np.where(prism, count, np.diff(offsets))
+    hull_offsets = offsets_of(size)
+    hull_x, hull_y = np.empty(hull_offsets[-1]), np.empty(hull_offsets[-1])
+    source, _, _ = spans(offsets[:-1][~prism], size[~prism])
+    target, _, _ = spans(hull_offsets[:-1][~prism], size[~prism])
+    hull_x[target], hull_y[target] = x[source], y[source]
+    source, _, _ = spans(begin[prism], size[prism])
+    target, _, _ = spans(hull_offsets[:-1][prism], size[prism])
+    hull_x[target], hull_y[target] = corners.x[source], corners.y[source]
+    return hull_x, hull_y, hull_offsets
 
 
 def _vertices(

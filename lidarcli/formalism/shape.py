@@ -4,83 +4,99 @@ from __future__ import annotations
 
 import numpy as np
 
+from lidarcli.formalism.circle import Circles, fit_circles
 from lidarcli.formalism.detection import IRREGULAR, PRISMATIC, ROUND, UNKNOWN
+from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.ragged import span_sum, spans
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 ENOUGH_BEAMS = 5
 """Fewer beams cannot tell a corner from an arc."""
-
-
-def circle_fit(x: Float64, y: Float64, offsets: Int64) -> tuple[Float64, Float64, Float64, Float64]:
-    """Algebraic least squares circle through the points of each object (Kåsa 1976).
-
-    Returns centre x, y, radius, rms of the distances from the circle [m], (K,) each; NaN where the points are collinear.
-    """
-    size = np.diff(offsets)
-    share = 1.0 / size
-    middle_x, middle_y = span_sum(x, offsets) * share, span_sum(y, offsets) * share
-    u, v = x - np.repeat(middle_x, size), y - np.repeat(middle_y, size)
-    u_squared, v_squared = u * u, v * v
-    w = u_squared + v_squared
-    uu, vv, uv = span_sum(u_squared, offsets), span_sum(v_squared, offsets), span_sum(u * v, offsets)
-    uw, vw = 0.5 * span_sum(u * w, offsets), 0.5 * span_sum(v * w, offsets)
-    determinant = uu * vv - uv * uv
-    determinant[determinant <= 1e-12 * np.square(uu + vv)] = np.nan
-    a, b = (uw * vv - vw * uv) / determinant, (vw * uu - uw * uv) / determinant
-    radius = np.sqrt(a * a + b * b + (uu + vv) * share)
-    u -= np.repeat(a, size)
-    v -= np.repeat(b, size)
-    u *= u
-    v *= v
-    u += v
-    residual = np.sqrt(u) - np.repeat(radius, size)
-    residual *= residual
-    rms = np.sqrt(span_sum(residual, offsets) * share)
-    return a + middle_x, b + middle_y, radius, rms
+FIT_FLOOR = 0.004
+"""[m] Fits better than this are equally good."""
+STRAIGHT_FIT = 0.012
+"""[m] Points of a face may scatter this much, or twice the noise."""
+SQUARE = np.deg2rad(35.0)
+"""Faces of a prism meet within this of a right angle, and point their corner at the sensor."""
+MOST_FACES = 3
+"""Of a box no more are seen, be it from its inside."""
+ARC = 0.6
+"""A circle is believed where the chord of its arc is longer than this share of its radius."""
 
 
 def classify(
     x: Float64,
     y: Float64,
     offsets: Int64,
-    faces: Int64,
-    worst_rms: Float64,
+    faces: Faces,
+    face: Int64,
+    face_offsets: Int64,
     width: Float64,
     sigma: Float64,
-) -> UInt8:
-    """Shape codes of K objects.
+) -> tuple[UInt8, Int64, Circles]:
+    """Shape of K objects: the simpler of straight faces and a circle that explains the points.
+
+    Both are compared by their Bayesian information: n log rms² + p log n, with p parameters.
 
     Parameters
     ----------
     x, y, offsets : the points of the objects, joined [m]
-    faces : (K,) number of faces
-    worst_rms : (K,) largest rms of a straight fit [m]
+    faces, face, face_offsets : all faces; object k has the faces `face[face_offsets[k]:face_offsets[k + 1]]`
     width : (K,) chord P_i–P_f [m]
     sigma : (K,) noise of the ranges [m]
+
+    Returns
+    -------
+    codes : (K,) PRISMATIC, ROUND, IRREGULAR or UNKNOWN
+    round_ones : (C,) objects that are round
+    circles : their circles
     """
     beams = np.diff(offsets)
-    straight = worst_rms <= np.maximum(2.0 * sigma, 0.01)
+    count = np.diff(face_offsets)
+    rms = _straight_rms(faces, face, face_offsets)
     codes = np.full(len(beams), IRREGULAR, np.uint8)
-    codes[straight & (faces <= 3)] = PRISMATIC
+    straight = rms <= np.maximum(2.0 * sigma, STRAIGHT_FIT)
+    codes[straight & (count <= MOST_FACES) & _square(faces, face, face_offsets)] = PRISMATIC
     codes[beams < ENOUGH_BEAMS] = UNKNOWN
-    curved = np.flatnonzero((beams >= ENOUGH_BEAMS) & (faces != 1))
-    part, _, part_offsets = spans(offsets[curved], beams[curved])
-    arc = _is_arc(x[part], y[part], part_offsets, width[curved], sigma[curved])
-    codes[curved[arc]] = ROUND
-    return codes
-
-
-def _is_arc(x: Float64, y: Float64, offsets: Int64, width: Float64, sigma: Float64) -> Bool:
-    """Whether the points of an object lie on the near side of a circle, and on enough of it to tell. (K,)"""
-    centre_x, centre_y, radius, rms = circle_fit(x, y, offsets)
-    first, last = offsets[:-1], offsets[1:] - 1
-    chord_middle = np.hypot(0.5 * (x[first] + x[last]), 0.5 * (y[first] + y[last]))
-    arc: Bool = (
-        (np.hypot(centre_x, centre_y) > chord_middle - 0.5 * radius)
-        & (rms <= np.maximum(1.5 * sigma, 0.01))
-        & (radius < 1.0)
-        & (width > 0.8 * radius)
-        & (width < 2.2 * radius)
+    able = np.flatnonzero((beams >= ENOUGH_BEAMS) & ((count > 1) | (rms > FIT_FLOOR)))
+    index, _, able_offsets = spans(offsets[able], beams[able])
+    circles = fit_circles(x[index], y[index], able_offsets)
+    size, floor = beams[able], np.square(np.maximum(0.5 * sigma[able], FIT_FLOOR))
+    penalty = np.log(size)
+    of_circle = size * np.log(np.maximum(np.square(circles.rms), floor)) + 3.0 * penalty
+    of_faces = size * np.log(np.maximum(np.square(rms[able]), floor)) + (3.0 * count[able] - 1.0) * penalty
+    near_side = np.hypot(circles.x, circles.y) > np.hypot(
+        span_sum(x[index], able_offsets) / size, span_sum(y[index], able_offsets) / size
     )
-    return arc
+    arc = (
+        (of_circle < of_faces)
+        & near_side
+        & (circles.rms <= np.maximum(2.0 * sigma[able], STRAIGHT_FIT))
+        & (width[able] > ARC * circles.radius)
+    )
+    codes[able[arc]] = ROUND
+    chosen = Circles(circles.x[arc], circles.y[arc], circles.radius[arc], circles.rms[arc])
+    return codes, able[arc], chosen
+
+
+def _straight_rms(faces: Faces, face: Int64, face_offsets: Int64) -> Float64:
+    """(K,) root mean square distance of the points of each object from its faces [m]; 0 without faces."""
+    rms = np.zeros(len(face_offsets) - 1)
+    filled = np.flatnonzero(np.diff(face_offsets) > 0)
+    offsets = np.append(face_offsets[filled], len(face))
+    points = faces.points[face].astype(np.float64)
+    total = span_sum(points * np.square(faces.rms[face]), offsets)
+    rms[filled] = np.sqrt(total / np.maximum(span_sum(points, offsets), 1.0))
+    return rms
+
+
+def _square(faces: Faces, face: Int64, face_offsets: Int64) -> Bool:
+    """(K,) whether the faces of each object meet at right angles that point at the sensor."""
+    square = np.ones(len(face_offsets) - 1, bool)
+    owner = np.repeat(np.arange(len(square)), np.diff(face_offsets))
+    angle = faces.angle[face]
+    turn = angle[1:] - angle[:-1]
+    # Walking counter-clockwise around the sensor, the outline turns right at a corner that points at it.
+    skew = np.abs((turn + 0.5 * np.pi + np.pi) % (2.0 * np.pi) - np.pi) > SQUARE
+    square[owner[1:][skew & (owner[1:] == owner[:-1])]] = False
+    return square

@@ -40,11 +40,15 @@ def modules() -> dict[str, ModuleType]:
     return {name: importlib.import_module(f"lidarcli.formalism.{name}") for name in names}
 
 
+BACKGROUND = {"alignment", "background", "cells", "combine", "grid", "learning", "mask", "stations", "subtraction"}
+"""The subtraction of a background has a page of its own, docs/background.md."""
+
+
 def constants() -> dict[str, float]:
     """Every number that a module of the formalism names in capitals and assigns itself."""
     found = {}
     for name, module in modules().items():
-        if name in CODES:
+        if name in CODES or name in BACKGROUND:
             continue
         tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
         assigned = {
@@ -54,9 +58,9 @@ def constants() -> dict[str, float]:
             for node in ast.walk(statement)
             if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
         }
-        for constant in sorted(assigned):
+        for constant in sorted(name for name in assigned if name.isupper()):
             value = getattr(module, constant)
-            if constant.isupper() and isinstance(value, int | float):
+            if isinstance(value, int | float):
                 found[f"{name}.{constant}"] = float(value)
     return found
 

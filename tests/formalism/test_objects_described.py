@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from random_sweeps import random_sweep
 from surroundings import simulated
 
-from lidarcli.formalism import PROFILES, VERTEX_KINDS, Detection, Parameters, detect
+from lidarcli.formalism import PROFILES, SHAPES, VERTEX_KINDS, Detection, Parameters, detect
 from lidarcli.formalism.parameters import Profile
 from lidarcli.sweeps import SweepBatch
 
@@ -59,8 +59,16 @@ def test_boxes_are_tight_and_hold_every_point(seen: tuple[SweepBatch, Detection]
         cos, sin = np.cos(found.box_yaw[k]), np.sin(found.box_yaw[k])
         u, v = points @ [cos, sin], points @ [-sin, cos]
         half_length, half_width = found.box_length[k] / 2, found.box_width[k] / 2
-        assert (u.max(), -u.min()) == pytest.approx((half_length, half_length), abs=1e-9)
-        assert (v.max(), -v.min()) == pytest.approx((half_width, half_width), abs=1e-9)
+        noise, shape = found.noise[found.row[k]], SHAPES[found.shape[k]]
+        if shape == "round":
+            # The square around the fitted circle, which also holds the side that is not seen.
+            assert half_length == half_width
+            assert np.hypot(u, v) == pytest.approx(half_length, abs=0.05 + 8 * noise)
+            continue
+        # The box of a prism holds its vertices; its points scatter about the faces between them.
+        spare = 0.03 + 5 * noise if shape == "prismatic" else 1e-9
+        assert (u.max(), -u.min()) == pytest.approx((half_length, half_length), abs=spare)
+        assert (v.max(), -v.min()) == pytest.approx((half_width, half_width), abs=spare)
     assert (found.box_length >= found.box_width).all()
     assert (found.box_width >= 0).all()
     assert ((found.box_yaw > -np.pi / 2) & (found.box_yaw <= np.pi / 2)).all()
