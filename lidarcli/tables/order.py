@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from pathlib import Path
 from types import TracebackType
@@ -9,6 +10,7 @@ from typing import IO, Protocol, Self
 
 import pyarrow as pa
 
+from lidarcli.errors import OutputError
 from lidarcli.tables.parquet import unwritable
 
 
@@ -44,21 +46,29 @@ class TopicOrder:
                 self._waiting[topic] = file, pa.ipc.new_stream(file, self._schema, options=options)
             self._waiting[topic][1].write_batch(rows)
         except OSError as err:
-            raise unwritable(f"a temporary file in {self._folder or tempfile.gettempdir()}", err) from err
+            raise self._full(err) from err
 
     def drain(self) -> None:
         """Pass on the rows that wait, by the name of their topic."""
         for topic in sorted(self._waiting):
             file, writer = self._waiting[topic]
-            writer.close()
-            file.seek(0)
+            try:
+                writer.close()
+                file.seek(0)
+            except OSError as err:
+                raise self._full(err) from err
             for rows in pa.ipc.open_stream(file):
                 self._sink.write(rows)
             file.close()
+
+    def _full(self, err: OSError) -> OutputError:
+        return unwritable(f"a temporary file in {self._folder or tempfile.gettempdir()}", err)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         for file, _ in self._waiting.values():
-            file.close()
+            # What is still in its buffer may not fit on the disk, and is wanted no more.
+            with contextlib.suppress(OSError):
+                file.close()

@@ -1,0 +1,189 @@
+"""`detect` killed, interrupted or out of space at many moments: no partial file has its final name, and a rerun works."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from lidarcli.simulate.writers import write_log
+from lidarcli.sweeps import RawSweeps
+
+SWEEPS = 4000
+TABLES = ("beams", "objects", "sweeps")
+FINAL = [f"run.{table}.parquet" for table in TABLES]
+PARTS = [f".{name}.part" for name in FINAL]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of two topics that keeps `detect` busy for about a second."""
+    rows, beams = SWEEPS // 2, 180
+    ranges = np.full((rows, beams), 4.0, np.float32)
+    ranges[:, 40:60] = 2.0
+    ranges += np.random.default_rng(1).normal(0, 0.01, ranges.shape).astype(np.float32)
+    stamps = 1_700_000_000_000_000_000 + 100_000_000 * np.arange(rows)
+    both = [
+        RawSweeps(
+            topic=topic,
+            frame_ids=("laser",),
+            frame=np.zeros(rows, np.int32),
+            stamp_ns=stamps,
+            record_ns=stamps,
+            angle_min=np.full(rows, -np.pi),
+            angle_increment=np.full(rows, 2 * np.pi / beams),
+            range_min=np.full(rows, 0.1, np.float32),
+            range_max=np.full(rows, 12.0, np.float32),
+            beams=np.full(rows, beams, np.int32),
+            ranges=ranges,
+        )
+        for topic in ("/a", "/b")
+    ]
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    write_log(path, [block.rows(slice(k, k + 200)) for k in range(0, rows, 200) for block in both])
+    return path
+
+
+@pytest.fixture(scope="module")
+def whole(log: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], float]:
+    """The tables of a run that nobody disturbed, and how long it took."""
+    out = tmp_path_factory.mktemp("whole")
+    started = time.monotonic()
+    done = detect(log, out)
+    assert (done.wait(), said(done)) == (0, "")
+    return {name: (out / name).read_bytes() for name in FINAL}, time.monotonic() - started
+
+
+def detect(log: Path, out: Path, *options: str) -> subprocess.Popen[bytes]:
+    command = [
+        sys.executable,
+        "-m",
+        "lidarcli",
+        "-q",
+        "detect",
+        str(log),
+        "--beams",
+        "-o",
+        str(out),
+        *options,
+    ]
+    return subprocess.Popen(command, stderr=subprocess.PIPE)
+
+
+def said(process: subprocess.Popen[bytes]) -> str:
+    _, err = process.communicate()
+    return err.decode()
+
+
+def final_names(out: Path, whole: dict[str, bytes]) -> list[str]:
+    """The tables that have their names: whole ones, or they would not have them."""
+    names = [name for name in FINAL if (out / name).exists()]
+    assert all((out / name).read_bytes() == whole[name] for name in names)
+    return names
+
+
+def test_killed_at_any_moment(log: Path, whole: tuple[dict[str, bytes], float], tmp_path: Path) -> None:
+    """What killed runs leave behind is in nobody's way: they all write to one folder."""
+    tables, seconds = whole
+    left_parts = 0
+    for share in (0.3, 0.45, 0.6, 0.75, 0.9, 1.0):
+        process = detect(log, tmp_path)
+        time.sleep(share * seconds)
+        process.kill()
+        assert said(process) == ""
+        for name in final_names(tmp_path, tables):
+            (tmp_path / name).unlink()
+        left = sorted(path.name for path in tmp_path.iterdir())
+        assert set(left) <= set(PARTS)
+        left_parts += bool(left)
+    assert left_parts > 0
+    again = detect(log, tmp_path)
+    assert (again.wait(), said(again)) == (0, "")
+    assert sorted(path.name for path in tmp_path.iterdir()) == FINAL
+    assert final_names(tmp_path, tables) == FINAL
+
+
+def test_interrupted_at_any_moment(log: Path, whole: tuple[dict[str, bytes], float], tmp_path: Path) -> None:
+    tables, seconds = whole
+    codes = set()
+    for share in (0.2, 0.35, 0.5, 0.65, 0.8):
+        process = detect(log, tmp_path)
+        time.sleep(share * seconds)
+        process.send_signal(signal.SIGINT)
+        err = said(process)
+        codes.add(process.returncode)
+        if process.returncode == 130:
+            assert err == "lidarcli: interrupted\n"
+            # Between two names there is no way back, but what has a name is whole.
+            assert {path.name for path in tmp_path.iterdir()} <= set(FINAL)
+        for name in final_names(tmp_path, tables):
+            (tmp_path / name).unlink()
+    # A signal that comes before Python has begun, or after the work is done, ends the process its own way.
+    assert codes <= {130, 0, -signal.SIGINT}
+    assert 130 in codes
+
+
+def test_workers_end_with_the_process_that_gave_them_work(log: Path, tmp_path: Path) -> None:
+    second = tmp_path / "second.mcap"
+    second.write_bytes(log.read_bytes())
+    out = tmp_path / "out"
+    process = detect(log, out, str(second), "--jobs", "2")
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and len([*out.glob(".*.part")]) < 6:
+        time.sleep(0.02)
+    process.kill()
+    # The workers share this end of the pipe: it closes when the last of them is gone.
+    said(process)
+    assert time.monotonic() < deadline
+    assert [path.name for path in out.iterdir() if path.name.endswith(".part")] == []
+
+
+@pytest.mark.parametrize("blocks", [1, 8, 100, 400])
+def test_no_room_for_a_file(log: Path, tmp_path: Path, blocks: int) -> None:
+    """A limit on the size of files, met at the first bytes, in a row group, or while the second topic waits."""
+    command = ["sh", "-c", 'ulimit -f $0; exec "$@"', str(blocks), sys.executable, "-m", "lidarcli", "-q"]
+    ran = subprocess.run(
+        [*command, "detect", str(log), "--beams", "-o", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 5
+    assert ran.stderr.startswith(f"lidarcli: {log}: cannot write ")
+    assert len(ran.stderr.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@contextmanager
+def small_disk(folder: Path, size: str) -> Iterator[None]:
+    done = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={size}", "none", str(folder)], capture_output=True, check=False
+    )
+    if done.returncode:
+        pytest.skip("only root may mount a small disk")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.parametrize("size", ["8k", "64k", "400k"])
+def test_full_disk(log: Path, tmp_path: Path, size: str) -> None:
+    with small_disk(tmp_path, size):
+        process = detect(log, tmp_path)
+        err = said(process)
+        assert process.returncode == 5
+        assert err.startswith(f"lidarcli: {log}: cannot write ")
+        assert err.endswith(": No space left on device\n")
+        assert list(tmp_path.iterdir()) == []
+    process = detect(log, tmp_path)
+    assert (process.wait(), said(process)) == (0, "")
+    assert pq.read_metadata(tmp_path / "run.sweeps.parquet").num_rows == SWEEPS
