@@ -6,7 +6,7 @@ import shutil
 import sqlite3
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
@@ -28,6 +28,7 @@ BATCH = 32
 """Messages fetched at a time: at most BATCH times `MAX_BLOB` bytes are held."""
 
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+_TYPES = (int, str, str, str)
 _ROWS = (
     "SELECT id, topic_id, timestamp,"
     f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_BLOB} THEN data END"
@@ -52,6 +53,7 @@ class SqliteBag:
         self._file: BinaryIO | None = None
         self._found: Found | None = None
         self._cause = ""
+        self._orphans_told = False
         try:
             self._open(path)
         except OSError as err:
@@ -70,10 +72,22 @@ class SqliteBag:
         """Topic id → messages."""
         if self._database is not None:
             try:
-                return Counter(topic for (topic,) in self._database.execute("SELECT topic_id FROM messages"))
+                found = Counter(topic for (topic,) in self._database.execute("SELECT topic_id FROM messages"))
+                self._report_orphans(found)
+                return found
             except SQLITE_ERRORS as err:
                 self._cause = _cause(err)
         return Counter(self._salvage()[1].topic_ids)
+
+    def _report_orphans(self, counts: Mapping[int, int]) -> None:
+        """Messages of a topic that is not there, or whose row is broken, are a loss: once is enough to say so."""
+        orphans = {topic: count for topic, count in counts.items() if topic not in self.topics}
+        if orphans and not self._orphans_told:
+            self._orphans_told = True
+            which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
+            self._damaged(
+                "topics table", f"has no topic {which}; messages lost: {sum(orphans.values()):,}"
+            )
 
     def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
         """Messages of the given topic ids in the order they were recorded, a few at a time."""
@@ -126,7 +140,8 @@ class SqliteBag:
             self._database.text_factory = lambda text: text.decode("utf-8", "replace")
             self._database.execute("PRAGMA temp_store = memory")
             self._database.execute("PRAGMA cell_size_check = on")
-            self.topics = {row[0]: TopicRow(*row) for row in self._database.execute(_TOPICS)}
+            rows = self._database.execute(_TOPICS)
+            self.topics = {row[0]: TopicRow(*row) for row in rows if all(map(isinstance, row, _TYPES))}
             self._database.execute("SELECT max(id) FROM messages").fetchone()
         except SQLITE_ERRORS as err:
             self._cause = _cause(err)

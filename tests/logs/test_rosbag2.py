@@ -228,6 +228,30 @@ def test_rows_that_are_no_message_are_refused_alone(tmp_path: Path) -> None:
         assert log.report.refused.total() == 5
         assert log.report.refused["/scan", "no data, or more than a sweep can have"] == 3
         assert log.report.damage == []
+        for _ in range(2):
+            assert [topic.messages for topic in log.topics()] == [25 + 1]
+            assert [(item.place, item.cause) for item in log.report.damage] == [
+                ("topics table", "has no topic 7; messages lost: 1")
+            ]
+
+
+@pytest.mark.parametrize("value", ["NULL", "x'00ff'", "7"])
+@pytest.mark.parametrize("column", ["name", "type", "serialization_format"])
+def test_a_topic_that_is_none_costs_its_own_messages_alone(tmp_path: Path, column: str, value: str) -> None:
+    rows = [(i + 1, 1 + i % 2, record_time(i), scan(i)) for i in range(20)]
+    plain_database(tmp_path / "a.db3", rows)
+    with sqlite3.connect(tmp_path / "a.db3") as database:
+        database.execute("CREATE TABLE loose(id INTEGER PRIMARY KEY, name, type, serialization_format)")
+        database.execute("INSERT INTO loose SELECT * FROM topics")
+        database.execute("INSERT INTO loose VALUES (2, '/rear', 'sensor_msgs/msg/LaserScan', 'cdr')")
+        database.execute(f"UPDATE loose SET {column} = {value} WHERE id = 2")
+        database.execute("DROP TABLE topics")
+        database.execute("ALTER TABLE loose RENAME TO topics")
+    database.close()
+    with Rosbag2Log(str(tmp_path / "a.db3")) as log:
+        assert log.topics() == [Topic("/scan", LASERSCAN, "cdr", 10)]
+        assert indices(log) == list(range(0, 20, 2))
+        assert [item.cause for item in log.report.damage] == ["has no topic 2; messages lost: 10"]
 
 
 # Leftovers of recorders that were stopped the hard way.
