@@ -1,0 +1,237 @@
+"""`lidarcli plot`: sweeps as pictures."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import (
+    INPUTS,
+    METRES,
+    GroupedCommand,
+    Number,
+    Threshold,
+    csv_geometry,
+    csv_options,
+    option,
+    range_options,
+    range_rules,
+)
+
+PICTURE, OBJECTS = "Picture", "Objects"
+STDOUT = "-"
+
+
+class Sweeps(click.ParamType):  # type: ignore[type-arg]
+    """Indices of sweeps: `0,50,100`, or `0:100:10` as Python counts."""
+
+    name = "sweeps"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Each index once, in the order given."""
+        if isinstance(value, tuple):
+            return value
+        found: dict[int, None] = {}
+        for part in value.split(","):
+            try:
+                numbers = [int(text) for text in part.split(":")]
+            except ValueError:
+                self.fail(f"'{part}' is neither a number nor START:STOP nor START:STOP:STEP.", param, ctx)
+            if min(numbers) < 0 or len(numbers) > 3 or (len(numbers) == 3 and not numbers[2]):
+                self.fail(f"'{part}' is no number of a sweep, nor a range of them.", param, ctx)
+            more = range(*numbers) if len(numbers) > 1 else numbers
+            if len(more) > 1_000_000:
+                self.fail(f"'{part}' is too many sweeps.", param, ctx)
+            found |= dict.fromkeys(more)
+        if not found:
+            self.fail(f"'{value}' holds no sweep.", param, ctx)
+        return tuple(found)
+
+
+@click.command(
+    cls=GroupedCommand,
+    epilog="""Examples:
+
+\b
+  lidarcli plot run.mcap --sweep 50 -o sweep.png
+  lidarcli plot run.mcap --sweep 50 --view scene -o figure.pdf
+  lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
+  lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
+  lidarcli plot run.mcap --sweeps 0:100:2 --animate -o run.gif --overwrite""",
+)
+@click.argument("log", metavar="LOG", type=INPUTS)
+@option(
+    "--sweep", heading=PICTURE, type=click.IntRange(min=0), metavar="N", help="Sweep to draw.  [default: 0]"
+)
+@option(
+    "--sweeps",
+    heading=PICTURE,
+    type=Sweeps(),
+    metavar="LIST",
+    help="Sweeps to draw, 0,50,100 or 0:100:10; each gets a file, FIG-N.png.  "
+    "[default: with --animate all, else --sweep]",
+)
+@option(
+    "-o",
+    "--output",
+    heading=PICTURE,
+    metavar="FIG",
+    required=True,
+    type=click.Path(),
+    help="File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on standard output.",
+)
+@option(
+    "--view",
+    heading=PICTURE,
+    type=click.Choice(["all", "scene", "sweep", "difference", "polar"]),
+    default="all",
+    show_default=True,
+    help="The scene from above, r(theta) with s(theta), the difference, polar, or scene and curves.",
+)
+@option("--animate", heading=PICTURE, is_flag=True, help="One moving picture of the sweeps, 10 per second.")
+@option("--overwrite", heading=PICTURE, is_flag=True, help="Replace files that exist.")
+@option(
+    "--topic",
+    heading=PICTURE,
+    metavar="NAME",
+    help="LaserScan topic to draw.  [default: the first by name]",
+)
+@option(
+    "--profile",
+    heading=OBJECTS,
+    type=click.Choice(["robust", "paper"]),
+    default="robust",
+    show_default=True,
+    help="Estimates for real sensors, or the paper's formulas to the letter.",
+)
+@option(
+    "--threshold",
+    heading=OBJECTS,
+    type=Threshold(),
+    help="Discontinuity: by noise and range, the mean of |s| (Def. 3), or fixed.  "
+    "[default: adaptive; paper: mean]",
+)
+@option(
+    "--min-beams",
+    heading=OBJECTS,
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Fewer valid beams are noise.  [default: 3; paper: 1]",
+)
+@option(
+    "--max-width",
+    heading=OBJECTS,
+    type=Number("METRES", above=0),
+    help="What extends further is background.  [default: 2; paper: no limit]",
+)
+@option(
+    "--max-gap",
+    heading=OBJECTS,
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Lost beams bridged inside one surface.  [default: 2; paper: 0]",
+)
+@option(
+    "--group-gap",
+    heading=OBJECTS,
+    type=METRES,
+    help="Objects closer than this are one, as the legs of a chair.  [default: 0, never]",
+)
+@option("--walls", heading=OBJECTS, is_flag=True, help="Also draw walls, with the corners of the room.")
+@range_options
+@csv_options
+@click.pass_obj
+def plot(
+    say: Messages,
+    /,
+    log: str,
+    sweep: int | None,
+    sweeps: tuple[int, ...] | None,
+    output: str,
+    view: str,
+    animate: bool,
+    overwrite: bool,
+    topic: str | None,
+    no_return: Any,
+    limits: tuple[float, float] | None,
+    angle_min: float | None,
+    angle_increment: float | None,
+    fov: float | None,
+    range_max: float | None,
+    degrees: bool,
+    range_unit: str,
+    **parameters: Any,
+) -> int:
+    """Draw sweeps as in the paper: scene with boxes, r(theta), s(theta).
+
+    Only the log up to the last of these sweeps is read.
+    """
+    if sweep is not None and sweeps is not None:
+        raise click.UsageError("--sweep and --sweeps exclude each other")
+    _suffix(output, animate)
+    if not animate and sweeps is None:
+        sweeps = (0 if sweep is None else sweep,)
+    elif sweep is not None:
+        sweeps = (sweep,)
+    if output == STDOUT and (animate or len(sweeps or ()) != 1):
+        raise click.UsageError("standard output takes one picture; give -o FIG")
+    rules = range_rules(no_return, limits)
+    geometry = csv_geometry(angle_min, angle_increment, fov, range_max, degrees, range_unit)
+
+    from lidarcli.errors import OptionError, UnreadableError
+    from lidarcli.formalism import Parameters
+    from lidarcli.pipeline.inputs import Nothing, find_logs
+    from lidarcli.pipeline.outputs import refuse
+    from lidarcli.pipeline.plotting import (
+        PlotOptions,
+        picture_bytes,
+        take_pictures,
+        write_animation,
+        write_pictures,
+    )
+
+    sources = find_logs([log])
+    if len(sources) > 1:
+        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them")
+    source = sources[0]
+    if isinstance(source, Nothing):
+        raise UnreadableError(f"{log}: {source.error}")
+    paths = [Path(output)] if animate or len(sweeps or ()) == 1 else _numbered(Path(output), sweeps or ())
+    refuse([] if output == STDOUT else paths, overwrite)
+    drawn = take_pictures(
+        source, PlotOptions(sweeps, topic, Parameters.for_profile(**parameters), rules, geometry)
+    )
+    for note in drawn.notes:
+        say.info(f"  note     {note}")
+    if output == STDOUT:
+        sys.stdout.buffer.write(picture_bytes(drawn.pictures[0], view, ".png"))
+    elif animate:
+        write_animation(paths[0], drawn.pictures, view)
+    else:
+        write_pictures(paths, drawn.pictures, view)
+    for path in [] if output == STDOUT else paths:
+        say.info(f"  wrote    {path}")
+    for line in drawn.damage:
+        say.error(log, line)
+    return UnreadableError.exit_code if drawn.damage else 0
+
+
+def _suffix(output: str, animate: bool) -> None:
+    """Refuse a name that says no format, or the wrong one."""
+    if output == STDOUT:
+        return
+    known = (".gif", ".mp4") if animate else (".png", ".svg", ".pdf")
+    if Path(output).suffix.lower() not in known:
+        still = " or --animate" if Path(output).suffix.lower() in (".gif", ".mp4") else ""
+        raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
+
+
+def _numbered(path: Path, sweeps: tuple[int, ...]) -> list[Path]:
+    """One name for each of several sweeps."""
+    return [path.with_name(f"{path.stem}-{index}{path.suffix}") for index in sweeps]

@@ -1,0 +1,181 @@
+"""A few sweeps of a log as pictures: reads up to the last of them, detects in these alone."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from lidarcli.errors import NoScanError, OptionError, UnreadableError
+from lidarcli.formalism import Parameters, detect
+from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.opening import open_source
+from lidarcli.pipeline.outputs import write_whole
+from lidarcli.pipeline.summary import damage_lines
+from lidarcli.pipeline.topics import choose, nothing_read
+from lidarcli.reports.drawing import animate, draw
+from lidarcli.reports.picture import Picture
+from lidarcli.sweeps import RangeRules, SweepBatch
+from lidarcli.tables.parquet import unwritable
+
+BATCH = 64
+MOST = 2_000
+"""Most pictures of one call."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlotOptions:
+    """Which sweeps to draw, and how to read them and find their objects."""
+
+    sweeps: tuple[int, ...] | None
+    """Indices within the topic; None for all."""
+    topic: str | None = None
+    parameters: Parameters = field(default_factory=Parameters)
+    rules: RangeRules = field(default_factory=RangeRules)
+    csv: CsvOptions = field(default_factory=CsvOptions)
+    background: str | None = None
+    """A background table, to draw r_w - r_e."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """The pictures, and what a user should know of the reading."""
+
+    pictures: tuple[Picture, ...]
+    notes: tuple[str, ...]
+    damage: tuple[str, ...]
+
+
+def take_pictures(source: Source, options: PlotOptions) -> Drawn:
+    """The wanted sweeps of a log with their objects.
+
+    Raises
+    ------
+    OptionError
+        A sweep is not there.
+    NoScanError
+        There is no LaserScan, or not the topic that was asked for.
+    """
+    with open_source(source, options.csv) as log:
+        topic, notes = _topic(log, options.topic)
+        read = ReadOptions(
+            topics=frozenset({topic}) if topic else None, batch_size=BATCH, rules=options.rules
+        )
+        rows: list[SweepBatch] = []
+        seen = -1
+        for batch in read_batches(log, read):
+            topic = topic or batch.topic
+            if batch.topic != topic:
+                continue
+            rows += _wanted(batch, options.sweeps)
+            seen = int(batch.sweep[-1])
+            if options.sweeps is not None and seen >= max(options.sweeps):
+                break
+            if len(rows) > MOST:
+                raise OptionError(f"more than {MOST:,} sweeps to draw; choose some with --sweeps")
+        damage = tuple(damage_lines(log.report))
+    if seen < 0:
+        raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])
+    _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {seen}", damage)
+    by_index = {int(row.sweep[0]): row for row in rows}
+    order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
+    pictures = tuple(_picture(source, by_index[index], options) for index in order)
+    return Drawn(pictures, notes, damage)
+
+
+def _topic(log: Log, wanted: str | None) -> tuple[str | None, tuple[str, ...]]:
+    """The topic to draw; of several the first, and a note that names the others."""
+    topics = log.topics()
+    if topics is None:
+        return wanted, ()
+    chosen, _ = choose(topics, [wanted] if wanted else [])
+    if len(chosen) == 1:
+        return chosen[0], ()
+    return chosen[0], (f"drawn is {chosen[0]}; also there: {', '.join(chosen[1:])} (--topic NAME)",)
+
+
+def _wanted(batch: SweepBatch, sweeps: Sequence[int] | None) -> Iterator[SweepBatch]:
+    chosen = np.arange(len(batch)) if sweeps is None else np.flatnonzero(np.isin(batch.sweep, sweeps))
+    for row in chosen.tolist():
+        yield one_sweep(batch, row)
+
+
+def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
+    """One sweep of a batch, without its padding and without its pose."""
+    part = slice(row, row + 1)
+    beams = int(batch.beams[row])
+    names = (
+        "frame",
+        "sweep",
+        "stamp_ns",
+        "record_ns",
+        "angle_min",
+        "angle_increment",
+        "range_min",
+        "range_max",
+    )
+    return replace(
+        batch,
+        **{name: getattr(batch, name)[part] for name in (*names, "beams", "closure")},
+        ranges=batch.ranges[part, :beams],
+        status=batch.status[part, :beams],
+        poses=None,
+    )
+
+
+def _refuse_missing(
+    source: Source,
+    rows: Sequence[SweepBatch],
+    sweeps: Sequence[int] | None,
+    topic: str,
+    damage: Sequence[str],
+) -> None:
+    there = {int(row.sweep[0]) for row in rows}
+    missing = [index for index in sweeps or () if index not in there]
+    if missing:
+        words = f"{source.label}: no sweep {missing[0]} of {topic}"
+        if damage:
+            raise UnreadableError(f"{words} in the part that could be read; {damage[0]}")
+        raise OptionError(words)
+
+
+def _picture(source: Source, batch: SweepBatch, options: PlotOptions) -> Picture:
+    parameters = options.parameters
+    threshold = parameters.threshold
+    return Picture(
+        log=source.name if source.is_stdin or source.files else Path(source.path).absolute().name,
+        batch=batch,
+        detection=detect(batch, parameters, per_beam=True),
+        profile=parameters.profile,
+        threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
+    )
+
+
+def picture_bytes(picture: Picture, view: str, suffix: str) -> bytes:
+    """The picture as a PNG, SVG or PDF."""
+    return draw(picture, view, suffix)
+
+
+def write_pictures(paths: Sequence[Path], pictures: Sequence[Picture], view: str) -> None:
+    """Write each picture to its file."""
+    for path, picture in zip(paths, pictures, strict=True):
+        write_whole(path, draw(picture, view, path.suffix.lower()))
+
+
+def write_animation(path: Path, pictures: Sequence[Picture], view: str) -> None:
+    """Write one moving picture; it has its name when it is whole."""
+    part = path.with_name(f".{path.stem}.part{path.suffix.lower()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        animate(pictures, view, part)
+        part.replace(path)
+    except OSError as err:
+        raise unwritable(path, err) from err
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)

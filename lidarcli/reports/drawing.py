@@ -1,0 +1,140 @@
+"""Plots of sweeps as files: PNG, SVG, PDF, and animations. No display is needed; the same input gives the same bytes."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lidarcli.errors import OptionError
+from lidarcli.reports import palette, panels
+from lidarcli.reports.picture import Limits, Picture, limits_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+VIEWS = ("all", "scene", "sweep", "difference", "polar")
+IMAGES = (".png", ".svg", ".pdf")
+ANIMATIONS = (".gif", ".mp4")
+WIDE, NARROW = 7.2, 3.5
+"""Widths of two columns and of one column of a paper [inch]."""
+FRAMES_PER_SECOND = 10
+
+
+def draw(picture: Picture, view: str, suffix: str, limits: Limits | None = None) -> bytes:
+    """The picture as a file of the kind of `suffix`."""
+    with _style():
+        figure = _figure(view, picture)
+        _fill(figure, picture, view, limits or limits_of([picture.batch]))
+        out = io.BytesIO()
+        # No date in the file.
+        dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+        figure.savefig(out, format=suffix[1:], metadata=dates.get(suffix))
+    return out.getvalue()
+
+
+def animate(pictures: Sequence[Picture], view: str, path: Path) -> None:
+    """One frame per picture, as GIF or, where ffmpeg is there, MP4."""
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+
+    kind = FFMpegWriter if path.suffix.lower() == ".mp4" else PillowWriter
+    if not kind.isAvailable():
+        raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
+    limits = limits_of([picture.batch for picture in pictures])
+    with _style():
+        figure = _figure(view, pictures[0])
+        writer = kind(fps=FRAMES_PER_SECOND)
+        with writer.saving(figure, str(path), 120):
+            for picture in pictures:
+                figure.clear()
+                _fill(figure, picture, view, limits)
+                writer.grab_frame()
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    """The project's style alone, whatever the user's own settings."""
+    import matplotlib
+    from matplotlib import style
+
+    with style.context(["default", palette.STYLE]), warnings.catch_warnings():
+        # A name in a script that the font lacks is drawn as boxes; that is no news for the user.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        matplotlib.rcParams["axes.unicode_minus"] = True
+        yield
+
+
+def _figure(view: str, picture: Picture) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    height = {"all": 4.3, "scene": 3.9, "sweep": 3.6, "difference": 3.6, "polar": 4.0}[view]
+    width = {"all": WIDE, "scene": NARROW, "polar": NARROW}.get(view, WIDE * 0.7)
+    if view == "all" and picture.background is not None:
+        height += 1.9
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _fill(figure: Figure, picture: Picture, view: str, limits: Limits) -> None:
+    drawn = _axes(figure, picture, view)
+    for axes, panel in drawn:
+        panel(axes, picture, limits)
+    for axes, _ in drawn[:-1] if view != "all" else drawn[1:-1]:
+        axes.set_xlabel("")
+        axes.tick_params(labelbottom=False)
+    first, second = picture.title
+    narrow = view in ("scene", "polar")
+    if narrow:
+        second = second.replace(", profile", "\nprofile")
+    figure.suptitle(f"{first}\n{second}", x=0.01, ha="left", fontsize=7 if narrow else 8)
+    _legend(figure, [axes for axes, _ in drawn], 3 if narrow else 6)
+
+
+def _axes(figure: Figure, picture: Picture, view: str) -> list[tuple[Axes, Any]]:
+    if view == "scene":
+        return [(figure.add_subplot(), panels.scene)]
+    if view == "polar":
+        return [(figure.add_subplot(projection="polar"), panels.polar)]
+    right: list[Any] = [panels.sweep, panels.difference]
+    if view == "difference":
+        right = (
+            [panels.backgrounds, panels.subtraction]
+            if picture.background is not None
+            else [panels.difference]
+        )
+    elif view == "all" and picture.background is not None:
+        right += [panels.backgrounds, panels.subtraction]
+    if view != "all":
+        grid = figure.add_gridspec(len(right), 1)
+        return [(figure.add_subplot(grid[row, 0]), panel) for row, panel in enumerate(right)]
+    grid = figure.add_gridspec(len(right), 2, width_ratios=[1.05, 1.0])
+    left = figure.add_subplot(grid[:, 0])
+    return [
+        (left, panels.scene),
+        *((figure.add_subplot(grid[row, 1]), panel) for row, panel in enumerate(right)),
+    ]
+
+
+def _legend(figure: Figure, drawn: Sequence[Axes], columns: int) -> None:
+    entries: dict[str, Any] = {}
+    for axes in drawn:
+        handles, labels = axes.get_legend_handles_labels()
+        for label, handle in zip(labels, handles, strict=True):
+            entries.setdefault(label, handle)
+    if entries:
+        figure.legend(
+            entries.values(),
+            entries.keys(),
+            loc="outside lower left",
+            ncols=columns,
+            frameon=False,
+            handlelength=1.6,
+            columnspacing=1.2,
+            borderaxespad=0.2,
+        )

@@ -1,0 +1,54 @@
+"""Colours and marks of all pictures: Okabe and Ito's, told apart by the colour-blind, and by their marks in print."""
+
+from __future__ import annotations
+
+from typing import Any
+
+BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
+    "#000000",
+    "#E69F00",
+    "#56B4E9",
+    "#009E73",
+    "#F0E442",
+    "#0072B2",
+    "#D55E00",
+    "#CC79A7",
+)
+DARK, GREY, LIGHT = "#4D4D4D", "#8C8C8C", "#D9D9D9"
+
+SETS = {"S": (GREY, ".", 5.0), "O": (BLUE, "o", 7.0), "A": (VERMILION, "^", 9.0)}
+"""Set (Def. 4) → colour, mark, size."""
+SHAPES = {
+    "prismatic": SKY,
+    "round": ORANGE,
+    "legged": GREEN,
+    "irregular": PURPLE,
+    "unknown": DARK,
+    "wall": YELLOW,
+}
+VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
+
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "legend.fontsize": 7.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.0,
+    "figure.dpi": 200,
+    "savefig.dpi": 200,
+    "svg.hashsalt": "lidarcli",
+    "pdf.fonttype": 42,
+    "path.simplify": False,
+}

@@ -1,0 +1,157 @@
+"""One sweep with what was found in it: what a plot draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.formalism import Detection
+from lidarcli.formalism.detection import OBJECT, SHAPES, WALL
+from lidarcli.reports.wording import stamp
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A sweep, its detection with `per_beam`, and the words of its title."""
+
+    log: str
+    batch: SweepBatch
+    """Of one sweep, without padding."""
+    detection: Detection
+    profile: str
+    threshold: str
+    """`adaptive`, `mean` or `0.3 m`."""
+    background: Float64 | None = None
+    """(B,) r_e, the range without the objects of interest [m]; NaN where unknown."""
+
+    @property
+    def sweep(self) -> int:
+        """Index of the sweep within its topic."""
+        return int(self.batch.sweep[0])
+
+    @property
+    def title(self) -> tuple[str, str]:
+        """Two lines: what it is, and how it was made."""
+        found = self.detection
+        things = int(np.count_nonzero(found.set == OBJECT))
+        first = f"{printable(self.log)}  {printable(self.batch.topic)}  sweep {self.sweep}"
+        d_th = float(found.sweep_d_th[0])
+        second = (
+            f"{stamp(int(self.batch.stamp_ns[0]))}, profile {self.profile}, "
+            f"$d_{{th}}$ = {d_th:.3g} m ({self.threshold}), {things} object{'' if things == 1 else 's'}"
+        )
+        return first, second
+
+    @property
+    def theta(self) -> Float64:
+        """(B,) bearing of every beam [rad]."""
+        theta: Float64 = self.batch.bearings()[0]
+        return theta
+
+    @property
+    def ranges(self) -> Float64:
+        """(B,) range of every beam [m]; NaN without one."""
+        ranges: Float64 = self.batch.ranges[0].astype(np.float64)
+        return ranges
+
+    @property
+    def step(self) -> float:
+        """Angle from beam to beam [rad], positive."""
+        return abs(float(self.batch.angle_increment[0]))
+
+    def points(self) -> tuple[Float64, Float64]:
+        """(B,) x and y of every beam [m]."""
+        theta, ranges = self.theta, self.ranges
+        return ranges * np.cos(theta), ranges * np.sin(theta)
+
+    def members(self, k: int) -> tuple[Int64, Float64]:
+        """Beams with a range of object k, by bearing, and their bearings, which begin at theta_i and may pass π."""
+        owner = self.detection.beam_object
+        assert owner is not None  # pictures are made with `per_beam`
+        beams = np.flatnonzero((owner[0] == self.detection.object[k]) & np.isfinite(self.batch.ranges[0]))
+        if not len(beams):
+            # Walls own no beams: theirs are those between their edges.
+            beams = np.flatnonzero(self.between(k) & np.isfinite(self.batch.ranges[0]))
+        start = float(self.detection.theta_i[k])
+        theta = start + unwound(self.theta[beams] - start)
+        order = np.argsort(theta, kind="stable")
+        return beams[order], theta[order]
+
+    def between(self, k: int) -> Bool:
+        """(B,) beams between the edges of object k."""
+        start, end = float(self.detection.theta_i[k]), float(self.detection.theta_f[k])
+        inside: Bool = unwound(self.theta - start) <= end - start + 1e-6
+        return inside
+
+    def corners(self, k: int) -> Float64:
+        """(5, 2) corners of the box of object k, closed [m]."""
+        found = self.detection
+        half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * 0.5
+        half = half * np.array([found.box_length[k], found.box_width[k]])
+        cos, sin = np.cos(found.box_yaw[k]), np.sin(found.box_yaw[k])
+        turned = half @ np.array([[cos, sin], [-sin, cos]])
+        corners: Float64 = turned + np.array([found.box_x[k], found.box_y[k]])
+        return corners
+
+    def shape(self, k: int) -> str:
+        """Name of the shape of object k."""
+        return SHAPES[int(self.detection.shape[k])]
+
+    def is_wall(self, k: int) -> bool:
+        """Whether it is a wall (`--walls`)."""
+        return int(self.detection.shape[k]) == WALL
+
+    def vertices(self, k: int) -> slice:
+        """The vertices of object k in the flat arrays."""
+        return slice(int(self.detection.vertex_offsets[k]), int(self.detection.vertex_offsets[k + 1]))
+
+    def faces(self, k: int) -> slice:
+        """The faces of object k in the flat arrays."""
+        return slice(int(self.detection.face_offsets[k]), int(self.detection.face_offsets[k + 1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the axes show, so that the pictures of an animation do not jump."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    r: float
+    s: float
+
+
+def limits_of(batches: Sequence[SweepBatch]) -> Limits:
+    """Axes that hold all the sweeps, with some air around them."""
+    parts = []
+    jumps = [0.1]
+    for batch in batches:
+        ranges, theta = batch.ranges[0], batch.bearings()[0]
+        there = np.isfinite(ranges)
+        parts.append(np.stack([ranges[there] * np.cos(theta[there]), ranges[there] * np.sin(theta[there])]))
+        if there.sum() > 1:
+            jumps.append(float(np.abs(np.diff(ranges[there])).max()))
+    xy = np.concatenate([*parts, np.zeros((2, 1))], axis=1)
+    low, high = xy.min(axis=1), xy.max(axis=1)
+    air = max(0.09 * float((high - low).max()), 0.1)
+    reach = float(np.hypot(*xy).max())
+    return Limits(
+        (float(low[0]) - air, float(high[0]) + air),
+        (float(low[1]) - air, float(high[1]) + air),
+        max(1.05 * reach, 0.1),
+        1.1 * max(jumps),
+    )
+
+
+def unwound(angle: Float64) -> Float64:
+    """Angles from 0 to a turn; what is a hair below 0 stays there."""
+    turned: Float64 = (angle + 1e-6) % TURN - 1e-6
+    return turned
+
+
+def printable(text: str) -> str:
+    """Text for a title: no control characters, no mathematics."""
+    clean = "".join(mark if mark.isprintable() else "?" for mark in text)
+    return clean.replace("\\", "/").replace("$", r"\$")

@@ -1,0 +1,138 @@
+"""`lidarcli plot`: which sweeps, which files, which errors."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from lidarcli.logs.base import Log
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.pipeline import plotting
+from lidarcli.pipeline.inputs import Source, find_logs
+from lidarcli.sweeps import SweepBatch
+
+Run = Callable[..., Any]
+
+
+def test_one_sweep(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "sweep.png"
+    ran = lidarcli("plot", logs / "run.mcap", "--sweep", 5, "-o", out)
+    assert (ran.code, ran.out, ran.err) == (0, "", f"  wrote    {out}\n")
+    with Image.open(out) as image:
+        assert image.size == (1440, 860)
+    assert [path.name for path in out.parent.iterdir()] == ["sweep.png"]
+    again = lidarcli("plot", logs / "run.mcap", "--sweep", 5, "-o", out)
+    assert (again.code, again.err) == (5, f"lidarcli: {out} exists; use --overwrite to replace it\n")
+    assert lidarcli("plot", logs / "run.mcap", "-o", out, "--overwrite").code == 0
+
+
+def test_several_sweeps(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    log = logs / "run.mcap"
+    assert (
+        lidarcli("plot", log, "--sweeps", "3,0:10:4", "--view", "scene", "-o", tmp_path / "s.svg").code == 0
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s-0.svg", "s-3.svg", "s-4.svg", "s-8.svg"]
+
+
+def test_of_several_topics_the_first_is_drawn(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    ran = lidarcli("plot", logs / "two.mcap", "-o", tmp_path / "a.png")
+    assert ran.err.splitlines()[0] == "  note     drawn is /front; also there: /rear (--topic NAME)"
+    ran = lidarcli("plot", logs / "two.mcap", "--topic", "rear", "-o", tmp_path / "b.png")
+    assert ran.err == f"  wrote    {tmp_path / 'b.png'}\n"
+
+
+def test_standard_output(process: Run, logs: Path) -> None:
+    ran = process("plot", logs / "run.mcap", "-o", "-")
+    assert ran.returncode == 0
+    assert ran.stdout.startswith(b"\x89PNG")
+
+
+def test_a_pipe_as_log(logs: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "lidarcli", "plot", "-", "--sweep", "3", "-o", str(tmp_path / "a.pdf")]
+    ran = subprocess.run(command, input=(logs / "run.mcap").read_bytes(), capture_output=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "a.gif"
+    ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "8:12", "--view", "scene", "--animate", "-o", out)
+    assert ran.code == 0
+    with Image.open(out) as image:
+        assert getattr(image, "n_frames", 1) >= 2
+    assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
+    if shutil.which("ffmpeg") is None:
+        ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "0,1", "--animate", "-o", tmp_path / "a.mp4")
+        assert (ran.code, ran.err) == (
+            2,
+            "lidarcli: .mp4 needs ffmpeg, which is not there; write .gif instead\n",
+        )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("--sweep", 20, "-o", "a.png"), 2, "no sweep 20 of /scan: the last one is 19"),
+        (("--sweep", -1, "-o", "a.png"), 2, "-1 is not in the range x>=0"),
+        (("--sweeps", "1,x", "-o", "a.png"), 2, "'x' is neither a number nor START:STOP"),
+        (("--sweeps", "5:5", "-o", "a.png"), 2, "'5:5' holds no sweep"),
+        (("--sweeps", "0:9:0", "-o", "a.png"), 2, "'0:9:0' is no number of a sweep"),
+        (("--sweep", 1, "--sweeps", "2", "-o", "a.png"), 2, "--sweep and --sweeps exclude each other"),
+        (("-o", "a.jpg"), 2, "a.jpg: the suffix has to be one of .png, .svg, .pdf"),
+        (("-o", "a.gif"), 2, "a.gif: the suffix has to be one of .png, .svg, .pdf or --animate"),
+        (("--animate", "-o", "a.png"), 2, "a.png: the suffix has to be one of .gif, .mp4"),
+        (("--sweeps", "1,2", "-o", "-"), 2, "standard output takes one picture"),
+        (
+            ("--topic", "/no", "-o", "a.png"),
+            4,
+            "no LaserScan topic /no in this log (its LaserScan topics: /scan)",
+        ),
+    ],
+)
+def test_mistakes(lidarcli: Run, logs: Path, arguments: tuple[object, ...], code: int, words: str) -> None:
+    ran = lidarcli("plot", logs / "run.mcap", *arguments)
+    assert (ran.code, ran.out) == (code, "")
+    assert words in ran.err
+    assert not Path("a.png").exists()
+
+
+def test_no_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    ran = lidarcli("plot", tmp_path / "no.mcap", "-o", tmp_path / "a.png")
+    assert (ran.code, ran.err) == (3, f"lidarcli: {tmp_path / 'no.mcap'}: no such file or folder\n")
+    ran = lidarcli("plot", logs, "-o", tmp_path / "a.png")
+    assert (ran.code, ran.err) == (2, f"lidarcli: {logs}: holds 3 logs; name one of them\n")
+
+
+def test_a_damaged_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    ran = lidarcli("plot", logs / "cut.mcap", "--sweep", 10, "-o", tmp_path / "a.png")
+    assert (ran.code, (tmp_path / "a.png").exists()) == (3, True)
+    ran = lidarcli("plot", logs / "cut.mcap", "--sweep", 399, "-o", tmp_path / "b.png")
+    assert (ran.code, (tmp_path / "b.png").exists()) == (3, False)
+    assert "no sweep 399 of /scan: the last one is" in ran.err
+    assert " in the part that could be read; " in ran.err
+
+
+def test_the_log_is_read_only_up_to_the_sweep(
+    large: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "large.mcap").write_bytes(large)
+    seen: list[int] = []
+
+    def counted(log: Log, options: ReadOptions) -> Iterator[SweepBatch]:
+        for batch in read_batches(log, options):
+            seen.append(len(batch))
+            yield batch
+
+    monkeypatch.setattr(plotting, "read_batches", counted)
+    found = find_logs([str(tmp_path / "large.mcap")])[0]
+    assert isinstance(found, Source)
+    drawn = plotting.take_pictures(found, plotting.PlotOptions((70, 3)))
+    assert [picture.sweep for picture in drawn.pictures] == [70, 3]
+    assert sum(seen) <= 128
