@@ -71,6 +71,7 @@ CONTRACT = {
         *doubles("d_mean d_th noise"),
         *counts("objects agents object_beams agent_beams noise_beams"),
         *doubles("pose_x pose_y pose_yaw"),
+        ("station", "int32"),
     ],
     "beams": [
         *SOURCE[:2],
@@ -81,6 +82,7 @@ CONTRACT = {
         ("s", "double"),
         ("set", TEXT),
         ("object", "int32"),
+        ("difference", "double"),
     ],
 }
 

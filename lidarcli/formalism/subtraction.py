@@ -108,9 +108,7 @@ class Subtraction:
                 found = self._elsewhere(part, station[rows], sigma[rows], moved and moved.rows(rows))
             if whole:
                 return replace(found, station=station, away=away)
-            for name in ("known", "r_e", "difference", "appeared", "removed"):
-                values = getattr(found, name)
-                getattr(result, name)[rows, : values.shape[1]] = values
+            assemble(result, [(rows, replace(found, station=station[rows], away=away[rows]))])
         return result
 
     def _stations(self, batch: SweepBatch) -> tuple[Int64, Float64]:
@@ -242,6 +240,16 @@ def nothing_known(batch: SweepBatch, station: Int64 | None = None, away: Float64
         appeared=np.zeros(shape, bool),
         removed=np.zeros(shape, bool),
     )
+
+
+def assemble(whole: Difference, parts: list[tuple[Int64, Difference]]) -> Difference:
+    """Put the differences of some sweeps into the place of these rows."""
+    for rows, part in parts:
+        whole.station[rows], whole.away[rows] = part.station, part.away
+        for name in ("known", "r_e", "difference", "appeared", "removed"):
+            values = getattr(part, name)
+            getattr(whole, name)[rows, : values.shape[1]] = values
+    return whole
 
 
 def _farthest(batch: SweepBatch, seen: Float32) -> Float32:

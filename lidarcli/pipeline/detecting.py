@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from lidarcli.errors import NoScanError
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.logs.base import CsvOptions, Log
-from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import Posing
+from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
+from lidarcli.pipeline.subtracting import BackgroundOptions, Subtracting
 from lidarcli.pipeline.summary import RunSummary
-from lidarcli.pipeline.topics import absent, choose, nothing_read, scan_topics
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.files import TableFiles, refuse_existing, table_path
 from lidarcli.tables.metadata import table_metadata
@@ -24,9 +21,6 @@ from lidarcli.tables.order import TopicOrder
 from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import RowStream
-
-Progress = Callable[[int], None]
-"""Called with the position in the source [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +32,8 @@ class DetectOptions:
     csv: CsvOptions = field(default_factory=CsvOptions)
     pose: str | None = None
     """Topic whose poses to take, `none` for no poses; by default the best there is."""
+    background: BackgroundOptions | None = None
+    """Only what differs from this background is an object."""
     beams: bool = False
     """Also write the beams table."""
     overwrite: bool = False
@@ -49,23 +45,11 @@ class DetectOptions:
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the tables' metadata."""
-        rules = self.read.rules
-        geometry = {
-            name: getattr(self.csv, name) for name in ("angle_min", "angle_increment", "fov", "range_max")
-        }
-        told = {name: value for name, value in geometry.items() if value is not None}
-        if self.csv.range_scale != 1.0:
-            told["range_scale"] = self.csv.range_scale
+        background = {} if self.background is None else {"background": self.background.as_dict()}
         return {
             **self.parameters.as_dict(),
-            "topics": sorted(self.read.topics) if self.read.topics else None,
-            "start": self.read.start,
-            "end": self.read.end,
-            "every": self.read.every,
-            "range": list(rules.limits) if rules.limits else None,
-            "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
-            **({"csv": told} if told else {}),
-            **({"pose": self.pose} if self.pose is not None else {}),
+            **reading_as_dict(self.read, self.csv, self.pose),
+            **background,
         }
 
 
@@ -76,15 +60,19 @@ def detect_to_files(
     if not options.overwrite:
         refuse_existing([table_path(folder, source.name, table) for table in options.tables])
     with open_source(source, options.csv) as log:
-        run = _Run(log, options)
-        with TableFiles(folder, source.name, options.tables, run.first) as files:
-            for batch, detection in run.detections(options.beams, progress):
+        reading = Reading(log, options.read, options.pose)
+        find = finder(options)
+        with TableFiles(folder, source.name, options.tables, reading.first) as files:
+            for batch in reading.batches(progress):
+                detection = find(batch, options.beams)
+                reading.summary.add_objects(detection)
                 files.write("objects", batch.topic, objects_rows(source.name, batch, detection))
                 files.write("sweeps", batch.topic, sweeps_rows(source.name, batch, detection))
                 if options.beams:
                     files.write("beams", batch.topic, beams_rows(source.name, batch, detection))
-            summary = run.close()
-            described = run.describe(source)
+            summary = reading.close()
+            summary.notes += find.notes()
+            described = reading.describe(source)
             files.publish(table_metadata(options.as_dict(), described, summary.damage))
             summary.outputs = [str(path) for path in files.paths]
     return summary
@@ -95,94 +83,44 @@ def detect_to_stream(
 ) -> tuple[RunSummary, dict[str, Any]]:
     """Pass the objects of one log to `stream`, in the order of the table; also the description of the source."""
     with open_source(source, options.csv) as log:
-        run = _Run(log, options)
-        with TopicOrder(stream, OBJECTS, run.first, None) as order:
-            for batch, detection in run.detections(False, progress):
+        reading = Reading(log, options.read, options.pose)
+        find = finder(options)
+        with TopicOrder(stream, OBJECTS, reading.first, None) as order:
+            for batch in reading.batches(progress):
+                detection = find(batch, False)
+                reading.summary.add_objects(detection)
                 order.write(batch.topic, objects_rows(source.name, batch, detection))
-            summary = run.close()
+            summary = reading.close()
+            summary.notes += find.notes()
             order.drain()
-        return summary, run.describe(source)
+        return summary, reading.describe(source)
 
 
-def describe_source(source: Source, log: Log) -> dict[str, Any]:
-    """What the tables' metadata says of the source: nothing that depends on where it lay."""
-    name = source.name if source.is_stdin or source.files else Path(source.path).absolute().name
-    return {"name": name, "size": log.size, "format": log.format}
+class Finder(Protocol):
+    """Finds the objects of batches."""
+
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection: ...
+
+    def notes(self) -> list[str]:
+        """What a user should know of it in the end, a line each."""
 
 
-class _Run:
-    """The sweeps of one log on their way through the formalism, counted."""
+def finder(options: DetectOptions) -> Finder:
+    """Each sweep by itself, or what differs from a background."""
+    if options.background is None:
+        return _Alone(options.parameters)
+    return Subtracting(options.background, options.parameters)
 
-    def __init__(self, log: Log, options: DetectOptions) -> None:
-        self._log = log
-        self._options = options
-        self._wanted = sorted(options.read.topics or ())
-        self._summary = RunSummary()
-        self._read = options.read
-        self.first: str | None = None
-        """The topic that comes first in the tables, where that is known before reading."""
-        topics = log.topics()
-        self._known = topics is not None
-        self._started = time.perf_counter()
-        if topics is not None:
-            try:
-                chosen, self._summary.missing_topics = choose(topics, self._wanted)
-            except NoScanError as err:
-                # Listing topics reports no damage; reading does, and steps over whatever is not wanted.
-                for _ in log.scans(frozenset(self._wanted) or None):
-                    pass
-                raise nothing_read(self._damage(), err, self._wanted) from None
-            self._read = replace(options.read, topics=frozenset(chosen))
-            self.first = chosen[0]
-        elif len(self._wanted) == 1:
-            self.first = self._wanted[0]
-        self._posing = Posing.of(log, options.pose)
 
-    def detections(self, per_beam: bool, progress: Progress | None) -> Iterator[tuple[SweepBatch, Detection]]:
-        """Every batch with its objects."""
-        for raw in read_batches(self._log, self._read):
-            batch = self._posing.attach(raw)
-            detection = detect(batch, self._options.parameters, per_beam=per_beam)
-            self._summary.add(batch, detection)
-            yield batch, detection
-            if progress is not None:
-                progress(self._log.report.bytes_read)
+class _Alone:
+    """Finds objects by the sweep alone."""
 
-    def close(self) -> RunSummary:
-        """The counts, or the error of a log that turned out to have no LaserScan."""
-        summary = self._summary
-        summary.close(self._log.report, self._posing)
-        summary.seconds = time.perf_counter() - self._started
-        if not self._known:
-            self._judge_topics()
-        return summary
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
 
-    def describe(self, source: Source) -> dict[str, Any]:
-        """What the tables' metadata says of the source, and of its poses where it has some."""
-        poses = self._posing.described()
-        return describe_source(source, self._log) | ({"poses": poses} if poses else {})
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
+        return detect(batch, self._parameters, per_beam=per_beam)
 
-    def _judge_topics(self) -> None:
-        """A log without an index shows its topics only in the end."""
-        summary = self._summary
-        topics = self._log.topics()
-        seen = {name.lstrip("/") for name in summary.topics}
-        seen |= {topic.lstrip("/") for topic, _, _ in summary.dropped}
-        if topics is not None:
-            seen |= {name.lstrip("/") for name in scan_topics(topics)}
-        missing = tuple(name for name in self._wanted if name.lstrip("/") not in seen)
-        if seen and not missing:
-            return
-        if missing:
-            error = NoScanError(absent(missing, topics or ()))
-            if len(missing) < len(self._wanted):
-                summary.missing_topics = missing
-                return
-        else:
-            error = NoScanError("no LaserScan in it")
-        raise nothing_read(summary.damage, error, self._wanted)
-
-    def _damage(self) -> list[str]:
-        summary = RunSummary()
-        summary.close(self._log.report)
-        return summary.damage
+    def notes(self) -> list[str]:
+        """Nothing."""
+        return []

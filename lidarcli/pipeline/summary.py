@@ -48,16 +48,19 @@ class RunSummary:
             return UnreadableError.exit_code
         return NoScanError.exit_code if self.missing_topics else 0
 
-    def add(self, batch: SweepBatch, detection: Detection) -> None:
-        """Count one batch."""
+    def add_sweeps(self, batch: SweepBatch) -> None:
+        """Count the sweeps of one batch."""
         self.sweeps += len(batch)
-        self.objects += int(detection.objects.sum())
-        self.agents += int(detection.agents.sum())
         self.topics.add(batch.topic)
         codes = np.bincount(batch.status.ravel(), minlength=len(Status))
         for status in Status:
             if status != Status.PADDING:
                 self.by_status[status.name.lower()] += int(codes[status])
+
+    def add_objects(self, detection: Detection) -> None:
+        """Count what was found in one batch."""
+        self.objects += int(detection.objects.sum())
+        self.agents += int(detection.agents.sum())
         self.by_set["O"] += int(detection.object_beams.sum())
         self.by_set["A"] += int(detection.agent_beams.sum())
         self.by_set["S"] += int(detection.noise_beams.sum())

@@ -1,0 +1,123 @@
+"""Reading the sweeps of one log for whatever is done with them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from lidarcli.errors import NoScanError
+from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.posing import Posing
+from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.topics import absent, choose, nothing_read, scan_topics
+from lidarcli.sweeps import SweepBatch
+
+Progress = Callable[[int], None]
+"""Called with the position in the source [bytes]."""
+
+
+def reading_as_dict(read: ReadOptions, csv: CsvOptions, pose: str | None) -> dict[str, Any]:
+    """What of a log is read and how, as plain values, for the tables' metadata."""
+    rules = read.rules
+    geometry = {name: getattr(csv, name) for name in ("angle_min", "angle_increment", "fov", "range_max")}
+    told = {name: value for name, value in geometry.items() if value is not None}
+    if csv.range_scale != 1.0:
+        told["range_scale"] = csv.range_scale
+    return {
+        "topics": sorted(read.topics) if read.topics else None,
+        "start": read.start,
+        "end": read.end,
+        "every": read.every,
+        "range": list(rules.limits) if rules.limits else None,
+        "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
+        **({"csv": told} if told else {}),
+        **({"pose": pose} if pose is not None else {}),
+    }
+
+
+def describe_source(source: Source, log: Log) -> dict[str, Any]:
+    """What the tables' metadata says of the source: nothing that depends on where it lay."""
+    name = source.name if source.is_stdin or source.files else Path(source.path).absolute().name
+    return {"name": name, "size": log.size, "format": log.format}
+
+
+class Reading:
+    """The sweeps of one log with their poses, counted: opens topics, remembers damage, judges what is missing."""
+
+    def __init__(self, log: Log, options: ReadOptions, pose: str | None) -> None:
+        self._log = log
+        self._wanted = sorted(options.topics or ())
+        self.summary = RunSummary()
+        """What has been counted so far."""
+        self._read = options
+        self.first: str | None = None
+        """The topic that comes first in the tables, where that is known before reading."""
+        topics = log.topics()
+        self._known = topics is not None
+        self._started = time.perf_counter()
+        if topics is not None:
+            try:
+                chosen, self.summary.missing_topics = choose(topics, self._wanted)
+            except NoScanError as err:
+                # Listing topics reports no damage; reading does, and steps over whatever is not wanted.
+                for _ in log.scans(frozenset(self._wanted) or None):
+                    pass
+                raise nothing_read(self._damage(), err, self._wanted) from None
+            self._read = replace(options, topics=frozenset(chosen))
+            self.first = chosen[0]
+        elif len(self._wanted) == 1:
+            self.first = self._wanted[0]
+        self._posing = Posing.of(log, pose)
+
+    def batches(self, progress: Progress | None) -> Iterator[SweepBatch]:
+        """Every batch with its poses."""
+        for raw in read_batches(self._log, self._read):
+            batch = self._posing.attach(raw)
+            self.summary.add_sweeps(batch)
+            yield batch
+            if progress is not None:
+                progress(self._log.report.bytes_read)
+
+    def close(self) -> RunSummary:
+        """The counts, or the error of a log that turned out to have no LaserScan."""
+        summary = self.summary
+        summary.close(self._log.report, self._posing)
+        summary.seconds = time.perf_counter() - self._started
+        if not self._known:
+            self._judge_topics()
+        return summary
+
+    def describe(self, source: Source) -> dict[str, Any]:
+        """What the tables' metadata says of the source, and of its poses where it has some."""
+        poses = self._posing.described()
+        return describe_source(source, self._log) | ({"poses": poses} if poses else {})
+
+    def _judge_topics(self) -> None:
+        """A log without an index shows its topics only in the end."""
+        summary = self.summary
+        topics = self._log.topics()
+        seen = {name.lstrip("/") for name in summary.topics}
+        seen |= {topic.lstrip("/") for topic, _, _ in summary.dropped}
+        if topics is not None:
+            seen |= {name.lstrip("/") for name in scan_topics(topics)}
+        missing = tuple(name for name in self._wanted if name.lstrip("/") not in seen)
+        if seen and not missing:
+            return
+        if missing:
+            error = NoScanError(absent(missing, topics or ()))
+            if len(missing) < len(self._wanted):
+                summary.missing_topics = missing
+                return
+        else:
+            error = NoScanError("no LaserScan in it")
+        raise nothing_read(summary.damage, error, self._wanted)
+
+    def _damage(self) -> list[str]:
+        summary = RunSummary()
+        summary.close(self._log.report)
+        return summary.damage

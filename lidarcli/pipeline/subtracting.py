@@ -1,0 +1,228 @@
+"""Sweeps of a log against a background: which of its sensors is theirs, and what a user should know of the comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarcli.errors import OptionError
+from lidarcli.formalism import Detection, Parameters
+from lidarcli.formalism.background import Background
+from lidarcli.formalism.detection import APPEARED, REMOVED
+from lidarcli.formalism.subtraction import (
+    Difference,
+    Subtraction,
+    Tolerance,
+    assemble,
+    changes,
+    nothing_known,
+)
+from lidarcli.formalism.threshold import noise
+from lidarcli.sweeps import Int64, Status, SweepBatch
+from lidarcli.tables.background import read_background
+
+
+@dataclass(frozen=True, slots=True)
+class BackgroundOptions:
+    """A background that was read, and how sweeps are compared with it."""
+
+    name: str
+    """Its file's name."""
+    sensors: tuple[Background, ...]
+    removed: bool = False
+    """Also tell what has gone."""
+    any_frame: bool = False
+    """Take it for sensors of another name, too."""
+    distance: float | None = None
+    """How far sweeps may be from their station [m]; by default as it was built."""
+    angle: float | None = None
+    """How far they may be turned away from it [rad]; by default as it was built."""
+
+    @staticmethod
+    def of(path: str | Path, **options: Any) -> BackgroundOptions:
+        """Read a background table (`UnreadableError` where it is none)."""
+        sensors, _ = read_background(Path(path))
+        return BackgroundOptions(Path(path).name, tuple(sensors), **options)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for the tables' metadata."""
+        return {
+            "file": self.name,
+            "removed": self.removed,
+            "any_frame": self.any_frame,
+            "station_distance": self.distance,
+            "station_angle": self.angle,
+        }
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What became of the sweeps of one frame."""
+
+    sweeps: int = 0
+    without_pose: int = 0
+    without_station: int = 0
+    nearest: float = np.inf
+    """Of the sweeps without a station the least distance from one [m]."""
+    ranges: int = 0
+    without_background: int = 0
+    """Ranges in directions of which the background knows nothing."""
+
+
+class Subtracting:
+    """Finds the objects that differ from a background, and counts what could not be compared.
+
+    A threshold in metres is the least difference from the background; discontinuities are found as without one.
+    """
+
+    def __init__(self, options: BackgroundOptions, parameters: Parameters) -> None:
+        if parameters.walls:
+            raise OptionError("--walls: walls are background; leave it out, or do without --background")
+        threshold = parameters.threshold
+        fixed = None if isinstance(threshold, str) else float(threshold)
+        if fixed is not None:
+            parameters = replace(
+                parameters, threshold="mean" if parameters.profile == "paper" else "adaptive"
+            )
+        self._options = options
+        self._parameters = parameters
+        self._tolerance = Tolerance(
+            threshold=fixed,
+            distance=options.distance,
+            angle=options.angle,
+            removed=options.removed,
+            max_gap=parameters.max_gap,
+        )
+        self._prepared: dict[int, Subtraction] = {}
+        self._chosen: dict[tuple[str, str], Subtraction] = {}
+        self._seen: dict[str, _Seen] = {}
+        self._changes = np.zeros(2, np.int64)
+
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
+        """The objects of a batch."""
+        sigma = noise(batch)
+        found = changes(batch, self.difference(batch, sigma), self._parameters, sigma, per_beam=per_beam)
+        if found.change is not None:
+            self._changes += np.bincount(found.change, minlength=2)
+        return found
+
+    def difference(self, batch: SweepBatch, sigma: np.ndarray[Any, np.dtype[np.float64]]) -> Difference:
+        """r_w - r_e of a batch, whose sweeps may come from several frames."""
+        parts: list[tuple[Int64, Difference]] = []
+        for code in np.unique(batch.frame).tolist():
+            rows = np.flatnonzero(batch.frame == code)
+            mine = batch if len(rows) == len(batch) else batch.rows(rows)
+            frame = batch.frame_ids[code]
+            part = self._subtraction(mine, frame).difference(mine, sigma[rows])
+            self._count(frame, mine, part)
+            parts.append((rows, part))
+        if len(parts) == 1:
+            return parts[0][1]
+        return assemble(nothing_known(batch), parts)
+
+    def notes(self) -> list[str]:
+        """What was found, and what could not be compared, a line each."""
+        parts = [f"{self._changes[APPEARED]:,} appeared"]
+        if self._options.removed:
+            parts.append(f"{self._changes[REMOVED]:,} removed")
+        lines = [f"compared with {self._options.name}: {', '.join(parts)}"]
+        for frame, seen in sorted(self._seen.items()):
+            name = frame or "without a name"
+            if seen.without_station:
+                lines.append(_without_station(name, seen))
+            if seen.without_background:
+                share = seen.without_background / seen.ranges
+                lines.append(
+                    f"no background for {seen.without_background:,} of {seen.ranges:,} ranges ({share:.1%}) "
+                    f"of frame {name}: they look where it does not"
+                )
+        return lines
+
+    def _subtraction(self, batch: SweepBatch, frame: str) -> Subtraction:
+        key = batch.topic, frame
+        if key not in self._chosen:
+            index = choose_sensor(self._options, batch.topic, frame)
+            sensor = self._options.sensors[index]
+            _refuse_apart(self._options.name, sensor, batch, frame)
+            self._chosen[key] = self._prepared.setdefault(index, Subtraction(sensor, self._tolerance))
+        return self._chosen[key]
+
+    def _count(self, frame: str, batch: SweepBatch, part: Difference) -> None:
+        seen = self._seen.setdefault(frame, _Seen())
+        lost = part.station < 0
+        seen.sweeps += len(batch)
+        seen.without_station += int(np.count_nonzero(lost))
+        seen.without_pose += int(np.count_nonzero(lost & np.isinf(part.away)))
+        seen.nearest = min(seen.nearest, float(part.away[lost].min(initial=np.inf)))
+        valid = (batch.status == Status.VALID) & ~lost[:, None]
+        seen.ranges += int(np.count_nonzero(valid))
+        seen.without_background += int(np.count_nonzero(valid & ~part.known))
+
+
+def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
+    """Which of the sensors of a background took sweeps of this topic and frame.
+
+    Raises
+    ------
+    OptionError
+        None, or nobody can tell.
+    """
+    sensors = options.sensors
+    fitting = [i for i, sensor in enumerate(sensors) if _same(sensor.frame_id, frame)]
+    if not fitting and options.any_frame:
+        fitting = list(range(len(sensors)))
+    if len(fitting) > 1:
+        fitting = [i for i in fitting if _same(sensors[i].topic, topic)] or fitting
+    if len(fitting) == 1:
+        return fitting[0]
+    has = _listed([f"{sensor.frame_id or 'no frame'} ({sensor.topic})" for sensor in sensors])
+    if fitting:
+        raise OptionError(
+            f"{options.name} holds several sensors that may be frame {frame} of {topic}: {has}; "
+            "build a background of one of them with --topic"
+        )
+    raise OptionError(
+        f"frame {frame or 'without a name'} of {topic} is not in {options.name}, which holds {has}; "
+        "--topic chooses what to read, --any-frame takes the background all the same"
+    )
+
+
+def _same(name: str, other: str) -> bool:
+    """Old logs have names without a leading slash, and some drivers add one."""
+    return name.lstrip("/") == other.lstrip("/")
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "nothing"
+
+
+def _refuse_apart(name: str, sensor: Background, batch: SweepBatch, frame: str) -> None:
+    """Refuse a sensor whose view has no direction in common with that of the background."""
+    first = batch.rows(np.zeros(1, np.int64))
+    beams = sensor.grid.beam(first.bearings()[:, : int(first.beams[0])])
+    posed = bool(sensor.posed.any()) and batch.poses is not None
+    if beams.size and not (beams >= 0).any() and not posed:
+        raise OptionError(
+            f"the views of {name} ({_view(sensor.grid.bearings())}) and of frame {frame or 'without a name'} "
+            f"({_view(first.bearings()[0])}) do not overlap; build a background from a log of this sensor"
+        )
+
+
+def _view(bearings: np.ndarray[Any, np.dtype[np.float64]]) -> str:
+    low, high = np.degrees([bearings.min(), bearings.max()])
+    return f"{low:.1f} to {high:.1f} deg"
+
+
+def _without_station(name: str, seen: _Seen) -> str:
+    line = (
+        f"without a station: {seen.without_station:,} of {seen.sweeps:,} sweeps of frame {name}, not compared"
+    )
+    if seen.without_pose:
+        line += f"; {seen.without_pose:,} of them have no pose"
+    if np.isfinite(seen.nearest):
+        line += f"; the nearest is {seen.nearest:.2f} m away (--station-distance, --station-angle)"
+    return line
