@@ -24,7 +24,7 @@ from lidarcli.formalism.difference import difference
 from lidarcli.formalism.discontinuity import adaptive_threshold
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.objects import visibility
-from lidarcli.formalism.parts import assemble
+from lidarcli.formalism.parts import Parts, assemble
 from lidarcli.formalism.ragged import offsets_of, span_first, span_min, span_sum, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.formalism.shape import classify
@@ -44,6 +44,8 @@ class Segmentation:
     """(R,) walls to report."""
     label: Int64 | None = None
     """(R,) objects of the same label are one; None: each run is alone."""
+    body: Int64 | None = None
+    """(R,) objects of one label may have several bodies, as a chair has legs; None: they have one."""
     corners: Corners | None = None
     """Where the vertices are; None: at their points."""
 
@@ -95,7 +97,7 @@ def describe(
         x, y, offsets, runs, segmentation, begin, (shape == PRISMATIC) & (np.diff(parts.offsets) == 1)
     )
     box = bounding_boxes(*hull, faces, face, face_offsets, round_ones, circles)
-    shape[np.diff(parts.offsets) > 1] = LEGGED
+    shape[_of_several(parts, segmentation.body)] = LEGGED
     shape[wall] = WALL
 
     reverse = points.geometry.reverse[row]
@@ -105,6 +107,8 @@ def describe(
     past = parts.theta_i - points.theta(runs.first[parts.run], runs.row[parts.run])
     vertex_part_offsets, vertex_theta, vertex_r, vertex_kind = _vertices(runs, segmentation, parts.run, past)
     vertex_offsets = vertex_part_offsets[parts.offsets]
+    vertex_kind[vertex_offsets[1:] - 1] = END
+    vertex_kind[vertex_offsets[:-1]] = START
     face_theta_i, face_theta_f, face_length = _between(vertex_theta, vertex_r, vertex_part_offsets)
     result = Detection(
         row=row,
@@ -167,6 +171,17 @@ def describe(
     )
 
 
+def _of_several(parts: Parts, body: Int64 | None) -> Bool:
+    """(K,) which objects have more than one body."""
+    several = np.zeros(len(parts.offsets) - 1, bool)
+    if body is None:
+        return several | (np.diff(parts.offsets) > 1)
+    owner = np.repeat(np.arange(len(several)), np.diff(parts.offsets))
+    label = body[parts.run]
+    several[owner[1:][(label[1:] != label[:-1]) & (owner[1:] == owner[:-1])]] = True
+    return several
+
+
 def _hulls(
     x: Float64,
     y: Float64,
@@ -199,10 +214,10 @@ def _hulls(
 def _vertices(
     runs: Runs, segmentation: Segmentation, chosen: Int64, past: Float64
 ) -> tuple[Int64, Float64, Float64, UInt8]:
-    """Vertices of the chosen runs (Def. 6): P_i, the points between faces, P_f. Offsets, bearings, ranges, kinds.
+    """Vertices of the chosen runs (Def. 6): first point, the points between faces, last point.
 
-    A run of a single point has one vertex, which is start and end at once and is called start. `past` (P,) is what a
-    part's bearings grow by past the seam [rad].
+    Offsets, bearings, ranges and kinds; the ends of a part inside an object are corners of it. A run of a single point
+    has one vertex. `past` (P,) is what a part's bearings grow by past the seam [rad].
     """
     faces, points = segmentation.faces, runs.points
     face, _, face_offsets = spans(faces.offsets[chosen], np.diff(faces.offsets)[chosen])
@@ -218,8 +233,8 @@ def _vertices(
     if segmentation.corners is not None:
         _move(segmentation.corners, chosen, theta, r, offsets)
     kind = np.where(segmentation.extremum[at], EXTREMUM, CORNER).astype(np.uint8)
-    kind[offsets[1:] - 1] = END
-    kind[offsets[:-1]] = START
+    kind[offsets[1:] - 1] = CORNER
+    kind[offsets[:-1]] = CORNER
     return offsets, theta + past[owner], r, kind
 
 

@@ -11,8 +11,9 @@ from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.difference import gaps, steepness, steps
 from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, outline, split_straight
+from lidarcli.formalism.fragments import bodies, torn
 from lidarcli.formalism.grouping import close_pairs, joined
-from lidarcli.formalism.objects import fully_visible, partly_hidden, partly_visible
+from lidarcli.formalism.objects import bends, fully_visible, partly_hidden, recognisable, surrounding
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
@@ -27,10 +28,6 @@ WALL_STRIDE, WALL_POINTS = 4, 32
 """Of a run too wide for an object every fourth point is looked at, or as many as make 32: enough for its lines."""
 ENCLOSED = 0.35
 """Walls surround the sensor where they give more than this share of its returns."""
-END_WIDTH = 0.5
-"""[m] What ends in the open between walls is a thing if it is narrower than this, else the end of a wall."""
-PARTLY_HIDDEN_WIDTH = 0.65
-"""Greatest visible extent of a partly hidden object, as a share of `max_width`: some of it is out of sight."""
 
 
 def detect(
@@ -72,7 +69,9 @@ def detect(
     sweep_d_th = _sweep_threshold(d_mean, sigma, parameters)
     adaptive = parameters.threshold == "adaptive"
     inside = None if within is None else mask.lay_out(points, within)
-    candidates = steps(points, gap, size if inside is None else mask.bordered(points, size, inside), sweep_d_th)
+    candidates = steps(
+        points, gap, size if inside is None else mask.bordered(points, size, inside), sweep_d_th
+    )
     jump = (
         one_sided_jumps(points, candidates, gap, sigma, parameters.max_gap)
         if adaptive
@@ -118,11 +117,14 @@ def _literal(runs: Runs, d_th: Float64, parameters: Parameters, known: Bool | No
     )
 
 
-def _grouped(runs: Runs, is_object: Bool, parameters: Parameters) -> Int64 | None:
+def _grouped(runs: Runs, is_object: Bool, parameters: Parameters, label: Int64 | None = None) -> Int64 | None:
     """(R,) label of the thing that each object is a part of, where things of several parts are asked for."""
     if parameters.group_gap <= 0:
-        return None
-    return joined(len(runs), *close_pairs(runs, np.flatnonzero(is_object), parameters.group_gap))
+        return label
+    a, b = close_pairs(runs, np.flatnonzero(is_object), parameters.group_gap)
+    if label is not None:
+        a, b = np.append(a, np.arange(len(runs))), np.append(b, label)
+    return joined(len(runs), a, b)
 
 
 def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> Segmentation:
@@ -151,11 +153,13 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
     enclosed = np.bincount(runs.row, runs.size * wall, minlength=len(sigma)) > ENCLOSED * np.diff(
         runs.points.start
     )
-    is_object = small & ~wall & partly_visible(runs, enclosed, reach < END_WIDTH)
-    is_object &= (reach <= PARTLY_HIDDEN_WIDTH * parameters.max_width) | ~partial
+    piece = narrow & ~wall & ~surrounding(runs)
+    body = bodies(runs, reach, *torn(runs, piece, reach))
+    is_object = piece & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
+    is_object &= recognisable(body, bends(faces), enclosed[runs.row], parameters.max_width)
     is_wall = wall & parameters.walls
-    label = _grouped(runs, is_object, parameters)
+    label = _grouped(runs, is_object, parameters, body.label)
     shape = outline(runs, np.where(is_object | is_wall, runs.size, 0))
     _, faces = settle(shape, split_straight(shape, tolerance), tolerance)
     corners = locate(shape, faces, tolerance)
-    return Segmentation(faces, np.zeros(len(runs.points), bool), is_object, is_wall, label, corners)
+    return Segmentation(faces, np.zeros(len(runs.points), bool), is_object, is_wall, label, body.label, corners)

@@ -5,9 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism.detection import BOTH_HIDDEN, CUT, END_HIDDEN, FULL, START_HIDDEN
+from lidarcli.formalism.faces import Faces
+from lidarcli.formalism.fragments import Bodies
 from lidarcli.formalism.runs import EDGES, HIDDEN, OPEN, OWN, UNKNOWN, VIEW, Runs
-from lidarcli.sweeps import Bool, UInt8
+from lidarcli.sweeps import Bool, Int8, UInt8
 
+STRAIGHT, CONVEX, CONCAVE = range(3)
+END_WIDTH = 0.5
+"""[m] What ends in the open between walls is a thing if it is narrower than this, else the end of a wall."""
+POINTED_WIDTH = 0.8
+"""[m] Wider than this, a corner that points at the sensor may be one of a wall, and a straight free end is one."""
+HIDDEN_WIDTH = 0.5
+"""[m] What is straight, wider than this and hidden on both sides is wall."""
+PARTLY_HIDDEN_WIDTH = 0.65
+"""Greatest visible extent of a straight partly hidden object, as a share of `max_width`: some of it is out of sight."""
 NO_NEIGHBOUR = (OPEN, UNKNOWN)
 """Beside the run is no range at all: nothing is seen behind it, and scanners also lose the beam that grazes an edge."""
 
@@ -23,37 +34,65 @@ def fully_visible(runs: Runs) -> Bool:
     return both
 
 
-def partly_visible(runs: Runs, enclosed: Bool, slight: Bool) -> Bool:
-    """Profile `robust`: runs that show enough of their outline to be more than a piece of the background.
+def recognisable(bodies: Bodies, bend: Int8, enclosed: Bool, max_width: float) -> Bool:
+    """Profile `robust`: bodies that show enough of their outline to be more than a piece of the background.
 
-    Between walls a run needs an edge of its own, an end in the open on both sides, or one such end if it is slight:
-    what else is seen there is wall. Where no walls surround the sensor even a run that is hidden on both sides is
-    some thing.
+    An edge of its own tells a body from the background, and so does a corner that points at the sensor: walls point
+    theirs away. Between walls all else is wall, unless both ends are in the open, or one is and the body is slight.
+    Where no walls surround the sensor, the rest are things too, if they are not as straight and long as a wall.
 
     Parameters
     ----------
-    runs : R runs
-    enclosed : (S,) sweeps surrounded by walls
-    slight : (R,) runs too short to be the free end of a wall
+    bodies : R runs as parts of bodies
+    bend : (R,) sign of the corners of each run, see `bends`
+    enclosed : (R,) whether walls surround the sensor
+    max_width : greatest extent of an object [m]
 
     Returns
     -------
     (R,)
     """
-    own = (runs.start_edge == OWN) | (runs.end_edge == OWN)
-    open_start, open_end = _is_one_of(runs.start_edge, NO_NEIGHBOUR), _is_one_of(runs.end_edge, NO_NEIGHBOUR)
-    free = np.where(slight, open_start | open_end, open_start & open_end)
-    # A turn without any discontinuity surrounds the sensor: both its edges are hidden, by no step at all.
-    surrounding = (runs.start_edge == HIDDEN) & (runs.end_edge == HIDDEN) & np.isnan(runs.s_start)
-    visible: Bool = (own | free | ~enclosed[runs.row]) & ~surrounding
+    start, end, reach = bodies.start_edge, bodies.end_edge, bodies.reach
+    own = (start == OWN) | (end == OWN)
+    open_start, open_end = _is_one_of(start, NO_NEIGHBOUR), _is_one_of(end, NO_NEIGHBOUR)
+    hidden = (start == HIDDEN) & (end == HIDDEN)
+    whole = bodies.parts == 1
+    straight = (bend == STRAIGHT) & whole
+    slight = (reach < END_WIDTH) & (open_start | open_end) & (start != VIEW) & (end != VIEW)
+    free = open_start & open_end | slight
+    pointed = (bend == CONVEX) & (reach < POINTED_WIDTH)
+    background = hidden & whole & (straight & (reach > HIDDEN_WIDTH) | (bend == CONCAVE))
+    goes_on = straight & ~_is_seen(start, end) | enclosed & (open_start | open_end)
+    too_long = goes_on & (reach > PARTLY_HIDDEN_WIDTH * max_width)
+    visible: Bool = (own | free | pointed | ~enclosed) & ~background & ~too_long
     return visible
+
+
+def bends(faces: Faces) -> Int8:
+    """(R,) CONVEX where all corners of a run point at the sensor, CONCAVE where one points away, STRAIGHT without any."""
+    turn = np.sin(faces.angle[1:] - faces.angle[:-1])
+    same = faces.run[1:] == faces.run[:-1]
+    away = np.bincount(faces.run[1:][same & (turn > 0)], minlength=len(faces.offsets) - 1) > 0
+    bend = np.where(np.diff(faces.offsets) > 1, CONVEX, STRAIGHT).astype(np.int8)
+    bend[away] = CONCAVE
+    return bend
 
 
 def partly_hidden(runs: Runs) -> Bool:
     """Runs that may go on where an edge is hidden, beyond the view or unknown. (R,)"""
+    return ~_is_seen(runs.start_edge, runs.end_edge)
+
+
+def _is_seen(start_edge: UInt8, end_edge: UInt8) -> Bool:
+    """Whether nothing goes on at either edge."""
     seen = (OWN, OPEN)
-    partial: Bool = ~(_is_one_of(runs.start_edge, seen) & _is_one_of(runs.end_edge, seen))
-    return partial
+    return _is_one_of(start_edge, seen) & _is_one_of(end_edge, seen)
+
+
+def surrounding(runs: Runs) -> Bool:
+    """(R,) turns without any discontinuity: both edges are hidden, by no step at all."""
+    around: Bool = (runs.start_edge == HIDDEN) & (runs.end_edge == HIDDEN) & np.isnan(runs.s_start)
+    return around
 
 
 def _is_one_of(edge: UInt8, kinds: tuple[int, int]) -> Bool:

@@ -14,7 +14,13 @@ from lidarcli.formalism import Detection, Parameters
 from lidarcli.sweeps import SweepBatch
 
 PAGE = (Path(__file__).parents[2] / "docs" / "formalism.md").read_text(encoding="utf-8")
-DERIVED = {"threshold.MEDIAN_TO_SIGMA", "threshold.SECOND_DIFFERENCE_GAIN"}
+DERIVED = {
+    "threshold.MEDIAN_TO_SIGMA",
+    "threshold.SECOND_DIFFERENCE_GAIN",
+    "objects.STRAIGHT",
+    "objects.CONVEX",
+    "objects.CONCAVE",
+}
 """Factors of the normal distribution: the page names the distribution."""
 CODES = ("detection", "points", "runs")
 """Modules whose numbers are codes or the layout of arrays, not constants of the method."""
@@ -40,7 +46,17 @@ def modules() -> dict[str, ModuleType]:
     return {name: importlib.import_module(f"lidarcli.formalism.{name}") for name in names}
 
 
-BACKGROUND = {"alignment", "background", "cells", "combine", "grid", "learning", "mask", "stations", "subtraction"}
+BACKGROUND = {
+    "alignment",
+    "background",
+    "cells",
+    "combine",
+    "grid",
+    "learning",
+    "mask",
+    "stations",
+    "subtraction",
+}
 """The subtraction of a background has a page of its own, docs/background.md."""
 
 
