@@ -14,8 +14,7 @@ from lidarcli.reports.columns import Rows, Run, Source
 from lidarcli.reports.compare import compare
 from lidarcli.reports.report import Report
 from lidarcli.reports.streams import streams_of
-from lidarcli.reports.summary import OBJECT_COLUMNS, edges_of, summarise, values_of
-from lidarcli.tables.schemas import SWEEPS
+from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS, edges_of, summarise, values_of
 
 FORMATS = ("text", "markdown", "html", "json", "junit")
 SUFFIXES = {
@@ -27,7 +26,7 @@ SUFFIXES = {
     ".json": "json",
     ".xml": "junit",
 }
-VIEWER_COLUMNS = ("topic", "frame_id", "sweep", "object", "beam_i", "beam_f", "box_x", "box_y", "box_yaw")
+VIEWER_COLUMNS = ("topic", "sweep", "object", "theta_i", "theta_f", "box_x", "box_y", "box_yaw")
 """Columns of the objects table that only the viewer reads."""
 CHECK_FAILED = 1
 
@@ -95,10 +94,11 @@ def _load(
     """The rows of all tables that can be read, and one line for each that cannot."""
     pairs, problems = find_pairs(inputs)
     columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
+    sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps")}
     read: list[tuple[Pair, Source, pa.Table, pa.Table]] = []
     for pair in pairs:
         try:
-            sweeps = read_columns(pair.sweeps, SWEEPS.names)
+            sweeps = read_columns(pair.sweeps, sweep_columns)
             objects = read_columns(pair.objects, columns)
             read.append((pair, _named(read_source(pair), sweeps), sweeps, objects))
         except UnreadableError as err:

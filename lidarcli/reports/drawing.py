@@ -27,7 +27,7 @@ FRAMES_PER_SECOND = 10
 
 def draw(picture: Picture, view: str, suffix: str, limits: Limits | None = None) -> bytes:
     """The picture as a file of the kind of `suffix`."""
-    with _style():
+    with project_style():
         figure = _figure(view, picture)
         _fill(figure, picture, view, limits or limits_of([picture.batch]))
         out = io.BytesIO()
@@ -45,7 +45,7 @@ def animate(pictures: Sequence[Picture], view: str, path: Path) -> None:
     if not kind.isAvailable():
         raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
     limits = limits_of([picture.batch for picture in pictures])
-    with _style():
+    with project_style():
         figure = _figure(view, pictures[0])
         writer = kind(fps=FRAMES_PER_SECOND)
         with writer.saving(figure, str(path), 120):
@@ -56,12 +56,12 @@ def animate(pictures: Sequence[Picture], view: str, path: Path) -> None:
 
 
 @contextmanager
-def _style() -> Iterator[None]:
-    """The project's style alone, whatever the user's own settings."""
+def project_style(other: dict[str, Any] | None = None) -> Iterator[None]:
+    """The project's style alone, whatever the user's own settings; `other` comes on top."""
     import matplotlib
     from matplotlib import style
 
-    with style.context(["default", palette.STYLE]), warnings.catch_warnings():
+    with style.context(["default", palette.STYLE, other or {}]), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes; that is no news for the user.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         matplotlib.rcParams["axes.unicode_minus"] = True

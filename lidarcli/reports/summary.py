@@ -48,6 +48,11 @@ OBJECT_COLUMNS = (
     *OF_OBJECTS.values(),
 )
 """Columns of the objects table that a summary reads."""
+SWEEP_COLUMNS = (
+    *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
+    *("d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SETS)),
+)
+"""Columns of the sweeps table that a summary reads."""
 
 
 @dataclass(frozen=True, slots=True)

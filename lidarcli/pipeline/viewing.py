@@ -1,0 +1,177 @@
+"""The raw sweeps that the viewer of the HTML report shows: from the logs, or from the beams tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.pipeline.inputs import Nothing, find_logs
+from lidarcli.pipeline.inputs import Source as LogSource
+from lidarcli.pipeline.opening import open_source
+from lidarcli.pipeline.tables_found import Pair, batches
+from lidarcli.reports.columns import Run, Source
+from lidarcli.reports.summary import Summary
+from lidarcli.reports.viewer import Choice, Raw, choose, pack
+from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
+
+BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
+
+
+def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]) -> dict[str, Any]:
+    """The data of the viewer, with a note on what is left out and on where the sweeps come from."""
+    choice = choose(run, summary)
+    wanted = _wanted(run, summary, choice)
+    origins = _match(run.sources, logs)
+    raw: dict[tuple[int, str], Raw] = {}
+    for source, topics in wanted.items():
+        if source in origins:
+            raw |= _from_log(source, origins[source], run.sources[source], topics)
+        elif pairs[source].beams.exists():
+            raw |= _from_beams(source, pairs[source], topics)
+    return {**pack(run, summary, choice, raw), "note": choice.note}
+
+
+def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, Int64]]:
+    """Source → topic → sorted indices of the sweeps to show."""
+    index = run.sweeps.integers("sweep")
+    found: dict[int, dict[str, Int64]] = {}
+    for stream, rows in zip(summary.streams.all, choice.rows, strict=False):
+        topics = found.setdefault(stream.source, {})
+        topics[stream.topic] = np.union1d(topics.get(stream.topic, np.empty(0, np.int64)), index[rows])
+    return found
+
+
+def _match(sources: Sequence[Source], logs: Sequence[str]) -> dict[int, LogSource]:
+    """Which log belongs to which pair of tables: by name, or because there is only one of each."""
+    found: dict[int, LogSource] = {}
+    named = find_logs(logs)
+    for log in named:
+        if isinstance(log, Nothing):
+            raise UnreadableError(f"{log.path}: {log.error}")
+        mine = [k for k, source in enumerate(sources) if log.name in (source.log, source.log.split("/")[-1])]
+        if not mine and len(named) == len(sources) == 1:
+            mine = [0]
+        if not mine:
+            raise OptionError(f"--log {log.path}: no table here is of a log {log.name}")
+        found |= dict.fromkeys(mine, log)
+    return found
+
+
+@dataclass(slots=True)
+class _Gathered:
+    """Sweeps of one topic, gathered piece by piece."""
+
+    sweep: list[Int64] = field(default_factory=list)
+    angle_min: list[Float64] = field(default_factory=list)
+    angle_increment: list[Float64] = field(default_factory=list)
+    closure: list[UInt8] = field(default_factory=list)
+    beams: list[NDArray[Any]] = field(default_factory=list)
+    ranges: list[NDArray[Any]] = field(default_factory=list)
+
+    def raw(self) -> Raw:
+        """All of them in one, sorted."""
+        width = max(part.shape[1] for part in self.ranges)
+        ranges = np.concatenate(
+            [
+                np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=np.nan)
+                for part in self.ranges
+            ]
+        )
+        sweep = np.concatenate(self.sweep)
+        order = np.argsort(sweep, kind="stable")
+        return Raw(
+            sweep[order],
+            np.concatenate(self.angle_min)[order],
+            np.concatenate(self.angle_increment)[order],
+            np.concatenate(self.closure)[order],
+            np.concatenate(self.beams)[order].astype(np.int64),
+            ranges[order].astype(np.float64),
+        )
+
+
+def _from_log(
+    number: int, log: LogSource, source: Source, topics: dict[str, Int64]
+) -> dict[tuple[int, str], Raw]:
+    """The ranges as `detect` has judged them, by the parameters in the tables."""
+    gathered: dict[str, _Gathered] = {}
+    with open_source(log, _csv(source.parameters)) as opened:
+        options = ReadOptions(topics=frozenset(topics), rules=_rules(source.parameters))
+        for batch in read_batches(opened, options):
+            rows = np.flatnonzero(np.isin(batch.sweep, topics.get(batch.topic, [])))
+            if not len(rows):
+                continue
+            into = gathered.setdefault(batch.topic, _Gathered())
+            into.sweep.append(batch.sweep[rows])
+            into.angle_min.append(batch.angle_min[rows])
+            into.angle_increment.append(batch.angle_increment[rows])
+            into.closure.append(batch.closure[rows])
+            into.beams.append(batch.beams[rows])
+            into.ranges.append(batch.ranges[rows])
+    return {(number, topic): into.raw() for topic, into in gathered.items()}
+
+
+def _from_beams(number: int, pair: Pair, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:
+    parts: dict[str, list[tuple[Int64, Int64, Float64, Float64]]] = {}
+    for rows in batches(pair.beams, BEAM_COLUMNS):
+        names = rows["topic"].dictionary.to_pylist()
+        code = rows["topic"].indices.to_numpy()
+        columns = [
+            rows[name].to_numpy(zero_copy_only=False).astype(kind)
+            for name, kind in (("sweep", np.int64), ("beam", np.int64), ("theta", float), ("r", float))
+        ]
+        for topic, wanted in topics.items():
+            if topic in names:
+                mine = (code == names.index(topic)) & np.isin(columns[0], wanted)
+                sweep, beam, theta, r = (column[mine] for column in columns)
+                parts.setdefault(topic, []).append((sweep, beam, theta, r))
+    found = {}
+    for topic, pieces in parts.items():
+        sweep, beam, theta, r = (np.concatenate(column) for column in zip(*pieces, strict=True))
+        if len(sweep):
+            found[number, topic] = _table(sweep, beam, theta, r)
+    return found
+
+
+def _table(sweep: Int64, beam: Int64, theta: Float64, r: Float64) -> Raw:
+    """Rows of the beams table as one row per sweep."""
+    indices, row, beams = np.unique(sweep, return_inverse=True, return_counts=True)
+    ranges = np.full((len(indices), int(beam.max()) + 1), np.nan)
+    ranges[row, beam] = r
+    bearings = np.full_like(ranges, np.nan)
+    bearings[row, beam] = theta
+    increment = np.nan_to_num(bearings[:, 1:2] - bearings[:, :1]).sum(axis=1)
+    kind = closure(beams.astype(np.int32), increment)
+    return Raw(indices, bearings[:, 0], increment, kind, beams.astype(np.int64), ranges)
+
+
+def _rules(parameters: dict[str, Any]) -> RangeRules:
+    """How the run has judged ranges."""
+    limits = parameters.get("range")
+    no_return = parameters.get("no_return")
+    if not isinstance(no_return, list):
+        return RangeRules()
+    return RangeRules(
+        no_return=frozenset(word for word in no_return if word in NO_RETURN_WORDS),
+        markers=tuple(float(value) for value in no_return if isinstance(value, int | float)),
+        limits=(float(limits[0]), float(limits[1]))
+        if isinstance(limits, list) and len(limits) == 2
+        else None,
+    )
+
+
+def _csv(parameters: dict[str, Any]) -> CsvOptions:
+    """What the run has been told of a CSV."""
+    told = parameters.get("csv")
+    names = ("angle_min", "angle_increment", "fov", "range_max", "range_scale")
+    return (
+        CsvOptions(**{name: float(told[name]) for name in names if name in told})
+        if isinstance(told, dict)
+        else CsvOptions()
+    )

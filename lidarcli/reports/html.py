@@ -1,0 +1,137 @@
+"""A report as one HTML file: offline, without a request to anywhere, with a viewer of the sweeps."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any
+
+from lidarcli import __version__
+from lidarcli.reports.charts import charts
+from lidarcli.reports.report import Report
+from lidarcli.reports.standing import KINDS
+from lidarcli.reports.text import COMPARED
+from lidarcli.reports.wording import (
+    SHOWN_SPREADS,
+    SHOWN_STATISTICS,
+    number,
+    origin,
+    quantity,
+    settings,
+    spread_name,
+    spread_row,
+    stamp,
+)
+
+SHOWN = 100
+"""Rows of the tables of logs and topics."""
+
+
+def render(report: Report, viewer: dict[str, Any]) -> str:
+    """The page; `viewer` as `reports.viewer.pack` makes it. Every text of a log is escaped by the template engine."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=PackageLoader("lidarcli.reports"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    script = _part("viewer.js")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    summary = report.summary
+    return environment.get_template("report.html").render(
+        report=report,
+        summary=summary,
+        version=__version__,
+        style=Markup(_part("report.css")),
+        script=Markup(script),
+        script_hash=digest,
+        data=Markup(embedded(viewer)),
+        viewer=viewer,
+        has_raw=any("raw" in stream for stream in viewer["streams"]),
+        charts=[(chart.title, Markup(chart.svg)) for chart in charts(report)],
+        cards=[*_cards(report)],
+        spreads=[
+            (spread_name(name), spread_row(name, summary.spreads[name]))
+            for name in SHOWN_SPREADS
+            if summary.spreads[name].count
+        ],
+        statistics=SHOWN_STATISTICS,
+        kinds=KINDS,
+        compared=[*_compared(report)],
+        shown=SHOWN,
+        number=number,
+        quantity=quantity,
+        origin=origin,
+        settings=settings,
+        stamp=stamp,
+    )
+
+
+def embedded(value: Any) -> str:
+    """JSON that cannot end the script element it stands in.
+
+    >>> embedded("</script>&")
+    '"\\\\u003c/script\\\\u003e\\\\u0026"'
+    """
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _part(name: str) -> str:
+    return files("lidarcli.reports").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _cards(report: Report) -> Iterator[tuple[str, str, str]]:
+    """What matters most: name, value, and a line of detail."""
+    figures, spreads = report.summary.figures, report.summary.spreads
+    logs, topics = number(figures["logs"]), number(figures["topics"])
+    plural = "s" if figures["topics"] != 1 else ""
+    yield (
+        "sweeps",
+        number(figures["sweeps"]),
+        f"{logs} log{'s' if figures['logs'] != 1 else ''}, {topics} topic{plural}",
+    )
+    yield "duration", quantity("duration", figures["duration"]), quantity("rate", figures["rate"])
+    per = spreads["objects_per_sweep"]
+    yield "objects", number(figures["objects"]), f"{number(per.mean, 3)} per sweep, most {number(per.max)}"
+    lost = figures["valid_share"]
+    yield (
+        "beams with a range",
+        quantity("valid_share", lost),
+        f"of {number(figures['beams'])}; {quantity('no_return_share', figures['no_return_share'])} no return",
+    )
+    gaps = f"{number(figures['missing_sweeps'])} sweeps missing, longest {quantity('longest_gap', figures['longest_gap'])}"
+    yield "gaps", number(figures["gaps"]), gaps
+    faults = (figures["backward"] or 0) + (figures["repeated"] or 0)
+    yield (
+        "clock faults",
+        number(faults),
+        f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated",
+    )
+    if report.verdicts:
+        held = sum(verdict.holds for verdict in report.verdicts)
+        words = "all hold" if report.holds else f"{len(report.verdicts) - held} do not hold"
+        yield "checks", f"{held} of {len(report.verdicts)}", words
+    if figures["damage"]:
+        yield (
+            "damage",
+            number(figures["damage"]),
+            f"part{'s' if figures['damage'] != 1 else ''} of the logs not read",
+        )
+
+
+def _compared(report: Report) -> Iterator[tuple[str, str, str, str]]:
+    if report.comparison is None:
+        return
+    here, there, delta = report.summary.figures, report.comparison.baseline.figures, report.comparison.figures
+    for name in COMPARED:
+        if here[name] is not None or there[name] is not None:
+            change = quantity(name, delta[f"delta.{name}"], sign=True)
+            yield name, quantity(name, there[name]), quantity(name, here[name]), change

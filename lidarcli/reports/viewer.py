@@ -1,0 +1,224 @@
+"""The sweeps of a run packed for the viewer of the HTML report: typed arrays in base64, thinned where there are many."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.detection import SHAPES
+from lidarcli.reports.columns import Run
+from lidarcli.reports.palette import GREY
+from lidarcli.reports.palette import SHAPES as SHAPE_COLOURS
+from lidarcli.reports.standing import KINDS
+from lidarcli.reports.streams import Stream
+from lidarcli.reports.summary import Summary
+from lidarcli.sweeps import Float64, Int64, UInt8
+
+BUDGET = 2_200_000
+"""Most characters of packed sweeps: with the charts the file stays below 3 MB."""
+STREAMS = 40
+"""Most streams that the viewer shows."""
+PER_SWEEP, PER_OBJECT = 16, 17
+"""Bytes of one sweep and one object, ranges aside."""
+LOST = 65_535
+"""Stands for a beam without a range."""
+ANGLE = 32_767 / (3 * np.pi)
+"""Angles as whole numbers; theta_f may pass π."""
+SETS = ("O", "A", "S")
+
+
+@dataclass(frozen=True, slots=True)
+class Raw:
+    """Ranges of K sweeps of one topic, sorted by index."""
+
+    sweep: Int64
+    """(K,)"""
+    angle_min: Float64
+    angle_increment: Float64
+    closure: UInt8
+    beams: Int64
+    ranges: Float64
+    """(K, B) metres; NaN without a range and beyond `beams`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The sweeps of each stream that are shown: rows of the sweeps table."""
+
+    rows: tuple[NDArray[np.intp], ...]
+    total: int
+    streams: int
+
+    @property
+    def note(self) -> str:
+        """What is left out, or nothing."""
+        shown = sum(map(len, self.rows))
+        parts = []
+        if self.streams > len(self.rows):
+            parts.append(f"the first {len(self.rows):,} of {self.streams:,} topics")
+        if shown < self.total:
+            parts.append(f"{shown:,} of {self.total:,} sweeps, evenly spaced, and all that stand out")
+        return f"To keep this file small the viewer holds {' and '.join(parts)}." if parts else ""
+
+
+def choose(run: Run, summary: Summary) -> Choice:
+    """As many sweeps as the budget allows, evenly spaced, and those that stand out."""
+    streams = summary.streams
+    count = min(len(streams.all), STREAMS)
+    mine = streams.stream < count
+    cost = PER_SWEEP + 2 * run.sweeps.numbers("beams")
+    cost += PER_OBJECT * (run.sweeps.numbers("objects") + run.sweeps.numbers("agents"))
+    total = float(cost[mine].sum()) * 4 / 3
+    keep = min(1.0, BUDGET / total) if total else 1.0
+    standing = {(one.stream, one.sweep) for one in summary.standing}
+    index = run.sweeps.integers("sweep")
+    chosen = []
+    for k in range(count):
+        rows = np.flatnonzero(streams.stream == k)
+        places = np.unique(np.linspace(0, len(rows) - 1, max(1, int(keep * len(rows)))).astype(np.int64))
+        wanted = [sweep for stream, sweep in standing if stream == k]
+        kept = np.isin(np.arange(len(rows)), places) | np.isin(index[rows], wanted)
+        chosen.append(rows[kept])
+    return Choice(tuple(chosen), len(run.sweeps), len(streams.all))
+
+
+def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Any]:
+    """Everything the viewer needs, as values for JSON; `raw` by source and topic."""
+    objects = _Objects(run)
+    streams = [
+        _stream(
+            run,
+            summary.streams.all[k],
+            rows,
+            objects,
+            raw.get((summary.streams.all[k].source, _topic(summary, k))),
+        )
+        for k, rows in enumerate(choice.rows)
+    ]
+    return {
+        "streams": streams,
+        "shapes": list(SHAPES),
+        "colours": [SHAPE_COLOURS.get(name, GREY) for name in SHAPES],
+        "angle": ANGLE,
+        "standing": [
+            {"stream": one.stream, "sweep": one.sweep, "kind": KINDS[one.kind], "value": one.words}
+            for one in summary.standing
+            if one.stream < len(choice.rows)
+        ],
+    }
+
+
+def _topic(summary: Summary, k: int) -> str:
+    return summary.streams.all[k].topic
+
+
+class _Objects:
+    """The objects table by source, topic and sweep."""
+
+    def __init__(self, run: Run) -> None:
+        rows = run.objects
+        self.source = rows.source
+        self.topic, self.topics = rows.words("topic")
+        self.sweep = rows.integers("sweep")
+        self.columns = {
+            name: rows.numbers(name)
+            for name in (
+                "object",
+                "theta_i",
+                "theta_f",
+                "box_x",
+                "box_y",
+                "box_length",
+                "box_width",
+                "box_yaw",
+            )
+        }
+        self.shape = _codes(rows.words("shape"), SHAPES)
+        self.set = _codes(rows.words("set"), SETS)
+
+    def of(self, stream: Stream, sweeps: Int64) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        """Offsets (K + 1,) and rows of the objects of K sweeps."""
+        code = self.topics.index(stream.topic) if stream.topic in self.topics else -2
+        mine = np.flatnonzero((self.source == stream.source) & (self.topic == code))
+        index = self.sweep[mine]
+        order = np.argsort(index, kind="stable")
+        low = np.searchsorted(index[order], sweeps, "left")
+        high = np.searchsorted(index[order], sweeps, "right")
+        size = high - low
+        offsets = np.concatenate([[0], np.cumsum(size)])
+        inside = np.arange(offsets[-1]) - np.repeat(offsets[:-1], size)
+        return offsets, mine[order[np.repeat(low, size) + inside]]
+
+
+def _stream(
+    run: Run, stream: Stream, rows: NDArray[np.intp], objects: _Objects, raw: Raw | None
+) -> dict[str, Any]:
+    sweeps = run.sweeps.integers("sweep")[rows]
+    stamp = run.sweeps.integers("stamp")[rows]
+    offsets, members = objects.of(stream, sweeps)
+    columns = {name: values[members] for name, values in objects.columns.items()}
+    lengths = [columns[name] for name in ("box_x", "box_y", "box_length", "box_width")]
+    reach = max((float(np.nanmax(np.abs(values), initial=0)) for values in lengths), default=0.0)
+    scale = max(reach, 1.0) / 32_000
+    packed = {
+        "name": stream.name,
+        "count": len(rows),
+        "sweep": _base64(sweeps, np.int32),
+        "seconds": _base64((stamp - stream.start_ns) * 1e-9, np.float32),
+        "d_th": _base64(run.sweeps.numbers("d_th")[rows], np.float32),
+        "offsets": _base64(offsets, np.int32),
+        "scale": scale,
+        "object": _base64(columns["object"], np.uint16),
+        "shape": _base64(objects.shape[members], np.uint8),
+        "set": _base64(objects.set[members], np.uint8),
+        **{
+            name: _base64(np.nan_to_num(np.round(columns[name] / scale)), np.int16)
+            for name in ("box_x", "box_y", "box_length", "box_width")
+        },
+        **{
+            name: _base64(np.clip(np.nan_to_num(np.round(columns[name] * ANGLE)), -32_767, 32_767), np.int16)
+            for name in ("box_yaw", "theta_i", "theta_f")
+        },
+    }
+    if raw is not None and len(raw.sweep):
+        packed["raw"] = _raw(raw, sweeps)
+    return packed
+
+
+def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
+    at = np.clip(np.searchsorted(raw.sweep, sweeps), 0, len(raw.sweep) - 1)
+    there = raw.sweep[at] == sweeps
+    beams = np.where(there, raw.beams[at], 0)
+    ranges = raw.ranges[at]
+    finite = np.isfinite(ranges)
+    scale = float(ranges[finite].max(initial=1.0)) / (LOST - 1)
+    whole = np.where(finite, np.round(np.where(finite, ranges, 0.0) / scale), LOST).astype(np.uint16)
+    inside = np.arange(ranges.shape[1]) < beams[:, None]
+    return {
+        "scale": scale,
+        "beams": _base64(beams, np.int32),
+        "angle_min": _base64(raw.angle_min[at], np.float32),
+        "angle_increment": _base64(raw.angle_increment[at], np.float32),
+        "closure": _base64(raw.closure[at], np.uint8),
+        "ranges": _base64(whole[inside], np.uint16),
+    }
+
+
+def _codes(words: tuple[NDArray[Any], list[str]], known: Sequence[str]) -> UInt8:
+    """Codes of a column by another list of names; what that does not know is the last."""
+    codes, names = words
+    table = np.array(
+        [known.index(name) if name in known else len(known) - 1 for name in names] or [0], np.uint8
+    )
+    found: UInt8 = table[codes]
+    return found
+
+
+def _base64(values: NDArray[Any], kind: type[np.generic]) -> str:
+    """Little-endian, as every browser has it."""
+    return base64.b64encode(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()).decode()

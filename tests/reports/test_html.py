@@ -1,0 +1,260 @@
+"""The HTML report: one file, nothing from outside, nothing executed that a log brings; and a viewer that works."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from collections.abc import Callable, Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarcli.reports import viewer
+from lidarcli.reports.summary import summarise
+from lidarcli.reports.viewer import Raw, choose, pack
+from tests.reports.browser import CHROMIUM, Page, browser
+from tests.reports.runs import run_of, sweep, thing, write_run
+
+Run = Callable[..., Any]
+SAMPLES = Path(__file__).parents[2] / "samples"
+EVIL = "</script><script>document.title='owned'</script><img src=x onerror=alert(1)>"
+
+
+class Elements(HTMLParser):
+    """The elements of a page with their attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+
+def data_of(page: str) -> Any:
+    """The data of the viewer."""
+    match = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert match is not None
+    return json.loads(match[1])
+
+
+def array(text: str, kind: type[np.generic]) -> np.ndarray[Any, Any]:
+    return np.frombuffer(base64.b64decode(text), kind)
+
+
+@pytest.fixture
+def lidarcli(capfd: pytest.CaptureFixture[str]) -> Run:
+    from lidarcli.cli import run
+
+    def call(*arguments: object) -> tuple[int, str]:
+        code = run(["-q", *map(str, arguments)])
+        return code, capfd.readouterr().err
+
+    return call
+
+
+@pytest.fixture
+def room(lidarcli: Run, tmp_path: Path) -> Path:
+    """The report of a sample with its raw sweeps."""
+    log = SAMPLES / "room.mcap"
+    assert lidarcli("detect", log, "-o", tmp_path, "--beams") == (0, "")
+    checks = ("--check", "sweeps == 100", "--check", "objects < 5")
+    words = ("report", tmp_path / "room.objects.parquet", "-o", tmp_path / "room.html", "--log", log, *checks)
+    assert lidarcli(*words)[0] == 1
+    return tmp_path / "room.html"
+
+
+def test_nothing_comes_from_outside(room: Path) -> None:
+    page = room.read_text("utf-8")
+    for tag, attributes in Elements(page).found:
+        assert tag not in ("link", "iframe", "object", "base", "form"), tag
+        for name, value in attributes.items():
+            if name in ("src", "href", "xlink:href", "srcset", "data"):
+                assert (value or "").startswith(("#", "data:")), (tag, name, value)
+            assert not name.startswith("on"), (tag, name)
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert policy is not None
+    assert policy[1].startswith("default-src 'none';")
+
+
+def test_the_viewer_holds_what_the_log_holds(room: Path, lidarcli: Run) -> None:
+    import lidarcli as package
+
+    (batch,) = package.read(SAMPLES / "room.mcap")
+    found = data_of(room.read_text("utf-8"))["streams"][0]
+    raw = found["raw"]
+    ranges = array(raw["ranges"], np.uint16).reshape(100, 361)
+    there = ranges != viewer.LOST
+    assert (there == np.isfinite(batch.ranges)).all()
+    assert ranges[there] * raw["scale"] == pytest.approx(batch.ranges[there], abs=raw["scale"])
+    assert raw["scale"] < 0.001
+    assert array(raw["angle_min"], np.float32)[0] == pytest.approx(-np.pi)
+    without_log = room.with_name("beams.html")
+    assert lidarcli("report", room.with_name("room.objects.parquet"), "-o", without_log) == (0, "")
+    again = data_of(without_log.read_text("utf-8"))["streams"][0]["raw"]
+    assert again["ranges"] == raw["ranges"]
+    assert again["closure"] == raw["closure"]
+    assert array(again["angle_increment"], np.float32) == pytest.approx(
+        array(raw["angle_increment"], np.float32)
+    )
+
+
+def test_without_beams_the_boxes_alone_are_shown(lidarcli: Run, tmp_path: Path) -> None:
+    tables = write_run(tmp_path, [sweep(k, 1) for k in range(3)], [thing(k, 1) for k in range(3)])
+    assert lidarcli("report", tables, "-o", tmp_path / "a.html") == (0, "")
+    page = (tmp_path / "a.html").read_text("utf-8")
+    assert "Only the objects' boxes are shown" in page
+    found = data_of(page)["streams"][0]
+    assert "raw" not in found
+    assert array(found["box_x"], np.int16) * found["scale"] == pytest.approx([2.1] * 3, abs=1e-3)
+    assert array(found["offsets"], np.int32).tolist() == [0, 1, 2, 3]
+
+
+def test_a_log_that_belongs_to_no_table(lidarcli: Run, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_run(tmp_path, [sweep(0, log=name)], name=name)
+    code, err = lidarcli("report", tmp_path, "-o", tmp_path / "a.html", "--log", SAMPLES / "room.mcap")
+    assert (code, "no table here is of a log room" in err) == (2, True)
+    code, err = lidarcli("report", tmp_path, "-o", tmp_path / "a.html", "--log", tmp_path / "none.bag")
+    assert (code, "no such file or folder" in err) == (3, True)
+
+
+def test_script_in_every_text_of_a_log_stays_text(lidarcli: Run, tmp_path: Path) -> None:
+    evil = {"log": EVIL, "topic": f"/{EVIL}", "frame_id": f"{EVIL}$x$"}
+    name = EVIL.replace("/", "_")[:100]
+    rows = [sweep(k, 1, **evil) for k in range(4)]
+    rows[2] |= {"objects": 3}
+    tables = write_run(tmp_path, rows, [thing(k, 1, **evil) for k in range(4)], name, damage=[EVIL])
+    for suffix in ("html", "md", "xml", "json", "txt"):
+        code, err = lidarcli("report", tables, "--baseline", tables, "-o", tmp_path / f"r.{suffix}")
+        assert (code, err) == (0, "")
+    page = (tmp_path / "r.html").read_text("utf-8")
+    elements = Elements(page).found
+    assert [tag for tag, _ in elements].count("script") == 2
+    assert "img" not in [tag for tag, _ in elements]
+    assert "owned" in page
+    assert "<script>document" not in page
+    assert "<script" not in (tmp_path / "r.md").read_text("utf-8")
+    assert "<script" not in (tmp_path / "r.xml").read_text("utf-8")
+    if CHROMIUM:
+        with browser() as chromium:
+            chromium.open(tmp_path / "r.html", 800)
+            assert chromium.evaluate("document.title").startswith("lidarcli report: ")
+            assert chromium.evaluate("document.getElementById('words').textContent").startswith("sweep 0, ")
+            assert chromium.complaints == []
+
+
+def test_long_logs_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [sweep(k, 1) for k in range(1000)]
+    rows[777] |= {"objects": 9}
+    run = run_of(rows, [thing(k, 1) for k in range(1000)])
+    summary = summarise(run)
+    assert choose(run, summary).note == ""
+    monkeypatch.setattr(viewer, "BUDGET", 30_000)
+    choice = choose(run, summary)
+    (kept,) = choice.rows
+    assert 90 < len(kept) < 110
+    assert 777 in kept
+    assert {0, 999} <= set(kept.tolist())
+    assert choice.note == (
+        f"To keep this file small the viewer holds {len(kept)} of 1,000 sweeps, evenly spaced, and all that stand out."
+    )
+    packed = pack(run, summary, choice, {})
+    assert array(packed["streams"][0]["sweep"], np.int32).tolist() == kept.tolist()
+    assert len(json.dumps(packed)) < 45_000
+
+
+def test_a_thousand_sweeps_of_361_beams_stay_below_three_megabytes(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    run = run_of(
+        [sweep(k, 10, beams=361) for k in range(1000)],
+        [thing(k, n + 1, width=rng.uniform(0, 1)) for k in range(1000) for n in range(10)],
+    )
+    raw = Raw(
+        np.arange(1000),
+        np.full(1000, -np.pi),
+        np.full(1000, np.pi / 180),
+        np.full(1000, 2, np.uint8),
+        np.full(1000, 361),
+        rng.uniform(0.1, 12, (1000, 361)),
+    )
+    from lidarcli.reports import html
+    from lidarcli.reports.report import Report
+
+    summary = summarise(run)
+    packed = pack(run, summary, choose(run, summary), {(0, "/scan"): raw})
+    page = html.render(Report(summary), {**packed, "note": ""})
+    assert packed["streams"][0]["count"] == 1000
+    assert len(page.encode()) < 2_000_000
+
+
+def test_the_same_tables_give_the_same_page(lidarcli: Run, room: Path) -> None:
+    again = room.with_name("again.html")
+    words = ("--check", "sweeps == 100", "--check", "objects < 5")
+    lidarcli(
+        "report", room.with_name("room.objects.parquet"), "-o", again, "--log", SAMPLES / "room.mcap", *words
+    )
+    assert again.read_bytes() == room.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def page() -> Iterator[Page]:
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium")
+    with browser() as chromium:
+        yield chromium
+
+
+PICTURE = "['scene', 'range', 'difference'].map(id => document.getElementById(id).toDataURL())"
+WORDS = "document.getElementById('words').textContent"
+
+
+def test_the_viewer_in_a_browser(page: Page, room: Path) -> None:
+    for width in (1280, 400):
+        page.open(room, width)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        first = page.evaluate(PICTURE)
+        assert all(len(one) > 3000 for one in first)
+        assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 5 objects, d_th ")
+        page.evaluate(
+            "const s = document.getElementById('slider'); s.value = 60; s.dispatchEvent(new Event('input'))"
+        )
+        assert page.evaluate(WORDS).startswith("sweep 60, 6.00 s, ")
+        assert all(one != other for one, other in zip(first, page.evaluate(PICTURE), strict=True))
+        for key, sweep_shown in (
+            ("ArrowRight", 61),
+            ("PageUp", 51),
+            ("End", 99),
+            ("Home", 0),
+            ("ArrowLeft", 0),
+        ):
+            page.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
+            assert page.evaluate(WORDS).startswith(f"sweep {sweep_shown}, "), key
+        page.evaluate("document.querySelector('.jump[data-sweep=\"31\"]').click()")
+        assert page.evaluate(WORDS).startswith("sweep 31, ")
+        assert "most lost beams (1.4%)" in page.evaluate(WORDS)
+    assert page.complaints == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+
+
+def test_play_runs_to_the_end(page: Page, room: Path) -> None:
+    page.open(room, 1280)
+    page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'End'}))")
+    page.evaluate("document.getElementById('back').click()")
+    page.evaluate("document.getElementById('play').click()")
+    assert page.evaluate("document.getElementById('play').textContent") == "Stop"
+    waited = page.call(
+        "Runtime.evaluate",
+        expression="new Promise(done => setTimeout(() => done(document.getElementById('words').textContent), 500))",
+        awaitPromise=True,
+        returnByValue=True,
+    )
+    assert waited["result"]["value"].startswith("sweep 99, ")
+    assert page.evaluate("document.getElementById('play').textContent") == "Play"
