@@ -14,7 +14,7 @@ from lidarcli import __version__
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import LidarcliError
 
-COMMANDS = ("info", "detect", "report", "plot", "simulate")
+COMMANDS = ("info", "detect", "background", "report", "plot", "simulate")
 """Each is a file of this package with a command of its name."""
 
 INTERRUPTED = 130

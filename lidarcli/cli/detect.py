@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -14,7 +15,6 @@ from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import (
     LOGS,
     METRES,
-    SECONDS,
     GroupedCommand,
     Number,
     Threshold,
@@ -23,13 +23,14 @@ from lidarcli.cli.options import (
     option,
     range_options,
     range_rules,
+    reading_options,
 )
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.many import Outcome
 
-OUTPUT, SELECT, OBJECTS = "Output", "Sweeps to read", "Objects"
+OUTPUT, OBJECTS, BACKGROUND = "Output", "Objects", "Background"
 STDOUT = "-"
 
 
@@ -43,6 +44,7 @@ STDOUT = "-"
   lidarcli detect run.bag --topic /front_scan --start 10 --end 20 --beams
   lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
   lidarcli detect run.mcap --pose /amcl_pose
+  lidarcli detect run.mcap --background empty.background.parquet --removed
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
@@ -75,33 +77,7 @@ STDOUT = "-"
     metavar="N",
     help="Logs to process at the same time.",
 )
-@option(
-    "--topic",
-    "topics",
-    heading=SELECT,
-    metavar="NAME",
-    multiple=True,
-    help="LaserScan topic to read; may be repeated.  [default: all]",
-)
-@option(
-    "--start", heading=SELECT, type=SECONDS, help="Skip what is before, from the first sweep.  [default: 0]"
-)
-@option("--end", heading=SELECT, type=SECONDS, help="Skip what is after.  [default: the end]")
-@option(
-    "--every",
-    heading=SELECT,
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Take every N-th sweep.",
-)
-@option(
-    "--pose",
-    heading=SELECT,
-    metavar="TOPIC",
-    help="Topic that tells where the sensor was (docs/poses.md); none for no poses.  [default: the best there is]",
-)
+@reading_options
 @option(
     "--profile",
     heading=OBJECTS,
@@ -128,7 +104,7 @@ STDOUT = "-"
     "--max-width",
     heading=OBJECTS,
     type=Number("METRES", above=0),
-    help="What extends further is background.  [default: 2; paper: no limit]",
+    help="What extends further is background.  [default: 2; paper or --background: no limit]",
 )
 @option(
     "--max-gap",
@@ -144,6 +120,30 @@ STDOUT = "-"
     help="Objects closer than this are one, as the legs of a chair.  [default: 0, never]",
 )
 @option("--walls", heading=OBJECTS, is_flag=True, help="Also rows for walls, with the corners of the room.")
+@option(
+    "--background",
+    heading=BACKGROUND,
+    metavar="FILE",
+    type=click.Path(),
+    help="Only what differs from this background is an object (docs/background.md); --threshold METRES is then the "
+    "least difference.",
+)
+@option("--removed", heading=BACKGROUND, is_flag=True, help="Also what has gone, as rows of change removed.")
+@option("--any-frame", heading=BACKGROUND, is_flag=True, help="Take it for a sensor of another name, too.")
+@option(
+    "--station-distance",
+    "distance",
+    heading=BACKGROUND,
+    type=Number("METRES", above=0),
+    help="How far a sweep may be from a station.  [default: as it was built]",
+)
+@option(
+    "--station-angle",
+    "angle",
+    heading=BACKGROUND,
+    type=Number("DEGREES", above=0),
+    help="How far it may be turned away from it.  [default: as it was built]",
+)
 @range_options
 @csv_options
 @click.pass_obj
@@ -161,6 +161,11 @@ def detect(
     end: float | None,
     every: int,
     pose: str | None,
+    background: str | None,
+    removed: bool,
+    any_frame: bool,
+    distance: float | None,
+    angle: float | None,
     no_return: Any,
     limits: tuple[float, float] | None,
     angle_min: float | None,
@@ -185,10 +190,19 @@ def detect(
     rules = range_rules(no_return, limits)
     geometry = csv_geometry(angle_min, angle_increment, fov, range_max, degrees, range_unit)
 
+    if background is None and (removed or any_frame or distance is not None or angle is not None):
+        raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
+    if background is not None and parameters["walls"]:
+        raise click.UsageError("--walls and --background exclude each other: walls are background")
+
     from lidarcli.formalism import Parameters
     from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.detecting import DetectOptions
+    from lidarcli.pipeline.subtracting import BackgroundOptions
 
+    if background is not None and parameters["max_width"] is None:
+        # What differs from the background is no wall, however wide it is.
+        parameters["max_width"] = math.inf
     options = DetectOptions(
         parameters=Parameters.for_profile(**parameters),
         read=ReadOptions(
@@ -196,6 +210,15 @@ def detect(
         ),
         csv=geometry,
         pose=pose,
+        background=None
+        if background is None
+        else BackgroundOptions.of(
+            background,
+            removed=removed,
+            any_frame=any_frame,
+            distance=distance,
+            angle=None if angle is None else math.radians(angle),
+        ),
         beams=beams,
         overwrite=overwrite,
     )

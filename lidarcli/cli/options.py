@@ -125,6 +125,45 @@ LOGS = click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=IN
 
 RANGES = "Beams without a range"
 CSV = "CSV files without geometry"
+SELECT = "Sweeps to read"
+
+
+def reading_options(command: F) -> F:
+    """Which sweeps of a log to read, and where their poses come from."""
+    for decorate in (
+        option(
+            "--pose",
+            heading=SELECT,
+            metavar="TOPIC",
+            help="Topic that tells where the sensor was (docs/poses.md); none for no poses.  [default: the best there is]",
+        ),
+        option(
+            "--every",
+            heading=SELECT,
+            type=click.IntRange(min=1),
+            default=1,
+            show_default=True,
+            metavar="N",
+            help="Take every N-th sweep.",
+        ),
+        option("--end", heading=SELECT, type=SECONDS, help="Skip what is after.  [default: the end]"),
+        option(
+            "--start",
+            heading=SELECT,
+            type=SECONDS,
+            help="Skip what is before, from the first sweep.  [default: 0]",
+        ),
+        option(
+            "--topic",
+            "topics",
+            heading=SELECT,
+            metavar="NAME",
+            multiple=True,
+            help="LaserScan topic to read; may be repeated.  [default: all]",
+        ),
+    ):
+        command = decorate(command)
+    return command
 
 
 def range_options(command: F) -> F:

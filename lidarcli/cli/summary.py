@@ -26,6 +26,19 @@ def show(outcome: Outcome, say: Messages) -> None:
         _show_run(outcome.label, outcome.summary, say)
 
 
+def show_reading(outcome: Outcome, say: Messages) -> None:
+    """What became of one log that was only read."""
+    if outcome.trace:
+        say.bug(outcome.trace)
+    if outcome.error:
+        say.error(outcome.label, outcome.error)
+    if (run := outcome.summary) is not None:
+        _show_losses(outcome.label, run, say)
+        say.info(f"{outcome.label}: {_count(run.sweeps, 'sweep')}{_speed(run)}")
+        for note in run.notes:
+            say.info(f"  note     {note}")
+
+
 def show_total(outcomes: Sequence[Outcome], say: Messages) -> None:
     """One line over several logs."""
     if len(outcomes) < 2:
@@ -38,13 +51,8 @@ def show_total(outcomes: Sequence[Outcome], say: Messages) -> None:
 
 
 def _show_run(label: str, run: RunSummary, say: Messages) -> None:
-    for line in run.damage:
-        say.error(label, line)
-    for topic in run.missing_topics:
-        say.error(label, f"no LaserScan topic {topic} in this log")
-    speed = f", {run.sweeps / run.seconds:,.0f} sweeps/s" if run.seconds > 0 and run.sweeps else ""
-    lost = ", source damaged" if run.damage else ""
-    say.info(f"{label}: {_count(run.sweeps, 'sweep')}, {_count(run.objects, 'object')}{speed}{lost}")
+    _show_losses(label, run, say)
+    say.info(f"{label}: {_count(run.sweeps, 'sweep')}, {_count(run.objects, 'object')}{_speed(run)}")
     if run.sweeps:
         say.info(f"  beams    {run.beams:,}: {_parts(run.by_status, run.beams)}")
         say.info(f"  sets     {_parts(run.by_set, run.beams)}")
@@ -54,6 +62,18 @@ def _show_run(label: str, run: RunSummary, say: Messages) -> None:
         say.info(f"  note     {note}")
     for path in run.outputs:
         say.info(f"  wrote    {path}")
+
+
+def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
+    for line in run.damage:
+        say.error(label, line)
+    for topic in run.missing_topics:
+        say.error(label, f"no LaserScan topic {topic} in this log")
+
+
+def _speed(run: RunSummary) -> str:
+    speed = f", {run.sweeps / run.seconds:,.0f} sweeps/s" if run.seconds > 0 and run.sweeps else ""
+    return speed + (", source damaged" if run.damage else "")
 
 
 def _parts(counts: Mapping[str, int], total: int) -> str:

@@ -78,6 +78,12 @@ class Learning:
         """Number of stations so far."""
         return len(self.poses.x)
 
+    @property
+    def unplaced(self) -> int:
+        """Sweeps that are left out because they have no pose, while others have one."""
+        posed = ~np.isnan(self.poses.x)
+        return int(self._sweeps[: self.stations][~posed].sum()) if posed.any() else 0
+
     def background(self) -> Background:
         """r_e of every station. A station without a pose is left out where others have one."""
         cells = self._settle()

@@ -1,0 +1,216 @@
+"""`lidarcli background`: learn a scene, show what was learned, find what differs from it."""
+
+from __future__ import annotations
+
+import copy
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lidarcli.cli.detect import detect
+from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import (
+    LOGS,
+    GroupedCommand,
+    Number,
+    csv_geometry,
+    csv_options,
+    option,
+    range_options,
+    range_rules,
+    reading_options,
+)
+
+OUTPUT, STATIONS = "Output", "Stations of a moving sensor"
+IMAGES = (".png", ".svg", ".pdf")
+
+
+@click.group()
+def background() -> None:
+    """Learn a scene without objects of interest, and find what differs from it.
+
+    docs/background.md shows it at work.
+    """
+
+
+@background.command(
+    cls=GroupedCommand,
+    epilog="""Examples:
+
+\b
+  lidarcli background build empty.mcap -o empty.background.parquet
+  lidarcli background build monday.bag tuesday.bag -o hall.parquet --plot hall.png
+  lidarcli background build lap.mcap -o route.parquet --pose /odom \\
+    --station-distance 0.5 --station-angle 10""",
+)
+@LOGS
+@option(
+    "-o",
+    "--output",
+    heading=OUTPUT,
+    metavar="FILE",
+    required=True,
+    type=click.Path(),
+    help="Background table to write (Parquet).",
+)
+@option(
+    "--plot",
+    "figure",
+    heading=OUTPUT,
+    metavar="FIG",
+    type=click.Path(),
+    help="Also draw it: .png, .svg or .pdf.",
+)
+@option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
+@reading_options
+@option(
+    "--station-distance",
+    "distance",
+    heading=STATIONS,
+    type=Number("METRES", above=0),
+    default=0.25,
+    show_default=True,
+    help="Sweeps up to this far from a station belong to it.",
+)
+@option(
+    "--station-angle",
+    "angle",
+    heading=STATIONS,
+    type=Number("DEGREES", above=0),
+    default=5.0,
+    show_default=True,
+    help="And whose heading differs by no more than this.",
+)
+@range_options
+@csv_options
+@click.pass_obj
+def build(
+    say: Messages,
+    /,
+    logs: tuple[str, ...],
+    output: str,
+    figure: str | None,
+    overwrite: bool,
+    topics: tuple[str, ...],
+    start: float | None,
+    end: float | None,
+    every: int,
+    pose: str | None,
+    distance: float,
+    angle: float,
+    no_return: Any,
+    limits: tuple[float, float] | None,
+    **geometry: Any,
+) -> int:
+    """Learn r_e, the range of the background, from logs of the scene.
+
+    For every beam the farthest surface that enough sweeps agree on, so that people may
+    walk through the scene in up to 30 % of the sweeps. Several logs make one background.
+    Where a log has poses, every place gets a background of its own.
+    """
+    if start is not None and end is not None and not start < end:
+        raise click.UsageError(f"--start {start:g} is not before --end {end:g}")
+    if figure and Path(figure).suffix.lower() not in IMAGES:
+        raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")
+    rules = range_rules(no_return, limits)
+    csv = csv_geometry(**geometry)
+
+    from lidarcli.cli.background_text import learned_lines
+    from lidarcli.cli.progress import progress_bar
+    from lidarcli.cli.summary import show_reading
+    from lidarcli.logs.batches import ReadOptions
+    from lidarcli.pipeline.building import Building, BuildOptions, draw_background, refuse_nothing
+    from lidarcli.pipeline.inputs import find_logs
+    from lidarcli.pipeline.many import exit_code
+    from lidarcli.pipeline.outputs import refuse
+
+    path = Path(output)
+    refuse([path, *([Path(figure)] if figure else [])], overwrite)
+    building = Building(
+        BuildOptions(
+            read=ReadOptions(
+                topics=frozenset(topics) if topics else None, start=start, end=end, every=every, rules=rules
+            ),
+            csv=csv,
+            pose=pose,
+            distance=distance,
+            angle=math.radians(angle),
+        )
+    )
+    codes = []
+    sources = find_logs(logs)
+    with progress_bar(sources, say) as report:
+        for outcome in building.add_all(sources, report):
+            show_reading(outcome, say)
+            codes.append(outcome.exit_code)
+    sensors = building.sensors()
+    if any(codes) and not sensors:
+        return exit_code(codes)
+    refuse_nothing(sensors)
+    for note in building.notes():
+        say.info(f"note: {note}")
+    for line in learned_lines(sensors):
+        say.info(line)
+    building.write(path, sensors)
+    say.info(f"  wrote    {path}")
+    if figure:
+        draw_background(Path(figure), sensors)
+        say.info(f"  wrote    {figure}")
+    return exit_code(codes)
+
+
+@background.command(
+    cls=GroupedCommand,
+    epilog="""Examples:
+
+\b
+  lidarcli background info empty.background.parquet
+  lidarcli background info route.parquet --format json | jq '.sensors[].stations'""",
+)
+@click.argument("file", metavar="FILE", type=click.Path())
+@option(
+    "--format",
+    "kind",
+    heading=OUTPUT,
+    type=click.Choice(["text", "json"]),
+    default="text",
+    show_default=True,
+    help="For people, or JSON.",
+)
+def info(file: str, kind: str) -> int:
+    """Show what a background knows: sensors, stations, beams, where it comes from."""
+    from lidarcli.cli.background_text import as_json, as_text
+    from lidarcli.pipeline.building import load
+
+    sensors, metadata = load(Path(file))
+    click.echo(as_json(file, sensors, metadata) if kind == "json" else as_text(file, sensors, metadata))
+    return 0
+
+
+def _subtract() -> click.Command:
+    """`detect` with a background that has to be there: the same options, the same work."""
+    params = [copy.copy(parameter) for parameter in detect.params]
+    for parameter in params:
+        if parameter.name == "background":
+            parameter.required = True
+    return GroupedCommand(
+        "subtract",
+        callback=detect.callback,
+        params=params,
+        help="""Find what differs from a background: r_w - r_e, sweep by sweep.
+
+        The same as `lidarcli detect --background FILE`, and the same tables, with `difference` and
+        `change` filled in. Everything that is background is in set S.""",
+        epilog="""Examples:
+
+\b
+  lidarcli background subtract run.mcap --background empty.background.parquet
+  lidarcli background subtract run.mcap --background empty.background.parquet --removed -o -
+  lidarcli background subtract lap2.mcap --background route.parquet --station-distance 0.4
+  lidarcli background subtract run.bag --background hall.parquet --any-frame --threshold 0.3""",
+    )
+
+
+background.add_command(_subtract())

@@ -1,0 +1,136 @@
+"""Logs of a scene without objects of interest → its background."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarcli.errors import NoScanError
+from lidarcli.formalism.background import Background
+from lidarcli.formalism.grid import Grid
+from lidarcli.formalism.learning import Learning
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.pipeline.inputs import Nothing, Source
+from lidarcli.pipeline.many import Outcome, Report, outcome_of
+from lidarcli.pipeline.opening import open_source
+from lidarcli.pipeline.outputs import write_whole
+from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
+from lidarcli.pipeline.summary import RunSummary
+from lidarcli.sweeps import SweepBatch
+from lidarcli.tables.background import read_background, write_background
+from lidarcli.tables.metadata import table_metadata
+
+STATION_DISTANCE = 0.25
+"""[m]"""
+STATION_ANGLE = np.deg2rad(5.0)
+"""[rad]"""
+
+
+@dataclass(frozen=True, slots=True)
+class BuildOptions:
+    """Everything that `background build` lets a user choose, apart from inputs and outputs."""
+
+    read: ReadOptions = field(default_factory=ReadOptions)
+    csv: CsvOptions = field(default_factory=CsvOptions)
+    pose: str | None = None
+    """Topic whose poses to take, `none` for no poses; by default the best there is."""
+    distance: float = STATION_DISTANCE
+    """Sweeps up to this far from a station [m] belong to it …"""
+    angle: float = STATION_ANGLE
+    """… if their heading differs by no more than this [rad]."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything that the result depends on, as plain values, for the table's metadata."""
+        stations = {"station_distance": self.distance, "station_angle": self.angle}
+        return reading_as_dict(self.read, self.csv, self.pose) | stations
+
+
+class Building:
+    """Learns from log after log; every topic and frame is a sensor of its own."""
+
+    def __init__(self, options: BuildOptions) -> None:
+        self._options = options
+        self._learning: dict[tuple[str, str], Learning] = {}
+        self._described: list[dict[str, Any]] = []
+        self._damage: list[str] = []
+
+    def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
+        """Learn from the sweeps of one log."""
+        options = self._options
+        with open_source(source, options.csv) as log:
+            reading = Reading(log, options.read, options.pose)
+            for batch in reading.batches(progress):
+                self._take(batch)
+            summary = reading.close()
+            self._described.append(reading.describe(source))
+            self._damage += [f"{self._described[-1]['name']}: {line}" for line in summary.damage]
+        return summary
+
+    def add_all(self, sources: Sequence[Source | Nothing], report: Report | None = None) -> Iterator[Outcome]:
+        """Learn from one log after the other; a bad one does not stop the rest."""
+        for source in sources:
+            yield outcome_of(source, lambda log: self.add(log, _progress(log, report)))
+
+    def sensors(self) -> list[Background]:
+        """The background of every sensor so far, by topic and frame."""
+        return [self._learning[key].background() for key in sorted(self._learning)]
+
+    def notes(self) -> list[str]:
+        """What a user should know, a line each."""
+        lines = []
+        for (topic, frame), learning in sorted(self._learning.items()):
+            if learning.left_out:
+                lines.append(
+                    f"left out: {learning.left_out:,} sweeps of {topic} ({frame or 'no frame'}): there is no room for "
+                    "more stations or ranges; a greater --station-distance or a shorter --range needs less"
+                )
+            if learning.unplaced:
+                lines.append(
+                    f"left out: {learning.unplaced:,} sweeps of {topic} ({frame or 'no frame'}) without a pose, "
+                    "while others have one"
+                )
+        return lines
+
+    def write(self, path: Path, sensors: Sequence[Background]) -> None:
+        """Write the background table."""
+        metadata = table_metadata(self._options.as_dict(), self._described, self._damage)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_background(path, sensors, metadata)
+
+    def _take(self, batch: SweepBatch) -> None:
+        for code in np.unique(batch.frame).tolist():
+            rows = np.flatnonzero(batch.frame == code)
+            mine = batch if len(rows) == len(batch) else batch.rows(rows)
+            key = batch.topic, batch.frame_ids[code]
+            if key not in self._learning:
+                options = self._options
+                grid = Grid.of(mine, 0)
+                self._learning[key] = Learning(*key, grid, options.distance, options.angle)
+            self._learning[key].add(mine)
+
+
+def load(path: Path) -> tuple[list[Background], dict[str, Any]]:
+    """The sensors of a background table, and what its metadata says (`UnreadableError` where it is none)."""
+    return read_background(path)
+
+
+def draw_background(path: Path, sensors: Sequence[Background]) -> None:
+    """Write a picture of it, of the kind that the suffix says."""
+    from lidarcli.reports.background_figure import draw
+
+    write_whole(path, draw(sensors, path.suffix.lower()))
+
+
+def _progress(source: Source, report: Report | None) -> Callable[[int], None] | None:
+    return None if report is None else lambda position: report(source, position)
+
+
+def refuse_nothing(sensors: Sequence[Background]) -> None:
+    """Refuse a background without any sweep."""
+    if not any(len(sensor) for sensor in sensors):
+        raise NoScanError("no sweep to learn a background from")
