@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -14,6 +16,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from lidarcli.logs import open_log
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
 
@@ -163,12 +166,12 @@ def test_no_room_for_a_file(log: Path, tmp_path: Path, blocks: int) -> None:
 
 
 @contextmanager
-def small_disk(folder: Path, size: str) -> Iterator[None]:
+def mounted(folder: Path, options: str) -> Iterator[None]:
     done = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={size}", "none", str(folder)], capture_output=True, check=False
+        ["mount", "-t", "tmpfs", "-o", options, "none", str(folder)], capture_output=True, check=False
     )
     if done.returncode:
-        pytest.skip("only root may mount a small disk")
+        pytest.skip("only root may mount a disk")
     try:
         yield
     finally:
@@ -177,7 +180,7 @@ def small_disk(folder: Path, size: str) -> Iterator[None]:
 
 @pytest.mark.parametrize("size", ["8k", "64k", "400k"])
 def test_full_disk(log: Path, tmp_path: Path, size: str) -> None:
-    with small_disk(tmp_path, size):
+    with mounted(tmp_path, f"size={size}"):
         process = detect(log, tmp_path)
         err = said(process)
         assert process.returncode == 5
@@ -187,3 +190,48 @@ def test_full_disk(log: Path, tmp_path: Path, size: str) -> None:
     process = detect(log, tmp_path)
     assert (process.wait(), said(process)) == (0, "")
     assert pq.read_metadata(tmp_path / "run.sweeps.parquet").num_rows == SWEEPS
+
+
+def test_logs_on_a_read_only_disk(log: Path, tmp_path: Path) -> None:
+    """Root may write to a read-only folder, but not to a read-only disk: no log needs anything beside itself."""
+    disk, out = tmp_path / "disk", tmp_path / "out"
+    disk.mkdir()
+    with open_log(log) as source:
+        blocks = [block for block in source.scans() if block.topic == "/a"]
+    with mounted(disk, "size=64m"):
+        (disk / "run.mcap").write_bytes(log.read_bytes())
+        write_log(disk / "cut.bag", blocks)
+        (disk / "cut.bag").write_bytes((disk / "cut.bag").read_bytes()[:-100_000])
+        write_log(disk / "packed", blocks, compression="zstd")
+        write_log(disk / "text.csv.gz", blocks)
+        write_log(disk / "wal.db3", blocks)
+        keep_in_wal(disk / "wal.db3")
+        before = sorted(path.name for path in disk.rglob("*"))
+        assert "wal.db3-wal" in before
+        subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+        process = detect(disk, out)
+        err = said(process)
+        assert process.returncode == 3
+        (line,) = err.splitlines()
+        assert line.startswith(f"lidarcli: {disk / 'cut.bag'}: ")
+        assert sorted(path.name for path in disk.rglob("*")) == before
+        assert not os.access(disk, os.W_OK)
+    rows = {path.name.split(".")[0]: pq.read_metadata(path).num_rows for path in out.glob("*.sweeps.parquet")}
+    assert 0 < rows.pop("cut") < SWEEPS // 2
+    assert rows == {"run": SWEEPS, "packed": SWEEPS // 2, "text": SWEEPS // 2, "wal": SWEEPS // 2 + 1}
+
+
+def keep_in_wal(path: Path) -> None:
+    """Add a message as a recorder that is killed leaves it: in a write-ahead log beside the database."""
+    work = path.with_name("work.db3")
+    path.rename(work)
+    database = sqlite3.connect(work, isolation_level=None)
+    database.execute("PRAGMA journal_mode = wal")
+    database.execute("PRAGMA wal_autocheckpoint = 0")
+    database.execute(
+        "INSERT INTO messages(topic_id, timestamp, data) SELECT topic_id, 1, data FROM messages LIMIT 1"
+    )
+    path.write_bytes(work.read_bytes())
+    Path(f"{path}-wal").write_bytes(Path(f"{work}-wal").read_bytes())
+    database.close()
+    work.unlink()
