@@ -36,6 +36,9 @@ WEAK = 0.6
 ALIGNED = 0.015
 """Error [m] of ranges that are seen from a station where the sensor was not."""
 
+_MANTISSA = np.int64(0x7FFFFFFF)
+"""All bits of a float32 but its sign."""
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Difference:
@@ -382,16 +385,20 @@ def _medians(found: Detection, batch: SweepBatch, values: Float32) -> Float64:
     size = np.where(size < 0, size + count[found.row], size) + 1
     beam, owner, _ = spans(found.beam_i.astype(np.int64), size)
     row = found.row[owner]
-    value = values[row, beam % count[row]].astype(np.float64)
+    value = values[row, beam % count[row]]
     known = ~np.isnan(value)
     value, owner = value[known], owner[known]
-    order = np.lexsort((value, owner))
-    value = value[order]
+    # One sort of whole numbers that order as (owner, value): several times as fast as a sort by two keys.
+    bits = np.ascontiguousarray(value, np.float32).view(np.int32).astype(np.int64)
+    order = (owner << 32) + np.where(bits < 0, -1 - (bits & _MANTISSA), bits) + (1 << 31)
+    order.sort()
+    bits = (order & 0xFFFFFFFF) - (1 << 31)
+    value = np.where(bits < 0, (-1 - bits) | ~_MANTISSA, bits).astype(np.int32).view(np.float32)
     number = np.bincount(owner, minlength=len(found))
     first = np.cumsum(number) - number
     result = np.full(len(found), np.nan)
     some = np.flatnonzero(number)
     low = first[some] + (number[some] - 1) // 2
     high = first[some] + number[some] // 2
-    result[some] = 0.5 * (value[low] + value[high])
+    result[some] = 0.5 * (value[low].astype(np.float64) + value[high])
     return result

@@ -56,7 +56,7 @@ def _panel(axes: Axes, sensor: Background) -> None:
         x[surface][thin],
         y[surface][thin],
         c=sensor.support[surface][thin],
-        cmap="viridis",
+        cmap="viridis_r",
         vmin=0.0,
         vmax=1.0,
         s=3.0,
