@@ -63,6 +63,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
   lidarcli plot run.mcap --sweep 50 --view scene -o figure.pdf
   lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
   lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
+  lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweeps 0:100:2 --animate -o run.gif --overwrite""",
 )
 @click.argument("log", metavar="LOG", type=INPUTS)
@@ -101,6 +102,13 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     heading=PICTURE,
     metavar="NAME",
     help="LaserScan topic to draw.  [default: the first by name]",
+)
+@option(
+    "--background",
+    heading=PICTURE,
+    metavar="FILE",
+    type=click.Path(),
+    help="Background to compare with (docs/background.md): also r_w, r_e and their difference.  [default: none]",
 )
 @option(
     "--profile",
@@ -158,6 +166,7 @@ def plot(
     animate: bool,
     overwrite: bool,
     topic: str | None,
+    background: str | None,
     no_return: Any,
     limits: tuple[float, float] | None,
     angle_min: float | None,
@@ -205,7 +214,7 @@ def plot(
     paths = [Path(output)] if animate or len(sweeps or ()) == 1 else _numbered(Path(output), sweeps or ())
     refuse([] if output == STDOUT else paths, overwrite)
     drawn = take_pictures(
-        source, PlotOptions(sweeps, topic, Parameters.for_profile(**parameters), rules, geometry)
+        source, PlotOptions(sweeps, topic, Parameters.for_profile(**parameters), rules, geometry, background)
     )
     for note in drawn.notes:
         say.info(f"  note     {note}")

@@ -11,11 +11,14 @@ import numpy as np
 
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
+from lidarcli.formalism.threshold import noise
 from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.outputs import write_whole
+from lidarcli.pipeline.posing import NONE, Posing
+from lidarcli.pipeline.subtracting import BackgroundOptions, Subtracting
 from lidarcli.pipeline.summary import damage_lines
 from lidarcli.pipeline.topics import choose, nothing_read
 from lidarcli.reports.drawing import animate, draw
@@ -68,7 +71,9 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn:
         )
         rows: list[SweepBatch] = []
         seen = -1
-        for batch in read_batches(log, read):
+        posing = Posing.of(log, None if options.background else NONE)
+        for raw in read_batches(log, read):
+            batch = posing.attach(raw)
             topic = topic or batch.topic
             if batch.topic != topic:
                 continue
@@ -84,8 +89,9 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn:
     _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {seen}", damage)
     by_index = {int(row.sweep[0]): row for row in rows}
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
-    pictures = tuple(_picture(source, by_index[index], options) for index in order)
-    return Drawn(pictures, notes, damage)
+    work = _Work(source, options)
+    pictures = tuple(work.picture(by_index[index]) for index in order)
+    return Drawn(pictures, (*notes, *work.notes()), damage)
 
 
 def _topic(log: Log, wanted: str | None) -> tuple[str | None, tuple[str, ...]]:
@@ -106,26 +112,10 @@ def _wanted(batch: SweepBatch, sweeps: Sequence[int] | None) -> Iterator[SweepBa
 
 
 def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
-    """One sweep of a batch, without its padding and without its pose."""
-    part = slice(row, row + 1)
-    beams = int(batch.beams[row])
-    names = (
-        "frame",
-        "sweep",
-        "stamp_ns",
-        "record_ns",
-        "angle_min",
-        "angle_increment",
-        "range_min",
-        "range_max",
-    )
-    return replace(
-        batch,
-        **{name: getattr(batch, name)[part] for name in (*names, "beams", "closure")},
-        ranges=batch.ranges[part, :beams],
-        status=batch.status[part, :beams],
-        poses=None,
-    )
+    """One sweep of a batch, without its padding."""
+    one = batch.rows(np.array([row]))
+    beams = int(one.beams[0])
+    return replace(one, ranges=one.ranges[:, :beams], status=one.status[:, :beams])
 
 
 def _refuse_missing(
@@ -144,16 +134,43 @@ def _refuse_missing(
         raise OptionError(words)
 
 
-def _picture(source: Source, batch: SweepBatch, options: PlotOptions) -> Picture:
-    parameters = options.parameters
-    threshold = parameters.threshold
-    return Picture(
-        log=source.name if source.is_stdin or source.files else Path(source.path).absolute().name,
-        batch=batch,
-        detection=detect(batch, parameters, per_beam=True),
-        profile=parameters.profile,
-        threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
-    )
+class _Work:
+    """Finds the objects of sweeps, beside a background where there is one."""
+
+    def __init__(self, source: Source, options: PlotOptions) -> None:
+        self._options = options
+        # A file as people know it, with its suffix.
+        whole = not source.is_stdin and not source.files
+        self._log = Path(source.path).absolute().name if whole else source.name
+        self._subtracting = None
+        if options.background is not None:
+            self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)
+
+    def picture(self, batch: SweepBatch) -> Picture:
+        """One sweep with its objects."""
+        parameters = self._options.parameters
+        threshold = parameters.threshold
+        picture = Picture(
+            log=self._log,
+            batch=batch,
+            detection=detect(batch, parameters, per_beam=True),
+            profile=parameters.profile,
+            threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
+        )
+        if self._subtracting is None:
+            return picture
+        found = self._subtracting.difference(batch, noise(batch))
+        r_e = found.r_e[0].astype(np.float64)
+        return replace(
+            picture,
+            detection=self._subtracting(batch, per_beam=True),
+            background=np.where(np.isfinite(r_e), r_e, np.nan),
+            difference=found.difference[0].astype(np.float64),
+        )
+
+    def notes(self) -> list[str]:
+        """What could not be compared."""
+        return [] if self._subtracting is None else self._subtracting.notes()
 
 
 def picture_bytes(picture: Picture, view: str, suffix: str) -> bytes:

@@ -129,9 +129,12 @@ def _objects(axes: Axes, streams: tuple[Stream, ...]) -> None:
 def _thresholds(axes: Axes, streams: tuple[Stream, ...]) -> None:
     for k, stream in enumerate(streams):
         course = stream.course
-        name = "" if len(streams) == 1 else f", {printable(stream.name)}"
-        axes.plot(course.seconds, course.d_th, color=CYCLE[k], lw=1.2, label=f"$d_{{th}}${name}")
-        axes.plot(course.seconds, course.noise, color=CYCLE[k], lw=1.0, ls=":", label=f"noise σ{name}")
+        # The colours are those of the chart of objects over time.
+        first = k == 0
+        axes.plot(course.seconds, course.d_th, color=CYCLE[k], lw=1.2, label="$d_{th}$" if first else None)
+        axes.plot(
+            course.seconds, course.noise, color=CYCLE[k], lw=1.0, ls=":", label="noise σ" if first else None
+        )
     axes.set(xlabel="time [s]", ylabel="[m]", ylim=(0, None))
     axes.legend(frameon=False, loc="best", fontsize=6.5)
 

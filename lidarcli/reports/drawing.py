@@ -75,7 +75,7 @@ def _figure(view: str, picture: Picture) -> Figure:
     height = {"all": 4.3, "scene": 3.9, "sweep": 3.6, "difference": 3.6, "polar": 4.0}[view]
     width = {"all": WIDE, "scene": NARROW, "polar": NARROW}.get(view, WIDE * 0.7)
     if view == "all" and picture.background is not None:
-        height += 1.9
+        height += 1.7
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -85,7 +85,7 @@ def _fill(figure: Figure, picture: Picture, view: str, limits: Limits) -> None:
     drawn = _axes(figure, picture, view)
     for axes, panel in drawn:
         panel(axes, picture, limits)
-    for axes, _ in drawn[:-1] if view != "all" else drawn[1:-1]:
+    for axes, _ in drawn[:-1] if view != "all" else drawn[1:2]:
         axes.set_xlabel("")
         axes.tick_params(labelbottom=False)
     first, second = picture.title
@@ -97,27 +97,24 @@ def _fill(figure: Figure, picture: Picture, view: str, limits: Limits) -> None:
 
 
 def _axes(figure: Figure, picture: Picture, view: str) -> list[tuple[Axes, Any]]:
+    """The panels of a view; those that share their bearings with the panel below come before it."""
     if view == "scene":
         return [(figure.add_subplot(), panels.scene)]
     if view == "polar":
         return [(figure.add_subplot(projection="polar"), panels.polar)]
-    right: list[Any] = [panels.sweep, panels.difference]
-    if view == "difference":
-        right = (
-            [panels.backgrounds, panels.subtraction]
-            if picture.background is not None
-            else [panels.difference]
-        )
-    elif view == "all" and picture.background is not None:
-        right += [panels.backgrounds, panels.subtraction]
+    compared: list[Any] = [] if picture.background is None else [panels.backgrounds, panels.subtraction]
     if view != "all":
-        grid = figure.add_gridspec(len(right), 1)
-        return [(figure.add_subplot(grid[row, 0]), panel) for row, panel in enumerate(right)]
-    grid = figure.add_gridspec(len(right), 2, width_ratios=[1.05, 1.0])
-    left = figure.add_subplot(grid[:, 0])
+        rows = (
+            (compared or [panels.difference]) if view == "difference" else [panels.sweep, panels.difference]
+        )
+        grid = figure.add_gridspec(len(rows), 1)
+        return [(figure.add_subplot(grid[row, 0]), panel) for row, panel in enumerate(rows)]
+    grid = figure.add_gridspec(3 if compared else 2, 2, width_ratios=[1.05, 1.0])
     return [
-        (left, panels.scene),
-        *((figure.add_subplot(grid[row, 1]), panel) for row, panel in enumerate(right)),
+        (figure.add_subplot(grid[:2, 0]), panels.scene),
+        (figure.add_subplot(grid[0, 1]), panels.sweep),
+        (figure.add_subplot(grid[1, 1]), panels.difference),
+        *((figure.add_subplot(grid[2, column]), panel) for column, panel in enumerate(compared)),
     ]
 
 

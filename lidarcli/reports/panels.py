@@ -101,7 +101,7 @@ def subtraction(axes: Axes, picture: Picture, limits: Limits) -> None:
     assert picture.background is not None  # the panel is drawn only with one
     _shade(axes, picture)
     theta = np.degrees(picture.theta)
-    change = picture.ranges - picture.background
+    change = picture.ranges - picture.background if picture.difference is None else picture.difference
     there = np.isfinite(change)
     new, gone = there & (change < 0), there & (change >= 0)
     axes.vlines(theta[new], 0, change[new], color=palette.VERMILION, lw=0.8, label="nearer")

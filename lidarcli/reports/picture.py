@@ -26,6 +26,8 @@ class Picture:
     """`adaptive`, `mean` or `0.3 m`."""
     background: Float64 | None = None
     """(B,) r_e, the range without the objects of interest [m]; NaN where unknown."""
+    difference: Float64 | None = None
+    """(B,) r_w - r_e as the comparison has it, which also knows beams without a return [m]."""
 
     @property
     def sweep(self) -> int:

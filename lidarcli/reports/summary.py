@@ -179,7 +179,8 @@ def _densities(run: Run) -> tuple[Density, ...]:
     mine = run.is_object
     maps = []
     for frame, x, y in (("sensor", "x", "y"), ("world", "world_x", "world_y")):
-        if run.objects.has_any(x):
+        # Every log has a world of its own.
+        if run.objects.has_any(x) and (frame == "sensor" or len(run.sources) == 1):
             found = density(frame, run.objects.numbers(x)[mine], run.objects.numbers(y)[mine])
             maps += [found] if found is not None else []
     return tuple(maps)

@@ -61,6 +61,19 @@ def test_a_pipe_as_log(logs: Path, tmp_path: Path) -> None:
     assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
 
 
+def test_a_background(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    table = tmp_path / "empty.parquet"
+    assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", table).code == 0
+    out = tmp_path / "change.png"
+    ran = lidarcli("plot", logs / "run.mcap", "--sweep", 15, "--background", table, "-o", out)
+    assert ran.code == 0
+    assert ran.err.splitlines()[0].startswith("  note     compared with empty.parquet: ")
+    with Image.open(out) as image:
+        assert image.size == (1440, 1200)
+    ran = lidarcli("plot", logs / "run.mcap", "--background", logs / "run.mcap", "-o", tmp_path / "b.png")
+    assert (ran.code, "no background" in ran.err) == (3, True)
+
+
 def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     out = tmp_path / "a.gif"
     ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "8:12", "--view", "scene", "--animate", "-o", out)
