@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism import mask, vertices
+from lidarcli.formalism.carving import carve, cut_out, renumbered
 from lidarcli.formalism.corners import locate, settle
 from lidarcli.formalism.describe import Segmentation, describe
 from lidarcli.formalism.detection import Detection
@@ -86,7 +87,7 @@ def detect(
     elif known is not None:
         segmentation = _known(runs, sigma, parameters, known)
     else:
-        segmentation = _robust(runs, sigma, parameters)
+        runs, segmentation = _robust(runs, sigma, parameters)
     return describe(batch, runs, segmentation, d_mean, sweep_d_th, adaptive, sigma, per_beam)
 
 
@@ -136,7 +137,7 @@ def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> S
     return Segmentation(faces, np.zeros(len(runs.points), bool), wanted, np.zeros(len(runs), bool))
 
 
-def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
+def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, Segmentation]:
     """Profile `robust`: the same definitions with the estimates a real sensor needs."""
     enough = runs.size >= parameters.min_beams
     ends = chord(runs)
@@ -157,9 +158,15 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> Segmentation:
     body = bodies(runs, reach, *torn(runs, piece, reach))
     is_object = piece & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
     is_object &= recognisable(body, bends(faces), enclosed[runs.row], parameters.max_width)
-    is_wall = wall & parameters.walls
-    label = _grouped(runs, is_object, parameters, body.label)
+    carved = carve(runs, faces, wall & ~small, sigma)
+    runs, origin, thing = cut_out(runs, carved)
+    is_object = np.where(thing, runs.size >= parameters.min_beams, is_object[origin])
+    is_wall = wall[origin] & ~thing & parameters.walls
+    label = renumbered(body.label, origin, thing)
+    tolerance = tolerance[origin]
+    group = _grouped(runs, is_object, parameters, label)
     shape = outline(runs, np.where(is_object | is_wall, runs.size, 0))
     _, faces = settle(shape, split_straight(shape, tolerance), tolerance)
     corners = locate(shape, faces, tolerance)
-    return Segmentation(faces, np.zeros(len(runs.points), bool), is_object, is_wall, label, body.label, corners)
+    extremum = np.zeros(len(runs.points), bool)
+    return runs, Segmentation(faces, extremum, is_object, is_wall, group, label, corners)

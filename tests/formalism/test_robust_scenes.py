@@ -321,3 +321,45 @@ def test_asking_for_walls_changes_no_object() -> None:
     assert (found.set[~objects] == SETS.index("S")).all()
     assert objects.sum() > 100
     assert (~objects).sum() > 100
+
+
+def test_a_box_that_touches_a_wall_is_carved_out_of_it() -> None:
+    # The wall y = 3 from x = -3 to 4; the box before it reaches from the wall to y = 2.4 and from x = -0.5 to 0.3.
+    room: list[Segment] = [
+        (4.0, -2.0, 4.0, 3.0),
+        (4.0, 3.0, 0.3, 3.0),
+        (0.3, 3.0, 0.3, 2.4),
+        (0.3, 2.4, -0.5, 2.4),
+        (-0.5, 2.4, -0.5, 3.0),
+        (-0.5, 3.0, -3.0, 3.0),
+        (-3.0, 3.0, -3.0, -2.0),
+        (-3.0, -2.0, 4.0, -2.0),
+    ]
+    found = robust(turn(room))
+    assert len(found) == 1
+    # Only the front is seen: the sides turn away from the sensor.
+    assert found.beams[0] == len(
+        [
+            k
+            for k in range(720)
+            if 2.4 / tan(k * DEGREE / 2 + 1e-12) <= 0.3
+            and 0 < k < 360
+            and 2.4 / tan(k * DEGREE / 2 + 1e-12) >= -0.5
+        ]
+    )
+    assert found.y[0] == pytest.approx(2.4, abs=1e-3)
+
+
+def test_a_wall_that_ends_at_a_doorway_is_not_carved() -> None:
+    # The corner of a room, then a metre of wall with a jamb, then the doorway: nothing of the wall goes on behind it.
+    room: list[Segment] = [
+        (3.0, -3.0, 3.0, 2.0),
+        (3.0, 2.0, 1.9, 2.0),
+        (1.9, 2.0, 1.9, 2.15),
+        (1.0, 2.15, 1.0, 2.0),
+        (1.0, 2.0, -3.0, 2.0),
+        (-3.0, 2.0, -3.0, -3.0),
+        (-3.0, -3.0, 3.0, -3.0),
+        (5.0, 6.0, -5.0, 6.0),
+    ]
+    assert len(robust(turn(room))) == 0
