@@ -1,4 +1,4 @@
-"""§3: ranges counted per station, beam and bin of 2 cm, and the background that the counts speak for."""
+"""§3: ranges counted per station, beam and bin of 5 mm, and the background that the counts speak for."""
 
 from __future__ import annotations
 
@@ -6,19 +6,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.ragged import offsets_of, span_sum, spans
+from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.sweeps import Float64, Int64
 
 UNIT = 1e-4
 """[m] Ranges are counted in whole units, so that sums are exact in any order."""
-BIN = 200
-"""Units of a bin: 2 cm."""
-REACH = 5
-"""Bins to either side of one that back it: a surface with noise of up to 3 cm fits in."""
+BIN = 50
+"""Units of a bin: 5 mm."""
+REACH = 20
+"""Bins to either side of one that are the same surface: 10 cm."""
+PEAK = 5
+"""Bins to either side of the place where most of its ranges are."""
+CLIP = 2.5
+"""Ranges this many standard deviations away from r_e do not count for it: somebody stood close to the surface."""
+CLIPPED = 0.946
+"""Standard deviation of what is left of a normal distribution, as a share of its own."""
+LEAST_CLIP = 200
+"""And these need not be fewer units than this: 2 cm."""
 SUPPORT = 0.35
 """Share of the observations of a beam that must back its background: people who pass have less."""
 OPEN = 0.5
 """A beam with this share of observations without a return is open, unless a surface has enough support."""
+
+BACKING = 4.0
+"""Ranges up to so many standard deviations from r_e support it."""
 
 _BITS = 23
 _FAR = (1 << _BITS) - 1
@@ -170,18 +181,60 @@ def _peaks(cells: Cells, enough: Int64, backing: Int64, reach: int) -> tuple[Int
 def _describe(
     result: Estimate, cells: Cells, found: Int64, begin: Int64, end: Int64, observed: Int64
 ) -> None:
-    """Fill in the beams `found`, whose ranges are in the cells from `begin` to before `end`."""
+    """Fill in the beams `found`, whose surface is in the cells from `begin` to before `end`.
+
+    People stand before a surface, never behind it: where most ranges are, the farther half of them tells how far they
+    spread, and what is too near for that spread does not count.
+    """
     if not len(found):
         return
-    index, owner, offsets = spans(begin, end - begin)
-    centre = cells.unit[begin]
-    above = cells.unit[index] - centre[owner]
-    count = cells.count[index]
-    backing = span_sum(count.astype(np.float64), offsets)
-    total = span_sum((above * count + cells.total[index]).astype(np.float64), offsets)
-    square = above * above * count + 2 * above * cells.total[index] + cells.squares[index]
-    squares = span_sum(square.astype(np.float64), offsets)
-    mean = total / backing
-    result.r_e[found] = (centre + mean) * UNIT
-    result.spread[found] = np.sqrt(np.maximum(squares / backing - mean * mean, 0.0)) * UNIT
-    result.support[found] = backing / observed[found]
+    near = _Surface(cells, begin, end)
+    r_e = near.peak()
+    for _ in range(2):
+        count, mean, square = near.moments(r_e - 0.5 * BIN, np.full(len(r_e), np.inf), r_e)
+        clip = np.maximum(CLIP * np.sqrt(square), LEAST_CLIP)
+        count, mean, square = near.moments(r_e - clip, r_e + clip, r_e)
+        r_e = r_e + mean
+    result.r_e[found] = (near.origin + r_e) * UNIT
+    spread = np.sqrt(np.maximum(square - mean * mean, 0.0)) / CLIPPED
+    result.spread[found] = spread * UNIT
+    reach = np.maximum(BACKING * spread, LEAST_CLIP)
+    count, _, _ = near.moments(r_e - reach, r_e + reach, r_e)
+    result.support[found] = count / observed[found]
+
+
+class _Surface:
+    """The cells near the surface of F beams, with sums over any stretch of them. Lengths in units from `origin`."""
+
+    def __init__(self, cells: Cells, begin: Int64, end: Int64) -> None:
+        index, self._owner, _ = spans(begin, end - begin)
+        self.origin = cells.unit[begin]
+        self._unit = cells.unit[index] - self.origin[self._owner]
+        self._key = (self._owner << _BITS) | self._unit
+        count, total = cells.count[index], cells.total[index]
+        self._count = offsets_of(count)
+        self._sum = offsets_of(self._unit * count + total)
+        self._square = offsets_of(self._unit**2 * count + 2 * self._unit * total + cells.squares[index])
+
+    def peak(self) -> Float64:
+        """(F,) mean of the ranges where most of them are."""
+        base = self._owner << _BITS
+        low = base | np.maximum(self._unit - PEAK * BIN, 0)
+        begin = np.searchsorted(self._key, low)
+        end = np.searchsorted(self._key, base | (self._unit + PEAK * BIN), side="right")
+        backing = self._count[end] - self._count[begin]
+        best = np.lexsort((backing, self._owner))[np.cumsum(np.bincount(self._owner)) - 1]
+        begin, end = begin[best], end[best]
+        mean: Float64 = (self._sum[end] - self._sum[begin]) / backing[best]
+        return mean
+
+    def moments(self, low: Float64, high: Float64, about: Float64) -> tuple[Float64, Float64, Float64]:
+        """Number, mean and mean square of the ranges between two bounds, measured from `about`. (F,) each."""
+        base = np.arange(len(about)) << _BITS
+        first, last = (np.clip(np.rint(bound), 0, _FAR).astype(np.int64) for bound in (low, high))
+        begin = np.searchsorted(self._key, base | first)
+        end = np.searchsorted(self._key, base | last, side="right")
+        count = np.maximum(self._count[end] - self._count[begin], 1).astype(np.float64)
+        mean = (self._sum[end] - self._sum[begin]) / count
+        square = (self._square[end] - self._square[begin]) / count
+        return count, mean - about, np.maximum(square - 2 * about * mean + about * about, 0.0)
