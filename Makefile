@@ -13,9 +13,15 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: $(VENV)/installed ## install, detect the objects of a sample log and show the table
+demo: $(VENV)/installed ## install, detect the objects of a sample log, show the table, a picture and a report
 	$(BIN)/lidarcli detect samples/room.mcap -o demo --overwrite
 	@$(BIN)/python -m tools.show_objects demo/room.objects.parquet
+	@echo
+	$(BIN)/lidarcli -q plot samples/room.mcap --sweep 50 -o demo/room.png --overwrite
+	$(BIN)/lidarcli -q report demo/room.objects.parquet --log samples/room.mcap -o demo/room.html --overwrite
+	@echo
+	@echo "A picture of sweep 50: $(CURDIR)/demo/room.png"
+	@echo "The report, for a browser: $(CURDIR)/demo/room.html"
 
 test: check ## install what the tests need, then check
 
@@ -32,8 +38,9 @@ format: $(VENV)/installed-dev ## sort imports and format the code
 samples: $(VENV)/installed ## make the sample logs again from their scenes
 	PYTHON="$(abspath $(BIN))/python" sh samples/make.sh
 
-golden: $(VENV)/installed-dev ## accept today's tables as the expected ones (then read the diff)
+golden: $(VENV)/installed-dev ## accept today's tables and reports as the expected ones (then read the diff)
 	$(BIN)/python -m tools.golden
+	$(BIN)/python -m tools.golden_reports
 	git diff --stat -- tests/golden
 
 docs: $(VENV)/installed ## write docs/cli.md and docs/tables.md from the code

@@ -42,15 +42,15 @@ class Standing:
 
 
 def standing_out(run: Run, streams: Streams) -> tuple[Standing, ...]:
-    """Up to three sweeps of each kind, the most striking first, earlier ones before later."""
+    """Up to three sweeps of each kind, the most striking first, earlier ones before later; none where all are alike."""
     rows = run.sweeps
     objects, beams, valid = rows.numbers("objects"), rows.numbers("beams"), rows.numbers("valid")
     lost = np.divide(beams - valid, beams, out=np.zeros(len(rows)), where=beams > 0)
     gap = np.where(streams.gap, streams.step, 0.0)
-    differ = len(objects) > 0 and objects.min() < objects.max()
+    usual = float(np.median(objects)) if len(objects) else 0.0
     scores: dict[str, tuple[Float64, Float64]] = {
-        "most_objects": (objects, objects if differ else np.zeros(len(rows))),
-        "fewest_objects": (objects, (objects.max(initial=0) - objects) * differ),
+        "most_objects": (objects, objects - usual),
+        "fewest_objects": (objects, usual - objects),
         "most_lost": (lost, lost),
         "longest_gap": (gap, gap),
     }

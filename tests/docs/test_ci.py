@@ -1,0 +1,107 @@
+"""The pipelines of docs/ci.md do what they say, and docs/reports.md lists every figure."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import pytest
+from ruamel.yaml import YAML
+
+from lidarcli.reports import figures
+from tools.make_docs import ROOT
+
+PAGE = (ROOT / "docs" / "ci.md").read_text("utf-8")
+REPORTS = (ROOT / "docs" / "reports.md").read_text("utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def pipeline(name: str) -> Any:
+    """The YAML block that begins with the name of its file."""
+    (text,) = [block for block in blocks("yaml") if block.startswith(f"# {name}\n")]
+    return YAML(typ="safe").load(text)
+
+
+def shell(script: str, folder: Path) -> str:
+    """What a script prints; it has to succeed."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "GITHUB_STEP_SUMMARY": str(folder / "summary.md")}
+    command = ["bash", "-e", "-o", "pipefail", "-c", script]
+    ran = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, f"{script}\n{ran.stderr}"
+    return ran.stdout
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "samples").symlink_to(ROOT / "samples")
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the tables of the room lie."""
+    path = tmp_path_factory.mktemp("ci")
+    (path / "samples").symlink_to(ROOT / "samples")
+    shell("lidarcli -q detect samples/room.mcap -o tables", path)
+    return path
+
+
+def test_github(folder: Path) -> None:
+    job = pipeline(".github/workflows/lidar.yml")["jobs"]["objects"]
+    steps = [step["run"] for step in job["steps"] if "run" in step]
+    assert steps[0] == "pip install ."
+    for step in steps[1:]:
+        shell(step, folder)
+    assert (folder / "summary.md").read_text("utf-8").startswith("## lidarcli report: room\n")
+    assert {path.name for path in folder.glob("report.*")} == {"report.md", "report.xml", "report.html"}
+
+
+def test_gitlab(folder: Path) -> None:
+    job = pipeline(".gitlab-ci.yml")["objects"]
+    assert job["script"][0] == "pip install ."
+    for step in job["script"][1:]:
+        shell(step, folder)
+    for name in (*job["artifacts"]["paths"], job["artifacts"]["reports"]["junit"]):
+        assert (folder / name).stat().st_size > 0
+
+
+@pytest.mark.skipif(shutil.which("jq") is None, reason="needs jq")
+def test_jq(tables: Path) -> None:
+    (block,) = blocks("bash")
+    mean, standing, wide = (shell(line, tables) for line in block.strip().splitlines())
+    assert 4 < float(mean) < 6
+    assert {len(line.split("\t")) for line in standing.splitlines()} == {3}
+    assert all(float(line.split(",")[2]) > 0.8 for line in wide.splitlines())
+    assert len(wide.splitlines()) >= 50
+
+
+def test_duckdb(tables: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tables)
+    (block,) = blocks("sql")
+    shapes, lost, near = (duckdb.sql(query).fetchall() for query in block.split(";") if query.strip())
+    assert "prismatic" in {row[0] for row in shapes}
+    assert len(lost) == 5
+    assert lost[0][3] >= lost[-1][3] > 0
+    assert all(row[2] < 1.9 for row in near)
+    assert near
+
+
+def test_every_figure_is_documented() -> None:
+    for name, (unit, meaning) in {**figures.COUNTS, **figures.COMPARED}.items():
+        row = f"| `{name}` | {'' if unit == '1' else unit} | {meaning} |"
+        assert row in REPORTS, row
+    for name, (unit, meaning) in figures.SPREADS.items():
+        bars = meaning.replace("|", "\\|")
+        assert f"| `{name}.*` | {'' if unit == '1' else unit} | {bars} |" in REPORTS
+    for name, kinds in figures.CATEGORIES.items():
+        assert all(f"`{name}.{kind}`" in REPORTS for kind in kinds)
