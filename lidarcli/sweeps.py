@@ -24,6 +24,8 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 TURN = 2.0 * np.pi
+_LEAST = np.nextafter(np.float32(0), np.float32(1))
+"""The least range above zero."""
 
 
 class Status(IntEnum):
@@ -280,28 +282,23 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     low = np.where(np.isfinite(range_min), np.maximum(range_min, 0), 0).astype(np.float32)
     high = np.where(np.isfinite(range_max) & (range_max > low), range_max, np.inf).astype(np.float32)
 
-    ranges = raw.ranges
-    at_max_counts = "max" not in rules.no_return
-    with np.errstate(invalid="ignore"):
-        valid = ranges < high[:, None]
-        if at_max_counts:
-            valid |= (ranges == high[:, None]) & np.isfinite(ranges)
-        valid &= ranges >= low[:, None]
-        valid &= ranges > 0
-        for marker in rules.markers:
-            valid &= ~np.isclose(ranges, marker, rtol=0, atol=1e-4)
-    ragged = bool((raw.beams < width).any())
-    if ragged:
-        padding = np.arange(width) >= raw.beams[:, None]
-        valid &= ~padding
-
+    clean = np.array(raw.ranges, np.float32, order="C")
+    padding = None
+    if (raw.beams < width).any():
+        padding = np.arange(width, dtype=np.int32) >= raw.beams[:, None]
+    lost = ~_has_range(clean, low[:, None], high[:, None], rules)
+    if padding is not None:
+        lost &= ~padding
+    # Few beams are lost, or none: only these are looked at again.
+    at = np.flatnonzero(lost)
     status = np.zeros((rows, width), np.uint8)
-    clean = ranges.astype(np.float32)
-    row, column = np.nonzero(~valid)
-    status[row, column] = _status_without_range(ranges[row, column], low[row], high[row], rules)
-    clean[row, column] = np.nan
-    if ragged:
+    if len(at):
+        row, flat = at // width, clean.reshape(-1)
+        status.reshape(-1)[at] = _status_without_range(flat[at], low[row], high[row], rules)
+        flat[at] = np.nan
+    if padding is not None:
         status[padding] = Status.PADDING
+        clean[padding] = np.nan
     return SweepBatch(
         topic=raw.topic,
         frame_ids=raw.frame_ids,
@@ -318,6 +315,17 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
         status=status,
         closure=closure(raw.beams, raw.angle_increment),
     )
+
+
+def _has_range(ranges: Float32, low: Float32, high: Float32, rules: RangeRules) -> Bool:
+    """Which of (S, B) raw values are a range within the limits (S, 1)."""
+    with np.errstate(invalid="ignore"):
+        valid = ranges < high if "max" in rules.no_return else (ranges <= high) & (ranges < np.inf)
+        # Above zero and not below the limit, in one comparison.
+        valid &= ranges >= np.maximum(low, _LEAST)
+        for marker in rules.markers:
+            valid &= ~np.isclose(ranges, marker, rtol=0, atol=1e-4)
+    return valid
 
 
 def _status_without_range(value: Float32, low: Float32, high: Float32, rules: RangeRules) -> UInt8:
