@@ -52,10 +52,11 @@ class RunSummary:
         """Count the sweeps of one batch."""
         self.sweeps += len(batch)
         self.topics.add(batch.topic)
-        codes = np.bincount(batch.status.ravel(), minlength=len(Status))
         for status in Status:
             if status != Status.PADDING:
-                self.by_status[status.name.lower()] += int(codes[status])
+                # Bytes compared with a plain integer stay bytes; `bincount`, or an enumeration, would widen them all.
+                count = np.count_nonzero(batch.status == status.value)
+                self.by_status[status.name.lower()] += int(count)
 
     def add_objects(self, detection: Detection) -> None:
         """Count what was found in one batch."""

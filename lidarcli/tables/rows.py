@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,34 @@ from lidarcli.tables.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, 
 
 _STATUSES = ("valid", "no_return", "too_close", "invalid")
 """Names of `Status` by code; padding is no beam and never gets a row."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """A schema as its rows are filled in: asking Arrow for it again and again takes longer than the work."""
+
+    schema: pa.Schema
+    fields: tuple[tuple[str, pa.DataType, bool], ...]
+    """Name and type of each column, and whether it holds floating-point numbers."""
+
+    @classmethod
+    def of(cls, schema: pa.Schema) -> _Form:
+        return cls(schema, tuple((each.name, each.type, pa.types.is_floating(each.type)) for each in schema))
+
+    def fill(self, columns: dict[str, Any], detection: Detection, count: int) -> pa.RecordBatch:
+        """Complete `columns` by arrays of the same name in the detection, and by nulls for what is not known."""
+        for name, kind, is_float in self.fields:
+            if name in columns:
+                continue
+            values = getattr(detection, name, None)
+            if values is None:
+                columns[name] = pa.nulls(count, kind)
+            else:
+                columns[name] = floats(values) if is_float else plain(values)
+        return pa.RecordBatch.from_arrays([columns[name] for name, _, _ in self.fields], schema=self.schema)
+
+
+_OBJECTS, _SWEEPS, _BEAMS = map(_Form.of, (OBJECTS, SWEEPS, BEAMS))
 
 
 def objects_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
@@ -39,7 +68,7 @@ def objects_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.Record
     if batch.poses is not None:
         world = batch.poses.to_world(row, detection.box_x, detection.box_y, detection.box_yaw)
         columns |= zip(("world_x", "world_y", "world_yaw"), map(floats, world), strict=True)
-    return _record_batch(OBJECTS, columns, detection, count)
+    return _OBJECTS.fill(columns, detection, count)
 
 
 def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
@@ -54,13 +83,12 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
         "beams": plain(batch.beams),
         "d_th": floats(detection.sweep_d_th),
     }
-    for name, code in zip(_STATUSES, Status, strict=False):
-        columns[name] = plain(np.count_nonzero(batch.status == code, axis=1).astype(np.int32))
+    columns |= zip(_STATUSES, map(plain, _status_counts(batch)), strict=True)
     if detection.station is not None:
         columns["station"] = masked(detection.station, detection.station < 0)
     if (poses := batch.poses) is not None:
         columns |= {"pose_x": floats(poses.x), "pose_y": floats(poses.y), "pose_yaw": floats(poses.yaw)}
-    return _record_batch(SWEEPS, columns, detection, count)
+    return _SWEEPS.fill(columns, detection, count)
 
 
 def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
@@ -90,24 +118,18 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
         "object": masked(owner, owner == 0),
         "difference": pa.nulls(count, FLOAT) if difference is None else floats(difference[row, beam]),
     }
-    return _record_batch(BEAMS, columns, detection, count)
+    return _BEAMS.fill(columns, detection, count)
 
 
-def _record_batch(
-    schema: pa.Schema, columns: dict[str, Any], detection: Detection, count: int
-) -> pa.RecordBatch:
-    """Complete `columns` by arrays of the same name in the detection, and by nulls for what is not known."""
-    for field in schema:
-        if field.name in columns:
-            continue
-        values = getattr(detection, field.name, None)
-        if values is None:
-            columns[field.name] = pa.nulls(count, field.type)
-        elif pa.types.is_floating(field.type):
-            columns[field.name] = floats(values)
-        else:
-            columns[field.name] = plain(values)
-    return pa.record_batch([columns[field.name] for field in schema], schema=schema)
+def _status_counts(batch: SweepBatch) -> NDArray[np.int32]:
+    """(4, S) beams of each sweep by status; padding is no beam."""
+    status = batch.status.reshape(-1)
+    # Most beams are valid: the few others are counted one by one. (Bytes compared with an enumeration would be widened.)
+    other = np.flatnonzero(status != Status.VALID.value)
+    place = status[other].astype(np.int64) * len(batch) + other // max(1, batch.width)
+    counts = np.bincount(place, minlength=len(Status) * len(batch)).reshape(len(Status), -1)
+    counts[Status.VALID] = batch.width - counts.sum(axis=0)
+    return counts[: len(_STATUSES)].astype(np.int32)
 
 
 def _constant(text: str, count: int) -> pa.DictionaryArray:
