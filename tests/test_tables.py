@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,10 +24,11 @@ from lidarcli.errors import OutputError
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect, sweep
 from lidarcli.sweeps import Status, SweepBatch
 from lidarcli.tables import BEAMS, OBJECTS, SCHEMAS, SWEEPS
+from lidarcli.tables.arrays import codes, floats, names_of
 from lidarcli.tables.files import TableFiles, refuse_existing
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.order import TopicOrder
-from lidarcli.tables.parquet import ROWS_PER_GROUP, ParquetSink
+from lidarcli.tables.parquet import ROWS_PER_GROUP, ParquetSink, PartFile
 from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tables.stream import FORMATS, CountingOutput
 
@@ -263,6 +267,86 @@ def test_row_groups_have_equal_size() -> None:
     sizes = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
     assert sizes == [ROWS_PER_GROUP, ROWS_PER_GROUP, 10]
     assert file.read()["x"].to_pylist() == list(range(total))
+
+
+class Refusing(io.RawIOBase):
+    """An output that takes the first few bytes alone."""
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        if memoryview(data).nbytes > 4:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return memoryview(data).nbytes
+
+
+def test_an_error_of_the_writing_thread_comes_out() -> None:
+    sink = ParquetSink(Refusing(), schema := pa.schema([pa.field("x", pa.float64())]))
+    noise = np.random.default_rng(1).random(ROWS_PER_GROUP)
+    rows = pa.record_batch([pa.array(noise)], schema=schema)
+    sink.write(rows)
+    with pytest.raises(OSError, match="No space left on device"):
+        sink.write(rows)
+    sink.abandon()
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    script = f"""
+import resource, signal, sys
+from pathlib import Path
+import numpy as np, pyarrow as pa
+from lidarcli.errors import OutputError
+from lidarcli.tables.parquet import PartFile
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20))
+schema = pa.schema([pa.field("x", pa.float64())])
+rows = pa.record_batch([pa.array(np.random.default_rng(1).random({ROWS_PER_GROUP}))], schema=schema)
+try:
+    with PartFile(Path(sys.argv[1]), schema) as file:
+        for _ in range(5):
+            file.write(rows)
+        file.finish({{}})
+except OutputError as err:
+    print(err)
+"""
+    path = tmp_path / "run.objects.parquet"
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"cannot write {path}: File too large\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_leaving_while_a_row_group_is_written(tmp_path: Path) -> None:
+    schema = pa.schema([pa.field("x", pa.int64())])
+    rows = pa.record_batch([pa.array(np.arange(3 * ROWS_PER_GROUP))], schema=schema)
+
+    def interrupted() -> None:
+        with PartFile(tmp_path / "x.parquet", schema) as file:
+            file.write(rows)
+            raise KeyboardInterrupt
+
+    before = threading.active_count()
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert list(tmp_path.iterdir()) == []
+    assert threading.active_count() == before
+
+
+def test_codes_and_their_names() -> None:
+    values = np.array([1, 3, 0, 2, 2], np.uint8)
+    expected = ["end", "extremum", "start", "corner", "corner"]
+    assert names_of(values, VERTEX_KINDS).to_pylist() == expected
+    assert codes(values, VERTEX_KINDS).to_pylist() == expected
+    assert names_of(values[:0], VERTEX_KINDS).to_pylist() == []
+
+
+@pytest.mark.parametrize(
+    "values", [[], [1.0, -2.0], [np.nan, 1.0], [np.inf, -np.inf], [-1.0, np.nan, np.inf]]
+)
+def test_only_nan_is_null(values: list[float]) -> None:
+    assert floats(np.array(values)).to_pylist() == [None if np.isnan(value) else value for value in values]
 
 
 @pytest.mark.parametrize("first", ["/a", None])

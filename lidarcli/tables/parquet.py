@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import os
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import OutputError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future, ThreadPoolExecutor
 
 ROWS_PER_GROUP = 100_000
 """Small row groups cost a factor of three in writing time and more in reading."""
@@ -28,27 +32,34 @@ class Output(Protocol):
 class ParquetSink:
     """A Parquet stream that takes record batches of any size and writes row groups of equal size.
 
-    The schema metadata is given at the end, because only then is it known whether the source was damaged.
+    Whole row groups are encoded and written by a thread of their own, one at a time, while the caller computes the next
+    one. The schema metadata is given at the end, because only then is it known whether the source was damaged.
     """
 
-    def __init__(self, out: Output, schema: pa.Schema) -> None:
+    def __init__(self, out: Output | pa.NativeFile, schema: pa.Schema) -> None:
         self._schema = schema
         self._pending: list[pa.RecordBatch] = []
         self._rows = 0
+        self._thread: ThreadPoolExecutor | None = None
+        self._written: Future[None] | None = None
         floats, texts = _leaves(schema)
+        # Bearings repeat from row to row, byte by byte: split into streams they would lose that. Statistics help to
+        # skip row groups by the columns of the table; nobody asks for them inside lists.
         self._writer = pq.ParquetWriter(
-            pa.PythonFile(out, mode="w"),
+            out if isinstance(out, pa.NativeFile) else pa.PythonFile(out, mode="w"),
             schema,
             compression="zstd",
-            compression_level=1,
+            compression_level=-1,
             use_dictionary=texts,
-            use_byte_stream_split=floats,
+            use_byte_stream_split=[path for path in floats if "theta" not in path],
+            write_statistics=[field.name for field in schema if not pa.types.is_nested(field.type)],
+            write_batch_size=1 << 16,
             # Written by `finish`, which knows the metadata: readers take the schema's own over the footer's.
             store_schema=False,
         )
 
     def write(self, rows: pa.RecordBatch) -> None:
-        """Take rows; whole row groups are written at once, the rest waits."""
+        """Take rows; whole row groups are on their way at once, the rest waits. May raise what befell the last one."""
         self._pending.append(rows)
         self._rows += rows.num_rows
         if self._rows >= ROWS_PER_GROUP:
@@ -56,27 +67,55 @@ class ParquetSink:
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
         """Write what waits, then the schema and its metadata."""
+        self._settle()
         if self._rows:
-            self._flush(self._rows)
+            self._write(self._take(self._rows))
         full = self._schema.with_metadata(metadata)
         encoded = base64.b64encode(full.serialize().to_pybytes()).decode()
         footer = {key.decode(): value.decode() for key, value in metadata.items()}
         self._writer.add_key_value_metadata({**footer, "ARROW:schema": encoded})
         self._writer.close()
+        self._stop()
 
     def abandon(self) -> None:
         """Let go of the stream without making it whole."""
         self._pending.clear()
+        self._stop()
         with contextlib.suppress(OSError, ValueError, pa.ArrowException):
             self._writer.close()
 
     def _flush(self, rows: int) -> None:
+        table = self._take(rows)
+        self._settle()
+        if self._thread is None:
+            # Most logs are short and need not wait for the import.
+            from concurrent.futures import ThreadPoolExecutor
+
+            self._thread = ThreadPoolExecutor(1, "parquet")
+        self._written = self._thread.submit(self._write, table)
+
+    def _take(self, rows: int) -> pa.Table:
+        """The first `rows` of what waits."""
         table = pa.Table.from_batches(self._pending, self._schema).unify_dictionaries()
-        # A copy, so that the rest does not keep the memory of the rows that were written.
+        # A copy, so that the rest does not keep the memory of the rows that are written.
         rest = table.slice(rows).combine_chunks()
         self._pending = rest.to_batches() if rest.num_rows else []
         self._rows = rest.num_rows
-        self._writer.write_table(table.slice(0, rows), row_group_size=ROWS_PER_GROUP)
+        return table.slice(0, rows)
+
+    def _write(self, table: pa.Table) -> None:
+        self._writer.write_table(table, row_group_size=ROWS_PER_GROUP)
+
+    def _settle(self) -> None:
+        """Wait for the row group that is being written; its error is raised here."""
+        if self._written is not None:
+            self._written.result()
+            self._written = None
+
+    def _stop(self) -> None:
+        """End the writing thread; what it is at comes to its end first."""
+        if self._thread is not None:
+            self._thread.shutdown()
 
 
 class PartFile:
@@ -86,7 +125,8 @@ class PartFile:
         self.path = path
         self._part = path.with_name(f".{path.name}.part")
         try:
-            self._file = self._part.open("wb")
+            # Arrow's own file: the writing thread need not wait for the interpreter.
+            self._file = pa.OSFile(os.fsencode(self._part), mode="wb")
         except OSError as err:
             raise unwritable(path, err) from err
         self._sink = ParquetSink(self._file, schema)
@@ -127,7 +167,9 @@ class PartFile:
 
 def unwritable(path: Path | str, err: OSError) -> OutputError:
     """The error of an output that the system refuses, as one line."""
-    return OutputError(f"cannot write {path}: {err.strerror or str(err).splitlines()[0]}")
+    # Arrow puts words of its own before those of the system.
+    reason = os.strerror(err.errno) if err.errno else err.strerror or str(err).splitlines()[0]
+    return OutputError(f"cannot write {path}: {reason}")
 
 
 def _leaves(schema: pa.Schema) -> tuple[list[str], list[str]]:
