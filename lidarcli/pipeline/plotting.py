@@ -55,7 +55,7 @@ class Drawn:
 
 
 def take_pictures(source: Source, options: PlotOptions) -> Drawn:
-    """The wanted sweeps of a log with their objects.
+    """The wanted sweeps of a log with their objects; errors name the log.
 
     Raises
     ------
@@ -64,6 +64,15 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn:
     NoScanError
         There is no LaserScan, or not the topic that was asked for.
     """
+    try:
+        return _take(source, options)
+    except (NoScanError, UnreadableError) as err:
+        if str(err).startswith(f"{source.path}: ") or str(err).startswith(f"{source.label}: "):
+            raise
+        raise type(err)(f"{source.label}: {err}") from err
+
+
+def _take(source: Source, options: PlotOptions) -> Drawn:
     with open_source(source, options.csv) as log:
         topic, notes = _topic(log, options.topic)
         read = ReadOptions(

@@ -51,16 +51,20 @@ def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, I
 def _match(sources: Sequence[Source], logs: Sequence[str]) -> dict[int, LogSource]:
     """Which log belongs to which pair of tables: by name, or because there is only one of each."""
     found: dict[int, LogSource] = {}
-    named = find_logs(logs)
-    for log in named:
-        if isinstance(log, Nothing):
-            raise UnreadableError(f"{log.path}: {log.error}")
-        mine = [k for k, source in enumerate(sources) if log.name in (source.log, source.log.split("/")[-1])]
-        if not mine and len(named) == len(sources) == 1:
-            mine = [0]
+    for named in logs:
+        here = find_logs([named])
+        mine: dict[int, LogSource] = {}
+        for log in here:
+            if isinstance(log, Nothing):
+                raise UnreadableError(f"{log.path}: {log.error}")
+            names = [source.log for source in sources]
+            mine |= {k: log for k, name in enumerate(names) if log.name in (name, name.split("/")[-1])}
+        if not mine and len(here) == len(logs) == len(sources) == 1 and isinstance(here[0], LogSource):
+            mine = {0: here[0]}
+        # A folder may hold other logs, too.
         if not mine:
-            raise OptionError(f"--log {log.path}: no table here is of a log {log.name}")
-        found |= dict.fromkeys(mine, log)
+            raise OptionError(f"--log {named}: none of the tables is of this log")
+        found |= mine
     return found
 
 

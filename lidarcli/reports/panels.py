@@ -81,7 +81,10 @@ def difference(axes: Axes, picture: Picture, limits: Limits) -> None:
         axes.axhline(sign * d_th, color=palette.BLUE, lw=0.8, ls=(0, (4, 2)), zorder=5)
     axes.plot([], [], color=palette.BLUE, lw=0.8, ls=(0, (4, 2)), label=r"$\pm d_{th}$")
     _edges(axes, picture, theta)
-    axes.set(ylim=(-limits.s, limits.s), ylabel=r"$s(\theta)$ [m]")
+    # Over the seam and over lost beams differences may be greater than from beam to beam.
+    values = np.abs(np.concatenate([s, picture.detection.s_i, picture.detection.s_f]))
+    reach = max(limits.s, 1.1 * float(np.nanmax(values, initial=0.0)))
+    axes.set(ylim=(-reach, reach), ylabel=r"$s(\theta)$ [m]")
     _bearings(axes, picture)
 
 

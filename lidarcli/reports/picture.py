@@ -133,8 +133,8 @@ def limits_of(batches: Sequence[SweepBatch]) -> Limits:
         ranges, theta = batch.ranges[0], batch.bearings()[0]
         there = np.isfinite(ranges)
         parts.append(np.stack([ranges[there] * np.cos(theta[there]), ranges[there] * np.sin(theta[there])]))
-        if there.sum() > 1:
-            jumps.append(float(np.abs(np.diff(ranges[there])).max()))
+        steps = np.abs(np.diff(ranges.astype(np.float64)))
+        jumps.append(float(np.nanmax(steps, initial=0.0)))
     xy = np.concatenate([*parts, np.zeros((2, 1))], axis=1)
     low, high = xy.min(axis=1), xy.max(axis=1)
     air = max(0.09 * float((high - low).max()), 0.1)

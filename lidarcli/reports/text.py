@@ -181,10 +181,12 @@ def _bar(count: int, total: int) -> str:
 
 
 def _streams(summary: Summary) -> Iterator[RenderableType]:
+    from rich.text import Text
+
     streams = summary.streams.all
     yield _heading("Over time")
     for stream in streams[:STREAMS]:
-        yield _grid([[stream.name, f"{stream.sweeps:,} sweeps from {stamp(stream.start_ns)}"]])
+        yield Text(f"{stream.name}, {stream.sweeps:,} sweeps from {stamp(stream.start_ns)}")
         yield from _course(stream)
     if len(streams) > STREAMS:
         yield _grid([[f"and {len(streams) - STREAMS:,} more topics"]])

@@ -33,7 +33,7 @@ def test_text_on_standard_output(lidarcli: Run, run: Path) -> None:
         "sweeps         20 in 1.9 s",
         "objects        30, 1.5 per sweep",
         "prismatic",
-        "run /scan (laser)",
+        "run /scan (laser), 20 sweeps from 2023-11-14T22:13:20.000Z",
     ):
         assert words in ran.out
 

@@ -121,7 +121,7 @@ def test_a_log_that_belongs_to_no_table(lidarcli: Run, tmp_path: Path) -> None:
     for name in ("a", "b"):
         write_run(tmp_path, [sweep(0, log=name)], name=name)
     code, err = lidarcli("report", tmp_path, "-o", tmp_path / "a.html", "--log", SAMPLES / "room.mcap")
-    assert (code, "no table here is of a log room" in err) == (2, True)
+    assert (code, "none of the tables is of this log" in err) == (2, True)
     code, err = lidarcli("report", tmp_path, "-o", tmp_path / "a.html", "--log", tmp_path / "none.bag")
     assert (code, "no such file or folder" in err) == (3, True)
 
