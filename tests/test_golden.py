@@ -32,4 +32,6 @@ def nearly(value: Any) -> Any:
 
 
 def test_no_golden_table_is_left_over() -> None:
-    assert {path.name for path in FOLDER.iterdir() if path.is_file()} == {golden_path(*case).name for case in CASES}
+    assert {path.name for path in FOLDER.iterdir() if path.is_file()} == {
+        golden_path(*case).name for case in CASES
+    }

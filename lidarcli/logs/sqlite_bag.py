@@ -85,9 +85,7 @@ class SqliteBag:
         if orphans and not self._orphans_told:
             self._orphans_told = True
             which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
-            self._damaged(
-                "topics table", f"has no topic {which}; messages lost: {sum(orphans.values()):,}"
-            )
+            self._damaged("topics table", f"has no topic {which}; messages lost: {sum(orphans.values()):,}")
 
     def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
         """Messages of the given topic ids in the order they were recorded, a few at a time."""
