@@ -501,6 +501,20 @@ def test_two_publishers_on_one_topic_stay_apart(opened: Opens) -> None:
     ]
 
 
+def test_a_new_frame_in_every_sweep_is_no_way_to_fill_the_memory(
+    opened: Opens, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(inspecting, "MAX_SCANS", 3)
+    one = block(sweeps=6)
+    names = tuple(f"laser{k}" for k in range(6))
+    mixed = replace(one, frame_ids=names, frame=np.arange(6, dtype=np.int32))
+    opened(mixed, mixed, topics=[replace(SCAN, messages=None)])
+    info = inspect_log(SOURCE)
+    assert [(scan.frame_id, scan.sweeps) for scan in info.scans] == [(name, 2) for name in names[:3]]
+    assert info.notes == ("6 sweeps are counted and no more: there are over 3 frames and topics",)
+    assert info.topics == (replace(SCAN, messages=12),)
+
+
 @pytest.mark.parametrize(("damage", "code"), [(None, 4), ("cut off", 3)])
 def test_inspection_without_scans(opened: Opens, damage: str | None, code: int) -> None:
     opened(topics=[CLOUD], damage=damage)

@@ -7,6 +7,7 @@ import errno
 import io
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -510,6 +511,26 @@ def test_waiting_topics_leave_no_file_behind(tmp_path: Path, batch: SweepBatch, 
     with TopicOrder(Nowhere(), OBJECTS, None, tmp_path) as order:
         order.write("/scan", objects_rows("run", batch, detection))
         assert list(tmp_path.iterdir()) == []
+
+
+def test_thousands_of_topics_share_one_file_and_little_memory(
+    tmp_path: Path, batch: SweepBatch, detection: Detection
+) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    rows = sweeps_rows("run", batch, detection)
+    topics = [f"/t{number:04}" for number in range(1500)]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (200, limits[1]))
+    try:
+        with TableFiles(tmp_path, "run", ("sweeps",), None) as files:
+            for topic in reversed(topics):
+                index = rows.schema.get_field_index("topic")
+                named = pa.DictionaryArray.from_arrays(pa.array([0] * rows.num_rows, pa.int32()), [topic])
+                files.write("sweeps", topic, rows.set_column(index, rows.schema.field(index), named))
+            files.publish(METADATA)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    found = pq.read_table(tmp_path / "run.sweeps.parquet")["topic"].to_pylist()
+    assert found == [topic for topic in topics for _ in range(rows.num_rows)]
 
 
 def test_table_names() -> None:

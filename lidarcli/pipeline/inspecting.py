@@ -20,6 +20,9 @@ from lidarcli.pipeline.summary import damage_lines
 from lidarcli.pipeline.topics import scan_topics
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
 
+MAX_SCANS = 1000
+"""Topics and frames that are told apart: a log may have a new name in every message."""
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -93,15 +96,19 @@ def inspect_log(
     """Read a log from end to end, in bounded memory, and tell what is in it; its poses first, if it has some."""
     rules = rules or RangeRules()
     found: dict[tuple[str, str], _Scan] = {}
+    only_counted: Counter[str] = Counter()
     with open_source(source, csv) as log:
         poses = find_poses(log)
         for block in log.scans():
-            for code in np.unique(block.frame):
+            for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
-                found.setdefault(key, _Scan()).add(block.rows(block.frame == code), rules)
+                if key in found or len(found) < MAX_SCANS:
+                    found.setdefault(key, _Scan()).add(block.rows(block.frame == code), rules)
+                else:
+                    only_counted[block.topic] += int(sweeps)
             if progress is not None:
                 progress(log.report.bytes_read)
-        topics = _with_counts(log.topics() or (), found)
+        topics = _with_counts(log.topics() or (), found, only_counted)
         report = log.report
         return LogInfo(
             path=source.label,
@@ -113,9 +120,17 @@ def inspect_log(
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
-            notes=(*report.notes, *(poses.notes if poses is not None else ())),
+            notes=(*report.notes, *(poses.notes if poses is not None else ()), *_not_shown(only_counted)),
             damage=_damage(report, poses),
         )
+
+
+def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
+    if not only_counted:
+        return ()
+    return (
+        f"{only_counted.total():,} sweeps are counted and no more: there are over {MAX_SCANS:,} frames and topics",
+    )
 
 
 def _pose(poses: FoundPoses | None, frame_id: str) -> str:
@@ -178,9 +193,11 @@ class _Scan:
         )
 
 
-def _with_counts(topics: Sequence[Topic], found: Mapping[tuple[str, str], _Scan]) -> tuple[Topic, ...]:
+def _with_counts(
+    topics: Sequence[Topic], found: Mapping[tuple[str, str], _Scan], only_counted: Counter[str]
+) -> tuple[Topic, ...]:
     """The topics by name, with the sweeps that were read where nobody had counted."""
-    sweeps: Counter[str] = Counter()
+    sweeps = only_counted.copy()
     for (name, _), scan in found.items():
         sweeps[name] += scan.sweeps
     known = {topic.name for topic in topics}

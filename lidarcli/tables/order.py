@@ -13,6 +13,8 @@ import pyarrow as pa
 from lidarcli.errors import OutputError
 from lidarcli.tables.parquet import unwritable
 
+_OPTIONS = pa.ipc.IpcWriteOptions(compression="lz4")
+
 
 class RowSink(Protocol):
     """Where rows go: a Parquet file or a stream."""
@@ -23,8 +25,8 @@ class RowSink(Protocol):
 class TopicOrder:
     """Passes the rows of the first topic on at once and keeps those of the others on disk until `drain`.
 
-    `first` is the topic that sorts first where that is known; without it every topic waits. The waiting files
-    have no name, so nothing is left behind whatever happens to the process.
+    `first` is the topic that sorts first where that is known; without it every topic waits. All wait in one file,
+    which has no name, so that nothing is left behind whatever happens to the process.
     """
 
     def __init__(self, sink: RowSink, schema: pa.Schema, first: str | None, folder: Path | None) -> None:
@@ -32,7 +34,9 @@ class TopicOrder:
         self._schema = schema
         self._first = first
         self._folder = folder
-        self._waiting: dict[str, tuple[IO[bytes], pa.RecordBatchStreamWriter]] = {}
+        self._file: IO[bytes] | None = None
+        self._places: dict[str, list[int]] = {}
+        """Where in the file the rows of a topic are, each part an Arrow stream of its own."""
 
     def write(self, topic: str, rows: pa.RecordBatch) -> None:
         """Take rows of one topic, in the order in which they have to come out."""
@@ -40,26 +44,28 @@ class TopicOrder:
             self._sink.write(rows)
             return
         try:
-            if topic not in self._waiting:
-                file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
-                options = pa.ipc.IpcWriteOptions(compression="lz4")
-                self._waiting[topic] = file, pa.ipc.new_stream(file, self._schema, options=options)
-            self._waiting[topic][1].write_batch(rows)
+            if self._file is None:
+                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
+            self._places.setdefault(topic, []).append(self._file.tell())
+            with pa.ipc.new_stream(self._file, self._schema, options=_OPTIONS) as stream:
+                stream.write_batch(rows)
         except OSError as err:
             raise self._full(err) from err
 
     def drain(self) -> None:
         """Pass on the rows that wait, by the name of their topic."""
-        for topic in sorted(self._waiting):
-            file, writer = self._waiting[topic]
-            try:
-                writer.close()
-                file.seek(0)
-            except OSError as err:
-                raise self._full(err) from err
-            for rows in pa.ipc.open_stream(file):
-                self._sink.write(rows)
-            file.close()
+        if self._file is None:
+            return
+        try:
+            self._file.flush()
+        except OSError as err:
+            raise self._full(err) from err
+        for topic in sorted(self._places):
+            for place in self._places[topic]:
+                self._file.seek(place)
+                for rows in pa.ipc.open_stream(self._file):
+                    self._sink.write(rows)
+        self._places.clear()
 
     def _full(self, err: OSError) -> OutputError:
         return unwritable(f"a temporary file in {self._folder or tempfile.gettempdir()}", err)
@@ -68,7 +74,7 @@ class TopicOrder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        for file, _ in self._waiting.values():
+        if self._file is not None:
             # What is still in its buffer may not fit on the disk, and is wanted no more.
             with contextlib.suppress(OSError):
-                file.close()
+                self._file.close()

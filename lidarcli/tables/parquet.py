@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 ROWS_PER_GROUP = 100_000
 """Small row groups cost a factor of three in writing time and more in reading."""
+MOST_PARTS = 500
+"""Batches that wait as they came: thousands of tiny ones would take far more memory than their rows."""
 
 
 class Output(Protocol):
@@ -60,8 +62,12 @@ class ParquetSink:
 
     def write(self, rows: pa.RecordBatch) -> None:
         """Take rows; whole row groups are on their way at once, the rest waits. May raise what befell the last one."""
+        if not rows.num_rows:
+            return
         self._pending.append(rows)
         self._rows += rows.num_rows
+        if len(self._pending) > MOST_PARTS:
+            self._pending = self._joined().combine_chunks().to_batches()
         if self._rows >= ROWS_PER_GROUP:
             self._flush(self._rows - self._rows % ROWS_PER_GROUP)
 
@@ -94,9 +100,12 @@ class ParquetSink:
             self._thread = ThreadPoolExecutor(1, "parquet")
         self._written = self._thread.submit(self._write, table)
 
+    def _joined(self) -> pa.Table:
+        return pa.Table.from_batches(self._pending, self._schema).unify_dictionaries()
+
     def _take(self, rows: int) -> pa.Table:
         """The first `rows` of what waits."""
-        table = pa.Table.from_batches(self._pending, self._schema).unify_dictionaries()
+        table = self._joined()
         # A copy, so that the rest does not keep the memory of the rows that are written.
         rest = table.slice(rows).combine_chunks()
         self._pending = rest.to_batches() if rest.num_rows else []
