@@ -64,15 +64,16 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn:
     NoScanError
         There is no LaserScan, or not the topic that was asked for.
     """
+    work = _Work(source, options)
     try:
-        return _take(source, options)
+        return _take(source, options, work)
     except (NoScanError, UnreadableError) as err:
         if str(err).startswith(f"{source.path}: ") or str(err).startswith(f"{source.label}: "):
             raise
         raise type(err)(f"{source.label}: {err}") from err
 
 
-def _take(source: Source, options: PlotOptions) -> Drawn:
+def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     with open_source(source, options.csv) as log:
         topic, notes = _topic(log, options.topic)
         read = ReadOptions(
@@ -98,7 +99,6 @@ def _take(source: Source, options: PlotOptions) -> Drawn:
     _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {seen}", damage)
     by_index = {int(row.sweep[0]): row for row in rows}
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
-    work = _Work(source, options)
     pictures = tuple(work.picture(by_index[index]) for index in order)
     return Drawn(pictures, (*notes, *work.notes()), damage)
 
