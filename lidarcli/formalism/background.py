@@ -12,6 +12,9 @@ from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepPoses
 KNOWN_GAP = 0.05
 """Up to this share of sweeps without a return are lost beams of a surface that is there."""
 
+LATERAL = 0.05
+"""[m] A sensor beside a station sees things from another side: by so much they may look wider there."""
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Background:
@@ -27,6 +30,8 @@ class Background:
     """Greatest range of the sensor [m]; inf where unknown."""
     r_e: Float64
     """(K, B) r_e [m]: inf where the beam is open (no return is what the background is), NaN where nothing is known."""
+    r_near: Float64
+    """(K, B) the nearest surface with as much support as r_e needs [m]: another than r_e at some depth edges."""
     spread: Float64
     """(K, B) robust standard deviation of the ranges that back r_e [m]; NaN where r_e is no range."""
     support: Float64
@@ -57,8 +62,12 @@ class Surroundings:
 
     r_e: Float32
     """That of the beam itself [m]."""
+    r_near: Float32
+    """Its nearest surface [m]."""
     near: Float32
     """The nearest r_e [m], the greatest range of the sensor for an open beam; NaN where the beam itself is unknown."""
+    nearest: Float32
+    """The same for the nearest surfaces, with those up to `LATERAL` to either side of each beam."""
     far: Float32
     """The farthest r_e [m], inf where an open beam is among them."""
     spread: Float32
@@ -71,20 +80,40 @@ def surroundings(background: Background, reach: int) -> Surroundings:
     """The background in windows of `reach` beams to either side of each."""
     r_e = background.r_e
     known = ~np.isnan(r_e)
-    near = np.where(known, np.minimum(r_e, background.range_max), np.inf)
+    limit = background.range_max
+    near = np.where(known, np.minimum(r_e, limit), np.inf)
+    nearest = np.where(known, np.minimum(background.r_near, limit), np.inf)
     far = np.where(known, r_e, -np.inf)
     spread = np.where(known & np.isfinite(r_e), background.spread, 0.0)
     lost = background.no_return > KNOWN_GAP
     windows = [_beside(background, offset) for offset in range(-reach, reach + 1)]
     near = np.minimum.reduce([near[:, beam] for beam in windows])
+    nearest = _dilated(background, nearest, reach)
     far = np.maximum.reduce([far[:, beam] for beam in windows])
     return Surroundings(
         r_e=r_e.astype(np.float32),
+        r_near=background.r_near.astype(np.float32),
         near=np.where(known, near, np.nan).astype(np.float32),
+        nearest=np.where(known, nearest, np.nan).astype(np.float32),
         far=np.where(known, far, np.nan).astype(np.float32),
         spread=np.maximum.reduce([spread[:, beam] for beam in windows]).astype(np.float32),
         returns=known & ~np.logical_or.reduce([lost[:, beam] for beam in windows]),
     )
+
+
+def _dilated(background: Background, ranges: Float64, reach: int) -> Float64:
+    """The nearest of the surfaces that come as close to each beam as `reach` beams or `LATERAL`."""
+    result = ranges.copy()
+    step = abs(background.grid.angle_increment)
+    known = ranges[np.isfinite(ranges)]
+    if not len(known):
+        return result
+    most = min(max(reach, int(LATERAL / (step * float(known.min())))), background.grid.beams // 2)
+    for distance in range(1, most + 1):
+        close = np.where((distance * step * ranges <= LATERAL) | (distance <= reach), ranges, np.inf)
+        for offset in (-distance, distance):
+            np.minimum(result, close[:, _beside(background, offset)], out=result)
+    return result
 
 
 def _beside(background: Background, offset: int) -> Int64:

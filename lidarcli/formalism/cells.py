@@ -105,6 +105,7 @@ class Estimate:
     """r_e of N beams, see `Background`."""
 
     r_e: Float64
+    r_near: Float64
     spread: Float64
     support: Float64
     no_return: Float64
@@ -131,6 +132,7 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
     observed = no_return + returns
     result = Estimate(
         r_e=np.where(observed > 0, np.inf, np.nan),
+        r_near=np.where(observed > 0, np.inf, np.nan),
         spread=np.full(beams, np.nan),
         support=no_return / np.maximum(observed, 1),
         no_return=no_return / np.maximum(observed, 1),
@@ -141,9 +143,15 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
     while wanted.any():
         begin, end, backing = _windows(cells, reach)
         enough = np.flatnonzero((backing >= need[beam]) & wanted[beam])
-        found, peak = _peaks(cells, enough, backing, reach)
-        _describe(result, cells, found, begin[peak], end[peak], observed)
-        wanted[found] = False
+        if len(enough):
+            found, peak = _peaks(cells, enough, backing, reach)
+            _describe(result, cells, found, begin[peak], end[peak], observed)
+            result.r_near[found] = result.r_e[found]
+            found, peak = _peaks(cells, enough, backing, reach, nearest=True)
+            before = end[peak] <= begin[_peaks(cells, enough, backing, reach)[1]]
+            mean = _Surface(cells, begin[peak], end[peak])
+            result.r_near[found[before]] = ((mean.origin + mean.peak()) * UNIT)[before]
+            wanted[found] = False
         # What returns less often than not may be people alone: no width turns them into a surface.
         wanted &= no_return < OPEN * observed
         reach *= 2
@@ -160,8 +168,10 @@ def _windows(cells: Cells, reach: int) -> tuple[Int64, Int64, Int64]:
     return begin, end, until[end] - until[begin]
 
 
-def _peaks(cells: Cells, enough: Int64, backing: Int64, reach: int) -> tuple[Int64, Int64]:
-    """For each beam with cells that have enough backing the one with most, on the farthest surface that has any.
+def _peaks(
+    cells: Cells, enough: Int64, backing: Int64, reach: int, nearest: bool = False
+) -> tuple[Int64, Int64]:
+    """For each beam with cells that have enough backing the one with most, on the farthest surface, or the nearest.
 
     Returns
     -------
@@ -169,13 +179,15 @@ def _peaks(cells: Cells, enough: Int64, backing: Int64, reach: int) -> tuple[Int
     """
     beam = cells.beam[enough]
     found, first = np.unique(beam, return_index=True)
-    last = np.append(first[1:], len(beam)) - 1
-    nearest = (cells.key[enough[last]] - 2 * reach * BIN)[np.searchsorted(found, beam)]
-    there = enough[cells.key[enough] >= nearest]
+    key, which = cells.key[enough], np.searchsorted(found, beam)
+    if nearest:
+        there = enough[key <= (key[first] + 2 * reach * BIN)[which]]
+    else:
+        last = np.append(first[1:], len(beam)) - 1
+        there = enough[key >= (key[last] - 2 * reach * BIN)[which]]
     order = np.lexsort((backing[there], cells.beam[there]))
     there = there[order]
-    ends = np.append(np.flatnonzero(np.diff(cells.beam[there])), len(there) - 1)[: len(found)]
-    return found, there[ends]
+    return found, there[np.append(np.flatnonzero(np.diff(cells.beam[there])), len(there) - 1)]
 
 
 def _describe(
@@ -186,8 +198,6 @@ def _describe(
     People stand before a surface, never behind it: where most ranges are, the farther half of them tells how far they
     spread, and what is too near for that spread does not count.
     """
-    if not len(found):
-        return
     near = _Surface(cells, begin, end)
     r_e = near.peak()
     for _ in range(2):

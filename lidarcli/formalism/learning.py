@@ -97,6 +97,7 @@ class Learning:
             grid=self.grid,
             range_max=self.range_max if self.range_max > 0 else np.inf,
             r_e=found.r_e.reshape(shape)[chosen],
+            r_near=found.r_near.reshape(shape)[chosen],
             spread=found.spread.reshape(shape)[chosen],
             support=found.support.reshape(shape)[chosen],
             no_return=found.no_return.reshape(shape)[chosen],

@@ -84,6 +84,8 @@ class Subtraction:
         self.tolerance = tolerance or Tolerance()
         self._around: dict[int, Surroundings] = {}
         self._known: Lines | None = None
+        with np.errstate(invalid="ignore"):
+            self._two = bool((background.r_near < background.r_e).any())
 
     def difference(self, batch: SweepBatch, sigma: Float64) -> Difference:
         """Compare sweeps of this sensor with the background of the place where they were taken.
@@ -147,6 +149,7 @@ class Subtraction:
             around.r_e[at],
             around.returns[at],
             self._threshold(around.spread[at], sigma, 0.0),
+            around.r_near[at] if self._two else None,
         )
 
     def _elsewhere(
@@ -167,7 +170,8 @@ class Subtraction:
             around = self._surroundings(width)
             row, column = np.nonzero((beam >= 0) & (reach == width)[:, None])
             place = station[row], beam[row, column]
-            near[row, column], far[row, column] = around.near[place], around.far[place]
+            # From beside a station what is behind an edge is seen, and what is before it.
+            near[row, column], far[row, column] = around.nearest[place], around.far[place]
             r_e[row, column], spread[row, column] = around.r_e[place], around.spread[place]
             returns[row, column] = around.returns[place]
         threshold = self._threshold(spread, sigma, 0.0 if moved is None else ALIGNED)
@@ -205,8 +209,12 @@ class Subtraction:
         r_e: Float32,
         returns: Bool,
         threshold: Float32,
+        also: Float32 | None = None,
     ) -> Difference:
-        """Compare ranges with what is known of their directions; all (S, B), the known may be one row for all."""
+        """Compare ranges with what is known of their directions; all (S, B), the known may be one row for all.
+
+        What is as far as `also` is background, too.
+        """
         width = ranges.shape[1]
         status = batch.status[:, :width]
         nothing = status == Status.NO_RETURN
@@ -214,7 +222,10 @@ class Subtraction:
         with np.errstate(invalid="ignore"):
             known = ~np.isnan(r_e) & (status <= Status.NO_RETURN)
             difference = np.where(nothing, limit, ranges) - np.minimum(r_e, limit)
-            appeared = _runs(-difference, near - ranges, threshold)
+            nearer = -difference
+            if also is not None:
+                nearer[np.abs(ranges - also) <= threshold] = 0.0
+            appeared = _runs(nearer, near - ranges, threshold)
             removed = np.zeros(ranges.shape, bool)
             if self.tolerance.removed:
                 lost = nothing & returns & np.isfinite(far)
