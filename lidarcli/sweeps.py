@@ -24,8 +24,6 @@ UInt8 = NDArray[np.uint8]
 Bool = NDArray[np.bool_]
 
 TURN = 2.0 * np.pi
-_LEAST = np.nextafter(np.float32(0), np.float32(1))
-"""The least range above zero."""
 
 
 class Status(IntEnum):
@@ -260,6 +258,10 @@ def closure(beams: Int32, angle_increment: Float64) -> UInt8:
     return kind
 
 
+NEAREST, FARTHEST = 1e-6, 1e6
+"""No range is smaller or larger [m]: some drivers call 3.4e38 their `range_max`, and squares of that overflow."""
+
+
 def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     """Judge every range once: `RawSweeps` → `SweepBatch`.
 
@@ -272,15 +274,17 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     Notes
     -----
     By default NaN and negative values are INVALID, +inf, 0, exactly `range_max` and anything above are NO_RETURN, and
-    -inf and values below `range_min` are TOO_CLOSE. A limit that is not finite, or not above the other, is no limit.
+    -inf and values below `range_min` are TOO_CLOSE. A limit that is not finite, or not above the other, is no limit;
+    outside of `NEAREST` to `FARTHEST` there is nothing all the same.
     """
     rows, width = raw.ranges.shape
     range_min, range_max = raw.range_min, raw.range_max
     if rules.limits is not None:
         range_min = np.full(rows, rules.limits[0], np.float32)
         range_max = np.full(rows, rules.limits[1], np.float32)
-    low = np.where(np.isfinite(range_min), np.maximum(range_min, 0), 0).astype(np.float32)
-    high = np.where(np.isfinite(range_max) & (range_max > low), range_max, np.inf).astype(np.float32)
+    low = np.where(np.isfinite(range_min), np.maximum(range_min, NEAREST), NEAREST).astype(np.float32)
+    high = np.where(np.isfinite(range_max) & (range_max > low), np.minimum(range_max, FARTHEST), FARTHEST)
+    high = high.astype(np.float32)
 
     clean = np.array(raw.ranges, np.float32, order="C")
     padding = None
@@ -321,8 +325,7 @@ def _has_range(ranges: Float32, low: Float32, high: Float32, rules: RangeRules) 
     """Which of (S, B) raw values are a range within the limits (S, 1)."""
     with np.errstate(invalid="ignore"):
         valid = ranges < high if "max" in rules.no_return else (ranges <= high) & (ranges < np.inf)
-        # Above zero and not below the limit, in one comparison.
-        valid &= ranges >= np.maximum(low, _LEAST)
+        valid &= ranges >= low
         for marker in rules.markers:
             valid &= ~np.isclose(ranges, marker, rtol=0, atol=1e-4)
     return valid

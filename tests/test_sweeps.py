@@ -151,6 +151,18 @@ def test_limits_without_a_meaning_are_no_limits(
     assert batch.status.tolist() == [statuses]
 
 
+@pytest.mark.parametrize("range_max", [inf, nan, 0.0, 3.4e38])
+def test_there_is_nothing_beyond_a_thousand_kilometres(range_max: float) -> None:
+    batch = judged([5e5, 2e6, 1e30, 3.4e38, inf], range_max=range_max)
+    assert batch.status.tolist() == [[VALID, NO_RETURN, NO_RETURN, NO_RETURN, NO_RETURN]]
+
+
+@pytest.mark.parametrize("range_min", [-1.0, 0.0, nan, 1e-30])
+def test_there_is_nothing_within_a_micrometre(range_min: float) -> None:
+    batch = judged([1e-45, 1e-30, 9e-7, 2e-6], range_min=range_min)
+    assert batch.status.tolist() == [[TOO_CLOSE, TOO_CLOSE, TOO_CLOSE, VALID]]
+
+
 def test_given_limits_replace_those_of_the_messages() -> None:
     batch = judged([0.3, 0.6, 4.0, 5.0, 9.0], RangeRules(limits=(0.5, 5.0)))
     assert batch.status.tolist() == [[TOO_CLOSE, VALID, VALID, NO_RETURN, NO_RETURN]]
