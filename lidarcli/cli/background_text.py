@@ -127,8 +127,9 @@ def _stations(sensor: Background) -> str:
 
 
 def _each(sensor: Background) -> str:
-    few, many = int(sensor.sweeps.min(initial=0)), int(sensor.sweeps.max(initial=0))
-    return "" if len(sensor) < 2 else f", {few} to {many} at a station"
+    if len(sensor) < 2:
+        return ""
+    return f", {sensor.sweeps.min():,} to {sensor.sweeps.max():,} at a station"
 
 
 def _origins(metadata: Mapping[str, Any]) -> list[dict[str, Any]]:

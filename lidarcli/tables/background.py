@@ -23,6 +23,8 @@ from lidarcli.tables.schemas import BACKGROUND
 GEOMETRY = "lidarcli.geometry"
 """Metadata key: what the columns do not hold of each sensor, as JSON."""
 
+_PER_BEAM = ("r_e", "r_near", "spread", "support", "no_return")
+
 
 def write_background(path: Path, sensors: Sequence[Background], metadata: Mapping[bytes, bytes]) -> None:
     """Write the stations of all sensors; the file appears when it is whole."""
@@ -46,10 +48,7 @@ def background_rows(sensor: Background) -> pa.RecordBatch:
         plain(each.astype(np.int32)),
         plain(np.tile(np.arange(beams, dtype=np.int32), stations)),
         floats(np.tile(sensor.grid.bearings(), stations)),
-        *(
-            floats(values.reshape(-1))
-            for values in (sensor.r_e, sensor.spread, sensor.support, sensor.no_return)
-        ),
+        *(floats(getattr(sensor, name).reshape(-1)) for name in _PER_BEAM),
         plain(sensor.sweeps[each]),
         *map(floats, (poses.x, poses.y, poses.yaw)),
         pa.array(poses.upside_down.tolist(), pa.bool_()),
@@ -77,7 +76,7 @@ def read_background(path: Path) -> tuple[list[Background], dict[str, Any]]:
     try:
         sensors = _sensors(table, json.loads(metadata[GEOMETRY]))
         told = {key: json.loads(metadata[key]) for key in (PARAMETERS, SOURCE, DAMAGE) if key in metadata}
-    except (ValueError, KeyError, TypeError) as err:
+    except (ValueError, KeyError) as err:
         raise UnreadableError(f"{path}: its geometry and its rows do not agree; build it again") from err
     return sensors, told | {VERSION: metadata.get(VERSION, "")}
 
@@ -128,10 +127,7 @@ def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
         frame_id=entry["frame_id"],
         grid=grid,
         range_max=np.inf if entry["range_max"] is None else entry["range_max"],
-        r_e=values("r_e"),
-        spread=values("spread"),
-        support=values("support"),
-        no_return=values("no_return"),
+        **{name: values(name) for name in _PER_BEAM},
         sweeps=of_station("sweeps").astype(np.int64),
         poses=SweepPoses(
             of_station("pose_x"),
