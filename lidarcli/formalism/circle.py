@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.ragged import span_sum
+from lidarcli.formalism.ragged import span_sum, spans
 from lidarcli.sweeps import Float64, Int64
 
 REFINEMENTS = 4
@@ -25,7 +25,7 @@ class Circles:
     rms: Float64
 
 
-def fit_circles(x: Float64, y: Float64, offsets: Int64) -> Circles:
+def fit_circles(x: Float64, y: Float64, offsets: Int64, within: Float64 | None = None) -> Circles:
     """Circle through the points of each object, by the least squares of their distances from it.
 
     The algebraic circle (Kåsa 1976), which is too small for short noisy arcs, is the start of a Gauss-Newton descent.
@@ -34,6 +34,7 @@ def fit_circles(x: Float64, y: Float64, offsets: Int64) -> Circles:
     ----------
     x, y : (T,) points of K objects, joined [m]
     offsets : (K + 1,)
+    within : (K,) objects whose algebraic circle fits worse than this [m] are not looked at further: their rms is inf
 
     Returns
     -------
@@ -51,12 +52,46 @@ def fit_circles(x: Float64, y: Float64, offsets: Int64) -> Circles:
     middle_x, middle_y = span_sum(x, offsets) * share, span_sum(y, offsets) * share
     u, v = x - np.repeat(middle_x, size), y - np.repeat(middle_y, size)
     a, b, radius, known = _algebraic(u, v, offsets, share)
+    rms = np.where(known, _rms(u, v, offsets, size, share, a, b, radius), np.inf)
+    near = np.arange(len(size)) if within is None else np.flatnonzero(rms <= within)
+    index, _, part = spans(offsets[near], size[near])
+    u, v, size, share = u[index], v[index], size[near], share[near]
+    fit = a[near], b[near], radius[near], known[near]
     for _ in range(REFINEMENTS):
-        a, b, radius, known = _refined(u, v, offsets, size, share, a, b, radius, known)
-    distance = np.hypot(u - np.repeat(a, size), v - np.repeat(b, size)) - np.repeat(radius, size)
-    rms = np.sqrt(span_sum(distance * distance, offsets) * share)
-    known &= radius < LARGEST
-    return Circles(a + middle_x, b + middle_y, radius, np.where(known, rms, np.inf))
+        fit = _refined(u, v, part, size, share, *fit)
+    a[near], b[near], radius[near] = fit[:3]
+    good = fit[3] & (fit[2] < LARGEST)
+    rms = np.full(len(a), np.inf)
+    rms[near] = np.where(good, _rms(u, v, part, size, share, *fit[:3]), np.inf)
+    return Circles(a + middle_x, b + middle_y, radius, rms)
+
+
+def _rms(
+    u: Float64,
+    v: Float64,
+    offsets: Int64,
+    size: Int64,
+    share: Float64,
+    a: Float64,
+    b: Float64,
+    radius: Float64,
+) -> Float64:
+    """Root mean square distance of the points of each object from a circle [m]."""
+    distance = _distance(u, v, size, a, b)
+    distance -= np.repeat(radius, size)
+    distance *= distance
+    rms: Float64 = np.sqrt(span_sum(distance, offsets) * share)
+    return rms
+
+
+def _distance(u: Float64, v: Float64, size: Int64, a: Float64, b: Float64) -> Float64:
+    """Distance of points from the centre of their object's circle [m]."""
+    dx, dy = u - np.repeat(a, size), v - np.repeat(b, size)
+    dx *= dx
+    dy *= dy
+    dx += dy
+    distance: Float64 = np.sqrt(dx, out=dx)
+    return distance
 
 
 def _algebraic(
@@ -86,7 +121,7 @@ def _refined(
 ) -> tuple[Float64, Float64, Float64, np.ndarray]:
     """One Gauss-Newton step; the radius is eliminated, which leaves two equations for the centre."""
     dx, dy = u - np.repeat(a, size), v - np.repeat(b, size)
-    distance = np.hypot(dx, dy)
+    distance = np.sqrt(dx * dx + dy * dy)
     inverse = 1.0 / np.maximum(distance, 1e-9)
     dx *= inverse
     dy *= inverse
@@ -104,5 +139,4 @@ def _refined(
     length = np.hypot(step_x, step_y)
     limit = np.minimum(1.0, np.maximum(radius, 1e-9) / np.maximum(length, 1e-9))
     a, b = a + step_x * limit, b + step_y * limit
-    distance = np.hypot(u - np.repeat(a, size), v - np.repeat(b, size))
-    return a, b, span_sum(distance, offsets) * share, known
+    return a, b, span_sum(_distance(u, v, size, a, b), offsets) * share, known

@@ -20,6 +20,8 @@ SQUARE = np.deg2rad(35.0)
 """Faces of a prism meet within this of a right angle, and point their corner at the sensor."""
 MOST_FACES = 3
 """Of a box no more are seen, be it from its inside."""
+WORSE = 1.5
+"""The algebraic circle may fit this much worse than the best one."""
 ARC = 0.6
 """A circle is believed where the chord of its arc is longer than this share of its radius."""
 
@@ -60,9 +62,13 @@ def classify(
     codes[beams < ENOUGH_BEAMS] = UNKNOWN
     able = np.flatnonzero((beams >= ENOUGH_BEAMS) & ((count > 1) | (rms > FIT_FLOOR)))
     index, _, able_offsets = spans(offsets[able], beams[able])
-    circles = fit_circles(x[index], y[index], able_offsets)
     size, floor = beams[able], np.square(np.maximum(0.5 * sigma[able], FIT_FLOOR))
     penalty = np.log(size)
+    # A circle that fits so much worse than the faces cannot win, not even after its refinement.
+    rival = np.sqrt(np.maximum(np.square(rms[able]), floor)) * np.exp(
+        (1.5 * count[able] - 2.0) * penalty / size
+    )
+    circles = fit_circles(x[index], y[index], able_offsets, WORSE * rival)
     of_circle = size * np.log(np.maximum(np.square(circles.rms), floor)) + 3.0 * penalty
     of_faces = size * np.log(np.maximum(np.square(rms[able]), floor)) + (3.0 * count[able] - 1.0) * penalty
     near_side = np.hypot(circles.x, circles.y) > np.hypot(
