@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from google.protobuf.message import DecodeError
 
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.laserscan import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY, pad_rows, split_rows
@@ -142,6 +140,10 @@ def _number(value: Any) -> float:
 
 def protobuf_decoder(name: str, schema: bytes) -> Decoder | None:
     """A decoder for the message type `name` that a schema's FileDescriptorSet describes; None if it does not."""
+    # Most logs hold no protobuf and need not wait for the import.
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+    from google.protobuf.message import DecodeError
+
     try:
         files = descriptor_pb2.FileDescriptorSet.FromString(schema)
         waiting = {file.name: file for file in files.file}

@@ -152,8 +152,8 @@ def _summary(data: bytes) -> Summary:
             break
         place = found.end
     summary.chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
-    offsets = [min(chunk.chunk_start_offset, 2**62) for chunk in summary.chunks]
-    summary.chunk_offsets = np.unique(np.array(offsets, np.int64))
+    offsets = {min(chunk.chunk_start_offset, 2**62) for chunk in summary.chunks}
+    summary.chunk_offsets = np.array(sorted(offsets), np.int64)
     return summary
 
 
