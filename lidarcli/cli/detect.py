@@ -72,10 +72,8 @@ STDOUT = "-"
     "--jobs",
     heading=OUTPUT,
     type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
     metavar="N",
-    help="Logs to process at the same time.",
+    help="Processes to use at most: long logs are split, many go side by side.  [default: one per core]",
 )
 @reading_options
 @option(
@@ -155,7 +153,7 @@ def detect(
     kind: str | None,
     beams: bool,
     overwrite: bool,
-    jobs: int,
+    jobs: int | None,
     topics: tuple[str, ...],
     start: float | None,
     end: float | None,
@@ -197,6 +195,7 @@ def detect(
 
     from lidarcli.formalism import Parameters
     from lidarcli.logs.batches import ReadOptions
+    from lidarcli.pipeline.cores import cores
     from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.subtracting import BackgroundOptions
 
@@ -221,13 +220,12 @@ def detect(
         ),
         beams=beams,
         overwrite=overwrite,
+        jobs=jobs or cores(),
     )
-    return _detect(say, logs, output, kind or "ndjson", options, jobs)
+    return _detect(say, logs, output, kind or "ndjson", options)
 
 
-def _detect(
-    say: Messages, logs: tuple[str, ...], output: str, kind: str, options: DetectOptions, jobs: int
-) -> int:
+def _detect(say: Messages, logs: tuple[str, ...], output: str, kind: str, options: DetectOptions) -> int:
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show, show_total
     from lidarcli.pipeline.inputs import find_logs, refuse_clashes
@@ -245,7 +243,7 @@ def _detect(
         if output == STDOUT:
             results = detect_stream(sources, sys.stdout.buffer, kind, options, report)
         else:
-            results = detect_files(sources, Path(output), options, jobs, report)
+            results = detect_files(sources, Path(output), options, report)
         for outcome in results:
             show(outcome, say)
             outcomes.append(outcome)

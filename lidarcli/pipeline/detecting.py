@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from lidarcli.formalism import Detection, Parameters, detect
+from lidarcli.formalism import Parameters
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
+from lidarcli.pipeline.parts import Recipe
+from lidarcli.pipeline.parts_split import Splitting
 from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.subtracting import BackgroundOptions, Subtracting
+from lidarcli.pipeline.subtracting import BackgroundOptions
 from lidarcli.pipeline.summary import RunSummary
-from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.files import TableFiles, refuse_existing, table_path
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.order import TopicOrder
-from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import RowStream
 
@@ -37,11 +37,17 @@ class DetectOptions:
     beams: bool = False
     """Also write the beams table."""
     overwrite: bool = False
+    jobs: int = 1
+    """Processes to use; the result does not depend on it."""
 
     @property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables to write."""
         return ("objects", "sweeps", "beams") if self.beams else ("objects", "sweeps")
+
+    def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
+        """What is to be made of every batch of a log."""
+        return Recipe(source.name, tables, self.parameters, self.background)
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the tables' metadata."""
@@ -61,17 +67,15 @@ def detect_to_files(
         refuse_existing([table_path(folder, source.name, table) for table in options.tables])
     with open_source(source, options.csv) as log:
         reading = Reading(log, options.read, options.pose)
-        find = finder(options)
-        with TableFiles(folder, source.name, options.tables, reading.first) as files:
-            for batch in reading.batches(progress):
-                detection = find(batch, options.beams)
-                reading.summary.add_objects(detection)
-                files.write("objects", batch.topic, objects_rows(source.name, batch, detection))
-                files.write("sweeps", batch.topic, sweeps_rows(source.name, batch, detection))
-                if options.beams:
-                    files.write("beams", batch.topic, beams_rows(source.name, batch, detection))
-            summary = reading.close()
-            summary.notes += find.notes()
+        with (
+            TableFiles(folder, source.name, options.tables, reading.first) as files,
+            Splitting(reading, options.recipe(source, options.tables), options.jobs) as work,
+        ):
+            for part in work.parts(progress):
+                for table, topic, rows in part.rows:
+                    files.write(table, topic, rows)
+                reading.summary.add_found(part.found)
+            summary = _close(reading, work)
             described = reading.describe(source)
             files.publish(table_metadata(options.as_dict(), described, summary.damage))
             summary.outputs = [str(path) for path in files.paths]
@@ -84,43 +88,21 @@ def detect_to_stream(
     """Pass the objects of one log to `stream`, in the order of the table; also the description of the source."""
     with open_source(source, options.csv) as log:
         reading = Reading(log, options.read, options.pose)
-        find = finder(options)
-        with TopicOrder(stream, OBJECTS, reading.first, None) as order:
-            for batch in reading.batches(progress):
-                detection = find(batch, False)
-                reading.summary.add_objects(detection)
-                order.write(batch.topic, objects_rows(source.name, batch, detection))
-            summary = reading.close()
-            summary.notes += find.notes()
+        with (
+            TopicOrder(stream, OBJECTS, reading.first, None) as order,
+            Splitting(reading, options.recipe(source, ("objects",)), options.jobs) as work,
+        ):
+            for part in work.parts(progress):
+                for _, topic, rows in part.rows:
+                    order.write(topic, rows)
+                reading.summary.add_found(part.found)
+            summary = _close(reading, work)
             order.drain()
         return summary, reading.describe(source)
 
 
-class Finder(Protocol):
-    """Finds the objects of batches."""
-
-    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection: ...
-
-    def notes(self) -> list[str]:
-        """What a user should know of it in the end, a line each."""
-
-
-def finder(options: DetectOptions) -> Finder:
-    """Each sweep by itself, or what differs from a background."""
-    if options.background is None:
-        return _Alone(options.parameters)
-    return Subtracting(options.background, options.parameters)
-
-
-class _Alone:
-    """Finds objects by the sweep alone."""
-
-    def __init__(self, parameters: Parameters) -> None:
-        self._parameters = parameters
-
-    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
-        return detect(batch, self._parameters, per_beam=per_beam)
-
-    def notes(self) -> list[str]:
-        """Nothing."""
-        return []
+def _close(reading: Reading, work: Splitting) -> RunSummary:
+    summary = reading.close()
+    summary.notes += work.notes()
+    summary.remark = work.remark
+    return summary

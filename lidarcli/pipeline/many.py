@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -20,6 +20,8 @@ from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import FORMATS, CountingOutput
 
 INTERNAL_ERROR = 70
+WORTH_A_PROCESS = 16 << 20
+"""Bytes of logs whose work outweighs the start of processes; beside a large log, small ones are no reason for it."""
 
 Report = Callable[[Source, int], None]
 """Progress: the log, and the position in it [bytes]."""
@@ -73,20 +75,15 @@ def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
     result = attempt(source, work)
     if isinstance(result, Failure):
         return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace)
-    return Outcome(source.label, result.exit_code, summary=result)
+    return Outcome(source.label, result.exit_code, summary=result, remark=result.remark)
 
 
 def detect_files(
-    sources: Sequence[Source | Nothing],
-    folder: Path,
-    options: DetectOptions,
-    jobs: int = 1,
-    report: Report | None = None,
+    sources: Sequence[Source | Nothing], folder: Path, options: DetectOptions, report: Report | None = None
 ) -> Iterator[Outcome]:
-    """Write the tables of every log below `folder`, with up to `jobs` logs at the same time."""
-    logs = [source for source in sources if isinstance(source, Source)]
-    # Standard input belongs to this process and cannot be handed to another.
-    if min(jobs, len(logs)) < 2 or any(source.is_stdin for source in logs):
+    """Write the tables of every log below `folder`, one after the other or several at the same time."""
+    at_once = _at_once(sources, options.jobs)
+    if at_once < 2:
         for source in sources:
             yield outcome_of(
                 source, lambda log: detect_to_files(log, folder, options, _progress(log, report))
@@ -94,12 +91,22 @@ def detect_files(
         return
     from lidarcli.pipeline.workers import side_by_side
 
-    for source, outcome in zip(
-        sources, side_by_side(sources, folder, options, min(jobs, len(logs))), strict=True
-    ):
+    each = replace(options, jobs=options.jobs // at_once)
+    for source, outcome in zip(sources, side_by_side(sources, folder, each, at_once), strict=True):
         if report is not None and isinstance(source, Source):
             report(source, source.size)
         yield outcome
+
+
+def _at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
+    """How many logs to process at the same time, so that it pays and `jobs` processes are enough."""
+    logs = [source for source in sources if isinstance(source, Source)]
+    # Standard input belongs to this process and cannot be handed to another.
+    if any(source.is_stdin for source in logs):
+        return 1
+    # A log of unknown size, a pipe, may be long.
+    sizes = sorted(source.size or WORTH_A_PROCESS for source in logs)
+    return min(jobs, len(logs)) if sum(sizes[:-1]) >= WORTH_A_PROCESS else 1
 
 
 def detect_stream(

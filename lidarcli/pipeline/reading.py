@@ -59,6 +59,7 @@ class Reading:
         """The topic that comes first in the tables, where that is known before reading."""
         topics = log.topics()
         self._known = topics is not None
+        self._expected: int | None = None
         self._started = time.perf_counter()
         if topics is not None:
             try:
@@ -70,6 +71,10 @@ class Reading:
                 raise nothing_read(self._damage(), err, self._wanted) from None
             self._read = replace(options, topics=frozenset(chosen))
             self.first = chosen[0]
+            counts = [topic.messages for topic in topics if topic.name in chosen]
+            known = [count for count in counts if count is not None]
+            if len(known) == len(counts):
+                self._expected = sum(known) // options.every
         elif len(self._wanted) == 1:
             self.first = self._wanted[0]
         self._posing = Posing.of(log, pose)
@@ -82,6 +87,13 @@ class Reading:
             yield batch
             if progress is not None:
                 progress(self._log.report.bytes_read)
+
+    def ahead(self) -> int | None:
+        """Sweeps still to come, as far as the index or else the file's size tells; None where nothing does."""
+        done, position, size = self.summary.sweeps, self._log.report.bytes_read, self._log.size
+        if self._expected is not None:
+            return max(0, self._expected - done)
+        return done * max(0, size - position) // position if size is not None and position else None
 
     def close(self) -> RunSummary:
         """The counts, or the error of a log that turned out to have no LaserScan."""

@@ -72,6 +72,17 @@ class _Seen:
     without_background: int = 0
     """Ranges in directions of which the background knows nothing."""
 
+    def plus(self, other: _Seen) -> _Seen:
+        """Both together."""
+        return _Seen(
+            self.sweeps + other.sweeps,
+            self.without_pose + other.without_pose,
+            self.without_station + other.without_station,
+            min(self.nearest, other.nearest),
+            self.ranges + other.ranges,
+            self.without_background + other.without_background,
+        )
+
 
 class Subtracting:
     """Finds the objects that differ from a background, and counts what could not be compared.
@@ -79,7 +90,8 @@ class Subtracting:
     A threshold in metres is the least difference from the background; discontinuities are found as without one.
     """
 
-    def __init__(self, options: BackgroundOptions, parameters: Parameters) -> None:
+    def __init__(self, options: BackgroundOptions, parameters: Parameters, helping: bool = False) -> None:
+        """`helping`: another one has admitted all batches, in the order of the log."""
         if parameters.walls:
             raise OptionError("--walls: walls are background; leave it out, or do without --background")
         threshold = parameters.threshold
@@ -90,6 +102,7 @@ class Subtracting:
             )
         self._options = options
         self._parameters = parameters
+        self._helping = helping
         self._tolerance = Tolerance(
             threshold=fixed,
             distance=options.distance,
@@ -101,6 +114,13 @@ class Subtracting:
         self._chosen: dict[tuple[str, str], Subtraction] = {}
         self._seen: dict[str, _Seen] = {}
         self._changes = np.zeros(2, np.int64)
+
+    def admit(self, batch: SweepBatch) -> None:
+        """Refuse the first batch of a frame that the background does not know or that looks elsewhere."""
+        for code in np.unique(batch.frame).tolist():
+            frame = batch.frame_ids[code]
+            if (batch.topic, frame) not in self._chosen:
+                self._subtraction(batch.rows(np.flatnonzero(batch.frame == code)), frame)
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
         """The objects of a batch."""
@@ -123,6 +143,19 @@ class Subtracting:
         if len(parts) == 1:
             return parts[0][1]
         return assemble(nothing_known(batch), parts)
+
+    def take(self) -> tuple[dict[str, _Seen], Int64]:
+        """What has been counted and not yet handed over."""
+        counted = self._seen, self._changes
+        self._seen, self._changes = {}, np.zeros(2, np.int64)
+        return counted
+
+    def add(self, counted: tuple[dict[str, _Seen], Int64]) -> None:
+        """Count what another one has counted."""
+        frames, found = counted
+        self._changes = self._changes + found
+        for frame, seen in frames.items():
+            self._seen[frame] = seen.plus(self._seen.get(frame, _Seen()))
 
     def notes(self) -> list[str]:
         """What was found, and what could not be compared, a line each."""
@@ -147,7 +180,8 @@ class Subtracting:
         if key not in self._chosen:
             index = choose_sensor(self._options, batch.topic, frame)
             sensor = self._options.sensors[index]
-            _refuse_apart(self._options.name, sensor, batch, frame)
+            if not self._helping:
+                _refuse_apart(self._options.name, sensor, batch, frame)
             self._chosen[key] = self._prepared.setdefault(index, Subtraction(sensor, self._tolerance))
         return self._chosen[key]
 

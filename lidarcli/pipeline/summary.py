@@ -35,6 +35,8 @@ class RunSummary:
     notes: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    remark: str | None = None
+    """What happened on the way and was mended."""
 
     @property
     def beams(self) -> int:
@@ -65,6 +67,12 @@ class RunSummary:
         self.by_set["O"] += int(detection.object_beams.sum())
         self.by_set["A"] += int(detection.agent_beams.sum())
         self.by_set["S"] += int(detection.noise_beams.sum())
+
+    def add_found(self, other: RunSummary) -> None:
+        """Count objects that were counted elsewhere."""
+        self.objects += other.objects
+        self.agents += other.agents
+        self.by_set.update(other.by_set)
 
     def close(self, report: ReadReport, posing: Posing | None = None) -> None:
         """Take over what reading has met, the sweeps and their poses."""

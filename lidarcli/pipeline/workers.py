@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 from collections import deque
@@ -11,8 +10,8 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
 
+from lidarcli.pipeline import processes
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Nothing, Source
 from lidarcli.pipeline.many import INTERNAL_ERROR, Outcome, outcome_of
@@ -54,7 +53,7 @@ def side_by_side(
                     pool = _pool(jobs)
             yield done.pop(turn)
     except BaseException:
-        _stop(pool)
+        processes.stop(pool)
         raise
     pool.shutdown()
 
@@ -84,39 +83,21 @@ def _again(source: Source | Nothing, folder: Path, options: DetectOptions) -> Ou
         )
         return Outcome(source.label, INTERNAL_ERROR, error=error)
     except BaseException:
-        _stop(pool)
+        processes.stop(pool)
         raise
     pool.shutdown()
     return replace(outcome, remark="a worker process died; this log was done again")
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    # A fork of a process with threads (progress bar, Arrow) may hang; a spawned process cannot.
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_be_a_worker)
-
-
-def _stop(pool: ProcessPoolExecutor) -> None:
-    """End the workers at once."""
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in multiprocessing.active_children():
-        process.terminate()
-    for process in multiprocessing.active_children():
-        process.join(5)
+    pool, _ = processes.start(jobs, _be_a_worker)
+    return pool
 
 
 def _be_a_worker() -> None:
-    """Leave ctrl-C to the parent, which says when to stop; its own end says so too."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """The parent says when to stop."""
     signal.signal(signal.SIGTERM, _leave)
-    Thread(target=_follow, daemon=True).start()
-
-
-def _follow() -> None:
-    """Wait for the end of the parent, whatever ended it: a worker without one would wait for work for ever."""
-    if (parent := multiprocessing.parent_process()) is not None:
-        parent.join()
-        os.kill(os.getpid(), signal.SIGTERM)
+    processes.obey_the_parent()
 
 
 def _leave(number: int, frame: object) -> None:

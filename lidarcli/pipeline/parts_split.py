@@ -1,0 +1,140 @@
+"""One log over several processes: this one reads, writes and keeps the order; workers help with what is between.
+
+Whatever the number of processes, the batches and their order are the same, and so is every byte that is written.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from lidarcli.pipeline.parts import Maker, Part, Recipe
+from lidarcli.pipeline.reading import Progress, Reading
+from lidarcli.sweeps import SweepBatch
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.parts_workers import Helpers, Task
+
+BLOCK = 360_000
+"""Ranges that are handed out together, about 1,000 sweeps of 361 beams: some 0.06 s of work."""
+ALONE = 3_000_000
+"""Work of fewer ranges than these, half a second's, is done before a worker would be of use."""
+WINDOW = 8
+"""Finished blocks per process that may wait for an earlier one."""
+MAX_PROCESSES = 8
+"""More are of no use to one log: reading and writing take about a sixth of the time and stay in one process."""
+PATIENCE = 0.5
+"""[s] A source that lets one wait longer for a batch is live: what there is goes out at once."""
+
+
+class Splitting:
+    """Makes the parts of a log; leaving ends all workers."""
+
+    def __init__(self, reading: Reading, recipe: Recipe, jobs: int) -> None:
+        self._reading = reading
+        self._recipe = recipe
+        self._jobs = min(jobs, MAX_PROCESSES)
+        self._maker = Maker(recipe)
+        self._helpers: Helpers | None = None
+        self._line: deque[Part | Task] = deque()
+        self._ranges = 0
+        self._waited = 0.0
+        self._worked = 0.0
+
+    def parts(self, progress: Progress | None) -> Iterator[Part]:
+        """What is made of the log, in its order."""
+        block: list[SweepBatch] = []
+        for batch, waited in self._timed(self._reading.batches(progress)):
+            self._maker.find.admit(batch)
+            block.append(batch)
+            if self._helpers is None:
+                yield self._make(block)
+                self._start_when_worth_it()
+            elif waited > PATIENCE:
+                yield from self._rest()
+                yield self._make(block)
+            elif sum(batch.ranges.size for batch in block) < BLOCK:
+                continue
+            else:
+                self._line.append(self._helpers.take(block) or self._make(block))
+                yield from self._finished(WINDOW * self._jobs)
+            block = []
+        if block:
+            self._line.append(self._make(block))
+        yield from self._rest()
+
+    def notes(self) -> list[str]:
+        """What a user should know, a line each."""
+        return self._maker.find.notes()
+
+    @property
+    def remark(self) -> str | None:
+        """What happened on the way and was mended."""
+        return None if self._helpers is None else self._helpers.remark
+
+    def _timed(self, batches: Iterator[SweepBatch]) -> Iterator[tuple[SweepBatch, float]]:
+        """Every batch, and how long nothing was done because it had not come."""
+        while True:
+            started, busy = time.perf_counter(), time.thread_time()
+            batch = next(batches, None)
+            if batch is None:
+                return
+            waited = time.perf_counter() - started - (time.thread_time() - busy)
+            self._waited += waited
+            yield batch, waited
+
+    def _make(self, block: list[SweepBatch]) -> Part:
+        started = time.perf_counter()
+        part = self._maker.make(block)
+        self._worked += time.perf_counter() - started
+        self._ranges += sum(batch.ranges.size for batch in block)
+        return part
+
+    def _start_when_worth_it(self) -> None:
+        """Call workers once what lies ahead is long enough; where nobody knows, what lies behind must be."""
+        if self._jobs < 2 or self._waited > self._worked:
+            return
+        ahead = self._reading.ahead()
+        sweeps = self._reading.summary.sweeps
+        if (self._ranges if ahead is None else ahead * self._ranges // max(sweeps, 1)) >= ALONE:
+            from lidarcli.pipeline.parts_workers import Helpers
+
+            self._helpers = Helpers(self._recipe, self._jobs - 1)
+
+    def _finished(self, most: int) -> Iterator[Part]:
+        """The parts that are next and there; also those that are not, while more than `most` stand in line."""
+        if self._helpers is None:
+            return
+        self._helpers.settle()
+        while self._line:
+            entry = self._line[0]
+            if not isinstance(entry, Part):
+                if entry.part is None and len(self._line) <= most:
+                    return
+                entry = self._take_in(self._helpers.result(entry))
+            self._line.popleft()
+            yield entry
+
+    def _rest(self) -> Iterator[Part]:
+        """All parts that are still to come."""
+        return self._finished(0)
+
+    def _take_in(self, part: Part) -> Part:
+        self._maker.find.add(part.counted)
+        return part
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._helpers is None:
+            return
+        if kind is None:
+            self._helpers.close()
+        else:
+            self._helpers.stop()

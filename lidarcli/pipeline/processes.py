@@ -1,0 +1,72 @@
+"""Worker processes behind `concurrent.futures`, started quietly and ended without a trace."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+
+def start(
+    count: int, initializer: Callable[..., None], *arguments: Any
+) -> tuple[ProcessPoolExecutor, list[Future[None]]]:
+    """A pool of `count` processes that are on their way up, and futures of which one is done when one of them is."""
+    # A fork of a process with threads (progress bar, Arrow) may hang; a spawned process cannot.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer, initargs=arguments)
+    try:
+        with _ctrl_c_held():
+            return pool, [pool.submit(_up) for _ in range(count)]
+    except BaseException:
+        stop(pool)
+        raise
+
+
+def stop(pool: ProcessPoolExecutor) -> None:
+    """End the workers at once."""
+    pool.shutdown(wait=False, cancel_futures=True)
+    for process in multiprocessing.active_children():
+        process.terminate()
+    for process in multiprocessing.active_children():
+        process.join(5)
+
+
+def obey_the_parent(left_behind: str | None = None) -> None:
+    """In a worker: ctrl-C is for the parent, which says when to stop. So does its end; remove a file that it left."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow, args=(left_behind,), daemon=True).start()
+
+
+def _up() -> None:
+    """What a worker does first."""
+
+
+def _follow(left_behind: str | None) -> None:
+    """Wait for the end of the parent, whatever ended it: a worker without one would wait for work for ever."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        if left_behind is not None:
+            Path(left_behind).unlink(missing_ok=True)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+@contextmanager
+def _ctrl_c_held() -> Iterator[None]:
+    """Keep ctrl-C waiting: a child inherits this, and must not die of it noisily before it can ignore it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # Its start would let ctrl-C through again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
