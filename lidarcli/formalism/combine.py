@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import OBJECT, Detection
+from lidarcli.formalism.detection import OBJECT, WALL, Detection
 from lidarcli.formalism.ragged import offsets_of, spans
-from lidarcli.sweeps import Int32, Int64
+from lidarcli.sweeps import Bool, Int32, Int64
 
 _SWEEP_FIELDS = {
     *("d_mean", "sweep_d_th", "noise", "objects", "agents", "object_beams", "agent_beams", "noise_beams"),
@@ -27,7 +27,7 @@ _OBJECT_FIELDS = [
 
 
 def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
-    """The objects of both, numbered anew by increasing theta_i; what is known of the sweeps comes from the first.
+    """The objects of both, numbered anew by increasing theta_i, walls last; the first tells of the sweeps.
 
     Parameters
     ----------
@@ -36,7 +36,9 @@ def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
     rows : rows of `first` that the rows of `second` are
     """
     second = replace(second, row=rows[second.row])
-    order = np.lexsort((_joined(first, second, "theta_i"), _joined(first, second, "row")))
+    keys = ("theta_i", "shape", "row")
+    theta, shape, row = (_joined(first, second, name) for name in keys)
+    order = np.lexsort((theta, shape == WALL, row))
     values = {name: _joined(first, second, name)[order] for name in _OBJECT_FIELDS}
     counts = np.bincount(values["row"], minlength=len(first.objects))
     number = np.arange(len(order)) - offsets_of(counts)[values["row"]] + 1
@@ -58,12 +60,26 @@ def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
         return result
     new = np.empty(len(order), np.int32)
     new[order] = number
-    beam_object = _renumbered(first.beam_object, first.objects, new[: len(first)])
-    added = _renumbered(second.beam_object, second.objects, new[len(first) :])
+    beam_object = _renumbered(first.beam_object, first.row, new[: len(first)])
+    added = _renumbered(second.beam_object, np.searchsorted(rows, second.row), new[len(first) :])
     beam_object[rows] = np.where(added > 0, added, beam_object[rows])
     beam_set = first.beam_set.copy()
     beam_set[beam_object > 0] = OBJECT
     return replace(result, beam_object=beam_object, beam_set=beam_set)
+
+
+def select(found: Detection, chosen: Bool) -> Detection:
+    """The objects (K,) that are chosen, which keep their numbers; what is counted per sweep stays as it is."""
+    index = np.flatnonzero(chosen)
+    values: dict[str, Any] = {
+        name: None if getattr(found, name) is None else getattr(found, name)[index]
+        for name in (*_OBJECT_FIELDS, "object")
+    }
+    for offsets, names in (("vertex_offsets", _VERTEX_FIELDS), ("face_offsets", _FACE_FIELDS)):
+        starts = getattr(found, offsets).astype(np.int64)
+        item, _, joined = spans(starts[index], np.diff(starts)[index])
+        values |= {offsets: joined.astype(np.int32)} | {name: getattr(found, name)[item] for name in names}
+    return replace(found, **values)
 
 
 def _joined(first: Detection, second: Detection, name: str) -> NDArray[Any]:
@@ -82,9 +98,9 @@ def _lists(
     return {offsets: joined.astype(np.int32)} | {name: _joined(first, second, name)[index] for name in names}
 
 
-def _renumbered(beam_object: Int32, objects: Int32, new: Int32) -> Int32:
+def _renumbered(beam_object: Int32, row: Int64, new: Int32) -> Int32:
     """(S, B) the numbers of the beams' objects, `new` (K,) in place of 1, 2, ... in each sweep."""
     table = np.append(new, 0)
-    index = offsets_of(objects.astype(np.int64))[:-1, None] + beam_object - 1
+    index = offsets_of(np.bincount(row, minlength=len(beam_object)))[:-1, None] + beam_object - 1
     result: Int32 = np.where(beam_object > 0, table[np.where(beam_object > 0, index, -1)], 0).astype(np.int32)
     return result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lidarcli.sweeps import Float32, Float64, Int32, Int64, UInt8
+from lidarcli.sweeps import Float32, Float64, Int8, Int32, Int64, UInt8
 
 SETS = ("O", "A", "S")
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown", "wall")
@@ -87,8 +87,8 @@ class Detection:
 
     difference: Float64 | None = None
     """(K,) median signed r_w - r_e over the beams of each object (§3); only with a background."""
-    change: UInt8 | None = None
-    """(K,) whether it appeared or is gone; only with a background."""
+    change: Int8 | None = None
+    """(K,) whether it appeared or is gone, -1 for walls; only with a background."""
     station: Int32 | None = None
     """(S,) station of the background that each sweep was compared with, -1 for none; only with a background."""
     beam_difference: Float32 | None = None

@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarcli.formalism.alignment import Lines, align, lines
 from lidarcli.formalism.background import Background, Surroundings, surroundings
-from lidarcli.formalism.combine import combine
+from lidarcli.formalism.combine import combine, select
 from lidarcli.formalism.detect import detect
 from lidarcli.formalism.detection import (
     APPEARED,
@@ -18,6 +18,7 @@ from lidarcli.formalism.detection import (
     FULL,
     REMOVED,
     START_HIDDEN,
+    WALL,
     Detection,
 )
 from lidarcli.formalism.grid import expected, project
@@ -341,20 +342,30 @@ def changes(
     ----------
     batch : S sweeps
     difference : from their background
-    parameters : of the detection; walls are not looked for
+    parameters : of the detection; with `walls` those of what has not appeared
     sigma : (S,) noise of the ranges [m]
     per_beam : also fill `beam_set`, `beam_object` and `beam_s`
     """
-    found = detect(batch, parameters, per_beam=per_beam, within=difference.appeared, sigma=sigma)
+    alone = replace(parameters, walls=False)
+    found = detect(batch, alone, per_beam=per_beam, within=difference.appeared, sigma=sigma)
     found = _described(found, batch, difference.difference, difference.appeared, APPEARED)
     found = replace(
         found,
         station=difference.station.astype(np.int32),
         beam_difference=difference.difference if per_beam else None,
     )
+    if difference.removed.any():
+        found = _with_removed(found, batch, difference, alone, per_beam)
+    if parameters.walls:
+        found = _with_walls(found, batch, difference.appeared, parameters, sigma)
+    return found
+
+
+def _with_removed(
+    found: Detection, batch: SweepBatch, difference: Difference, parameters: Parameters, per_beam: bool
+) -> Detection:
+    """Add the objects that are gone, as the background shows them."""
     rows = np.flatnonzero(difference.removed.any(axis=1))
-    if not len(rows):
-        return found
     before = batch.rows(rows)
     r_e, removed = difference.r_e[rows], difference.removed[rows]
     status = np.where(np.isnan(r_e), Status.INVALID, np.where(np.isinf(r_e), Status.NO_RETURN, Status.VALID))
@@ -368,6 +379,28 @@ def changes(
     return combine(found, gone, rows)
 
 
+def _with_walls(
+    found: Detection, batch: SweepBatch, appeared: Bool, parameters: Parameters, sigma: Float64
+) -> Detection:
+    """Add the walls of the sweeps without what has appeared."""
+    status = np.where(appeared, Status.INVALID, batch.status).astype(np.uint8)
+    scene = replace(batch, ranges=np.where(appeared, np.nan, batch.ranges).astype(np.float32), status=status)
+    if parameters.profile == "robust" and not np.isfinite(parameters.max_width):
+        # Without a greatest width of objects there are no walls.
+        parameters = replace(parameters, max_width=Parameters().max_width)
+    seen = detect(scene, parameters, sigma=sigma)
+    walls = select(seen, seen.shape == WALL)
+    count = len(walls)
+    walls = replace(
+        walls,
+        objects=np.zeros_like(walls.objects),
+        object_beams=np.zeros_like(walls.object_beams),
+        difference=np.full(count, np.nan),
+        change=np.full(count, -1, np.int8),
+    )
+    return combine(found, walls, np.arange(len(batch)))
+
+
 def _described(
     found: Detection, batch: SweepBatch, difference: Float32, within: Bool, change: int
 ) -> Detection:
@@ -376,7 +409,7 @@ def _described(
         found,
         visibility=_visibility(found),
         difference=_medians(found, batch, np.where(within, difference, np.nan)),
-        change=np.full(len(found), change, np.uint8),
+        change=np.full(len(found), change, np.int8),
     )
 
 

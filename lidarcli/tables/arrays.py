@@ -40,12 +40,14 @@ def floats(values: NDArray[np.floating[Any]]) -> pa.DoubleArray:
 
 
 def codes(values: NDArray[Any], names: Sequence[str]) -> pa.DictionaryArray:
-    """A column of names from small integers.
+    """A column of names from small integers, null where one is negative.
 
-    >>> codes(np.array([1, 0, 1], np.uint8), ("O", "S")).to_pylist()
-    ['S', 'O', 'S']
+    >>> codes(np.array([1, 0, -1], np.int8), ("O", "S")).to_pylist()
+    ['S', 'O', None]
     """
-    indices = plain(np.ascontiguousarray(values, np.int32))
+    index = np.ascontiguousarray(values, np.int32)
+    none = index < 0
+    indices = masked(index, none) if none.any() else plain(index)
     return pa.DictionaryArray.from_arrays(indices, _texts(tuple(names)), safe=False)
 
 
