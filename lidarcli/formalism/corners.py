@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.faces import Faces, Outline, faces_between
-from lidarcli.formalism.ragged import offsets_of
+from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.sweeps import Bool, Float64, Int64
 
 PASSES = 4
@@ -32,49 +32,77 @@ def settle(shape: Outline, inner: Bool, tolerance: Float64) -> tuple[Bool, Faces
     -------
     (L,) inner vertices, and the faces between them
     """
-    for _ in range(PASSES):
-        flat = _flat(shape, inner, tolerance)
-        if not len(flat):
-            break
-        inner = inner.copy()
-        inner[flat] = False
+    inner = _standing(shape, inner, tolerance)
     faces = faces_between(shape, inner)
     double = _doubled(shape, inner, faces)
     if len(double):
-        inner = inner.copy()
         inner[double] = False
-        faces = faces_between(shape, inner)
+        faces = _refitted(shape, inner, faces, np.searchsorted(shape.start, double, side="right") - 1)
     return inner, faces
+
+
+def _standing(shape: Outline, inner: Bool, tolerance: Float64) -> Bool:
+    """(L,) the inner vertices without the flat ones, of which neighbours never go in the same pass."""
+    at, run, is_inner = _vertices(shape, inner)
+    x, y = shape.x[at], shape.y[at]
+    tolerance = tolerance[run]
+    for _ in range(PASSES):
+        flat = _flat(x, y, is_inner, tolerance)
+        if not len(flat):
+            break
+        kept = np.ones(len(at), bool)
+        kept[flat] = False
+        at, is_inner, x, y, tolerance = at[kept], is_inner[kept], x[kept], y[kept], tolerance[kept]
+    standing = np.zeros(len(inner), bool)
+    standing[at[is_inner]] = True
+    return standing
+
+
+def _refitted(shape: Outline, inner: Bool, faces: Faces, runs: Int64) -> Faces:
+    """The faces again where `runs` have lost inner vertices; those of all other runs are as before."""
+    changed = np.flatnonzero(np.bincount(runs))
+    index, _, start = spans(shape.start[changed], np.diff(shape.start)[changed])
+    part = Outline(shape.cloud, shape.index[index], start, shape.x[index], shape.y[index])
+    fresh = faces_between(part, inner[index])
+    count, after = np.diff(faces.offsets), np.diff(fresh.offsets)
+    gone, _, _ = spans(faces.offsets[changed] + after, count[changed] - after)
+    kept = np.ones(len(faces), bool)
+    kept[gone] = False
+    count[changed] = after
+    offsets = offsets_of(count)
+    place, _, _ = spans(offsets[changed], after)
+    columns = {name: getattr(faces, name)[kept] for name in Faces.__slots__ if name != "offsets"}
+    for name in columns.keys() - {"run"}:
+        columns[name][place] = getattr(fresh, name)
+    return Faces(**columns, offsets=offsets)
 
 
 def _vertices(shape: Outline, inner: Bool) -> tuple[Int64, Int64, Bool]:
     """All vertices of the outline with two neighbours: their indices, runs, and which of them are inner ones."""
-    size = np.diff(shape.start)
-    run = np.repeat(np.arange(len(size)), size)
+    filled = np.flatnonzero(np.diff(shape.start))
+    first = shape.start[filled]
     marked = inner.copy()
-    filled = size > 0
-    marked[shape.start[:-1][filled]] = True
-    marked[shape.start[1:][filled] - 1] = True
+    marked[first] = True
+    marked[shape.start[filled + 1] - 1] = True
     at = np.flatnonzero(marked)
-    return at, run[at], inner[at]
+    begins = np.zeros(len(inner), bool)
+    begins[first] = True
+    return at, filled[np.cumsum(begins[at]) - 1], inner[at]
 
 
-def _flat(shape: Outline, inner: Bool, tolerance: Float64) -> Int64:
-    """Inner vertices within the tolerance of the chord of their neighbours, and flatter than both."""
-    at, run, is_inner = _vertices(shape, inner)
-    if not is_inner.any():
-        return at[:0]
-    x, y = shape.cloud.x[shape.index[at]], shape.cloud.y[shape.index[at]]
-    height = np.full(len(at), np.inf)
-    mid = np.flatnonzero(is_inner)
+def _flat(x: Float64, y: Float64, inner: Bool, tolerance: Float64) -> Int64:
+    """Which of N vertices in their order are inner ones within the tolerance of their neighbours' chord, and flatter
+    than both."""
+    mid = np.flatnonzero(inner)
     chord_x, chord_y = x[mid + 1] - x[mid - 1], y[mid + 1] - y[mid - 1]
     dx, dy = x[mid] - x[mid - 1], y[mid] - y[mid - 1]
     length = np.sqrt(chord_x * chord_x + chord_y * chord_y)
-    wide = length > tolerance[run[mid]]
-    height[mid[wide]] = np.abs(dx * chord_y - dy * chord_x)[wide] / length[wide]
-    share = height / tolerance[run]
+    wide = length > tolerance[mid]
+    share = np.full(len(x), np.inf)
+    share[mid[wide]] = np.abs(dx * chord_y - dy * chord_x)[wide] / length[wide]
+    share /= tolerance
     lowest = (share[mid] < share[mid - 1]) & (share[mid] <= share[mid + 1])
-    return at[mid[(share[mid] <= 1.0) & lowest]]
+    return mid[(share[mid] <= 1.0) & lowest]
 
 
 def _doubled(shape: Outline, inner: Bool, faces: Faces) -> Int64:
