@@ -190,8 +190,6 @@ def detect(
 
     if background is None and (removed or any_frame or distance is not None or angle is not None):
         raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
-    if background is not None and parameters["walls"]:
-        raise click.UsageError("--walls and --background exclude each other: walls are background")
 
     from lidarcli.formalism import Parameters
     from lidarcli.logs.batches import ReadOptions

@@ -92,8 +92,6 @@ class Subtracting:
 
     def __init__(self, options: BackgroundOptions, parameters: Parameters, helping: bool = False) -> None:
         """`helping`: another one has admitted all batches, in the order of the log."""
-        if parameters.walls:
-            raise OptionError("--walls: walls are background; leave it out, or do without --background")
         threshold = parameters.threshold
         fixed = None if isinstance(threshold, str) else float(threshold)
         if fixed is not None:
@@ -127,7 +125,7 @@ class Subtracting:
         sigma = noise(batch)
         found = changes(batch, self.difference(batch, sigma), self._parameters, sigma, per_beam=per_beam)
         if found.change is not None:
-            self._changes += np.bincount(found.change, minlength=2)
+            self._changes += np.bincount(found.change[found.change >= 0], minlength=2)
         return found
 
     def difference(self, batch: SweepBatch, sigma: np.ndarray[Any, np.dtype[np.float64]]) -> Difference:
