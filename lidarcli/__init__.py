@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lidarcli import formalism
-    from lidarcli.pipeline.api import detect, read
+    from lidarcli.pipeline.api import detect, learn, read
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "detect", "formalism", "read"]
+__all__ = ["__version__", "detect", "formalism", "learn", "read"]
 
 
 def __getattr__(name: str) -> Any:
     """Import on first use, so that `import lidarcli` and `lidarcli --help` stay light."""
-    if name in ("detect", "read"):
+    if name in ("detect", "learn", "read"):
         return getattr(import_module("lidarcli.pipeline.api"), name)
     if name == "formalism":
         return import_module("lidarcli.formalism")

@@ -1,9 +1,9 @@
-"""The work of the command line as Python functions: `lidarcli.read` and `lidarcli.detect`."""
+"""The work of the command line as Python functions: `lidarcli.read`, `lidarcli.learn` and `lidarcli.detect`."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,22 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.formalism import Parameters
-from lidarcli.formalism import detect as detect_batch
+from lidarcli.formalism.background import Background
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.pipeline.building import (
+    STATION_ANGLE,
+    STATION_DISTANCE,
+    Building,
+    BuildOptions,
+    refuse_nothing,
+)
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_stream
+from lidarcli.pipeline.finding import finder
 from lidarcli.pipeline.inputs import STDIN, Source, log_name
 from lidarcli.pipeline.posing import Posing
+from lidarcli.pipeline.subtracting import BackgroundOptions
 from lidarcli.pipeline.summary import damage_lines
 from lidarcli.sweeps import RangeRules, SweepBatch
 from lidarcli.tables.metadata import table_metadata
@@ -63,25 +72,70 @@ def read(
         _warn(fspath(path), log.report)
 
 
+def learn(
+    source: AnyPath | Iterable[AnyPath],
+    output: AnyPath | None = None,
+    *,
+    station_distance: float = STATION_DISTANCE,
+    station_angle: float = STATION_ANGLE,
+    **reading: Any,
+) -> tuple[Background, ...]:
+    """The background of every sensor of one or more logs of a scene without objects of interest.
+
+    Parameters
+    ----------
+    source : path of a log, or several
+    output : background table to write, replaced where it exists; by default none
+    station_distance, station_angle : how far apart sweeps of one place may be [m], [rad]
+    reading : what `read` takes
+    """
+    options = BuildOptions(**_reading(reading), distance=station_distance, angle=station_angle)
+    building = Building(options)
+    for path in [source] if isinstance(source, str | PathLike) else source:
+        summary = building.add(_source(fspath(path)))
+        for line in summary.damage:
+            warnings.warn(f"{fspath(path)}: {line}", stacklevel=2)
+    sensors = building.sensors()
+    refuse_nothing(sensors)
+    if output is not None:
+        building.write(Path(output), sensors)
+    return tuple(sensors)
+
+
 def detect(
-    source: AnyPath | SweepBatch | Iterable[SweepBatch], parameters: Parameters | None = None, **reading: Any
+    source: AnyPath | SweepBatch | Iterable[SweepBatch],
+    parameters: Parameters | None = None,
+    *,
+    background: AnyPath | BackgroundOptions | Sequence[Background] | None = None,
+    **reading: Any,
 ) -> pa.Table:
     """The objects of every sweep as an Arrow table with the schema `lidarcli.tables.OBJECTS`.
 
     Parameters
     ----------
     source : path of a log, a batch, or batches (of one topic, or in order of topics)
-    parameters : of the detection, by default those of profile `robust`
+    parameters : of the detection, by default those of profile `robust`; with a background no greatest width
+    background : only what differs from it is an object: a background table, what `learn` returns, or with options
     reading : what `read` takes; only with a path
     """
-    parameters = parameters or Parameters()
+    if background is None:
+        subtracted = None
+    elif isinstance(background, BackgroundOptions):
+        subtracted = background
+    elif isinstance(background, str | PathLike):
+        subtracted = BackgroundOptions.of(fspath(background))
+    else:
+        subtracted = BackgroundOptions("", tuple(background))
+    parameters = parameters or (Parameters() if subtracted is None else Parameters(max_width=float("inf")))
     if isinstance(source, str | PathLike):
-        return _detect_log(fspath(source), parameters, reading)
+        return _detect_log(fspath(source), parameters, subtracted, reading)
     if reading:
         raise TypeError(f"only a path can be read with {', '.join(sorted(reading))}")
     batches = [source] if isinstance(source, SweepBatch) else source
-    rows = [objects_rows("", batch, detect_batch(batch, parameters)) for batch in batches]
-    metadata = table_metadata(parameters.as_dict())
+    find = finder(parameters, subtracted)
+    rows = [objects_rows("", batch, find(batch, False)) for batch in batches]
+    told = {} if subtracted is None else {"background": subtracted.as_dict()}
+    metadata = table_metadata(parameters.as_dict() | told)
     return pa.Table.from_batches(rows, OBJECTS).replace_schema_metadata(metadata).unify_dictionaries()
 
 
@@ -98,15 +152,28 @@ class _Collected:
         pass
 
 
-def _detect_log(path: str, parameters: Parameters, reading: dict[str, Any]) -> pa.Table:
-    csv = reading.pop("csv", None) or CsvOptions()
-    rules = reading.pop("rules", None) or RangeRules()
-    topics, pose = reading.pop("topics", None), reading.pop("pose", None)
-    read_options = ReadOptions(topics=frozenset(topics) if topics else None, rules=rules, **reading)
-    options = DetectOptions(parameters=parameters, read=read_options, csv=csv, pose=pose)
-    source = Source(path, "stdin" if path == STDIN else log_name(Path(path)))
+def _reading(reading: dict[str, Any]) -> dict[str, Any]:
+    """What `read` takes, as the options of the pipeline."""
+    left = dict(reading)
+    csv, rules = left.pop("csv", None) or CsvOptions(), left.pop("rules", None) or RangeRules()
+    topics, pose = left.pop("topics", None), left.pop("pose", None)
+    return {
+        "read": ReadOptions(topics=frozenset(topics) if topics else None, rules=rules, **left),
+        "csv": csv,
+        "pose": pose,
+    }
+
+
+def _source(path: str) -> Source:
+    return Source(path, "stdin" if path == STDIN else log_name(Path(path)))
+
+
+def _detect_log(
+    path: str, parameters: Parameters, background: BackgroundOptions | None, reading: dict[str, Any]
+) -> pa.Table:
+    options = DetectOptions(parameters=parameters, background=background, **_reading(reading))
     collected = _Collected()
-    summary, described = detect_to_stream(source, collected, options)
+    summary, described = detect_to_stream(_source(path), collected, options)
     for line in summary.damage:
         warnings.warn(f"{path}: {line}", stacklevel=3)
     metadata = table_metadata(options.as_dict(), described, summary.damage)
