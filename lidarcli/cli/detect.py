@@ -228,7 +228,9 @@ def _detect(say: Messages, logs: tuple[str, ...], output: str, kind: str, option
     from lidarcli.cli.summary import show, show_total
     from lidarcli.pipeline.inputs import find_logs, refuse_clashes
     from lidarcli.pipeline.many import detect_files, detect_stream, exit_code
+    from lidarcli.pipeline.memory import keep_freed_memory
 
+    keep_freed_memory()
     sources = find_logs(logs)
     refuse_clashes(sources)
     settings = ", ".join(f"{name}={value}" for name, value in options.as_dict().items())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from lidarcli.errors import LidarcliError
 from lidarcli.pipeline import processes
+from lidarcli.pipeline.memory import keep_freed_memory
 from lidarcli.pipeline.parts import Maker, Part, Recipe
 from lidarcli.pipeline.parts_parcels import (
     Answer,
@@ -204,6 +205,7 @@ _area: Area | None = None
 def _begin(recipe: Recipe, path: str | None, size: int) -> None:
     global _maker, _area
     processes.obey_the_parent(path)
+    keep_freed_memory()
     _maker = Maker(recipe, helping=True)
     _area = None if path is None else Area(path, size)
 

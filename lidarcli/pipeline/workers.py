@@ -15,6 +15,7 @@ from lidarcli.pipeline import processes
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Nothing, Source
 from lidarcli.pipeline.many import INTERNAL_ERROR, Outcome, outcome_of
+from lidarcli.pipeline.memory import keep_freed_memory
 
 _working = False
 """Whether this worker process is busy with a log (set in workers only)."""
@@ -98,6 +99,7 @@ def _be_a_worker() -> None:
     """The parent says when to stop."""
     signal.signal(signal.SIGTERM, _leave)
     processes.obey_the_parent()
+    keep_freed_memory()
 
 
 def _leave(number: int, frame: object) -> None:
