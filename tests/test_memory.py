@@ -14,7 +14,7 @@ import numpy as np
 from lidarcli.pipeline.memory import keep_freed_memory
 if sys.argv[1] == "keep":
     keep_freed_memory()
-sizes = [500_000, 3_000_000, 1_000_000]
+sizes = [100_000] * 20
 for _ in range(3):
     kept = [np.ones(size) for size in sizes]
     del kept
