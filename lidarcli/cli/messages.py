@@ -14,15 +14,19 @@ def _to_stderr(line: str) -> None:
     click.echo(line, err=True)
 
 
+LONGEST = 1000
+"""A longer line [characters] loses its middle: a log may hold names of any length."""
+
+
 def one_line(text: str) -> str:
     r"""Text from a log or a file name, with escapes for what would break the line or steer the terminal.
 
     >>> one_line("/scan\n\x1b[2J °")
     '/scan\\n\\x1b[2J °'
     """
-    if text.isprintable():
-        return text
-    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+    if not text.isprintable():
+        text = "".join(char if char.isprintable() else repr(char)[1:-1] for char in text[:LONGEST])
+    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 4 :]}"
 
 
 class Bar(Protocol):

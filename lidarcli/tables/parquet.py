@@ -138,7 +138,12 @@ class PartFile:
             self._file = pa.OSFile(os.fsencode(self._part), mode="wb")
         except OSError as err:
             raise unwritable(path, err) from err
-        self._sink = ParquetSink(self._file, schema)
+        try:
+            self._sink = ParquetSink(self._file, schema)
+        except OSError as err:
+            # Its first four bytes may be too many already.
+            self._remove()
+            raise unwritable(path, err) from err
 
     def write(self, rows: pa.RecordBatch) -> None:
         """Take rows of the table."""
@@ -168,6 +173,9 @@ class PartFile:
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         """Remove the temporary file, whatever happened; a published one has gone already."""
         self._sink.abandon()
+        self._remove()
+
+    def _remove(self) -> None:
         with contextlib.suppress(OSError):
             self._file.close()
         with contextlib.suppress(OSError):

@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 
 import lidarcli.cli
+from lidarcli.cli.messages import one_line
 from lidarcli.logs import open_log
 from lidarcli.pipeline import detecting
 from lidarcli.simulate.writers import write_log
@@ -333,6 +334,12 @@ def test_odd_names_of_files_neither_break_lines_nor_the_run(
     assert heads == [f"{folder}/a\\nb\\x1b[2J.mcap", f"{folder}/latin-\\udcff.mcap"]
     infos = json.loads(lidarcli("info", folder, "--format", "json").out)
     assert [os.fsencode(info["path"]) for info in infos] == [bytes(folder) + b"/" + name for name in names]
+
+
+def test_a_line_is_of_bounded_length() -> None:
+    assert one_line("a" * 1000) == "a" * 1000
+    assert one_line("a" * 5000 + "end") == "a" * 500 + " ... " + "a" * 247 + "end"
+    assert len(one_line("\0" * 5000)) == 755
 
 
 def test_names_in_a_log_do_not_steer_the_terminal(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
