@@ -1,0 +1,126 @@
+"""r_e of a beam from its counted ranges: exact sums, people who pass, open beams, surfaces that are far apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidarcli.formalism.cells import BIN, UNIT, Estimate, count_ranges, estimate, merge
+
+Observed = st.lists(st.tuples(st.integers(0, 3), st.floats(0.02, 30.0)), max_size=60)
+
+
+def estimated(ranges: list[float], no_return: int = 0) -> Estimate:
+    """What one beam with these ranges is taken for."""
+    cells = count_ranges(np.zeros(len(ranges), np.int64), np.array(ranges, float))
+    return estimate(cells, np.array([no_return]))
+
+
+def same(a: Estimate, b: Estimate) -> bool:
+    return all(
+        np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True)
+        for name in ("r_e", "r_near", "spread", "support", "no_return")
+    )
+
+
+@given(Observed)
+def test_counting_agrees_with_a_dictionary(observed: list[tuple[int, float]]) -> None:
+    expected: dict[tuple[int, int], list[int]] = {}
+    for beam, value in observed:
+        unit = round(value / UNIT)
+        entry = expected.setdefault((beam, unit // BIN * BIN), [0, 0, 0])
+        entry[0] += 1
+        entry[1] += unit % BIN
+        entry[2] += (unit % BIN) ** 2
+    cells = count_ranges(
+        np.array([beam for beam, _ in observed], np.int64), np.array([r for _, r in observed])
+    )
+    got = zip(
+        zip(cells.beam.tolist(), cells.unit.tolist(), strict=True),
+        zip(cells.count.tolist(), cells.total.tolist(), cells.squares.tolist(), strict=True),
+        strict=True,
+    )
+    assert [(key, list(values)) for key, values in got] == sorted(expected.items())
+
+
+@given(Observed, st.integers(0, 60), st.randoms())
+def test_the_order_and_the_parts_make_no_difference(
+    observed: list[tuple[int, float]], cut: int, random: object
+) -> None:
+    beam = np.array([beam for beam, _ in observed], np.int64)
+    ranges = np.array([r for _, r in observed])
+    whole = count_ranges(beam, ranges)
+    order = (
+        np.argsort([hash((r, random)) for r in ranges.tolist()], kind="stable") if len(ranges) else slice(0)
+    )
+    beam, ranges = beam[order], ranges[order]
+    parts = merge([count_ranges(beam[:cut], ranges[:cut]), count_ranges(beam[cut:], ranges[cut:])])
+    for name in ("key", "count", "total", "squares"):
+        assert np.array_equal(getattr(parts, name), getattr(whole, name))
+    assert same(estimate(parts, np.zeros(4, np.int64)), estimate(whole, np.zeros(4, np.int64)))
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.01, 0.03])
+def test_a_surface_with_noise(sigma: float) -> None:
+    rng = np.random.default_rng(1)
+    found = estimated((4.0 + sigma * rng.standard_normal(400)).tolist())
+    assert found.r_e[0] == pytest.approx(4.0, abs=sigma / 8 + 1e-4)
+    assert found.r_near[0] == found.r_e[0]
+    assert found.spread[0] == pytest.approx(sigma, rel=0.2, abs=1e-4)
+    assert found.support[0] >= 0.98
+    assert found.no_return[0] == 0
+
+
+@pytest.mark.parametrize("people", [[1.0], [3.8], [3.88], list(np.linspace(0.5, 3.9, 30))])
+def test_people_in_thirty_percent_of_the_sweeps_change_nothing(people: list[float]) -> None:
+    rng = np.random.default_rng(2)
+    wall = 4.0 + 0.01 * rng.standard_normal(70)
+    found = estimated([*wall.tolist(), *np.resize(people, 30).tolist()])
+    assert found.r_e[0] == pytest.approx(4.0, abs=0.005)
+    assert found.r_near[0] == found.r_e[0]
+    assert found.spread[0] == pytest.approx(0.01, rel=0.3)
+    assert found.support[0] == pytest.approx(0.7, abs=0.01)
+
+
+def test_an_open_beam_stays_open_behind_people() -> None:
+    found = estimated([2.0] * 30, no_return=70)
+    assert found.r_e[0] == np.inf
+    assert found.r_near[0] == np.inf
+    assert np.isnan(found.spread[0])
+    assert found.support[0] == found.no_return[0] == 0.7
+
+
+def test_a_surface_that_returns_seldom_is_a_surface() -> None:
+    found = estimated([5.0] * 40, no_return=60)
+    assert found.r_e[0] == pytest.approx(5.0)
+    assert found.support[0] == 0.4
+    assert found.no_return[0] == 0.6
+
+
+def test_the_farther_of_two_surfaces_is_the_background_and_the_nearer_is_known() -> None:
+    found = estimated([2.0] * 60 + [5.0] * 40)
+    assert found.r_e[0] == pytest.approx(5.0)
+    assert found.r_near[0] == pytest.approx(2.0)
+    assert found.support[0] == 0.4
+
+
+def test_a_surface_without_a_place_gets_as_wide_as_it_needs() -> None:
+    rng = np.random.default_rng(3)
+    found = estimated(rng.uniform(3.0, 5.0, 500).tolist())
+    assert 3.0 < found.r_e[0] < 5.0
+    assert found.spread[0] > 0.1
+
+
+def test_a_beam_that_nobody_has_seen_is_not_known() -> None:
+    found = estimate(count_ranges(np.array([1]), np.array([3.0])), np.zeros(3, np.int64))
+    assert np.isnan(found.r_e[[0, 2]]).all()
+    assert found.r_e[1] == pytest.approx(3.0)
+    assert found.support.tolist() == [0.0, 1.0, 0.0]
+
+
+def test_ranges_beyond_all_sensors_do_not_reach_the_next_beam() -> None:
+    found = estimate(count_ranges(np.array([0, 1]), np.array([1e6, 0.001])), np.zeros(2, np.int64))
+    assert found.r_e[0] == pytest.approx(838.86, abs=0.01)
+    assert found.r_e[1] == pytest.approx(0.001)
