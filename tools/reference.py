@@ -59,11 +59,20 @@ def cli_page() -> str:
         "",
         *_table(("code", "meaning"), ((str(code), text) for code, text in exit_codes().items())),
     ]
+    for name, command in commands():
+        lines += _command(command, click.Context(command, context, name))
+    return _page(lines)
+
+
+def commands() -> Iterator[tuple[str, click.Command]]:
+    """Every command with its name, those of a group after it (`background`, `background build`, …)."""
+    context = click.Context(cli, info_name="lidarcli")
     for name in cli.list_commands(context):
         command = cli.get_command(context, name)
         assert command is not None  # the group lists it
-        lines += _command(command, click.Context(command, context, name))
-    return _page(lines)
+        yield name, command
+        if isinstance(command, click.Group):
+            yield from ((f"{name} {part}", command.commands[part]) for part in sorted(command.commands))
 
 
 def exit_codes() -> dict[int, str]:
@@ -108,11 +117,8 @@ def tables_page() -> str:
 
 
 def option_names() -> Iterator[tuple[str, str]]:
-    """Every (command, `--option`) of the command line, the group's own under the name `lidarcli`."""
-    context = click.Context(cli, info_name="lidarcli")
-    commands = {name: cli.get_command(context, name) for name in cli.list_commands(context)}
-    for name, command in {"lidarcli": cli, **commands}.items():
-        assert command is not None  # the group lists it
+    """Every (command, `--option`) of the command line, the whole's own under the name `lidarcli`."""
+    for name, command in (("lidarcli", cli), *commands()):
         for parameter in command.params:
             if isinstance(parameter, click.Option):
                 yield name, max(parameter.opts, key=len)
@@ -125,6 +131,8 @@ def _command(command: click.Command, context: click.Context) -> list[str]:
         if isinstance(parameter, click.Argument)
     )
     lines = [f"## lidarcli {context.info_name}", "", _prose(command.help or ""), ""]
+    if isinstance(command, click.Group):
+        return [*lines, "Its commands follow.", ""]
     lines += ["```", f"lidarcli {context.info_name} [OPTIONS] {arguments}", "```", ""]
     lines += _options(command, context)
     if command.epilog:
