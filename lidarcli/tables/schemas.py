@@ -139,7 +139,9 @@ BACKGROUND = pa.schema(
         column("beam", INT32, "1", "index of the beam, from 0"),
         column("theta", FLOAT, "rad", "bearing of the beam"),
         column("r_e", FLOAT, "m", "range of the background; inf: open, nothing returns; null: nothing known"),
-        column("r_near", FLOAT, "m", "nearest surface with as much support as r_e needs; r_e but for depth edges"),
+        column(
+            "r_near", FLOAT, "m", "nearest surface with as much support as r_e needs; r_e but for depth edges"
+        ),
         column("spread", FLOAT, "m", "robust standard deviation of the ranges that back r_e"),
         column("support", FLOAT, "1", "share of the observations that back r_e"),
         column("no_return", FLOAT, "1", "share of the observations without a return"),
