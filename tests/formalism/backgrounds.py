@@ -113,7 +113,7 @@ def score(
     found: Detection, change: int, entity: NDArray[np.int32], things: list[int], batch: SweepBatch
 ) -> Counts:
     """Count against the truth: (S, B) entity of each beam, and the entities that are asked for."""
-    kinds = np.full((len(batch), int(entity.max(initial=0)) + 1), WALL, np.uint8)
+    kinds = np.full((len(batch), max(int(entity.max(initial=0)), *things) + 1), WALL, np.uint8)
     kinds[:, things] = 0
     result = assign(labels(found, change), Truth(entity, kinds), batch)
     return Counts(

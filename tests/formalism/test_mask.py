@@ -1,0 +1,89 @@
+"""Objects from beams that are known to belong to them: their borders are borders of runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism import Parameters, detect, sweep
+from lidarcli.formalism.detection import Detection
+from lidarcli.sweeps import TURN
+
+WIDE = Parameters(max_width=np.inf)
+
+
+def spans(found: Detection) -> list[tuple[int, int]]:
+    return list(zip(found.beam_i.tolist(), found.beam_f.tolist(), strict=True))
+
+
+def test_runs_end_with_the_mask_and_at_discontinuities_within() -> None:
+    ranges = np.full(60, 4.0)
+    ranges[20:25], ranges[25:30] = 3.9, 2.0
+    batch = sweep(ranges, angle_min=-0.3, angle_increment=0.01)
+    within = np.zeros((1, 60), bool)
+    within[0, 18:30] = True
+    found = detect(batch, WIDE, per_beam=True, within=within)
+    assert spans(found) == [(18, 24), (25, 29)]
+    assert found.s_i.tolist() == pytest.approx([0.0, -1.9], abs=1e-6)
+    assert found.beam_object is not None
+    assert found.beam_object[0].tolist() == [0] * 18 + [1] * 7 + [2] * 5 + [0] * 30
+
+
+def test_the_order_of_the_beams_makes_no_difference() -> None:
+    ranges = np.full(60, 4.0)
+    ranges[25:30] = 2.0
+    within = ranges[None] < 3
+    backwards = sweep(ranges[::-1], angle_min=0.29, angle_increment=-0.01)
+    found = detect(backwards, WIDE, within=within[:, ::-1])
+    assert spans(found) == [(30, 34)]
+    assert found.theta_i == pytest.approx([-0.05])
+
+
+@pytest.mark.parametrize("ends", [0, 1])
+def test_a_mask_across_the_seam_is_one_run(ends: int) -> None:
+    ranges = np.full(360 + ends, 4.0)
+    within = np.zeros((1, 360 + ends), bool)
+    within[0, :5] = within[0, 350:] = True
+    found = detect(sweep(ranges, angle_increment=TURN / 360), WIDE, within=within)
+    assert spans(found) == [(350, 4)]
+
+
+def test_a_lost_beam_inside_the_mask_is_bridged_and_one_outside_does_not_matter() -> None:
+    ranges = np.full(60, 4.0)
+    ranges[20:30] = 2.0
+    ranges[[24, 30, 19]] = np.nan
+    batch = sweep(ranges, angle_min=-0.3, angle_increment=0.01)
+    assert spans(detect(batch, WIDE, within=batch.ranges < 3)) == [(20, 29)]
+
+
+def test_nothing_and_everything_may_be_within() -> None:
+    ranges = np.full(360, 4.0)
+    ranges[100:110] = 2.0
+    batch = sweep(ranges, angle_increment=TURN / 360)
+    assert len(detect(batch, WIDE, within=np.zeros((1, 360), bool))) == 0
+    everything = detect(batch, WIDE, within=np.ones((1, 360), bool))
+    assert spans(everything) == [(100, 109), (110, 99)]
+    narrow = detect(batch, replace(WIDE, max_width=1.0), within=np.ones((1, 360), bool))
+    assert spans(narrow) == [(100, 109)]
+
+
+def test_the_noise_may_be_known() -> None:
+    ranges = np.full(60, 4.0)
+    ranges[20:30] = 3.8
+    batch = sweep(ranges, angle_min=-0.3, angle_increment=0.01)
+    assert (20, 29) in spans(detect(batch))
+    told = detect(batch, sigma=np.array([0.1]))
+    assert (20, 29) not in spans(told)
+    assert told.noise.tolist() == [0.1]
+
+
+def test_the_paper_s_profile_takes_the_mask_for_its_edges() -> None:
+    ranges = np.full(60, 4.0)
+    ranges[20:30] = 2.0
+    ranges[30:40] = 1.0
+    batch = sweep(ranges, angle_min=-0.3, angle_increment=0.01)
+    paper = Parameters.for_profile("paper")
+    assert spans(detect(batch, paper)) == [(30, 39)]
+    assert spans(detect(batch, paper, within=batch.ranges < 3)) == [(20, 29), (30, 39)]
