@@ -74,7 +74,7 @@ def read_background(path: Path) -> tuple[list[Background], dict[str, Any]]:
     if GEOMETRY not in metadata or not set(BACKGROUND.names) <= set(table.column_names):
         raise UnreadableError(f"{path}: no background; `lidarcli background build` makes one")
     try:
-        sensors = _sensors(table, json.loads(metadata[GEOMETRY]))
+        sensors = _sensors(table, _parsed(metadata[GEOMETRY]))
         told = {key: json.loads(metadata[key]) for key in (PARAMETERS, SOURCE, DAMAGE) if key in metadata}
     except (ValueError, KeyError) as err:
         raise UnreadableError(f"{path}: its geometry and its rows do not agree; build it again") from err
@@ -95,6 +95,20 @@ def _geometry(sensor: Background) -> dict[str, Any]:
         "station_distance": sensor.distance,
         "station_angle": sensor.angle,
     }
+
+
+def _parsed(text: str) -> list[dict[str, Any]]:
+    """The geometry of every sensor (`ValueError` where it is none)."""
+    numbers = {name: float for name in ("angle_min", "angle_increment", "station_distance", "station_angle")}
+    kinds = {"topic": str, "frame_id": str, "beams": int, "period": int, "stations": int, **numbers}
+    try:
+        return [
+            {name: kind(entry[name]) for name, kind in kinds.items()}
+            | {"range_max": np.inf if entry["range_max"] is None else float(entry["range_max"])}
+            for entry in json.loads(text)
+        ]
+    except TypeError as err:
+        raise ValueError("no geometry") from err
 
 
 def _sensors(table: pa.Table, geometries: list[dict[str, Any]]) -> list[Background]:
@@ -126,7 +140,7 @@ def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
         topic=entry["topic"],
         frame_id=entry["frame_id"],
         grid=grid,
-        range_max=np.inf if entry["range_max"] is None else entry["range_max"],
+        range_max=entry["range_max"],
         **{name: values(name) for name in _PER_BEAM},
         sweeps=of_station("sweeps").astype(np.int64),
         poses=SweepPoses(
