@@ -195,11 +195,21 @@ def detect(
     from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.cores import cores
     from lidarcli.pipeline.detecting import DetectOptions
-    from lidarcli.pipeline.subtracting import BackgroundOptions
 
-    if background is not None and parameters["max_width"] is None:
-        # What differs from the background is no wall, however wide it is.
-        parameters["max_width"] = math.inf
+    compared = None
+    if background is not None:
+        from lidarcli.pipeline.subtracting import BackgroundOptions
+
+        compared = BackgroundOptions.of(
+            background,
+            removed=removed,
+            any_frame=any_frame,
+            distance=distance,
+            angle=None if angle is None else math.radians(angle),
+        )
+        if parameters["max_width"] is None:
+            # What differs from the background is no wall, however wide it is.
+            parameters["max_width"] = math.inf
     options = DetectOptions(
         parameters=Parameters.for_profile(**parameters),
         read=ReadOptions(
@@ -207,15 +217,7 @@ def detect(
         ),
         csv=geometry,
         pose=pose,
-        background=None
-        if background is None
-        else BackgroundOptions.of(
-            background,
-            removed=removed,
-            any_frame=any_frame,
-            distance=distance,
-            angle=None if angle is None else math.radians(angle),
-        ),
+        background=compared,
         beams=beams,
         overwrite=overwrite,
         jobs=jobs or cores(),

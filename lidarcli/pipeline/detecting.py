@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lidarcli.formalism import Parameters
 from lidarcli.logs.base import CsvOptions
@@ -14,13 +14,15 @@ from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.parts import Recipe
 from lidarcli.pipeline.parts_split import Splitting
 from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.subtracting import BackgroundOptions
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.tables.files import TableFiles, refuse_existing, table_path
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.order import TopicOrder
 from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import RowStream
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.subtracting import BackgroundOptions
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,18 +6,20 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, TYPE_CHECKING, Any, TypeVar
 
 from lidarcli.errors import LidarcliError, UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files, detect_to_stream
 from lidarcli.pipeline.inputs import Nothing, Source
-from lidarcli.pipeline.inspecting import LogInfo, inspect_log
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.sweeps import RangeRules
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import FORMATS, CountingOutput
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.inspecting import LogInfo
 
 INTERNAL_ERROR = 70
 WORTH_A_PROCESS = 16 << 20
@@ -144,6 +146,8 @@ def inspect_logs(
     sources: Sequence[Source | Nothing], csv: CsvOptions, rules: RangeRules, report: Report | None = None
 ) -> Iterator[tuple[Source | Nothing, LogInfo | Failure]]:
     """What is in every log, log after log."""
+    from lidarcli.pipeline.inspecting import inspect_log
+
     for source in sources:
         yield source, attempt(source, lambda log: inspect_log(log, csv, rules, _progress(log, report)))
 
