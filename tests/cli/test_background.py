@@ -1,0 +1,451 @@
+"""`lidarcli background`: build, info, subtract; `detect --background` is the same as subtract."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from conftest import START, sweeps
+
+import lidarcli as package
+from lidarcli.cli import run
+from lidarcli.errors import NoScanError
+from lidarcli.simulate.writers import write_log
+from lidarcli.sweeps import RawSweeps
+
+Run = Callable[..., Any]
+
+ROOM = Path(__file__).parents[2] / "samples" / "room.mcap"
+EMPTY = ROOM.with_name("room_empty.mcap")
+
+
+def empty_room(count: int = 20, beams: int = 360, frame: str = "laser", first: float = -np.pi) -> RawSweeps:
+    """The round room of `sweeps` before anybody put a box into it."""
+    ranges = np.full((count, beams), 4.0, np.float32)
+    ranges[:, 10] = np.inf
+    stamps = START + 100_000_000 * np.arange(count)
+    return RawSweeps(
+        topic="/scan",
+        frame_ids=(frame,),
+        frame=np.zeros(count, np.int32),
+        stamp_ns=stamps,
+        record_ns=stamps,
+        angle_min=np.full(count, first),
+        angle_increment=np.full(count, np.float32(2 * np.pi / 360).astype(float)),
+        range_min=np.full(count, 0.1, np.float32),
+        range_max=np.full(count, 12, np.float32),
+        beams=np.full(count, beams, np.int32),
+        ranges=ranges,
+    )
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with `empty.mcap` and its background, `empty.parquet`."""
+    folder = tmp_path_factory.mktemp("scene")
+    write_log(folder / "empty.mcap", [empty_room()])
+    package.learn(folder / "empty.mcap", folder / "empty.parquet")
+    return folder
+
+
+def notes(text: str) -> list[str]:
+    return [line.removeprefix("  note     ") for line in text.splitlines() if line.startswith("  note")]
+
+
+def test_build_says_what_it_learned(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    file = tmp_path / "new" / "b.parquet"
+    ran = lidarcli("background", "build", scene / "empty.mcap", "-o", file)
+    assert (ran.code, ran.out) == (0, "")
+    lines = ran.err.splitlines()
+    assert lines[0].startswith(f"{scene / 'empty.mcap'}: 20 sweeps, ")
+    assert lines[1:] == [
+        "  /scan (frame laser): 1 station of 360 beams, 20 sweeps",
+        "  beams    surface 359 (99.7%), open 1 (0.3%), unknown 0 (0.0%); spread 0.000 m, support 100.0%",
+        f"  wrote    {file}",
+    ]
+    assert file.read_bytes() == (scene / "empty.parquet").read_bytes()
+    table = pq.read_table(file)
+    assert table.num_rows == 360
+    assert table["r_e"].to_pylist()[8:13] == [4.0, 4.0, np.inf, 4.0, 4.0]
+    assert json.loads(table.schema.metadata[b"lidarcli.source"])[0]["name"] == "empty.mcap"
+    parameters = json.loads(table.schema.metadata[b"lidarcli.parameters"])
+    assert (parameters["station_distance"], parameters["every"]) == (0.25, 1)
+
+
+def test_build_refuses_to_overwrite(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    file, figure = tmp_path / "b.parquet", tmp_path / "b.png"
+    figure.write_bytes(b"mine")
+    build = ("background", "build", scene / "empty.mcap", "-o", file, "--plot", figure)
+    ran = lidarcli(*build)
+    assert ran.code == 5
+    assert ran.err == f"lidarcli: {figure} exists; use --overwrite to replace it\n"
+    assert not file.exists()
+    assert lidarcli(*build, "--overwrite").code == 0
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
+def test_pictures(scene: Path, tmp_path: Path, lidarcli: Run, suffix: str, magic: bytes) -> None:
+    figures = [tmp_path / f"{name}{suffix}" for name in "ab"]
+    for figure in figures:
+        output = figure.with_suffix(".parquet")
+        assert (
+            lidarcli("-q", "background", "build", scene / "empty.mcap", "-o", output, "--plot", figure).code
+            == 0
+        )
+    assert figures[0].read_bytes().startswith(magic)
+    assert figures[0].read_bytes() == figures[1].read_bytes()
+
+
+def test_a_picture_of_an_unknown_kind_is_a_usage_error(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli(
+        "background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet", "--plot", "b.txt"
+    )
+    assert ran.code == 2
+    assert "Invalid value for '--plot': 'b.txt' is none of .png, .svg, .pdf." in ran.err
+
+
+def test_several_logs_make_one_background(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    """The boxes are in 20 and 10 of 60 sweeps: fewer than a background needs."""
+    write_log(tmp_path / "more.mcap", [empty_room(count=20)])
+    inputs = (scene / "empty.mcap", tmp_path / "more.mcap", logs / "run.mcap")
+    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
+    assert ran.code == 0
+    assert "  /scan (frame laser): 1 station of 360 beams, 60 sweeps" in ran.err.splitlines()
+    table = pq.read_table(tmp_path / "b.parquet")
+    r_e = np.array(table["r_e"].to_pylist())
+    assert np.array_equal(np.isinf(r_e), np.arange(360) == 10)
+    assert r_e[np.isfinite(r_e)] == pytest.approx(4.0)
+    assert table["support"].to_pylist()[45] == pytest.approx(2 / 3)
+
+
+def test_a_damaged_log_teaches_what_is_whole(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("background", "build", logs / "cut.mcap", "-o", tmp_path / "b.parquet")
+    assert ran.code == 3
+    assert ran.err.splitlines()[0].startswith(f"lidarcli: {logs / 'cut.mcap'}: ")
+    metadata = pq.read_schema(tmp_path / "b.parquet").metadata
+    assert json.loads(metadata[b"lidarcli.damage"])[0].startswith("cut.mcap: ")
+    shown = lidarcli("background", "info", tmp_path / "b.parquet")
+    assert "  damage        cut.mcap: " in shown.out
+
+
+def test_a_bad_log_does_not_stop_the_others(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    (tmp_path / "bad.mcap").write_bytes(b"nonsense")
+    inputs = (tmp_path / "bad.mcap", scene / "empty.mcap")
+    ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
+    assert ran.code == 3
+    assert pq.read_table(tmp_path / "b.parquet").num_rows == 360
+
+
+def test_nothing_to_learn_from_writes_nothing(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    build = ("background", "build", scene / "empty.mcap", "-o", tmp_path / "b.parquet")
+    assert lidarcli(*build, "--topic", "/other").code == 4
+    ran = lidarcli(*build, "--start", "60")
+    assert (ran.code, ran.err.splitlines()[-1]) == (4, "lidarcli: no sweep to learn a background from")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_info_for_people(scene: Path, lidarcli: Run) -> None:
+    ran = lidarcli("background", "info", scene / "empty.parquet")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines() == [
+        str(scene / "empty.parquet"),
+        f"  version       {package.__version__}",
+        "  from          empty.mcap (mcap)",
+        "  /scan (frame laser)",
+        "    beams       360 from -180.00 to 179.00 deg",
+        "    stations    1, pose unknown",
+        "    sweeps      20",
+        "    background  surface 359 (99.7%), open 1 (0.3%), unknown 0 (0.0%)",
+        "    r_e         4.00 to 4.00 m",
+        "    spread      0.000 m (median)",
+        "    support     100.0% (median), least 100.0%",
+    ]
+
+
+def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
+    told = json.loads(lidarcli("background", "info", scene / "empty.parquet", "--format", "json").out)
+    assert told["source"] == [{"format": "mcap", "name": "empty.mcap", "size": told["source"][0]["size"]}]
+    assert told["parameters"]["start"] is None
+    (sensor,) = told["sensors"]
+    assert (sensor["stations"], sensor["posed"], sensor["sweeps"], sensor["open"]) == (1, False, 20, 1)
+    assert (sensor["range_max"], sensor["r_e_min"]) == (12.0, 4.0)
+
+
+@pytest.mark.parametrize("command", ["info", "subtract"])
+def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run, command: str) -> None:
+    for file, cause in ((logs / "none.parquet", "no such file"), (scene / "empty.mcap", "no background: ")):
+        arguments = (file,) if command == "info" else (logs / "run.mcap", "--background", file, "-o", "-")
+        ran = lidarcli("background", command, *arguments)
+        assert ran.code == 3
+        assert ran.err.startswith(f"lidarcli: {file}: {cause}")
+        assert len(ran.err.splitlines()) == 1
+
+
+def test_subtract_finds_what_is_new(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli(
+        "background",
+        "subtract",
+        logs / "run.mcap",
+        "--background",
+        scene / "empty.parquet",
+        "-o",
+        tmp_path,
+        "--beams",
+    )
+    assert ran.code == 0
+    assert notes(ran.err) == ["compared with empty.parquet: 30 appeared"]
+    objects = pq.read_table(tmp_path / "run.objects.parquet")
+    assert objects["beam_i"].to_pylist() == [40, 200] * 10 + [40] * 10
+    assert objects["change"].to_pylist() == ["appeared"] * 30
+    assert objects["difference"].to_pylist() == pytest.approx([-2.0, -2.5] * 10 + [-2.0] * 10)
+    swept = pq.read_table(tmp_path / "run.sweeps.parquet")
+    assert swept["station"].to_pylist() == [0] * 20
+    sums = [swept[name].to_numpy() for name in ("object_beams", "agent_beams", "noise_beams")]
+    assert sum(sums).tolist() == swept["beams"].to_pylist()
+    beams = pq.read_table(tmp_path / "run.beams.parquet")
+    assert beams["difference"].to_pylist()[38:42] == pytest.approx([0.0, 0.0, -2.0, -2.0])
+    assert beams["difference"].to_pylist()[10] == pytest.approx(0.0)
+    parameters = json.loads(objects.schema.metadata[b"lidarcli.parameters"])
+    assert parameters["max_width"] is None
+    assert parameters["background"]["file"] == "empty.parquet"
+
+
+def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    """The background of the first second, in which the second box had not left."""
+    early = tmp_path / "early.parquet"
+    assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", early, "--end", "0.95").code == 0
+    common = (
+        "background",
+        "subtract",
+        logs / "run.mcap",
+        "--background",
+        early,
+        "-o",
+        tmp_path,
+        "--overwrite",
+    )
+    assert notes(lidarcli(*common).err) == ["compared with early.parquet: 0 appeared"]
+    assert notes(lidarcli(*common, "--removed").err) == [
+        "compared with early.parquet: 0 appeared, 10 removed"
+    ]
+    objects = pq.read_table(tmp_path / "run.objects.parquet")
+    assert objects["sweep"].to_pylist() == list(range(10, 20))
+    assert set(objects["change"].to_pylist()) == {"removed"}
+    assert set(objects["beam_i"].to_pylist()) == {200}
+    assert objects["r_i"].to_pylist() == pytest.approx([1.5] * 10)
+    assert objects["difference"].to_pylist() == pytest.approx([2.5] * 10)
+
+
+def test_detect_with_a_background_is_the_same(scene: Path, logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    for name, command in (("a", ("detect",)), ("b", ("background", "subtract"))):
+        options = ("--background", scene / "empty.parquet", "--removed", "-o", tmp_path / name)
+        assert lidarcli("-q", *command, logs / "run.mcap", *options).code == 0
+    for table in ("objects", "sweeps"):
+        first, second = (tmp_path / name / f"run.{table}.parquet" for name in "ab")
+        assert first.read_bytes() == second.read_bytes()
+
+
+def test_the_number_of_processes_makes_no_difference(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    for number in (1, 2):
+        write_log(tmp_path / f"{number}.mcap", [sweeps(count=30)])
+    for jobs in ("1", "2"):
+        options = ("--background", scene / "empty.parquet", "-o", tmp_path / f"jobs{jobs}", "--jobs", jobs)
+        assert lidarcli("-q", "detect", tmp_path / "1.mcap", tmp_path / "2.mcap", *options).code == 0
+    for table in ("1.objects", "2.sweeps"):
+        first, second = (tmp_path / f"jobs{jobs}" / f"{table}.parquet" for jobs in (1, 2))
+        assert first.read_bytes() == second.read_bytes()
+
+
+def test_a_stream(scene: Path, logs: Path, lidarcli: Run) -> None:
+    options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05")
+    ran = lidarcli("-q", "background", "subtract", logs / "run.mcap", *options)
+    rows = [json.loads(line) for line in ran.out.splitlines()]
+    assert [(row["change"], round(row["difference"], 3)) for row in rows] == [
+        ("appeared", -2.0),
+        ("appeared", -2.5),
+    ]
+
+
+def test_a_threshold_in_metres_is_one_of_the_difference(scene: Path, logs: Path, lidarcli: Run) -> None:
+    options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05", "--threshold")
+    ran = lidarcli("-q", "background", "subtract", logs / "run.mcap", *options, "2.2")
+    assert [json.loads(line)["beam_i"] for line in ran.out.splitlines()] == [200]
+
+
+def test_walls_may_be_asked_for(scene: Path, logs: Path, lidarcli: Run) -> None:
+    options = ("--background", scene / "empty.parquet", "-o", "-", "--end", "0.05", "--walls")
+    ran = lidarcli("-q", "background", "subtract", logs / "run.mcap", *options)
+    rows = [json.loads(line) for line in ran.out.splitlines()]
+    assert [row["set"] for row in rows[:2]] == ["O", "O"]
+    assert {(row["set"], row["change"], row["difference"]) for row in rows[2:]} == {("S", None, None)}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--removed",), "--removed, --any-frame and --station-... are for --background FILE"),
+        (("--station-distance", "1"), "--removed, --any-frame and --station-... are for --background FILE"),
+    ],
+)
+def test_options_of_a_background_need_one(
+    logs: Path, lidarcli: Run, options: tuple[str, ...], message: str
+) -> None:
+    ran = lidarcli("detect", logs / "run.mcap", "-o", "-", *options)
+    assert ran.code == 2
+    assert message in ran.err
+
+
+def test_subtract_needs_a_background(logs: Path, lidarcli: Run) -> None:
+    ran = lidarcli("background", "subtract", logs / "run.mcap")
+    assert ran.code == 2
+    assert "Missing option '--background'" in ran.err
+
+
+def test_another_frame_is_refused_unless_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    write_log(tmp_path / "rear.mcap", [empty_room(frame="rear")])
+    subtract = ("background", "subtract", tmp_path / "rear.mcap", "--background", scene / "empty.parquet")
+    ran = lidarcli(*subtract, "-o", tmp_path)
+    assert ran.code == 2
+    assert ran.err == (
+        f"lidarcli: {tmp_path / 'rear.mcap'}: frame rear of /scan is not in empty.parquet, which holds laser (/scan); "
+        "--topic chooses what to read, --any-frame takes the background all the same\n"
+    )
+    assert list(tmp_path.glob("*.parquet")) == []
+    assert lidarcli(*subtract, "-o", tmp_path, "--any-frame").code == 0
+
+
+def test_a_leading_slash_makes_no_other_frame(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    write_log(tmp_path / "old.mcap", [empty_room(frame="/laser")])
+    options = ("--background", scene / "empty.parquet", "-o", tmp_path)
+    assert lidarcli("background", "subtract", tmp_path / "old.mcap", *options).code == 0
+
+
+def test_views_that_do_not_overlap_are_refused(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    write_log(tmp_path / "left.mcap", [empty_room(beams=90, first=0.2)])
+    write_log(tmp_path / "right.mcap", [empty_room(beams=90, first=-1.8)])
+    write_log(tmp_path / "some.mcap", [empty_room(beams=90, first=-0.4)])
+    left = tmp_path / "left.parquet"
+    assert lidarcli("-q", "background", "build", tmp_path / "left.mcap", "-o", left).code == 0
+    ran = lidarcli("detect", tmp_path / "right.mcap", "--background", left, "-o", tmp_path)
+    assert ran.code == 2
+    assert ran.err == (
+        f"lidarcli: {tmp_path / 'right.mcap'}: the views of left.parquet (11.5 to 100.5 deg) and of frame laser "
+        "(-103.1 to -14.1 deg) do not overlap; build a background from a log of this sensor\n"
+    )
+    ran = lidarcli("detect", tmp_path / "some.mcap", "--background", left, "-o", tmp_path)
+    assert ran.code == 0
+    assert notes(ran.err)[1] == (
+        "no background for 660 of 1,780 ranges (37.1%) of frame laser: they look where it does not"
+    )
+
+
+def test_a_log_with_several_sensors(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    both = tmp_path / "two.parquet"
+    assert lidarcli("-q", "background", "build", logs / "two.mcap", "-o", both).code == 0
+    assert pq.read_table(both)["topic"].unique().to_pylist() == ["/front", "/rear"]
+    ran = lidarcli("detect", logs / "two.mcap", "--background", both, "-o", tmp_path)
+    assert ran.code == 0
+    # What is there in half of the sweeps is background as much as what is behind it.
+    assert notes(ran.err) == ["compared with two.parquet: 0 appeared"]
+    # The frame is that of both, and the topic of neither.
+    ran = lidarcli("detect", logs / "run.mcap", "--background", both, "-o", tmp_path)
+    assert ran.code == 2
+    assert (
+        "two.parquet holds several sensors that may be frame laser of /scan: laser (/front), laser (/rear)"
+        in ran.err
+    )
+
+
+def lap(folder: Path, name: str, shift: float = 0.0) -> Path:
+    """A log of a robot that drives past things, with odometry; `shift` moves all of what it says."""
+    scene = f"""
+[scene]
+sweeps = 40
+[sensor]
+beams = 361
+angle_min = -180
+angle_max = 180
+rate = 5
+[robot]
+waypoints = [[{shift}, 0], [{shift + 2}, 0], [{shift + 2}, 2], [{shift}, 2]]
+speed = 0.5
+[robot.odometry]
+[[wall]]
+points = [[{shift - 2}, -2], [{shift + 4}, -2], [{shift + 4}, 4], [{shift - 2}, 4]]
+closed = true
+"""
+    (folder / f"{name}.toml").write_text(scene, encoding="utf-8")
+    assert run(["-q", "simulate", str(folder / f"{name}.toml"), "-o", str(folder / f"{name}.mcap")]) == 0
+    return folder / f"{name}.mcap"
+
+
+def test_a_moving_sensor_has_stations(tmp_path: Path, lidarcli: Run) -> None:
+    log, route = lap(tmp_path, "lap"), tmp_path / "route.parquet"
+    ran = lidarcli(
+        "background", "build", log, "-o", route, "--station-distance", "0.35", "--station-angle", "10"
+    )
+    assert ran.code == 0
+    table = pq.read_table(route).to_pandas()
+    stations = table.groupby("station").first()
+    assert 9 < len(stations) < 20
+    assert stations.sweeps.sum() == 40
+    assert stations.pose_x.between(0, 2).all()
+    shown = lidarcli("background", "info", route).out
+    assert "sweeps within 0.35 m and 10 deg" in shown
+    ran = lidarcli("detect", log, "--background", route, "-o", tmp_path, "--removed")
+    assert notes(ran.err)[1:] == ["compared with route.parquet: 0 appeared, 0 removed"]
+
+
+def test_sweeps_without_a_station_are_counted(tmp_path: Path, lidarcli: Run) -> None:
+    route = tmp_path / "route.parquet"
+    assert lidarcli("-q", "background", "build", lap(tmp_path, "lap"), "-o", route).code == 0
+    away = lap(tmp_path, "away", 5.0)
+    ran = lidarcli("detect", away, "--background", route, "-o", tmp_path)
+    assert ran.code == 0
+    assert notes(ran.err)[-1] == (
+        "without a station: 40 of 40 sweeps of frame laser, not compared; the nearest is 3.00 m away "
+        "(--station-distance, --station-angle)"
+    )
+    swept = pq.read_table(tmp_path / "away.sweeps.parquet").to_pandas()
+    assert len(swept) == 40
+    assert swept.station.isna().all()
+    assert swept.objects.sum() == 0
+    assert (swept.noise_beams == swept.beams).all()
+    ran = lidarcli("detect", away, "--background", route, "-o", "-", "--pose", "none")
+    assert notes(ran.err)[-1].endswith(
+        "40 of 40 sweeps of frame laser, not compared; 40 of them have no pose"
+    )
+    ran = lidarcli(
+        "detect", away, "--background", route, "-o", "-", "--station-distance", "9", "--station-angle", "30"
+    )
+    assert not any("without a station" in note for note in notes(ran.err))
+
+
+def test_from_python(scene: Path, logs: Path) -> None:
+    sensors = package.learn([scene / "empty.mcap"])
+    assert [len(sensor) for sensor in sensors] == [1]
+    table = package.detect(logs / "run.mcap", background=sensors)
+    assert table["change"].to_pylist() == ["appeared"] * 30
+    assert table.equals(package.detect(logs / "run.mcap", background=scene / "empty.parquet"))
+    batches = package.detect(package.read(logs / "run.mcap"), background=sensors)
+    assert batches.drop_columns("log").equals(table.drop_columns("log"))
+    with pytest.raises(NoScanError, match="no sweep to learn a background from"):
+        package.learn(scene / "empty.mcap", start=60.0)
+
+
+def test_the_samples(tmp_path: Path, lidarcli: Run) -> None:
+    """Empty room, then the same room with five things in it: each is found in every sweep, and nothing else."""
+    file = tmp_path / "empty.parquet"
+    assert lidarcli("-q", "background", "build", EMPTY, "-o", file).code == 0
+    assert lidarcli("-q", "detect", EMPTY, "--background", file, "-o", tmp_path, "--removed").code == 0
+    assert pq.read_table(tmp_path / "room_empty.objects.parquet").num_rows == 0
+    ran = lidarcli("detect", ROOM, "--background", file, "-o", tmp_path, "--removed")
+    assert notes(ran.err)[0].endswith(", 0 removed")
+    swept = pq.read_table(tmp_path / "room.sweeps.parquet").to_pandas()
+    assert (swept.objects == 5).mean() >= 0.95
