@@ -38,7 +38,7 @@ OTHER_CODES = {
 
 def cli_page() -> str:
     """docs/cli.md."""
-    context = click.Context(cli, info_name="lidarcli")
+    context = _root()
     lines = [
         "# Command line",
         "",
@@ -64,9 +64,14 @@ def cli_page() -> str:
     return _page(lines)
 
 
+def _root() -> click.Context:
+    """The context of the whole, with its settings: a command keeps the help option it was first asked for."""
+    return click.Context(cli, info_name="lidarcli", **cli.context_settings)
+
+
 def commands() -> Iterator[tuple[str, click.Command]]:
     """Every command with its name, those of a group after it (`background`, `background build`, …)."""
-    context = click.Context(cli, info_name="lidarcli")
+    context = _root()
     for name in cli.list_commands(context):
         command = cli.get_command(context, name)
         assert command is not None  # the group lists it

@@ -34,7 +34,7 @@ CONTRACT = (
 
 
 def options(name: str) -> dict[str, click.Option]:
-    command = cli.get_command(click.Context(cli), name)
+    command = cli.get_command(click.Context(cli, **cli.context_settings), name)
     assert command is not None
     return {
         spelling: parameter
