@@ -10,8 +10,8 @@ from lidarcli.formalism.grid import Grid
 from lidarcli.formalism.stations import Shift
 from lidarcli.sweeps import Float64, Int64, SweepBatch
 
-WINDOW = np.deg2rad(2.0)
-"""Lines are fitted to the beams this far to either side of each."""
+WINDOW = 0.035
+"""[rad] Lines are fitted to the beams this far to either side of each: 2°."""
 STRAIGHT = 0.05
 """[m] rms of a line that is one."""
 POINTS = 180
@@ -20,8 +20,8 @@ REACHES = (0.4, 0.4, 0.3, 0.2, 0.15, 0.1, 0.1)
 """[m] How far a point may be from its line, round by round."""
 POINT_ERROR = 0.03
 """[m] of a point across its line."""
-POSE_ERROR, HEADING_ERROR = 0.1, np.deg2rad(3.0)
-"""What odometry is trusted with where the lines do not tell: along a corridor."""
+POSE_ERROR, HEADING_ERROR = 0.1, 0.05
+"""[m], [rad] What odometry is trusted with where the lines do not tell: along a corridor."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

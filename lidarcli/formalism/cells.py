@@ -31,8 +31,8 @@ OPEN = 0.5
 BACKING = 4.0
 """Ranges up to so many standard deviations from r_e support it."""
 
-_BITS = 23
-_FAR = (1 << _BITS) - 1
+_BITS = np.int64(23)
+_FAR = (np.int64(1) << _BITS) - 1
 """Greatest range that can be told from others [units]: 838 m."""
 
 
