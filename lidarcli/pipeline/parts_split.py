@@ -94,12 +94,17 @@ class Splitting:
         return part
 
     def _start_when_worth_it(self) -> None:
-        """Call workers once what lies ahead is long enough; where nobody knows, what lies behind must be."""
-        if self._jobs < 2 or self._waited > self._worked:
+        """Call workers once what lies ahead is long enough; of a pipe nobody knows, and what lies behind must be."""
+        if self._jobs < 2:
             return
         ahead = self._reading.ahead()
-        sweeps = self._reading.summary.sweeps
-        if (self._ranges if ahead is None else ahead * self._ranges // max(sweeps, 1)) >= ALONE:
+        if ahead is None:
+            # A sensor that sends as it turns is slower than the work: there is nothing to help with.
+            worth_it = self._ranges >= ALONE and self._waited < self._worked
+        else:
+            worth_it = ahead * self._ranges >= ALONE * self._reading.summary.sweeps
+        if worth_it:
+            # Most logs are short and need not wait for the imports.
             from lidarcli.pipeline.parts_workers import Helpers
 
             self._helpers = Helpers(self._recipe, self._jobs - 1)

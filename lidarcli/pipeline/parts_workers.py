@@ -95,15 +95,15 @@ class Helpers:
         """Let the workers go; none has work any more."""
         if self._pool is not None:
             self._pool.shutdown()
-            self._file_done()
             self._pool = None
+        self._file_done()
 
     def stop(self) -> None:
         """End the workers, whatever they are doing."""
         if self._pool is not None:
             processes.stop(self._pool)
-            self._file_done()
             self._pool = None
+        self._file_done()
 
     def _start(self) -> None:
         slots = DEPTH * self._count
@@ -122,6 +122,9 @@ class Helpers:
             self._pool, self._up = processes.start(self._count, _begin, self._recipe, path, self._size)
         except (OSError, BrokenExecutor):
             self._give_up()
+        except BaseException:
+            self._file_done()
+            raise
 
     def _is_ready(self) -> bool:
         if not self._ready and self._pool is not None:
@@ -133,7 +136,6 @@ class Helpers:
 
     def _give_up(self) -> None:
         self.stop()
-        self._file_done()
         self.remark = "worker processes could not be started; one process did all the work"
 
     def _file_done(self) -> None:
@@ -162,21 +164,26 @@ class Helpers:
             self._pool.shutdown()
             self._pool = None
         wait([task.future for task in self._out])
+        lost = []
         for task in self._out:
-            lost = isinstance(task.future.exception(), BrokenExecutor)
-            task.part = self._again(task) if lost else self._part(task.future.result())
-        if self._out:
+            if isinstance(task.future.exception(), BrokenExecutor):
+                lost.append(task)
+            else:
+                task.part = self._part(task.future.result())
+        if lost:
+            self._make_again(lost)
             self.remark = "a worker process died; its part of the log was done again"
         self._out.clear()
         self._file_done()
         if self._deaths < MAX_DEATHS:
             self._start()
 
-    def _again(self, task: Task) -> Part:
-        """Do one block again, alone in a fresh pool: if that dies too, this block is the cause."""
+    def _make_again(self, tasks: Sequence[Task]) -> None:
+        """Do some blocks again, one by one in a fresh process: if that dies too, the block at hand is the cause."""
         pool, _ = processes.start(1, _begin, self._recipe, None, 0)
         try:
-            answer = pool.submit(_make, packed(dump(task.batches)), None).result()
+            for task in tasks:
+                task.part = self._part(pool.submit(_make, packed(dump(task.batches)), None).result())
         except BrokenExecutor:
             raise LidarcliError(
                 f"{_place(task.batches)}: a worker process died twice of it, ended by the system (out of memory?); "
@@ -186,7 +193,6 @@ class Helpers:
             processes.stop(pool)
             raise
         pool.shutdown()
-        return self._part(answer)
 
 
 def _place(batches: Sequence[SweepBatch]) -> str:

@@ -11,6 +11,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 
@@ -31,11 +32,14 @@ def start(
 
 def stop(pool: ProcessPoolExecutor) -> None:
     """End the workers at once."""
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in multiprocessing.active_children():
+    workers = multiprocessing.active_children()
+    for process in workers:
         process.terminate()
-    for process in multiprocessing.active_children():
+    for process in workers:
         process.join(5)
+        process.kill()
+    # Waits for the thread behind the pool, which at the end of the program would stumble over what is half closed.
+    pool.shutdown(cancel_futures=True)
 
 
 def obey_the_parent(left_behind: str | None = None) -> None:
@@ -59,14 +63,20 @@ def _follow(left_behind: str | None) -> None:
 
 @contextmanager
 def _ctrl_c_held() -> Iterator[None]:
-    """Keep ctrl-C waiting: a child inherits this, and must not die of it noisily before it can ignore it."""
-    if not hasattr(signal, "pthread_sigmask"):
+    """Keep ctrl-C waiting: half a start leaves a child that complains, and so does a child that it meets half started."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    came: list[tuple[int, FrameType | None]] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: came.append((number, frame)))
     # Its start would let ctrl-C through again.
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # Children inherit what this thread blocks, and keep it. It is not enough here: other threads take the signal, too.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, before)
+        if came and callable(before):
+            before(*came[0])
