@@ -130,11 +130,17 @@ def _grouped(runs: Runs, is_object: Bool, parameters: Parameters, label: Int64 |
 
 def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> Segmentation:
     """Profile `robust` where the runs (R,) that belong to objects are known: no walls to look for."""
-    wanted = known & (runs.size >= parameters.min_beams)
-    shape = outline(runs, np.where(wanted, runs.size, 0))
-    faces = faces_between(shape, split_straight(shape, STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]))
-    wanted &= extent(runs, faces) <= parameters.max_width
-    return Segmentation(faces, np.zeros(len(runs.points), bool), wanted, np.zeros(len(runs), bool))
+    tolerance = STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]
+    shape = outline(runs, np.where(known, runs.size, 0))
+    reach = extent(runs, faces_between(shape, split_straight(shape, tolerance)))
+    body = bodies(runs, reach, *torn(runs, known, reach))
+    is_object = known & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
+    group = _grouped(runs, is_object, parameters, body.label)
+    shape = outline(runs, np.where(is_object, runs.size, 0))
+    _, faces = settle(shape, split_straight(shape, tolerance), tolerance)
+    corners = locate(shape, faces, tolerance)
+    extremum, is_wall = np.zeros(len(runs.points), bool), np.zeros(len(runs), bool)
+    return Segmentation(faces, extremum, is_object, is_wall, group, body.label, corners)
 
 
 def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, Segmentation]:
