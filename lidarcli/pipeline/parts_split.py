@@ -49,12 +49,13 @@ class Splitting:
         block: list[SweepBatch] = []
         for batch, waited in self._timed(self._reading.batches(progress)):
             self._maker.find.admit(batch)
+            self._ranges += batch.ranges.size
             block.append(batch)
             if self._helpers is None:
-                yield self._make(block)
                 self._start_when_worth_it()
+                yield self._make(block)
             elif waited > PATIENCE:
-                yield from self._rest()
+                yield from self._finished(0)
                 yield self._make(block)
             elif sum(batch.ranges.size for batch in block) < BLOCK:
                 continue
@@ -90,7 +91,6 @@ class Splitting:
         started = time.perf_counter()
         part = self._maker.make(block)
         self._worked += time.perf_counter() - started
-        self._ranges += sum(batch.ranges.size for batch in block)
         return part
 
     def _start_when_worth_it(self) -> None:
@@ -119,17 +119,21 @@ class Splitting:
             if not isinstance(entry, Part):
                 if entry.part is None and len(self._line) <= most:
                     return
-                entry = self._take_in(self._helpers.result(entry))
+                entry = self._helpers.result(entry)
+                if entry.counted is not None:
+                    self._maker.find.add(entry.counted)
             self._line.popleft()
             yield entry
 
     def _rest(self) -> Iterator[Part]:
-        """All parts that are still to come."""
-        return self._finished(0)
-
-    def _take_in(self, part: Part) -> Part:
-        self._maker.find.add(part.counted)
-        return part
+        """All parts that are still to come; rather than wait for the last ones, this process makes them, too."""
+        if self._helpers is None:
+            return
+        while (task := self._helpers.last()) is not None:
+            task.part = self._make(list(task.batches))
+            yield from self._finished(len(self._line))
+        yield from self._finished(0)
+        self._helpers.let_go()
 
     def __enter__(self) -> Self:
         return self

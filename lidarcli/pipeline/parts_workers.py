@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
+from threading import Thread
 
 from lidarcli.errors import LidarcliError
 from lidarcli.pipeline import processes
@@ -58,6 +59,7 @@ class Helpers:
         self._free: list[int] = []
         self._ready = False
         self._pool: ProcessPoolExecutor | None = None
+        self._going: Thread | None = None
         self._start()
 
     def take(self, batches: Sequence[SweepBatch]) -> Task | None:
@@ -91,12 +93,23 @@ class Helpers:
             self._receive(task)
         return task.part
 
-    def close(self) -> None:
-        """Let the workers go; none has work any more."""
+    def last(self) -> Task | None:
+        """Take back the block that was handed out last, unless its part is there or no other is being made."""
+        self.settle()
+        return self._out.pop() if len(self._out) > 1 else None
+
+    def let_go(self) -> None:
+        """Let the workers go; none has work any more. `close` waits for them."""
         if self._pool is not None:
-            self._pool.shutdown()
+            self._going = Thread(target=self._pool.shutdown, kwargs={"cancel_futures": True})
+            self._going.start()
+
+    def close(self) -> None:
+        """Wait until the workers have gone."""
+        if self._going is not None:
+            self._going.join()
             self._pool = None
-        self._file_done()
+        self.stop()
 
     def stop(self) -> None:
         """End the workers, whatever they are doing."""

@@ -99,7 +99,7 @@ def _geometry(sensor: Background) -> dict[str, Any]:
 
 def _parsed(text: str) -> list[dict[str, Any]]:
     """The geometry of every sensor (`ValueError` where it is none)."""
-    numbers = {name: float for name in ("angle_min", "angle_increment", "station_distance", "station_angle")}
+    numbers = dict.fromkeys(("angle_min", "angle_increment", "station_distance", "station_angle"), float)
     kinds = {"topic": str, "frame_id": str, "beams": int, "period": int, "stations": int, **numbers}
     try:
         return [
