@@ -13,7 +13,8 @@ from lidarcli import errors
 from lidarcli.cli import cli
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tables import metadata
-from lidarcli.tables.schemas import SCHEMAS
+from lidarcli.tables.background import GEOMETRY
+from lidarcli.tables.schemas import BACKGROUND, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -107,6 +108,13 @@ def tables_page() -> str:
     for name, text in TABLES.items():
         lines += [f"## {name}", "", f"`<log>.{name}.parquet`. {text}", "", *_schema(SCHEMAS[name])]
     lines += [
+        "## background",
+        "",
+        "Written by `background build`. One row per station and beam, by topic, frame and station; the metadata also",
+        f"holds `{GEOMETRY}`, the bearings of every sensor and the reach of its stations as JSON.",
+        "[background.md](background.md) says what the figures mean.",
+        "",
+        *_schema(BACKGROUND),
         "## truth",
         "",
         "`<log>.truth.parquet`, written by `simulate`. One row per sweep and visible entity.",
