@@ -88,10 +88,12 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     station : (S,) station of each sweep
     start : (S,) what the poses say
     """
-    columns = slice(None, None, max(1, -(-batch.width // POINTS)))
-    bearing = batch.bearings()[:, columns]
-    ranges = batch.ranges[:, columns].astype(np.float64)
-    valid = ~np.isnan(ranges)
+    # The same columns whatever the widest sweep of the batch is, so that sums do not depend on it.
+    column = np.arange(0, grid.beams, max(1, -(-grid.beams // POINTS)))
+    bearing = batch.angle_min[:, None] + batch.angle_increment[:, None] * column
+    there = np.minimum(column, max(batch.width - 1, 0))
+    ranges = batch.ranges[:, there].astype(np.float64)
+    valid = ~np.isnan(ranges) & (column < batch.beams[:, None])
     ranges = np.where(valid, ranges, 0.0)
     x, y = ranges * np.cos(bearing), ranges * np.sin(bearing)
     pose = np.stack([start.x, start.y, start.yaw], axis=1)

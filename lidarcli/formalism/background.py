@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.grid import Grid
-from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepPoses
+from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses
 
 KNOWN_GAP = 0.05
 """Up to this share of sweeps without a return are lost beams of a surface that is there."""
@@ -74,6 +74,13 @@ class Surroundings:
     """The greatest spread [m]."""
     returns: Bool
     """Whether all of them return nearly always."""
+
+
+def greatest_range(batch: SweepBatch) -> Float32:
+    """(S,) range_max of each sweep [m]; inf where what the driver writes is no limit."""
+    limit = batch.range_max
+    with np.errstate(invalid="ignore"):
+        return np.where(limit > np.maximum(batch.range_min, 0), limit, np.inf).astype(np.float32)
 
 
 def surroundings(background: Background, reach: int) -> Surroundings:

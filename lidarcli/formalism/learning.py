@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.alignment import align, lines
-from lidarcli.formalism.background import Background
+from lidarcli.formalism.background import Background, greatest_range
 from lidarcli.formalism.cells import Cells, count_ranges, estimate, merge
 from lidarcli.formalism.grid import Grid, project
 from lidarcli.formalism.stations import NOWHERE, UNKNOWN, Shift, gather, joined, shift
@@ -57,7 +57,7 @@ class Learning:
         batch, station = batch.rows(kept), station[kept]
         if not len(batch):
             return
-        self.range_max = max(self.range_max, float(batch.range_max.max()))
+        self.range_max = max(self.range_max, float(greatest_range(batch).max()))
         self._sweeps[: self.stations] += np.bincount(station, minlength=self.stations)
         moved = None if batch.poses is None else shift(batch.poses, self.poses.rows(station))
         here = self.grid.fits(batch)

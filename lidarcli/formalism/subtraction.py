@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lidarcli.formalism.alignment import Lines, align, lines
-from lidarcli.formalism.background import Background, Surroundings, surroundings
+from lidarcli.formalism.background import Background, Surroundings, greatest_range, surroundings
 from lidarcli.formalism.combine import combine, select
 from lidarcli.formalism.detect import detect
 from lidarcli.formalism.detection import (
@@ -219,7 +219,7 @@ class Subtraction:
         width = ranges.shape[1]
         status = batch.status[:, :width]
         nothing = status == Status.NO_RETURN
-        limit = batch.range_max[:, None]
+        limit = greatest_range(batch)[:, None]
         with np.errstate(invalid="ignore"):
             known = ~np.isnan(r_e) & (status <= Status.NO_RETURN)
             difference = np.where(nothing, limit, ranges) - np.minimum(r_e, limit)

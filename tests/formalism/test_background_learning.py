@@ -50,6 +50,16 @@ def test_the_batch_size_makes_no_difference(size: int, drive: SweepBatch) -> Non
     assert equal(learned(drive, size), learned(drive))
 
 
+@pytest.mark.parametrize("size", [1, 7])
+def test_beam_counts_that_change_make_no_difference_to_batches(size: int) -> None:
+    """The widest sweep of a batch decides its padding, and nothing else."""
+    sensor = replace(sensor_with(SENSORS["361"], 0.01, 0.003), beams_jitter=9)
+    batch = simulated(random_scene("room", 3, sensor), 40, 1)[0]
+    poses = np.column_stack([np.linspace(0.0, 0.5, 40), np.zeros(40), np.linspace(0.0, 0.1, 40)])
+    moving = with_poses(batch, poses)
+    assert equal(learned(moving, size), learned(moving))
+
+
 def test_the_order_of_parked_sweeps_and_logs_makes_no_difference() -> None:
     batch = room(60)
     shuffled = batch.rows(np.random.default_rng(0).permutation(60))

@@ -84,6 +84,18 @@ def test_without_a_greatest_range_the_difference_from_open_space_is_not_known() 
     assert np.isnan(found.difference[0])
 
 
+@pytest.mark.parametrize("written", [0.0, -1.0, np.nan, np.inf])
+def test_a_greatest_range_that_is_none(written: float) -> None:
+    empty, now = np.full(60, np.inf), np.full(60, np.inf)
+    now[20:28] = 2.5
+    old, new = (
+        replace(partial(ranges, np.inf), range_max=np.full(1, written, np.float32)) for ranges in (empty, now)
+    )
+    background = learned(old)
+    assert background.range_max == np.inf
+    assert spans(found_in(new, background)) == [(0, 20, 27)]
+
+
 def test_what_returns_at_the_limit_of_the_sensor_is_no_news() -> None:
     now = np.full(60, np.inf)
     now[20:28] = 11.97
