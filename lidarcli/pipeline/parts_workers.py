@@ -26,7 +26,7 @@ from lidarcli.pipeline.parts_parcels import (
 from lidarcli.sweeps import SweepBatch
 
 DEPTH = 3
-"""Blocks that a worker has at once: one at work, the others so that it never waits."""
+"""Blocks that a worker has at once: one at work, the others so that it need not wait while row groups are written."""
 SLOT = 6 << 20
 """Bytes of shared memory for a block; what takes more goes through a pipe."""
 SLOT_BEAMS = 28 << 20
