@@ -10,7 +10,14 @@ from tools.reference import cli_page, tables_page
 
 ROOT = Path(__file__).parent.parent
 PAGES = {"docs/cli.md": cli_page, "docs/tables.md": tables_page}
-WITH_EXAMPLES = ("README.md", "docs/tutorial.md", "docs/poses.md", "docs/background.md", "docs/reports.md", "docs/ci.md")
+WITH_EXAMPLES = (
+    "README.md",
+    "docs/tutorial.md",
+    "docs/poses.md",
+    "docs/background.md",
+    "docs/reports.md",
+    "docs/ci.md",
+)
 
 
 def main() -> None:
