@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcli.formalism.cells import BIN, UNIT, Estimate, count_ranges, estimate, merge
@@ -25,6 +25,7 @@ def same(a: Estimate, b: Estimate) -> bool:
     )
 
 
+@settings(deadline=None)
 @given(Observed)
 def test_counting_agrees_with_a_dictionary(observed: list[tuple[int, float]]) -> None:
     expected: dict[tuple[int, int], list[int]] = {}
@@ -45,6 +46,7 @@ def test_counting_agrees_with_a_dictionary(observed: list[tuple[int, float]]) ->
     assert [(key, list(values)) for key, values in got] == sorted(expected.items())
 
 
+@settings(deadline=None)
 @given(Observed, st.integers(0, 60), st.randoms())
 def test_the_order_and_the_parts_make_no_difference(
     observed: list[tuple[int, float]], cut: int, random: object

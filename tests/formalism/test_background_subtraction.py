@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from backgrounds import STEP, WIDE, found_in, learned, partial, with_poses
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -313,6 +313,7 @@ def test_a_thing_across_the_seam_is_one() -> None:
         assert found.difference[0] == pytest.approx(-2.0)
 
 
+@settings(deadline=None)
 @given(
     st.integers(1, 59),
     st.lists(st.tuples(st.integers(0, 59), st.integers(1, 12), st.floats(0.5, 7.0)), max_size=4),
@@ -468,6 +469,7 @@ def runs_one_by_one(
     return result
 
 
+@settings(deadline=None)
 @given(
     st.lists(
         st.lists(st.sampled_from([-1.0, 0.0, 0.01, 0.05, 0.09, 0.5, np.nan]), min_size=12, max_size=12),
