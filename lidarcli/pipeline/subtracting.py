@@ -12,13 +12,13 @@ import numpy as np
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.background import Background
+from lidarcli.formalism.changes import changes
 from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.formalism.subtraction import (
     Difference,
     Subtraction,
     Tolerance,
     assemble,
-    changes,
     nothing_known,
 )
 from lidarcli.formalism.threshold import noise

@@ -11,10 +11,11 @@ from benchmarks.accuracy.cells import WALL, Truth, judged
 from benchmarks.accuracy.scoring import assign
 from lidarcli.formalism import Detection, Parameters, sweep
 from lidarcli.formalism.background import Background
+from lidarcli.formalism.changes import changes
 from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.formalism.grid import Grid
 from lidarcli.formalism.learning import Learning
-from lidarcli.formalism.subtraction import Subtraction, Tolerance, changes
+from lidarcli.formalism.subtraction import Subtraction, Tolerance
 from lidarcli.formalism.threshold import noise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Scene

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.formalism.background import surroundings
+from lidarcli.formalism.changes import changes
 from lidarcli.formalism.combine import combine, select
 from lidarcli.formalism.detection import APPEARED, REMOVED, SHAPES, VISIBILITIES
-from lidarcli.formalism.subtraction import WEAK, Difference, Subtraction, Tolerance, _runs, changes
+from lidarcli.formalism.subtraction import WEAK, Difference, Subtraction, Tolerance, _runs
 from lidarcli.formalism.threshold import noise
 from lidarcli.sweeps import TURN, Status, SweepBatch
 
