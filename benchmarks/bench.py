@@ -1,5 +1,7 @@
 """Throughput and memory of `lidarcli detect`, beside merely iterating the same log's messages.
 
+One process at work unless said otherwise; of several, processor times are added up, and memory is that of the largest.
+
 Every measurement is a process of its own; the contestants take turns, so that a busy machine hits all of them alike.
 This process imports nothing heavy: on Linux the peak memory of a child counts from that of its parent.
 """
@@ -79,12 +81,15 @@ class Figures:
     changing: Result
     short: Result
     long: Result
+    two: Result
+    every: Result
     objects_per_sweep: float = 0.0
     help_ms: dict[str, float] = field(default_factory=dict)
 
     def results(self) -> tuple[Result, ...]:
         """All contestants, the yardstick first."""
-        return self.iterate, self.robust, self.paper, self.changing, self.short, self.long
+        one = self.iterate, self.robust, self.paper, self.changing, self.short, self.long
+        return *one, self.two, self.every
 
     def ratio(self, result: Result) -> float:
         """Time per sweep, as a multiple of the time that iterating takes."""
@@ -99,6 +104,11 @@ class Figures:
     def changing_geometry(self) -> float:
         """Throughput where the beam count changes from sweep to sweep, as a share of that where it does not."""
         return self.changing.per_second / self.robust.per_second
+
+    @property
+    def gain(self) -> float:
+        """Throughput of two processes, as a multiple of that of one: round by round, as the machine changes."""
+        return median(one / two for one, two in zip(self.robust.seconds, self.two.seconds, strict=True))
 
 
 def run(*command: str) -> Run:
@@ -136,10 +146,10 @@ def iterate(log: Path, result: Result) -> None:
     result.add(replace(done, seconds=seconds, cpu_seconds=cpu))
 
 
-def detect(log: Path, folder: Path, result: Result, profile: str = "robust") -> None:
+def detect(log: Path, folder: Path, result: Result, *options: str) -> None:
     """Time `lidarcli detect` from the start of Python to its end."""
     out = folder / "tables"
-    result.add(run(LIDARCLI, "-q", "detect", str(log), "--profile", profile, "-o", str(out), "--overwrite"))
+    result.add(run(LIDARCLI, "-q", "detect", str(log), *options, "-o", str(out), "--overwrite"))
 
 
 def count_objects(folder: Path, log: Path) -> int:
@@ -162,17 +172,22 @@ def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
         short=Result(f"detect, {sweeps // 5:,} sweeps", sweeps // 5),
         long=Result(f"detect, {sweeps * 2:,} sweeps", sweeps * 2),
         robust=Result("detect", sweeps),
+        two=Result("detect --jobs 2", sweeps),
+        every=Result("detect, as many as cores", sweeps),
     )
+    one = ("--jobs", "1")
     for turn in range(repeats):
         print(f"round {turn + 1} of {repeats} ...", file=sys.stderr)
         iterate(log, figures.iterate)
-        detect(changing, folder, figures.changing)
-        detect(log, folder, figures.paper, "paper")
-        detect(log, folder, figures.robust)
+        detect(changing, folder, figures.changing, *one)
+        detect(log, folder, figures.paper, *one, "--profile", "paper")
+        detect(log, folder, figures.every)
+        detect(log, folder, figures.two, "--jobs", "2")
+        detect(log, folder, figures.robust, *one)
     figures.objects_per_sweep = count_objects(folder, log) / sweeps
     for result in (figures.short, figures.long):
         # The logs differ by ten times; both fill every buffer on the way.
-        detect(make_log(folder, "other", result.sweeps), folder, result)
+        detect(make_log(folder, "other", result.sweeps), folder, result, *one)
         (folder / "other.mcap").unlink()
     for command in ((), ("detect",)):
         times = [run(LIDARCLI, *command, "--help").seconds for _ in range(10)]
@@ -194,6 +209,7 @@ def show(figures: Figures) -> None:
         )
     print(f"\npeak memory of a log / of one a tenth as long     {figures.growth:6.2f}")
     print(f"throughput of changing / of fixed geometry        {figures.changing_geometry:6.2f}")
+    print(f"throughput of two processes / of one              {figures.gain:6.2f}")
     for name, milliseconds in figures.help_ms.items():
         print(f"{name:50}{milliseconds:6.0f} ms")
 
@@ -217,6 +233,7 @@ def as_json(figures: Figures) -> str:
         "sweeps_per_second": {result.name: result.per_second for result in figures.results()},
         "growth": figures.growth,
         "changing_geometry": figures.changing_geometry,
+        "gain": figures.gain,
     }
     return json.dumps({**asdict(figures), **derived}, indent=2) + "\n"
 
