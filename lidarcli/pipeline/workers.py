@@ -105,6 +105,8 @@ def _be_a_worker() -> None:
 def _leave(number: int, frame: object) -> None:
     if not _working:
         os._exit(1)
+    # The pool says it once more when another worker has gone; that must not disturb the clearing away.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise _Stopped
 
 

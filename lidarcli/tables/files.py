@@ -38,7 +38,9 @@ class TableFiles:
         with ExitStack() as stack:
             for table, path in zip(tables, self.paths, strict=True):
                 _make_folder(path.parent)
-                file = stack.enter_context(PartFile(path, SCHEMAS[table]))
+                file = PartFile(path, SCHEMAS[table])
+                stack.push(file)
+                file.open()
                 order = TopicOrder(file, SCHEMAS[table], first_topic, path.parent)
                 self._files.append(file)
                 self._orders[table] = stack.enter_context(order)

@@ -132,21 +132,24 @@ class PartFile:
 
     def __init__(self, path: Path, schema: pa.Schema) -> None:
         self.path = path
+        self._schema = schema
         self._part = path.with_name(f".{path.name}.part")
+        self._file: pa.OSFile | None = None
+        self._sink: ParquetSink | None = None
+
+    def open(self) -> None:
+        """Create the temporary file. Whoever calls this has seen to `__exit__` before, for an interrupt comes any time."""
         try:
             # Arrow's own file: the writing thread need not wait for the interpreter.
             self._file = pa.OSFile(os.fsencode(self._part), mode="wb")
-        except OSError as err:
-            raise unwritable(path, err) from err
-        try:
-            self._sink = ParquetSink(self._file, schema)
-        except OSError as err:
             # Its first four bytes may be too many already.
-            self._remove()
-            raise unwritable(path, err) from err
+            self._sink = ParquetSink(self._file, self._schema)
+        except OSError as err:
+            raise unwritable(self.path, err) from err
 
     def write(self, rows: pa.RecordBatch) -> None:
         """Take rows of the table."""
+        assert self._sink is not None
         try:
             self._sink.write(rows)
         except OSError as err:
@@ -154,6 +157,8 @@ class PartFile:
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
         """Make the temporary file whole."""
+        assert self._sink is not None
+        assert self._file is not None
         try:
             self._sink.finish(metadata)
             self._file.close()
@@ -168,16 +173,20 @@ class PartFile:
             raise unwritable(self.path, err) from err
 
     def __enter__(self) -> Self:
+        try:
+            self.open()
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         """Remove the temporary file, whatever happened; a published one has gone already."""
-        self._sink.abandon()
-        self._remove()
-
-    def _remove(self) -> None:
-        with contextlib.suppress(OSError):
-            self._file.close()
+        if self._sink is not None:
+            self._sink.abandon()
+        if self._file is not None:
+            with contextlib.suppress(OSError):
+                self._file.close()
         with contextlib.suppress(OSError):
             self._part.unlink(missing_ok=True)
 
