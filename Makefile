@@ -2,6 +2,7 @@
 
 VENV ?= .venv
 BIN := $(VENV)/bin
+BUILD := pyproject.toml setup.py $(wildcard lidarcli/kernels/*.pyx lidarcli/kernels/*.pxd)
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # The first interpreter that is new enough.
 PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.11 python; do \
@@ -56,16 +57,16 @@ fuzz: $(VENV)/installed-dev ## mutated logs of every container; more with FUZZ="
 	$(BIN)/python -m tools.fuzz $(FUZZ)
 
 clean: ## remove the environment and everything that was built
-	rm -rf $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf lidarcli/kernels/*.so $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
-# The environments' stamps: installed again only when the dependencies may have changed. The install is
-# editable, so that the code at hand is the code that runs.
-$(VENV)/installed: pyproject.toml | $(BIN)/python
+# The environments' stamps: installed again only when the dependencies or the compiled kernels may have changed. The
+# install is editable, so that the code at hand is the code that runs.
+$(VENV)/installed: $(BUILD) | $(BIN)/python
 	@echo "Installing lidarcli into $(VENV) ..."
 	@$(PIP) install --editable .
 	@touch $@
 
-$(VENV)/installed-dev: pyproject.toml | $(BIN)/python
+$(VENV)/installed-dev: $(BUILD) | $(BIN)/python
 	@echo "Installing lidarcli and what its tests need into $(VENV) ..."
 	@$(PIP) install --editable '.[dev]'
 	@touch $(VENV)/installed $@

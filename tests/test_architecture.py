@@ -15,10 +15,11 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 CORE = {"errors", "sweeps"}
 MAY_IMPORT = {
     "errors": set[str](),
-    "sweeps": {"errors"},
+    "kernels": set[str](),
+    "sweeps": {"errors", "kernels"},
     "logs": CORE,
     "poses": CORE | {"logs"},
-    "formalism": CORE,
+    "formalism": CORE | {"kernels"},
     "tables": CORE | {"formalism"},
     "simulate": CORE | {"tables"},
     "reports": CORE | {"formalism", "tables"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64
 
 
@@ -26,6 +27,7 @@ def spans(begin: Int64, size: Int64) -> tuple[Int64, Int64, Int64]:
     return index, owner, offsets
 
 
+@compiled
 def span_sum(values: Float64, offsets: Int64) -> Float64:
     """(J,) sums over the spans of a joined array, all of which hold at least one value."""
     total: Float64 = np.add.reduceat(values, offsets[:-1]) if len(offsets) > 1 else np.empty(0)

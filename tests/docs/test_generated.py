@@ -57,5 +57,8 @@ def test_the_wheel_holds_the_package_alone() -> None:
     import tomllib
 
     project = tomllib.loads((Path(ROOT) / "pyproject.toml").read_text(encoding="utf-8"))
-    assert project["tool"]["hatch"]["build"]["targets"]["wheel"] == {"packages": ["lidarcli"]}
+    assert project["tool"]["setuptools"]["packages"]["find"] == {"include": ["lidarcli*"]}
+    assert [
+        path.parent.name for path in ROOT.glob("*/__init__.py") if path.parent.name.startswith("lidarcli")
+    ] == ["lidarcli"]
     assert not list((ROOT / "lidarcli").rglob("test*"))

@@ -1,0 +1,29 @@
+"""The compiled kernels, which are optional: where no compiler is at hand the package installs without them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from Cython.Build import cythonize
+from setuptools import Extension, setup
+
+# No fused multiply-add: it would round differently from numpy, whose results the kernels repeat bit for bit.
+FLAGS = ["/O2"] if sys.platform == "win32" else ["-O3", "-g0", "-ffp-contract=off"]
+
+setup(
+    ext_modules=cythonize(
+        [
+            Extension(f"lidarcli.kernels.{path.stem}", [str(path)], extra_compile_args=FLAGS, optional=True)
+            for path in sorted(Path("lidarcli/kernels").glob("*.pyx"))
+        ],
+        build_dir="build",
+        language_level=3,
+        compiler_directives={
+            "boundscheck": False,
+            "wraparound": False,
+            "cdivision": True,
+            "initializedcheck": False,
+        },
+    )
+)
