@@ -1,4 +1,4 @@
-"""Things that touch a wall: where no step divides them, the corner between the two does."""
+"""Things that touch a wall: where no step divides the two, the corner between them does."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import numpy as np
 
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.fragments import next_run
-from lidarcli.formalism.ragged import offsets_of, span_max, spans
+from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_sum, spans
 from lidarcli.formalism.runs import HIDDEN, OWN, Runs
 from lidarcli.sweeps import Bool, Float64, Int64
 
 TURN = np.deg2rad(25.0)
 """Faces that turn less than this do not make a corner."""
-BACKING = 0.5
+BACKING = 0.4
 """[m] A face at least this long, beside which a thing stands, is wall."""
 RELIEF = 0.1
 """[m] A thing stands out from its wall by more than this: mouldings and skirting boards do not."""
-WIDEST = 1.3
+WIDEST = 1.5
 """[m] What stands out over more than this is a part of the building."""
 BEHIND = 0.1
-"""[m] So far from the line of a wall its next piece may lie."""
+"""[m] What is seen past the free edge of a thing lies no further than this behind the line of its wall."""
 TRIM = 6
 """At each end so many points may turn out to be wall: the corner is only known to every few points."""
 
 
 @dataclass(frozen=True, slots=True)
 class Carved:
-    """C stretches of wall runs that are things."""
+    """C stretches of runs that are things."""
 
     run: Int64
     first: Int64
@@ -36,18 +36,18 @@ class Carved:
     last: Int64
 
 
-def carve(runs: Runs, faces: Faces, wall: Bool, sigma: Float64) -> Carved:
-    """Find stretches of walls that stand out: between corners that point away, with corners that point at the sensor.
+def carve(runs: Runs, faces: Faces, worth: Bool, sigma: Float64) -> Carved:
+    """Find stretches of runs that stand out: between corners that point away, with corners that point at the sensor.
 
     Parameters
     ----------
     runs, faces : R runs and their F faces
-    wall : (R,) runs known as walls
+    worth : (R,) runs with points enough
     sigma : (S,) noise of the ranges [m]
     """
     nothing = np.empty(0, np.int64)
-    face = np.flatnonzero(wall[faces.run])
-    if len(face) < 3:
+    face = np.flatnonzero(worth[faces.run])
+    if not len(face):
         return Carved(nothing, nothing, nothing)
     run = faces.run[face]
     turn = np.empty(len(face))
@@ -60,11 +60,19 @@ def carve(runs: Runs, faces: Faces, wall: Bool, sigma: Float64) -> Carved:
     ends = np.append(begins[1:], len(face)) - 1
     inner_start, inner_end = ~fresh[begins], np.append(~fresh[begins[1:]], False)
     run = run[begins]
-    before, after = face[np.maximum(begins - 1, 0)], face[np.minimum(ends + 1, len(face) - 1)]
+    # What backs a stretch may be torn into several faces by noise, without a corner between: the longest speaks for it.
+    straight = np.append(np.flatnonzero(fresh | (np.abs(turn) > np.sin(TURN))), len(face))
+    length = faces.length[face]
+    size = np.diff(straight)
+    longest = face[span_first(length == np.repeat(span_max(length, straight), size), straight)]
+    back = np.repeat(longest, size)
+    before, after = back[np.maximum(begins - 1, 0)], back[np.minimum(ends + 1, len(face) - 1)]
     free_start, free_end = runs.start_edge[run] == OWN, runs.end_edge[run] == OWN
     likely = ((pointed > 0) | ~inner_start | ~inner_end) & (inner_start | inner_end)
-    likely &= np.where(inner_start, faces.length[before] >= BACKING, free_start)
-    likely &= np.where(inner_end, faces.length[after] >= BACKING, free_end)
+    # Of two straight faces without another corner the longer one is the wall.
+    least = np.maximum(BACKING, np.where(pointed > 0, 0.0, span_sum(length, np.append(begins, len(face)))))
+    likely &= np.where(inner_start, faces.length[before] >= least, free_start)
+    likely &= np.where(inner_end, faces.length[after] >= least, free_end)
     k = np.flatnonzero(likely)
     first, last = faces.first[face[begins[k]]], faces.last[face[ends[k]]]
     level = sigma[runs.row[run[k]]]
@@ -96,7 +104,7 @@ def _wall_goes_on(
     inner_end: Bool,
     sigma: Float64,
 ) -> Bool:
-    """Whether behind a free end the wall of the other end goes on: so it does behind a thing, but not at a doorway."""
+    """Whether past a free end the view is closed by the wall of the other end or before it: at a doorway it is not."""
     following = next_run(runs)
     previous = np.arange(len(runs))
     has_next = np.flatnonzero(following != previous)
@@ -106,7 +114,7 @@ def _wall_goes_on(
         (~inner_end, before, runs.first[following[run]]),
         (~inner_start, after, runs.last[previous[run]]),
     ):
-        goes_on &= ~free | (np.abs(_depth(runs, faces, back, point)) <= BEHIND + 2.0 * sigma)
+        goes_on &= ~free | (_depth(runs, faces, back, point) >= -(BEHIND + 2.0 * sigma))
     return goes_on
 
 
@@ -215,9 +223,9 @@ def cut_out(runs: Runs, carved: Carved) -> tuple[Runs, Int64, Bool]:
     return divided, origin, thing
 
 
-def renumbered(label: Int64, origin: Int64, thing: Bool) -> Int64:
-    """Labels of the divided runs, where `label` (R,) were those of the whole ones; a carved thing is by itself."""
-    whole = np.flatnonzero(~thing)
-    position = np.zeros(len(label), np.int64)
-    position[origin[whole][::-1]] = whole[::-1]
-    return np.where(thing, np.arange(len(origin)), position[label[origin]])
+def of_parts(faces: Faces, runs: Runs) -> Faces:
+    """The faces with the divided runs they belong to: those that hold their middle."""
+    middle = (faces.first + faces.last) // 2
+    order = np.argsort(runs.first, kind="stable")
+    run = order[np.searchsorted(runs.first[order], middle, side="right") - 1]
+    return replace(faces, run=run, offsets=offsets_of(np.bincount(run, minlength=len(runs))))

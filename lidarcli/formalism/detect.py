@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism import mask, vertices
-from lidarcli.formalism.carving import carve, cut_out, renumbered
+from lidarcli.formalism.carving import carve, cut_out, of_parts
 from lidarcli.formalism.corners import locate, settle
 from lidarcli.formalism.describe import Segmentation, describe
 from lidarcli.formalism.detection import Detection
@@ -14,7 +14,14 @@ from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, outline, split_straight
 from lidarcli.formalism.fragments import bodies, torn
 from lidarcli.formalism.grouping import close_pairs, joined
-from lidarcli.formalism.objects import bends, fully_visible, partly_hidden, recognisable, surrounding
+from lidarcli.formalism.objects import (
+    bends,
+    fully_visible,
+    partly_hidden,
+    recognisable,
+    stands_alone,
+    surrounding,
+)
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
@@ -29,6 +36,8 @@ WALL_STRIDE, WALL_POINTS = 4, 32
 """Of a run too wide for an object every fourth point is looked at, or as many as make 32: enough for its lines."""
 ENCLOSED = 0.35
 """Walls surround the sensor where they give more than this share of its returns."""
+FEW_WALLS = 0.1
+"""Where runs too wide for an object give no more than this share, there are no doorways between them."""
 
 
 def detect(
@@ -152,27 +161,37 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, S
     thinned = np.maximum(-(-runs.size // WALL_STRIDE), np.minimum(runs.size, WALL_POINTS))
     shape = outline(runs, np.where(enough & narrow, runs.size, np.where(narrow, 0, thinned)))
     faces = faces_between(shape, split_straight(shape, tolerance))
+    carved = carve(runs, faces, enough, sigma)
+    runs, origin, thing = cut_out(runs, carved)
+    if thing.any():
+        faces = of_parts(faces, runs)
+        enough = runs.size >= parameters.min_beams
+        ends = chord(runs)
+        narrow = ends <= parameters.max_width
+        tolerance = tolerance[origin]
     reach = extent(runs, faces, ends)
     small = enough & (reach <= parameters.max_width)
     partial = partly_hidden(runs)
-    wall = enough & ~small
-    wall |= on_wall_lines(runs, faces, wall, small, partial, sigma, parameters.max_width)
-    enclosed = np.bincount(runs.row, runs.size * wall, minlength=len(sigma)) > ENCLOSED * np.diff(
-        runs.points.start
-    )
-    piece = narrow & ~wall & ~surrounding(runs)
+    wall = enough & ~small & ~thing
+    bend = bends(faces)
+    candidate = small & ~thing & ~stands_alone(runs, reach, bend, _share(runs, wall) > FEW_WALLS)
+    wall |= on_wall_lines(runs, faces, wall, candidate, partial, sigma, parameters.max_width)
+    piece = narrow & ~wall & ~thing & ~surrounding(runs)
     body = bodies(runs, reach, *torn(runs, piece, reach))
     is_object = piece & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
-    is_object &= recognisable(body, bends(faces), enclosed[runs.row], parameters.max_width)
-    carved = carve(runs, faces, wall & ~small, sigma)
-    runs, origin, thing = cut_out(runs, carved)
-    is_object = np.where(thing, runs.size >= parameters.min_beams, is_object[origin])
-    is_wall = wall[origin] & ~thing & parameters.walls
-    label = renumbered(body.label, origin, thing)
-    tolerance = tolerance[origin]
-    group = _grouped(runs, is_object, parameters, label)
+    is_object &= recognisable(body, bend, _share(runs, wall) > ENCLOSED, parameters.max_width)
+    is_object |= thing & enough
+    is_wall = wall & parameters.walls
+    group = _grouped(runs, is_object, parameters, body.label)
     shape = outline(runs, np.where(is_object | is_wall, runs.size, 0))
     _, faces = settle(shape, split_straight(shape, tolerance), tolerance)
     corners = locate(shape, faces, tolerance)
     extremum = np.zeros(len(runs.points), bool)
-    return runs, Segmentation(faces, extremum, is_object, is_wall, group, label, corners)
+    return runs, Segmentation(faces, extremum, is_object, is_wall, group, body.label, corners)
+
+
+def _share(runs: Runs, wall: Bool) -> Float64:
+    """(R,) share of the points of its sweep that lie on walls."""
+    on_walls = np.bincount(runs.row, runs.size * wall, minlength=len(runs.points.start) - 1)
+    share: Float64 = (on_walls / np.maximum(np.diff(runs.points.start), 1))[runs.row]
+    return share

@@ -8,7 +8,7 @@ from lidarcli.formalism.detection import BOTH_HIDDEN, CUT, END_HIDDEN, FULL, STA
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.fragments import Bodies
 from lidarcli.formalism.runs import EDGES, HIDDEN, OPEN, OWN, UNKNOWN, VIEW, Runs
-from lidarcli.sweeps import Bool, Int8, UInt8
+from lidarcli.sweeps import Bool, Float64, Int8, UInt8
 
 STRAIGHT, CONVEX, CONCAVE = range(3)
 END_WIDTH = 0.5
@@ -17,6 +17,8 @@ POINTED_WIDTH = 0.8
 """[m] Wider than this, a corner that points at the sensor may be one of a wall, and a straight free end is one."""
 HIDDEN_WIDTH = 0.5
 """[m] What is straight, wider than this and hidden on both sides is wall."""
+UNKNOWN_WIDTH = 0.4
+"""[m] What is no wider than this, beside beams that say nothing, is no wall, whatever line it is on: it may be a leg."""
 PARTLY_HIDDEN_WIDTH = 0.65
 """Greatest visible extent of a straight partly hidden object, as a share of `max_width`: some of it is out of sight."""
 NO_NEIGHBOUR = (OPEN, UNKNOWN)
@@ -66,6 +68,28 @@ def recognisable(bodies: Bodies, bend: Int8, enclosed: Bool, max_width: float) -
     too_long = goes_on & (reach > PARTLY_HIDDEN_WIDTH * max_width)
     visible: Bool = (own | free | pointed | ~enclosed) & ~background & ~too_long
     return visible
+
+
+def stands_alone(runs: Runs, reach: Float64, bend: Int8, doorways: Bool) -> Bool:
+    """Runs that are no piece of a wall even if they lie on its line.
+
+    Walls point their corners at the sensor at the jambs of doorways only. And where a neighbour is unknown, a slight run
+    may show all there is of it.
+
+    Parameters
+    ----------
+    runs : R runs
+    reach : (R,) their extent [m]
+    bend : (R,) sign of their corners, see `bends`
+    doorways : (R,) whether there are walls enough for doorways
+
+    Returns
+    -------
+    (R,)
+    """
+    unknown = (runs.start_edge == UNKNOWN) | (runs.end_edge == UNKNOWN)
+    alone: Bool = (bend == CONVEX) & ~doorways | unknown & (reach <= UNKNOWN_WIDTH)
+    return alone
 
 
 def bends(faces: Faces) -> Int8:

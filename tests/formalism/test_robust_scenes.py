@@ -363,3 +363,60 @@ def test_a_wall_that_ends_at_a_doorway_is_not_carved() -> None:
         (5.0, 6.0, -5.0, 6.0),
     ]
     assert len(robust(turn(room))) == 0
+
+
+def test_a_box_that_touches_a_short_piece_of_wall_is_carved_out_of_it() -> None:
+    # Between two doorways the wall y = 2 from x = -0.7 to 1.2; the box has its side at x = 0.2, its front at y = 1.6.
+    room: list[Segment] = [
+        (3.0, -3.0, 3.0, 2.0),
+        (3.0, 2.0, 2.2, 2.0),
+        (1.2, 2.0, 0.2, 2.0),
+        (0.7, 1.6, 0.2, 1.6),
+        (0.2, 1.6, 0.2, 2.0),
+        (0.2, 2.0, -0.7, 2.0),
+        (-1.7, 2.0, -3.0, 2.0),
+        (-3.0, 2.0, -3.0, -3.0),
+        (-3.0, -3.0, 3.0, -3.0),
+        (5.0, 4.0, -5.0, 4.0),
+    ]
+    found = robust(turn(room))
+    assert len(found) == 1
+    assert found.r_i[0] == pytest.approx(hypot(0.7, 1.6), abs=0.02)
+    assert found.r_f[0] == pytest.approx(hypot(0.2, 2.0), abs=0.1)  # beams are 8 cm apart there
+    assert (found.box_length[0], found.box_width[0]) == pytest.approx((0.5, 0.4), abs=0.1)
+
+
+def test_a_box_before_a_wall_is_carved_out_where_another_wall_begins_behind_it() -> None:
+    # The box stands in the corner of a room: behind its free edge the other wall goes on.
+    room: list[Segment] = [
+        (3.0, -3.0, 3.0, 2.0),
+        (3.0, 2.0, -3.0, 2.0),
+        (-3.0, 2.0, -3.0, -3.0),
+        (-3.0, -3.0, 3.0, -3.0),
+        (1.6, 2.0, 1.6, 1.4),
+        (1.6, 1.4, 2.2, 1.4),
+    ]
+    found = robust(turn(room, beams=1440))
+    assert len(found) == 1
+    assert (found.box_length[0], found.box_width[0]) == pytest.approx((0.6, 0.6), abs=0.05)
+
+
+def test_a_corner_that_points_at_the_sensor_is_no_piece_of_wall_where_there_are_hardly_any() -> None:
+    # The face of a box continues the line of a short wall, among pillars all around.
+    pillars = [(1.5 * cos(angle), 1.5 * sin(angle), 0.35) for angle in np.arange(2.9, 6.9, 0.75)]
+    found = robust(
+        turn([(-6.0, 3.0, -3.5, 3.0), (-1.0, 3.0, 0.0, 3.0), (0.0, 3.0, 0.3, 3.6)], tuple(pillars))
+    )
+    assert len(found) == len(pillars) + 1
+    assert found.width.max() == pytest.approx(hypot(1.3, 0.6), abs=0.1)
+
+
+def test_a_slight_run_beside_beams_that_say_nothing_is_no_piece_of_wall() -> None:
+    # Of the wall x = 4.3 some 0.3 m are seen between a board and beams without an answer: that may be its end.
+    room = turn([*ROOM, (1.9, -0.1, 1.9, 0.6)])
+    bearings = bearings_of(720, -pi, pi / 360)
+    lost = np.where((bearings > -0.2) & (bearings < -0.12), nan, room.ranges)
+    beside = robust(Sweep(lost.tolist(), -pi, pi / 360, EACH_BEARING_ONCE))
+    assert len(robust(room)) == 1
+    assert len(beside) == 2
+    assert beside.r_min.max() == pytest.approx(4.3, abs=0.05)
