@@ -115,7 +115,7 @@ STDOUT = "-"
     "--group-gap",
     heading=OBJECTS,
     type=METRES,
-    help="Objects closer than this are one, as the legs of a chair.  [default: 0, never]",
+    help="Slim objects closer than this are one, as the legs of a chair.  [default: 0, never]",
 )
 @option("--walls", heading=OBJECTS, is_flag=True, help="Also rows for walls, with the corners of the room.")
 @option(

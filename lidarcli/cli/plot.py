@@ -149,7 +149,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     "--group-gap",
     heading=OBJECTS,
     type=METRES,
-    help="Objects closer than this are one, as the legs of a chair.  [default: 0, never]",
+    help="Slim objects closer than this are one, as the legs of a chair.  [default: 0, never]",
 )
 @option("--walls", heading=OBJECTS, is_flag=True, help="Also draw walls, with the corners of the room.")
 @range_options

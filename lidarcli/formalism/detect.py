@@ -13,7 +13,7 @@ from lidarcli.formalism.difference import gaps, steepness, steps
 from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, outline, split_straight
 from lidarcli.formalism.fragments import bodies, torn
-from lidarcli.formalism.grouping import close_pairs, joined
+from lidarcli.formalism.grouping import LEG_WIDTH, close_pairs, joined
 from lidarcli.formalism.objects import (
     bends,
     fully_visible,
@@ -131,7 +131,8 @@ def _grouped(runs: Runs, is_object: Bool, parameters: Parameters, label: Int64 |
     """(R,) label of the thing that each object is a part of, where things of several parts are asked for."""
     if parameters.group_gap <= 0:
         return label
-    a, b = close_pairs(runs, np.flatnonzero(is_object), parameters.group_gap)
+    legs = np.flatnonzero(is_object & (chord(runs) <= LEG_WIDTH))
+    a, b = close_pairs(runs, legs, parameters.group_gap)
     if label is not None:
         a, b = np.append(a, np.arange(len(runs))), np.append(b, label)
     return joined(len(runs), a, b)

@@ -9,6 +9,9 @@ from lidarcli.formalism.ragged import span_max, span_min, span_sum, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.sweeps import Float64, Int64
 
+LEG_WIDTH = 0.2
+"""[m] Legs are no wider than this; what is stands by itself."""
+
 
 def close_pairs(runs: Runs, chosen: Int64, gap: float) -> tuple[Int64, Int64]:
     """Pairs of runs of one sweep that come closer together than `gap`.

@@ -74,6 +74,13 @@ def test_a_lone_thing_keeps_its_shape_and_its_number() -> None:
     assert [SHAPES[code] == "legged" for code in seen.shape] == [False, True, False]
 
 
+def test_what_is_wider_than_a_leg_stands_by_itself() -> None:
+    # The same three legs, the last one 12 beams wide: 21 cm.
+    wide = (*LEGS[:2], (376, 388))
+    assert found(room_with_legs(0, wide), 1.01 * GAP).beam_i.tolist() == [352, 376]
+    assert found(room_with_legs(0, (*LEGS[:2], (376, 386))), 1.01 * GAP).beam_i.tolist() == [352]
+
+
 def test_links_join_transitively_whatever_their_order() -> None:
     pairs = np.array([[5, 6], [0, 3], [3, 5], [8, 9]])
     for order in ([0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]):
