@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.points import NEVER, Points, collect
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Float64, Int64, SweepBatch
 
 
@@ -22,24 +23,36 @@ class Gaps:
 
 def gaps(points: Points) -> Gaps:
     """The point before each stretch, however far. None before the first of a partial view, or a turn's only point."""
-    before = np.empty_like(points.end)
-    missing = np.empty_like(points.end)
-    before[1:] = points.end[:-1]
-    np.subtract(points.begin[1:], points.end[:-1] + 1, out=missing[1:])
-    filled = np.flatnonzero(points.stretches[1:] > points.stretches[:-1])
-    first, last = points.stretches[filled], points.stretches[filled + 1] - 1
-    period = points.geometry.period[filled]
-    closes = (period > 0) & (points.end[last] > points.begin[first])
-    before[first] = points.end[last]
-    missing[first] = np.where(closes, points.begin[first] + period - points.end[last] - 1, NEVER)
-    return Gaps(before, missing)
+    return Gaps(*before_stretches(points.begin, points.end, points.stretches, points.geometry.period))
+
+
+@compiled
+def before_stretches(begin: Int64, end: Int64, stretches: Int64, period: Int64) -> tuple[Int64, Int64]:
+    """`Gaps.before` and `missing` of the stretches of `Points` whose full turns have `period` positions."""
+    before = np.empty_like(end)
+    missing = np.empty_like(end)
+    before[1:] = end[:-1]
+    np.subtract(begin[1:], end[:-1] + 1, out=missing[1:])
+    filled = np.flatnonzero(stretches[1:] > stretches[:-1])
+    first, last = stretches[filled], stretches[filled + 1] - 1
+    period = period[filled]
+    closes = (period > 0) & (end[last] > begin[first])
+    before[first] = end[last]
+    missing[first] = np.where(closes, begin[first] + period - end[last] - 1, NEVER)
+    return before, missing
 
 
 def steepness(points: Points) -> Float64:
     """|s| of every cell [m], 0 where the beam or its neighbour has no range, and over the seam. (S * stride,)"""
-    size = np.empty_like(points.range)
+    return sizes(points.range)
+
+
+@compiled
+def sizes(cells: Float64) -> Float64:
+    """|s| of neighbouring values, 0 where there is none. (K,) → (K,)"""
+    size = np.empty_like(cells)
     size[:1] = 0.0
-    np.subtract(points.range[1:], points.range[:-1], out=size[1:])
+    np.subtract(cells[1:], cells[:-1], out=size[1:])
     np.abs(size, out=size)
     np.fmax(size, 0.0, out=size)
     return size
@@ -72,20 +85,54 @@ def steps(points: Points, gap: Gaps, steepness: Float64, least: Float64) -> Step
     gap, steepness : of these points
     least : (S,) a smaller |s| is no discontinuity [m]
     """
-    event = points.table(steepness) > least[:, None]
+    return Steps(
+        *following(
+            points.range,
+            steepness,
+            least,
+            points.begin,
+            points.end,
+            points.row,
+            gap.before,
+            gap.missing,
+        )
+    )
+
+
+@compiled
+def following(
+    cells: Float64,
+    size: Float64,
+    least: Float64,
+    begin: Int64,
+    end: Int64,
+    row: Int64,
+    before: Int64,
+    missing: Int64,
+) -> tuple[Int64, Int64, Int64, Int64, Int64, Float64]:
+    """What `Steps` holds.
+
+    Parameters
+    ----------
+    cells, size : (S * stride,) range and |s| [m]
+    least : (S,) of each row [m]
+    begin, end, row : (G,) first cell, last cell and row of each stretch of points
+    before, missing : (G,) what lies before them
+    """
+    event = size.reshape(len(least), -1) > least[:, None] if len(least) else np.zeros(0, bool)
     event = event.reshape(-1)
-    event[points.begin] = True
+    event[begin] = True
     cell = np.flatnonzero(event)
-    before = cell - 1
-    begins = ~points.valid[before]
+    predecessor = cell - 1
+    begins = np.isnan(cells[predecessor])
     stretch = np.cumsum(begins) - 1
     at = np.flatnonzero(begins)
-    before[at] = gap.before
-    missing = np.zeros(len(cell), np.int64)
-    missing[at] = gap.missing
-    s = points.range[cell] - points.range[before]
-    s[at[gap.missing == NEVER]] = np.nan
-    return Steps(cell, points.row[stretch], stretch, before, missing, s)
+    predecessor[at] = before
+    lost = np.zeros(len(cell), np.int64)
+    lost[at] = missing
+    s = cells[cell] - cells[predecessor]
+    s[at[missing == NEVER]] = np.nan
+    return cell, row[stretch], stretch, predecessor, lost, s
 
 
 def difference(batch: SweepBatch) -> Float64:

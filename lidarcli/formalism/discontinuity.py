@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lidarcli.formalism.difference import Gaps, Steps
 from lidarcli.formalism.points import NEVER, Points
 from lidarcli.formalism.threshold import noise_threshold
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64
 
 REACH = 3
@@ -33,7 +36,12 @@ def adaptive_threshold(sigma: Float64, step: Float64, r: Float64, s: Float64) ->
     sigma, step : noise [m] and |Δθ| [rad] of the sweep of each point
     r, s : range of the point and difference to its predecessor [m]; NaN in s: as if they were equally far
     """
-    threshold: Float64 = noise_threshold(sigma) + SPACING_GAIN * step * np.fmin(r, r - s)
+    return _with_spacing(noise_threshold(sigma), step, r, s)
+
+
+def _with_spacing(explained: Float64, step: Float64, r: Float64, s: Float64) -> Float64:
+    """What the beam spacing explains besides what noise does [m]."""
+    threshold: Float64 = explained + SPACING_GAIN * step * np.fmin(r, r - s)
     return threshold
 
 
@@ -56,19 +64,65 @@ def one_sided_jumps(points: Points, steps: Steps, gap: Gaps, sigma: Float64, max
     -------
     (E,) whether f is discontinuous between the point and its predecessor
     """
-    row, s = steps.row, steps.s
-    allowed = adaptive_threshold(sigma[row], points.geometry.step[row], points.range[steps.cell], s)
-    candidate = np.flatnonzero((np.abs(s) > allowed) & (steps.missing < NEVER))
-    allowed, s = allowed[candidate], s[candidate]
-    cell, before = steps.cell[candidate], steps.before[candidate]
-    u, slope_before, slope_here = _inverse_and_slopes(points, gap, steps, candidate, max_gap)
-    step = (steps.missing[candidate] + 1).astype(np.float64)
-    r_here, r_before = points.range[cell], points.range[before]
+    return unexplained(
+        points.range,
+        points.begin,
+        points.end,
+        points.stretches,
+        gap.missing,
+        points.geometry.step,
+        noise_threshold(sigma),
+        steps.cell,
+        steps.row,
+        steps.stretch,
+        steps.before,
+        steps.missing,
+        steps.s,
+        max_gap,
+    )
+
+
+@compiled
+def unexplained(
+    cells: Float64,
+    begin: Int64,
+    end: Int64,
+    stretches: Int64,
+    gap_missing: Int64,
+    bearing_step: Float64,
+    explained: Float64,
+    cell: Int64,
+    row: Int64,
+    stretch: Int64,
+    before: Int64,
+    missing: Int64,
+    difference: Float64,
+    max_gap: int,
+) -> Bool:
+    """(E,) whether no side's surface explains a step.
+
+    Parameters
+    ----------
+    cells : (S * stride,) ranges [m]
+    begin, end, stretches, gap_missing : (G,) first cell and last cell of each stretch, (S + 1,) the stretches of the
+        rows, and (G,) the beams missing before each
+    bearing_step, explained : (S,) |Δθ| [rad], and the difference that noise explains [m]
+    cell, row, stretch, before, missing, difference : (E,) as in `Steps`
+    max_gap : points further than this many lost beams away say nothing about the slope
+    """
+    allowed = _with_spacing(explained[row], bearing_step[row], cells[cell], difference)
+    candidate = np.flatnonzero((np.abs(difference) > allowed) & (missing < NEVER))
+    allowed, s = allowed[candidate], difference[candidate]
+    cell, stretch, before = cell[candidate], stretch[candidate], before[candidate]
+    stretched = _Stretches.of(begin, end, stretches, gap_missing)
+    u, slope_before, slope_here = _inverse_and_slopes(cells, stretched, cell, stretch, before, max_gap)
+    step = (missing[candidate] + 1).astype(np.float64)
+    r_here, r_before = cells[cell], cells[before]
     foreseen_left = _range_of(u[0] + step * slope_before) - r_before
     foreseen_right = r_here - _range_of(u[1] - step * slope_here)
     upper = np.maximum(np.maximum(foreseen_left, foreseen_right), 0.0)
     lower = np.minimum(np.minimum(foreseen_left, foreseen_right), 0.0)
-    jump = np.zeros(len(steps), bool)
+    jump = np.zeros(len(difference), bool)
     jump[candidate] = (s > upper + allowed) | (s < lower - allowed)
     return jump
 
@@ -79,81 +133,86 @@ def _range_of(u: Float64) -> Float64:
     return ranges
 
 
+@dataclass(frozen=True, slots=True)
+class _Stretches:
+    """The G stretches of points, and which of its row lies before each; before the first the last. (G,) each."""
+
+    begin: Int64
+    end: Int64
+    missing: Int64
+    """Beams missing before it."""
+    preceding: Int64
+
+    @staticmethod
+    def of(begin: Int64, end: Int64, stretches: Int64, missing: Int64) -> _Stretches:
+        preceding = np.arange(-1, len(begin) - 1)
+        filled = np.flatnonzero(stretches[1:] > stretches[:-1])
+        preceding[stretches[filled]] = stretches[filled + 1] - 1
+        return _Stretches(begin, end, missing, preceding)
+
+
 def _inverse_and_slopes(
-    points: Points, gap: Gaps, steps: Steps, candidate: Int64, max_gap: int
+    cells: Float64, stretches: _Stretches, cell: Int64, stretch: Int64, before: Int64, max_gap: int
 ) -> tuple[Float64, Float64, Float64]:
     """u = 1/r of the predecessor and of the point (2, C), and du/dk as either side of the step supports it, (C,) each.
 
     Most steps have no lost beam near: their neighbours are the cells beside them. The few others look for theirs.
     """
-    cell = steps.cell[candidate]
     beside = np.arange(-1 - REACH, 1 + REACH)[:, None]
-    u = 1.0 / points.range.take(cell + beside, mode="clip")
-    before, here = REACH, REACH + 1
-    slope_before = _agreed([(u[before] - u[before - lag]) / lag for lag in range(1, REACH + 1)])
+    u = 1.0 / cells.take(cell + beside, mode="clip")
+    at_before, here = REACH, REACH + 1
+    slope_before = _agreed([(u[at_before] - u[at_before - lag]) / lag for lag in range(1, REACH + 1)])
     slope_here = _agreed([(u[here + lag] - u[here]) / lag for lag in range(1, REACH + 1)])
     some = np.flatnonzero(np.isnan(u.sum(axis=0)))
-    u = u[before : here + 1]
+    u = u[at_before : here + 1]
     if len(some):
-        near = candidate[some]
-        stretch, cell, predecessor = steps.stretch[near], steps.cell[near], steps.before[near]
-        preceding = _preceding(points)
+        cell, stretch, before = cell[some], stretch[some], before[some]
         # The predecessor is in the same stretch, unless the point begins one.
-        before_stretch = np.where(cell == points.begin[stretch], preceding[stretch], stretch)
-        u[0, some] = 1.0 / points.range[predecessor]
+        begins = cell == stretches.begin[stretch]
+        u[0, some] = 1.0 / cells[before]
         slope_before[some], slope_here[some] = _gentlest_slopes(
-            points,
-            gap,
-            preceding,
-            np.stack([predecessor, cell]),
-            np.stack([before_stretch, stretch]),
+            cells,
+            stretches,
+            np.stack([before, cell]),
+            np.stack([np.where(begins, stretches.preceding[stretch], stretch), stretch]),
             max_gap,
         )
     return u, slope_before, slope_here
 
 
-def _preceding(points: Points) -> Int64:
-    """(G,) the stretch before each in its row, before the first the last."""
-    preceding = np.arange(-1, len(points.begin) - 1)
-    filled = np.flatnonzero(points.stretches[1:] > points.stretches[:-1])
-    preceding[points.stretches[filled]] = points.stretches[filled + 1] - 1
-    return preceding
-
-
 def _gentlest_slopes(
-    points: Points, gap: Gaps, preceding: Int64, at: Int64, stretch: Int64, max_gap: int
+    cells: Float64, stretches: _Stretches, at: Int64, stretch: Int64, max_gap: int
 ) -> Float64:
     """du/dk per beam that the points on either side of a step support, over lost beams. (2, C)
 
     Parameters
     ----------
-    preceding : (G,) the stretch before each
     at, stretch : (2, C) cells of the points before and after a step, and the stretches they are in
     max_gap : how many lost beams may lie between such a point and one that counts
     """
+    preceding, missing = stretches.preceding, stretches.missing
     count = len(preceding)
     following = np.empty_like(preceding)
     following[preceding] = np.arange(count)
     # Looking back, then looking ahead: where the next stretch begins, which that is, and how far it is.
-    enter = np.stack([points.end[preceding], points.begin[following]])
-    other = np.stack([preceding, following + count])
-    far = np.stack([gap.missing, gap.missing[following]])
-    enter, other, far = enter.reshape(-1), other.reshape(-1), far.reshape(-1)
+    enter = np.concatenate([stretches.end[preceding], stretches.begin[following]])
+    other = np.concatenate([preceding, following + count])
+    far = np.concatenate([missing, missing[following]])
     stretch = stretch + np.array([[0], [count]])
     direction = np.array([[-1], [1]])
 
-    u_at = 1.0 / points.range[at]
+    u_at = 1.0 / cells[at]
     span = np.zeros(at.shape, np.int64)
     slopes = []
     for lag in range(1, REACH + 1):
         at = at + direction
         span += 1
-        leaves = np.flatnonzero(~points.valid[at])
+        leaves = np.flatnonzero(np.isnan(cells[at]))
         left = stretch.reshape(-1)[leaves]
         span.reshape(-1)[leaves] += far[left]
         at.reshape(-1)[leaves] = enter[left]
         stretch.reshape(-1)[leaves] = other[left]
-        slope = (1.0 / points.range[at] - u_at) / (span * direction)
+        slope = (1.0 / cells[at] - u_at) / (span * direction)
         slope[span > lag + max_gap] = np.nan
         slopes.append(slope)
     return _agreed(slopes)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.ragged import offsets_of
-from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, Int64, SweepBatch
+from lidarcli.formalism.ragged import offsets_of, spans
+from lidarcli.kernels import compiled
+from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch
 
 MARGIN = 4
 """Empty cells before and after each sweep: no look at so many neighbours reaches the next sweep."""
@@ -56,12 +57,17 @@ class Geometry:
 
     def beam(self, row: Int64, position: Int64) -> Int64:
         """Index in the log of the beam at a position, at most one turn beyond the seam on either side (Def. 1's n)."""
-        if self.period.any():
-            period = self.period[row]
-            position = position - period * (position >= period) + period * ((position < 0) & (period > 0))
-        if self.reverse.any():
-            position = np.where(self.reverse[row], self.bearings[row] - 1 - position, position)
-        return position
+        return beam_at(row, position, self.period, self.reverse, self.bearings)
+
+
+def beam_at(row: Int64, position: Int64, period: Int64, reverse: Bool, bearings: Int32) -> Int64:
+    """`Geometry.beam` from the arrays of a geometry."""
+    if period.any():
+        turn = period[row]
+        position = position - turn * (position >= turn) + turn * ((position < 0) & (turn > 0))
+    if reverse.any():
+        position = np.where(reverse[row], bearings[row] - 1 - position, position)
+    return position
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,46 +135,37 @@ def collect(batch: SweepBatch) -> Points:
     Points with M = number of beams that have a range
     """
     geometry = Geometry.of(batch)
-    rows, width = batch.ranges.shape
-    stride = -(-(width + 2 * MARGIN) // BLOCK) * BLOCK
-    table = np.empty((rows, stride))
-    table[:, :MARGIN] = np.nan
-    table[:, MARGIN + width :] = np.nan
-    _fill(table[:, MARGIN : MARGIN + width], batch, geometry)
-    shared = np.flatnonzero(batch.closure == Closure.SHARED)
-    if len(shared):
-        # Where the first and the last beam share a bearing, the last does not count.
-        table.reshape(-1)[shared * stride + MARGIN + geometry.bearings[shared]] = np.nan
+    stride = -(-(batch.width + 2 * MARGIN) // BLOCK) * BLOCK
+    return Points(geometry, stride, *lay_out(batch.ranges, geometry.bearings, geometry.reverse, stride))
 
-    ranges = table.reshape(-1)
-    valid = ranges == ranges
+
+@compiled
+def lay_out(
+    ranges: Float32, bearings: Int32, reverse: Bool, stride: int
+) -> tuple[Float64, Bool, Int64, Int64, Int64, Int64, Int64, Int64]:
+    """The cells of (S, B) ranges, NaN where there is none, and the stretches of points in them.
+
+    Returns `Points.range`, `valid`, `begin`, `end`, `row`, `rank`, `stretches` and `start`.
+    """
+    rows, width = ranges.shape
+    table = np.full((rows, stride), np.nan)
+    column = np.arange(width)
+    # Where the first and the last beam share a bearing, the last does not count.
+    table[:, MARGIN : MARGIN + width] = np.where(column < bearings[:, None], ranges, np.nan)
+    turned = np.flatnonzero(reverse)
+    beam = bearings[turned, None] - 1 - column
+    table[turned, MARGIN : MARGIN + width] = np.where(
+        beam >= 0, ranges[turned[:, None], np.maximum(beam, 0)], np.nan
+    )
+
+    cells = table.reshape(-1)
+    valid = cells == cells
     bounds = np.flatnonzero(valid[1:] != valid[:-1])
     begin, end = bounds[0::2] + 1, bounds[1::2]
     row = begin // stride
     rank = offsets_of(end - begin + 1)
     stretches = offsets_of(np.bincount(row, minlength=rows))
-    return Points(
-        geometry, stride, ranges, valid, begin, end, row, rank[:-1], stretches, start=rank[stretches]
-    )
-
-
-def _fill(table: Float64, batch: SweepBatch, geometry: Geometry) -> None:
-    """Write the ranges into the (S, B) table by position; NaN beyond the last bearing of a sweep counted clockwise."""
-    reverse, bearings = geometry.reverse, geometry.bearings
-    if not reverse.any():
-        table[:] = batch.ranges
-        return
-    count = int(bearings[0])
-    if reverse.all() and bool((bearings == count).all()):
-        table[:, :count] = batch.ranges[:, :count][:, ::-1]
-        table[:, count:] = np.nan
-        return
-    table[:] = batch.ranges
-    rows = np.flatnonzero(reverse)
-    beam = bearings[rows, None] - 1 - np.arange(batch.width)
-    turned = batch.ranges[rows[:, None], np.maximum(beam, 0)]
-    turned[beam < 0] = np.nan
-    table[rows] = turned
+    return cells, valid, begin, end, row, rank[:-1], stretches, rank[stretches]
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,26 +230,53 @@ def place(batch: SweepBatch, points: Points, again: Int64, beyond: Bool) -> Clou
     again : (N - M,) points to list once more at the end
     beyond : (N - M,) whether those then lie past the seam
     """
-    cell = np.flatnonzero(points.valid)
-    if len(again):
-        cell = np.concatenate([cell, cell[again]])
-    cos, sin = _directions(batch, points)
-    table = points.table(points.range)
-    x, y = (table * cos).reshape(-1), (table * sin).reshape(-1)
-    return Cloud(points, cell, beyond, x.take(cell, mode="clip"), y.take(cell, mode="clip"))
+    cos, sin, code = _directions(batch, points)
+    cell, x, y = coordinates(
+        points.range, points.begin, points.end, points.row, again, cos, sin, code, points.stride
+    )
+    return Cloud(points, cell, beyond, x, y)
 
 
-def _directions(batch: SweepBatch, points: Points) -> tuple[Float64, Float64]:
-    """cos θ and sin θ of the cells: computed once per distinct geometry of the batch. (1 or S, stride) each."""
+@compiled
+def coordinates(
+    cells: Float64,
+    begin: Int64,
+    end: Int64,
+    row: Int64,
+    again: Int64,
+    cos: Float64,
+    sin: Float64,
+    code: Int64,
+    stride: int,
+) -> tuple[Int64, Float64, Float64]:
+    """Cell and coordinates of the points.
+
+    Parameters
+    ----------
+    cells : (S * stride,) ranges
+    begin, end, row : (G,) first cell, last cell and row of each stretch of points
+    again : numbers of the points to list once more at the end
+    cos, sin : (D, stride) of the bearings of the cells
+    code : (S,) which of these each row has
+    """
+    cell, _, _ = spans(begin, end - begin + 1)
+    table = cells.reshape(-1, stride)
+    x, y = (table * cos[code]).reshape(-1), (table * sin[code]).reshape(-1)
+    cell = np.concatenate([cell, cell[again]])
+    return cell, x[cell], y[cell]
+
+
+def _directions(batch: SweepBatch, points: Points) -> tuple[Float64, Float64, Int64]:
+    """cos θ and sin θ of the cells, once per distinct geometry of the batch, (D, stride); which of them, (S,)."""
     position = np.arange(points.stride) - MARGIN
     start, increment = batch.angle_min, batch.angle_increment
     last = points.geometry.reverse * (points.geometry.bearings - 1.0)
-    code = None
     if all(bool((values == values[:1]).all()) for values in (start, increment, last)):
         start, increment, last = start[:1, None], increment[:1, None], last[:1, None]
+        code = np.zeros(len(batch), np.int64)
     else:
         distinct, code = np.unique(np.stack([start, increment, last], axis=1), axis=0, return_inverse=True)
         start, increment, last = (column[:, None] for column in distinct.T)
+        code = code.reshape(-1)
     theta = start + increment * np.where(increment < 0, last - position, position)
-    cos, sin = np.cos(theta), np.sin(theta)
-    return (cos, sin) if code is None else (cos[code.reshape(-1)], sin[code.reshape(-1)])
+    return np.cos(theta), np.sin(theta), code

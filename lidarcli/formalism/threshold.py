@@ -6,7 +6,8 @@ import numpy as np
 
 from lidarcli.formalism.difference import Gaps
 from lidarcli.formalism.points import BLOCK, Points
-from lidarcli.sweeps import Closure, Float32, Float64, SweepBatch
+from lidarcli.kernels import compiled
+from lidarcli.sweeps import Closure, Float32, Float64, Int32, Int64, SweepBatch, UInt8
 
 NOISE_FLOOR = 0.003
 """[m] No scanner is better than this; keeps a noise-free simulation from splitting on rounding."""
@@ -40,16 +41,49 @@ def mean_difference(points: Points, gap: Gaps, steepness: Float64) -> Float64:
     (S,) metres. N counts the differences that exist: those of neighbouring beams that both have a range. 0 where there
     is none.
     """
-    seam = np.flatnonzero(gap.missing == 0)
-    over = np.abs(points.range[points.begin[seam]] - points.range[gap.before[seam]])
-    count = np.diff(points.start) - np.diff(points.stretches)
-    count[points.row[seam]] += 1
+    return mean_size(
+        points.range,
+        steepness,
+        points.stride,
+        points.begin,
+        points.stretches,
+        points.start,
+        gap.before,
+        gap.missing,
+    )
+
+
+@compiled
+def mean_size(
+    cells: Float64,
+    size: Float64,
+    stride: int,
+    begin: Int64,
+    stretches: Int64,
+    start: Int64,
+    before: Int64,
+    missing: Int64,
+) -> Float64:
+    """(S,) means of |s| [m].
+
+    Parameters
+    ----------
+    cells, size : (S * stride,) range and |s| [m]
+    begin, stretches, start : first cells of the stretches, and the stretches and points of the rows, as in `Points`
+    before, missing : what lies before each stretch, as in `Gaps`
+    """
+    # Nothing is missing before the first stretch of a turn alone; any other would be one with the last.
+    seam = np.flatnonzero(missing == 0)
+    row = np.searchsorted(stretches, seam, side="right") - 1
+    over = np.abs(cells[begin[seam]] - cells[before[seam]])
+    count = np.diff(start) - np.diff(stretches)
+    count[row] += 1
     # Block by block, and the blocks in order: zeros at the end of a row then change no bit of its sum.
-    blocks = steepness.reshape(-1, points.stride // BLOCK, BLOCK).sum(axis=2)
+    blocks = size.reshape(-1, stride // BLOCK, BLOCK).sum(axis=2)
     total = np.zeros(len(count))
     for block in blocks.T:
         total += block
-    total[points.row[seam]] += over
+    total[row] += over
     mean: Float64 = total / np.maximum(count, 1)
     return mean
 
@@ -68,42 +102,56 @@ def noise(batch: SweepBatch) -> Float64:
     -------
     (S,) metres, at least `NOISE_FLOOR`.
     """
-    rows, width = batch.ranges.shape
+    cosine = (2.0 * np.cos(batch.angle_increment)).astype(np.float32)
+    median = middle_second_difference(batch.ranges, cosine, batch.beams, batch.closure)
+    sigma = median * (MEDIAN_TO_SIGMA / SECOND_DIFFERENCE_GAIN)
+    noise: Float64 = np.maximum(sigma, NOISE_FLOOR)
+    return noise
+
+
+@compiled
+def middle_second_difference(ranges: Float32, cosine: Float32, beams: Int32, closure: UInt8) -> Float32:
+    """(S,) lower medians of r² |u₋ + u₊ - 2 cos Δθ u|, 0 where there is none.
+
+    Parameters
+    ----------
+    ranges : (S, B) r [m]
+    cosine : (S,) 2 cos Δθ
+    beams, closure : (S,) number of beams, and how they close to a full turn
+    """
+    rows, width = ranges.shape
     if width < 3 or not rows:
-        return np.full(rows, NOISE_FLOOR)
-    u = np.float32(1.0) / batch.ranges
-    cosine = (2.0 * np.cos(batch.angle_increment)).astype(np.float32)[:, None]
+        return np.zeros(rows, np.float32)
+    u = np.float32(1.0) / ranges
     second = np.empty((rows, width), np.float32)
     # All sweeps in one go; where one ends and the next begins there is no second difference, or that over the seam.
     flat, out = u.reshape(-1), second.reshape(-1)
     out[0] = out[-1] = np.nan
     np.add(flat[:-2], flat[2:], out=out[1:-1])
-    second -= cosine * u
+    second -= cosine[:, None] * u
     second[:, 0] = np.nan
     second[:, -1] = np.nan
-    _close(second, u, cosine[:, 0], batch)
-    u = batch.ranges * batch.ranges
-    second *= u
+    _close(second, u, cosine, beams, closure)
+    second *= ranges * ranges
     np.abs(second, out=second)
     second.sort(axis=1)  # NaN, where a beam has no range, sorts last
     # Every sweep has a NaN but a turn without loss, for which argmax finds none and says 0.
     count = np.isnan(second).argmax(axis=1)
     count[~np.isnan(second[:, -1])] = width
-    median = second[np.arange(rows), np.maximum(count - 1, 0) // 2]
-    sigma = np.where(count > 0, median, 0.0) * (MEDIAN_TO_SIGMA / SECOND_DIFFERENCE_GAIN)
-    noise: Float64 = np.maximum(sigma, NOISE_FLOOR)
-    return noise
+    median: Float32 = second[np.arange(rows), np.maximum(count - 1, 0) // 2]
+    median[count == 0] = 0.0
+    return median
 
 
-def _close(second: Float32, u: Float32, cosine: Float32, batch: SweepBatch) -> None:
+def _close(second: Float32, u: Float32, cosine: Float32, beams: Int32, closure: UInt8) -> None:
     """Fill in the two second differences over the seam of the sweeps that make a full turn."""
-    rows = np.flatnonzero(batch.closure != Closure.OPEN)
+    rows = np.flatnonzero(closure != Closure.OPEN)
     if not len(rows):
         return
-    shared = batch.closure[rows] == Closure.SHARED
+    shared = closure[rows] == Closure.SHARED
     cosine = cosine[rows]
-    first = rows * batch.width
-    last = first + batch.beams[rows] - 1
+    first = rows * u.shape[1]
+    last = first + beams[rows] - 1
     repeated = last[shared]
     last = last - shared
     u, second = u.reshape(-1), second.reshape(-1)

@@ -81,11 +81,13 @@ from lidarcli.logs.batches import ReadOptions, read_batches  # noqa: E402
 from lidarcli.simulate.generate import simulate_sweep_arrays  # noqa: E402
 from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, random_scene, sensor_with  # noqa: E402
 from lidarcli.sweeps import RangeRules, concatenate, normalise  # noqa: E402
+from tests.kernels.odd import odd_batches  # noqa: E402
 
 PARAMETERS = [
     Parameters.for_profile("robust"),
     Parameters.for_profile("paper"),
     Parameters.for_profile("robust", walls=True, group_gap=0.45),
+    Parameters.for_profile("robust", max_gap=0, min_beams=1),
 ]
 
 
@@ -105,6 +107,9 @@ def main(logs: list[str], scenes: int = 6) -> None:
                 batch = normalise(raw, np.arange(len(raw)), RangeRules())
                 for parameters in PARAMETERS:
                     detect(batch, parameters, per_beam=parameters.walls)
+    for batch in odd_batches():
+        for parameters in PARAMETERS:
+            detect(batch, parameters)
     for log in logs:
         with open_log(log) as source:
             for batch in read_batches(source, ReadOptions()):
