@@ -17,6 +17,7 @@ from lidarcli.formalism.grouping import LEG_WIDTH, close_pairs, joined
 from lidarcli.formalism.objects import (
     bends,
     fully_visible,
+    grazing,
     partly_hidden,
     recognisable,
     stands_alone,
@@ -180,7 +181,8 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, S
     piece = narrow & ~wall & ~thing & ~surrounding(runs)
     body = bodies(runs, reach, *torn(runs, piece, reach))
     is_object = piece & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
-    is_object &= recognisable(body, bend, _share(runs, wall) > ENCLOSED, parameters.max_width)
+    enclosed = _share(runs, wall) > ENCLOSED
+    is_object &= recognisable(body, bend, grazing(runs), enclosed, parameters.max_width)
     is_object |= thing & enough
     is_wall = wall & parameters.walls
     group = _grouped(runs, is_object, parameters, body.label)

@@ -19,6 +19,8 @@ HIDDEN_WIDTH = 0.5
 """[m] What is straight, wider than this and hidden on both sides is wall."""
 UNKNOWN_WIDTH = 0.4
 """[m] What is no wider than this, beside beams that say nothing, is no wall, whatever line it is on: it may be a leg."""
+GRAZING = np.deg2rad(15.0)
+"""Between walls what is straight, wide and seen at a smaller angle is wall: a thing would show its front as well."""
 PARTLY_HIDDEN_WIDTH = 0.65
 """Greatest visible extent of a straight partly hidden object, as a share of `max_width`: some of it is out of sight."""
 NO_NEIGHBOUR = (OPEN, UNKNOWN)
@@ -36,7 +38,7 @@ def fully_visible(runs: Runs) -> Bool:
     return both
 
 
-def recognisable(bodies: Bodies, bend: Int8, enclosed: Bool, max_width: float) -> Bool:
+def recognisable(bodies: Bodies, bend: Int8, along: Bool, enclosed: Bool, max_width: float) -> Bool:
     """Profile `robust`: bodies that show enough of their outline to be more than a piece of the background.
 
     An edge of its own tells a body from the background, and so does a corner that points at the sensor: walls point
@@ -47,6 +49,7 @@ def recognisable(bodies: Bodies, bend: Int8, enclosed: Bool, max_width: float) -
     ----------
     bodies : R runs as parts of bodies
     bend : (R,) sign of the corners of each run, see `bends`
+    along : (R,) runs that are seen at a grazing angle, see `grazing`
     enclosed : (R,) whether walls surround the sensor
     max_width : greatest extent of an object [m]
 
@@ -63,11 +66,21 @@ def recognisable(bodies: Bodies, bend: Int8, enclosed: Bool, max_width: float) -
     slight = (reach < END_WIDTH) & (open_start | open_end) & (start != VIEW) & (end != VIEW)
     free = open_start & open_end | slight
     pointed = (bend == CONVEX) & (reach < POINTED_WIDTH)
-    background = hidden & whole & (straight & (reach > HIDDEN_WIDTH) | (bend == CONCAVE))
+    wide = straight & (reach > HIDDEN_WIDTH)
+    background = hidden & whole & (wide | (bend == CONCAVE)) | wide & along & enclosed
     goes_on = straight & ~_is_seen(start, end) | enclosed & (open_start | open_end)
     too_long = goes_on & (reach > PARTLY_HIDDEN_WIDTH * max_width)
     visible: Bool = (own | free | pointed | ~enclosed) & ~background & ~too_long
     return visible
+
+
+def grazing(runs: Runs) -> Bool:
+    """(R,) runs whose chord points at the sensor, give or take `GRAZING`."""
+    x, y = runs.points.x, runs.points.y
+    dx, dy = x[runs.last] - x[runs.first], y[runs.last] - y[runs.first]
+    mx, my = x[runs.last] + x[runs.first], y[runs.last] + y[runs.first]
+    along: Bool = np.abs(dx * my - dy * mx) < np.tan(GRAZING) * np.abs(dx * mx + dy * my)
+    return along
 
 
 def stands_alone(runs: Runs, reach: Float64, bend: Int8, doorways: Bool) -> Bool:

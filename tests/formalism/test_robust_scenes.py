@@ -420,3 +420,11 @@ def test_a_slight_run_beside_beams_that_say_nothing_is_no_piece_of_wall() -> Non
     assert len(robust(room)) == 1
     assert len(beside) == 2
     assert beside.r_min.max() == pytest.approx(4.3, abs=0.05)
+
+
+@pytest.mark.parametrize(("far", "objects"), [(0.05, 0), (0.6, 1)])
+def test_what_is_seen_along_its_face_alone_is_wall(far: float, objects: int) -> None:
+    # A face of a metre before the long wall of a corridor; it points at the sensor, or turns away from that by 0.6 m.
+    corridor = rectangle(0.0, 0.0, 16.0, 3.0)
+    found = robust(turn([*corridor, (3.0, 0.5, 4.0, 0.5 + 0.15 + far)], beams=1440))
+    assert len(found) == objects
