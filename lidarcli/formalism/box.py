@@ -9,7 +9,8 @@ import numpy as np
 from lidarcli.formalism.circle import Circles
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.ragged import span_bounds, span_first, span_max, spans
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.kernels import compiled
+from lidarcli.sweeps import Bool, Float64, Int64
 
 RIGHT_ANGLE = np.deg2rad(5.0)
 """Faces closer to a right angle than this propose the same box."""
@@ -31,11 +32,12 @@ class Boxes:
 def bounding_boxes(
     x: Float64,
     y: Float64,
-    offsets: Int64,
+    begin: Int64,
+    size: Int64,
     faces: Faces,
     face: Int64,
     face_offsets: Int64,
-    round_ones: Int64,
+    is_round: Bool,
     circles: Circles,
 ) -> Boxes:
     """The smaller of the rectangles around each object that have a side along one of its two longest faces.
@@ -44,59 +46,100 @@ def bounding_boxes(
 
     Parameters
     ----------
-    x, y, offsets : the points or vertices of K objects, joined [m]
+    x, y : points or vertices [m], of which object k has those from `begin[k]` on, `size[k]` of them
     faces : all faces; object k has the faces `face[face_offsets[k]:face_offsets[k + 1]]`
-    round_ones, circles : (C,) objects that are round, and their circles
+    is_round : (K,)
+    circles : (K,) circles of the round objects
 
     Returns
     -------
     Boxes of K objects
     """
-    longest, second = _two_longest(faces, face, face_offsets)
-    first, last = offsets[:-1], offsets[1:] - 1
-    # Objects of a single point have no face, and there may be no others: -1 then finds the 0 at the end.
-    angles = np.append(faces.angle, 0.0)
-    angle = angles[longest]
-    alone = np.flatnonzero(longest < 0)
-    angle[alone] = np.arctan2(y[last[alone]] - y[first[alone]], x[last[alone]] - x[first[alone]])
-    low_u, high_u, low_v, high_v = bounds = _rectangle(x, y, angle, offsets)
-    # A second direction matters only where the two longest faces are not at right angles anyway.
-    turn = np.abs(np.sin(2.0 * (angles[second] - angle)))
-    oblique = np.flatnonzero((second >= 0) & (turn > np.sin(2.0 * RIGHT_ANGLE)))
-    part, _, part_offsets = spans(first[oblique], np.diff(offsets)[oblique])
-    other_angle = angles[second[oblique]]
-    others = _rectangle(x[part], y[part], other_angle, part_offsets)
-    better = _area(others) < (1.0 - TIE) * _area(bounds)[oblique]
-    for values, other in zip((*bounds, angle), (*others, other_angle), strict=True):
-        values[oblique[better]] = other[better]
-    middle_u, middle_v = 0.5 * (low_u + high_u), 0.5 * (low_v + high_v)
-    cos, sin = np.cos(angle), np.sin(angle)
-    length, width = high_u - low_u, high_v - low_v
-    turn = width > length
-    yaw = np.where(turn, angle + 0.5 * np.pi, angle)
-    boxes = Boxes(
-        x=middle_u * cos - middle_v * sin,
-        y=middle_u * sin + middle_v * cos,
-        length=np.where(turn, width, length),
-        width=np.where(turn, length, width),
-        yaw=0.5 * np.pi - (0.5 * np.pi - yaw) % np.pi,
+    sides = faces.length, faces.direction_x, faces.direction_y
+    oblique = np.sin(2.0 * RIGHT_ANGLE)
+    box_x, box_y, length, width, along_x, along_y = rectangles(
+        x, y, begin, size, *sides, face, face_offsets, oblique
     )
-    boxes.x[round_ones], boxes.y[round_ones] = circles.x, circles.y
-    boxes.length[round_ones] = boxes.width[round_ones] = 2.0 * circles.radius
-    bearing = np.arctan2(circles.y, circles.x)
-    boxes.yaw[round_ones] = 0.5 * np.pi - (0.5 * np.pi - bearing) % np.pi
-    return boxes
+    for values, of_circle in (
+        (box_x, circles.x),
+        (box_y, circles.y),
+        (along_x, circles.x),
+        (along_y, circles.y),
+        (length, 2.0 * circles.radius),
+        (width, 2.0 * circles.radius),
+    ):
+        np.copyto(values, of_circle, where=is_round)
+    # A side and its opposite are one: that which points forward tells the yaw.
+    back = (along_x < 0) | (along_x == 0) & (along_y < 0)
+    sign = np.where(back, -1.0, 1.0)
+    return Boxes(box_x, box_y, length, width, np.arctan2(along_y * sign, np.abs(along_x)) + 0.0)
 
 
-def _rectangle(
-    x: Float64, y: Float64, angle: Float64, offsets: Int64
+@compiled
+def rectangles(
+    x: Float64,
+    y: Float64,
+    begin: Int64,
+    size: Int64,
+    length: Float64,
+    direction_x: Float64,
+    direction_y: Float64,
+    face: Int64,
+    offsets: Int64,
+    oblique: float,
+) -> tuple[Float64, Float64, Float64, Float64, Float64, Float64]:
+    """The smaller rectangle along one of the two longest faces of each object, or along its chord.
+
+    Parameters
+    ----------
+    x, y, begin, size : the points of K objects
+    length, direction_x, direction_y : (F,) of all faces
+    face, offsets : object k has the faces `face[offsets[k]:offsets[k + 1]]`
+    oblique : a second direction matters only where |sin 2φ| of its angle φ with the first is greater than this
+
+    Returns
+    -------
+    x, y, length, width, along_x, along_y : (K,) centre [m], sides [m], unit vector of the long side
+    """
+    longest, second = _two_longest(length, face, offsets)
+    first, last = begin, begin + size - 1
+    ux, uy = x[last] - x[first], y[last] - y[first]
+    far = np.sqrt(ux * ux + uy * uy)
+    is_point = far == 0.0
+    far[is_point] = 1.0
+    ux, uy = np.where(is_point, 1.0, ux / far), np.where(is_point, 0.0, uy / far)
+    some = np.flatnonzero(longest >= 0)
+    ux[some], uy[some] = direction_x[longest[some]], direction_y[longest[some]]
+    low_u, high_u, low_v, high_v = bounds = _bounds(x, y, begin, size, ux, uy)
+    # A second direction matters only where the two longest faces are not at right angles anyway.
+    two = np.flatnonzero(second >= 0)
+    wx, wy = direction_x[second[two]], direction_y[second[two]]
+    turn = np.abs(2.0 * (ux[two] * wy - uy[two] * wx) * (ux[two] * wx + uy[two] * wy)) > oblique
+    two, wx, wy = two[turn], wx[turn], wy[turn]
+    others = _bounds(x, y, begin[two], size[two], wx, wy)
+    better = _area(others) < (1.0 - TIE) * _area(bounds)[two]
+    for values, other in zip((*bounds, ux, uy), (*others, wx, wy), strict=True):
+        values[two[better]] = other[better]
+    u, v = 0.5 * (low_u + high_u), 0.5 * (low_v + high_v)
+    along, across = high_u - low_u, high_v - low_v
+    turned = across > along
+    return (
+        u * ux - v * uy + 0.0,
+        u * uy + v * ux + 0.0,
+        np.where(turned, across, along),
+        np.where(turned, along, across),
+        np.where(turned, -uy, ux),
+        np.where(turned, ux, uy),
+    )
+
+
+def _bounds(
+    x: Float64, y: Float64, begin: Int64, size: Int64, along_x: Float64, along_y: Float64
 ) -> tuple[Float64, Float64, Float64, Float64]:
-    """Bounds of the points of each object in the direction `angle` (K,) and across it [m]: low, high, low, high."""
-    size = np.diff(offsets)
-    cos, sin = np.repeat(np.cos(angle), size), np.repeat(np.sin(angle), size)
-    along, across = x * cos, y * cos
-    along += y * sin
-    across -= x * sin
+    """Bounds of the points of each object along a direction (K,) and across it [m]: low, high, low, high."""
+    index, _, offsets = spans(begin, size)
+    x, y, along_x, along_y = x[index], y[index], np.repeat(along_x, size), np.repeat(along_y, size)
+    along, across = x * along_x + y * along_y, y * along_x - x * along_y
     return *span_bounds(along, offsets), *span_bounds(across, offsets)
 
 
@@ -107,7 +150,7 @@ def _area(bounds: tuple[Float64, Float64, Float64, Float64]) -> Float64:
     return area
 
 
-def _two_longest(faces: Faces, face: Int64, face_offsets: Int64) -> tuple[Int64, Int64]:
+def _two_longest(length: Float64, face: Int64, face_offsets: Int64) -> tuple[Int64, Int64]:
     """The longest face of each object and the next longest, -1 where there is none. (K,) each."""
     sizes = np.diff(face_offsets)
     longest, second = np.full(len(sizes), -1), np.full(len(sizes), -1)
@@ -115,10 +158,10 @@ def _two_longest(faces: Faces, face: Int64, face_offsets: Int64) -> tuple[Int64,
     longest[some] = face[face_offsets[some]]
     many = np.flatnonzero(sizes > 1)
     index, _, offsets = spans(face_offsets[many], sizes[many])
-    length = faces.length[face[index]]
-    best = span_first(length == np.repeat(span_max(length, offsets), sizes[many]), offsets)
+    far = length[face[index]]
+    best = span_first(far == np.repeat(span_max(far, offsets), sizes[many]), offsets)
     longest[many] = face[index[best]]
-    length[best] = -1.0
-    best = span_first(length == np.repeat(span_max(length, offsets), sizes[many]), offsets)
+    far[best] = -1.0
+    best = span_first(far == np.repeat(span_max(far, offsets), sizes[many]), offsets)
     second[many] = face[index[best]]
     return longest, second

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.ragged import span_sum, spans
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Float64, Int64
 
 REFINEMENTS = 4
@@ -34,7 +35,8 @@ def fit_circles(x: Float64, y: Float64, offsets: Int64, within: Float64 | None =
     ----------
     x, y : (T,) points of K objects, joined [m]
     offsets : (K + 1,)
-    within : (K,) objects whose algebraic circle fits worse than this [m] are not looked at further: their rms is inf
+    within : (K,) objects whose algebraic circle fits worse than this [m] are not looked at further, and those where it is
+        negative not at all: their rms is inf
 
     Returns
     -------
@@ -47,13 +49,35 @@ def fit_circles(x: Float64, y: Float64, offsets: Int64, within: Float64 | None =
     >>> found.x.round(6).tolist(), found.radius.round(6).tolist()
     ([3.0], [0.5])
     """
+    return Circles(
+        *least_squares(x, y, offsets, np.full(len(offsets) - 1, np.inf) if within is None else within)
+    )
+
+
+@compiled
+def least_squares(
+    x: Float64, y: Float64, offsets: Int64, within: Float64
+) -> tuple[Float64, Float64, Float64, Float64]:
+    """Centre x, y, radius and rms of the circles of `fit_circles`, (K,) each; all 0 but the rms where none is sought."""
+    sought = np.flatnonzero(within >= 0.0)
+    columns = np.zeros((4, len(within)))
+    columns[3] = np.inf
+    index, _, part = spans(offsets[sought], np.diff(offsets)[sought])
+    columns[:, sought] = _fit(x[index], y[index], part, within[sought])
+    return columns[0], columns[1], columns[2], columns[3]
+
+
+def _fit(
+    x: Float64, y: Float64, offsets: Int64, within: Float64
+) -> tuple[Float64, Float64, Float64, Float64]:
+    """`least_squares` of objects of which all are sought."""
     size = np.diff(offsets)
     share = 1.0 / size
     middle_x, middle_y = span_sum(x, offsets) * share, span_sum(y, offsets) * share
     u, v = x - np.repeat(middle_x, size), y - np.repeat(middle_y, size)
     a, b, radius, known = _algebraic(u, v, offsets, share)
     rms = np.where(known, _rms(u, v, offsets, size, share, a, b, radius), np.inf)
-    near = np.arange(len(size)) if within is None else np.flatnonzero(rms <= within)
+    near = np.flatnonzero(rms <= within)
     index, _, part = spans(offsets[near], size[near])
     u, v, size, share = u[index], v[index], size[near], share[near]
     fit = a[near], b[near], radius[near], known[near]
@@ -63,7 +87,7 @@ def fit_circles(x: Float64, y: Float64, offsets: Int64, within: Float64 | None =
     good = fit[3] & (fit[2] < LARGEST)
     rms = np.full(len(a), np.inf)
     rms[near] = np.where(good, _rms(u, v, part, size, share, *fit[:3]), np.inf)
-    return Circles(a + middle_x, b + middle_y, radius, rms)
+    return a + middle_x, b + middle_y, radius, rms
 
 
 def _rms(
@@ -136,7 +160,7 @@ def _refined(
     scale = known / np.where(known, determinant, 1.0)
     step_x, step_y = (ry * xy - rx * yy) * scale, (rx * xy - ry * xx) * scale
     # No step beyond the radius: a nearly straight arc would throw the centre to infinity.
-    length = np.hypot(step_x, step_y)
+    length = np.sqrt(step_x * step_x + step_y * step_y)
     limit = np.minimum(1.0, np.maximum(radius, 1e-9) / np.maximum(length, 1e-9))
     a, b = a + step_x * limit, b + step_y * limit
     return a, b, span_sum(_distance(u, v, size, a, b), offsets) * share, known

@@ -16,6 +16,7 @@ from lidarcli.formalism.detection import (
     NOISE,
     OBJECT,
     PRISMATIC,
+    ROUND,
     START,
     WALL,
     Detection,
@@ -28,6 +29,7 @@ from lidarcli.formalism.parts import Parts, assemble
 from lidarcli.formalism.ragged import offsets_of, span_first, span_min, span_sum, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.formalism.shape import classify
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, UInt8
 
 
@@ -79,24 +81,18 @@ def describe(
     number = np.arange(len(begin)) - offsets_of(np.bincount(row, minlength=rows))[row] + 1
 
     first, last = runs.first[begin], runs.last[end]
-    index, _, part_offsets = spans(runs.first[parts.run], runs.size[parts.run])
-    offsets = part_offsets[parts.offsets]
-    owner = np.repeat(np.arange(len(begin)), np.diff(offsets))
-    x, y = points.x[index], points.y[index]
+    part_first, part_size = runs.first[parts.run], runs.size[parts.run]
+    offsets, x, y, nearest, nearest_part, r_min, middle_x, middle_y, width = gathered(
+        part_first, part_size, parts.offsets, points.x, points.y, points.cell, points.grid.range
+    )
     face, _, face_part_offsets = spans(faces.offsets[parts.run], np.diff(faces.offsets)[parts.run])
     face_offsets = face_part_offsets[parts.offsets]
-    ranges = points.range(index)
-    r_min = span_min(ranges, offsets)
-    nearest = span_first(ranges == np.repeat(r_min, np.diff(offsets)), offsets)
-    nearest_part = np.searchsorted(part_offsets, nearest, side="right") - 1
-    nearest = index[nearest]
-    size = np.diff(offsets).astype(np.float64)
-    width = np.hypot(points.x[last] - points.x[first], points.y[last] - points.y[first])
-    shape, round_ones, circles = classify(x, y, offsets, faces, face, face_offsets, width, sigma[row])
-    hull = _hulls(
-        x, y, offsets, runs, segmentation, begin, (shape == PRISMATIC) & (np.diff(parts.offsets) == 1)
-    )
-    box = bounding_boxes(*hull, faces, face, face_offsets, round_ones, circles)
+    size = np.diff(offsets)
+    away = np.hypot(middle_x, middle_y)
+    shape, circles = classify(x, y, offsets, faces, face, face_offsets, width, away, sigma[row])
+    prism = (shape == PRISMATIC) & (np.diff(parts.offsets) == 1)
+    hull = _hulls(x, y, offsets, segmentation.corners, begin, prism)
+    box = bounding_boxes(*hull, faces, face, face_offsets, shape == ROUND, circles)
     shape[_of_several(parts, segmentation.body)] = LEGGED
     shape[wall] = WALL
 
@@ -104,12 +100,14 @@ def describe(
     beam_first = points.geometry.beam(row, points.position(first, row))
     beam_last = points.geometry.beam(row, points.position(last, row))
     object_beams = np.bincount(row[~wall], size[~wall], minlength=rows).astype(np.int32)
-    past = parts.theta_i - points.theta(runs.first[parts.run], runs.row[parts.run])
-    vertex_part_offsets, vertex_theta, vertex_r, vertex_kind = _vertices(runs, segmentation, parts.run, past)
+    vertex_part_offsets, vertex_theta, vertex_r, vertex_kind, face_length, moved, across, along = outlines(
+        runs, faces, segmentation.corners, segmentation.extremum, parts
+    )
+    vertex_theta[moved] += np.arctan2(across, along)
     vertex_offsets = vertex_part_offsets[parts.offsets]
-    vertex_kind[vertex_offsets[1:] - 1] = END
-    vertex_kind[vertex_offsets[:-1]] = START
-    face_theta_i, face_theta_f, face_length = _between(vertex_theta, vertex_r, vertex_part_offsets)
+    starts, ends = np.ones(len(vertex_theta), bool), np.ones(len(vertex_theta), bool)
+    starts[vertex_part_offsets[1:] - 1] = False
+    ends[vertex_part_offsets[:-1]] = False
     result = Detection(
         row=row,
         object=number.astype(np.int32),
@@ -130,10 +128,10 @@ def describe(
         )
         if adaptive
         else sweep_d_th[row],
-        theta_min=points.theta(nearest, row) + past[nearest_part],
+        theta_min=points.theta(nearest, row) + parts.past[nearest_part],
         r_min=r_min,
-        x=span_sum(x, offsets) / size,
-        y=span_sum(y, offsets) / size,
+        x=middle_x,
+        y=middle_y,
         width=width,
         box_x=box.x,
         box_y=box.y,
@@ -145,8 +143,8 @@ def describe(
         vertex_r=vertex_r,
         vertex_kind=vertex_kind,
         face_offsets=face_offsets.astype(np.int32),
-        face_theta_i=face_theta_i,
-        face_theta_f=face_theta_f,
+        face_theta_i=vertex_theta[starts],
+        face_theta_f=vertex_theta[ends],
         face_length=face_length,
         face_rms=faces.rms[face],
         d_mean=d_mean,
@@ -160,8 +158,9 @@ def describe(
     )
     if not per_beam:
         return result
+    index, _, _ = spans(part_first, part_size)
     member = np.zeros(len(points.grid.range), np.int32)
-    member[points.cell[index]] = np.where(wall, 0, number)[owner]
+    member[points.cell[index]] = np.repeat(np.where(wall, 0, number), size)
     beam_object = points.grid.beams(member, batch.width, 0)
     return replace(
         result,
@@ -183,78 +182,107 @@ def _of_several(parts: Parts, body: Int64 | None) -> Bool:
 
 
 def _hulls(
-    x: Float64,
-    y: Float64,
-    offsets: Int64,
-    runs: Runs,
-    segmentation: Segmentation,
-    run: Int64,
-    prism: Bool,
-) -> tuple[Float64, Float64, Int64]:
+    x: Float64, y: Float64, offsets: Int64, corners: Corners | None, run: Int64, prism: Bool
+) -> tuple[Float64, Float64, Int64, Int64]:
     """What the box of each object has to hold: its points (T,), or of a prism the vertices, which scatter less.
 
-    Takes the points of K objects with their offsets, their first runs and which of them are prisms.
+    Takes the points of K objects with their offsets, their first runs and which of them are prisms. Returns points and
+    vertices, and for each object where its own begin and how many it has.
     """
-    corners = segmentation.corners
+    begin, size = offsets[:-1], np.diff(offsets)
     if corners is None or not prism.any():
-        return x, y, offsets
-    begin, count = corners.offsets[run], np.diff(corners.offsets)[run]
-    size = np.where(prism, count, np.diff(offsets))
-    hull_offsets = offsets_of(size)
-    hull_x, hull_y = np.empty(hull_offsets[-1]), np.empty(hull_offsets[-1])
-    source, _, _ = spans(offsets[:-1][~prism], size[~prism])
-    target, _, _ = spans(hull_offsets[:-1][~prism], size[~prism])
-    hull_x[target], hull_y[target] = x[source], y[source]
-    source, _, _ = spans(begin[prism], size[prism])
-    target, _, _ = spans(hull_offsets[:-1][prism], size[prism])
-    hull_x[target], hull_y[target] = corners.x[source], corners.y[source]
-    return hull_x, hull_y, hull_offsets
+        return x, y, begin, size
+    begin = np.where(prism, len(x) + corners.offsets[run], begin)
+    size = np.where(prism, corners.offsets[run + 1] - corners.offsets[run], size)
+    return np.concatenate([x, corners.x]), np.concatenate([y, corners.y]), begin, size
 
 
-def _vertices(
-    runs: Runs, segmentation: Segmentation, chosen: Int64, past: Float64
-) -> tuple[Int64, Float64, Float64, UInt8]:
-    """Vertices of the chosen runs (Def. 6): first point, the points between faces, last point.
+@compiled
+def gathered(
+    first: Int64, size: Int64, parts: Int64, x: Float64, y: Float64, cell: Int64, ranges: Float64
+) -> tuple[Int64, Float64, Float64, Int64, Int64, Float64, Float64, Float64, Float64]:
+    """Join the points of K objects.
 
-    Offsets, bearings, ranges and kinds; the ends of a part inside an object are corners of it. A run of a single point
-    has one vertex. `past` (P,) is what a part's bearings grow by past the seam [rad].
+    Parameters
+    ----------
+    first, size : (P,) first point of each part and number of points
+    parts : (K + 1,) object k has the parts `parts[k]:parts[k + 1]`
+    x, y, cell : (N,) of all points [m]
+    ranges : r of all cells [m]
+
+    Returns
+    -------
+    offsets : (K + 1,)
+    x, y : (T,) the points of the objects
+    nearest, part : (K,) the nearest point of each object, and its part
+    r_min, middle_x, middle_y, width : (K,) its range, the mean of the points, the distance of the first from the last
     """
-    faces, points = segmentation.faces, runs.points
+    index, _, part_offsets = spans(first, size)
+    offsets = part_offsets[parts]
+    x, y, r = x[index], y[index], ranges[cell[index]]
+    r_min = span_min(r, offsets)
+    count = np.diff(offsets)
+    nearest = span_first(r == np.repeat(r_min, count), offsets)
+    part = np.searchsorted(part_offsets, nearest, side="right") - 1
+    begin, end = offsets[:-1], offsets[1:] - 1
+    dx, dy = x[end] - x[begin], y[end] - y[begin]
+    width = np.sqrt(dx * dx + dy * dy)
+    return (
+        offsets,
+        x,
+        y,
+        index[nearest],
+        part,
+        r_min,
+        span_sum(x, offsets) / count,
+        span_sum(y, offsets) / count,
+        width,
+    )
+
+
+@compiled
+def outlines(
+    runs: Runs, faces: Faces, corners: Corners | None, extremum: Bool, parts: Parts
+) -> tuple[Int64, Float64, Float64, UInt8, Float64, Int64, Float64, Float64]:
+    """Vertices of the objects (Def. 6): of each part the first point, the points between its faces, the last point.
+
+    A run of a single point has one vertex. The ends of a part inside an object are corners of it.
+
+    Returns
+    -------
+    offsets : (P + 1,) the vertices of each part
+    theta, r, kind : (V,) bearing of the point [rad], range [m] of the vertex, code
+    length : (F,) distance between consecutive vertices of a part [m]
+    moved : (D,) vertices that are where their faces meet, not at their point
+    across, along : (D,) sine and cosine of the angle from the point to the vertex, but for a factor
+    """
+    chosen, points = parts.run, runs.points
     face, _, face_offsets = spans(faces.offsets[chosen], np.diff(faces.offsets)[chosen])
     sizes = np.diff(face_offsets) + 1
     offsets = offsets_of(sizes)
+    begin, end = offsets[:-1], offsets[1:] - 1
     at = np.empty(offsets[-1], np.int64)
-    at[offsets[:-1]] = runs.first[chosen]
+    at[begin] = runs.first[chosen]
     follows = np.ones(len(at), bool)
-    follows[offsets[:-1]] = False
+    follows[begin] = False
     at[follows] = faces.last[face]
     owner = np.repeat(np.arange(len(chosen)), sizes)
-    theta, r = points.theta(at, runs.row[chosen][owner]), points.range(at)
-    if segmentation.corners is not None:
-        _move(segmentation.corners, chosen, theta, r, offsets)
-    kind = np.where(segmentation.extremum[at], EXTREMUM, CORNER).astype(np.uint8)
-    kind[offsets[1:] - 1] = CORNER
-    kind[offsets[:-1]] = CORNER
-    return offsets, theta + past[owner], r, kind
-
-
-def _move(corners: Corners, chosen: Int64, theta: Float64, r: Float64, offsets: Int64) -> None:
-    """Put the vertices of the chosen runs where their corners are: bearings count from that of their points."""
-    has = np.diff(corners.offsets)[chosen] > 0
-    source, _, _ = spans(corners.offsets[chosen[has]], np.diff(corners.offsets)[chosen[has]])
-    target, _, _ = spans(offsets[:-1][has], np.diff(offsets)[has])
-    source, target = source[corners.moved[source]], target[corners.moved[source]]
-    x, y = corners.x[source], corners.y[source]
-    cos, sin = np.cos(theta[target]), np.sin(theta[target])
-    theta[target] += np.arctan2(y * cos - x * sin, x * cos + y * sin)
-    r[target] = np.hypot(x, y)
-
-
-def _between(vertex_theta: Float64, vertex_r: Float64, offsets: Int64) -> tuple[Float64, Float64, Float64]:
-    """The faces between consecutive vertices of each part: bearings of their ends [rad], distance of these [m]."""
-    starts, ends = np.ones(len(vertex_theta), bool), np.ones(len(vertex_theta), bool)
-    starts[offsets[1:] - 1] = False
-    ends[offsets[:-1]] = False
-    theta_i, theta_f, r_i, r_f = vertex_theta[starts], vertex_theta[ends], vertex_r[starts], vertex_r[ends]
-    length = np.sqrt(np.maximum(r_i * r_i + r_f * r_f - 2.0 * r_i * r_f * np.cos(theta_f - theta_i), 0.0))
-    return theta_i, theta_f, length
+    theta = points.theta(at, runs.row[chosen][owner]) + parts.past[owner]
+    x, y, r = points.x[at], points.y[at], points.range(at)
+    moved, across, along = at[:0], x[:0], x[:0]
+    if corners is not None:
+        has = np.diff(corners.offsets)[chosen] > 0
+        source, _, _ = spans(corners.offsets[chosen[has]], np.diff(corners.offsets)[chosen[has]])
+        target, _, _ = spans(begin[has], sizes[has])
+        source, moved = source[corners.moved[source]], target[corners.moved[source]]
+        to_x, to_y = corners.x[source], corners.y[source]
+        across, along = to_y * x[moved] - to_x * y[moved], to_x * x[moved] + to_y * y[moved]
+        x[moved], y[moved], r[moved] = to_x, to_y, np.sqrt(to_x * to_x + to_y * to_y)
+    after = np.flatnonzero(follows)
+    dx, dy = x[after] - x[after - 1], y[after] - y[after - 1]
+    kind = np.where(extremum[at], EXTREMUM, CORNER).astype(np.uint8)
+    kind[end] = CORNER
+    kind[begin] = CORNER
+    kind[offsets[parts.offsets[1:]] - 1] = END
+    kind[offsets[parts.offsets[:-1]]] = START
+    return offsets, theta, r, kind, np.sqrt(dx * dx + dy * dy), moved, across, along

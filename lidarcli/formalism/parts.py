@@ -8,6 +8,7 @@ import numpy as np
 
 from lidarcli.formalism.ragged import offsets_of, span_first, span_max
 from lidarcli.formalism.runs import Runs
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 
@@ -21,6 +22,8 @@ class Parts:
     """(P,) bearing of the first point [rad], growing past the seam within an object."""
     theta_f: Float64
     """(P,) bearing of the last point [rad]."""
+    past: Float64
+    """(P,) how much of these is for being past the seam: a full turn or 0 [rad]."""
     offsets: Int64
     """(K + 1,) object k has the parts `offsets[k]:offsets[k + 1]`."""
 
@@ -37,23 +40,46 @@ def assemble(runs: Runs, is_object: Bool, is_wall: Bool, label: Int64 | None) ->
     run = np.flatnonzero(is_object | is_wall)
     row = runs.row[run]
     theta_i, theta_f = runs.points.theta(runs.first[run], row), runs.points.theta(runs.last[run], row)
-    if label is None and not is_wall.any():
-        return Parts(run, theta_i, theta_f, np.arange(len(run) + 1))
     tag = run if label is None else np.where(is_object[run], label[run], run)
-    order = np.lexsort((theta_i, tag, is_wall[run], row))
-    run, row, tag, theta_i, theta_f = run[order], row[order], tag[order], theta_i[order], theta_f[order]
-    begins = np.ones(len(run), bool)
-    begins[1:] = tag[1:] != tag[:-1]
-    offsets = np.append(np.flatnonzero(begins), len(run))
-    size = np.diff(offsets)
+    turns = runs.points.geometry.period[row] > 0
+    order, past, offsets = ordered(row, is_wall[run], tag, turns, theta_i, theta_f)
+    return Parts(run[order], theta_i[order] + past, theta_f[order] + past, past, offsets)
+
+
+@compiled
+def ordered(
+    row: Int64, is_wall: Bool, tag: Int64, turns: Bool, theta_i: Float64, theta_f: Float64
+) -> tuple[Int64, Float64, Int64]:
+    """Bring P runs into the order of `Parts`.
+
+    Parameters
+    ----------
+    row, is_wall : (P,)
+    tag : (P,) runs of the same tag are one object
+    turns : (P,) whether their sweeps are full turns
+    theta_i, theta_f : (P,) bearings of their ends [rad]
+
+    Returns
+    -------
+    order : (P,)
+    past : (P,) in that order, what the bearings of a run grow by for being past the seam within its object [rad]
+    offsets : (K + 1,) the objects
+    """
+    if not len(row):
+        return row[:0], theta_i[:0], np.zeros(1, np.int64)
+    order: Int64 = np.lexsort((theta_i, tag, is_wall, row))
+    differs = (np.diff(tag[order]) != 0) | np.diff(is_wall[order])
+    ends = np.append(np.flatnonzero(differs), len(order) - 1)
+    size = np.diff(ends, prepend=-1)
     owner = np.repeat(np.arange(len(size)), size)
-    beyond = _past_the_seam(runs.points.geometry.period[row] > 0, theta_i, theta_f, owner, offsets)
-    theta_i, theta_f = theta_i + TURN * beyond, theta_f + TURN * beyond
+    offsets = offsets_of(size)
+    past: Float64 = TURN * _past_the_seam(turns[order], theta_i[order], theta_f[order], owner, offsets)
+    theta_i = theta_i[order] + past
     least = np.full(len(size), np.inf)
     np.minimum.at(least, owner, theta_i)
-    order = np.lexsort((theta_i, owner, least[owner], is_wall[run], row))
-    sizes = size[owner[order][np.flatnonzero(np.diff(owner[order], prepend=-1))]]
-    return Parts(run[order], theta_i[order], theta_f[order], offsets_of(sizes))
+    again = np.lexsort((theta_i, owner, least[owner], is_wall[order], row[order]))
+    sizes = size[owner[again][np.flatnonzero(np.diff(owner[again], prepend=-1))]]
+    return order[again], past[again], offsets_of(sizes)
 
 
 def _past_the_seam(turns: Bool, theta_i: Float64, theta_f: Float64, owner: Int64, offsets: Int64) -> Bool:

@@ -7,7 +7,7 @@ import numpy as np
 from lidarcli.formalism.circle import Circles, fit_circles
 from lidarcli.formalism.detection import IRREGULAR, PRISMATIC, ROUND, UNKNOWN
 from lidarcli.formalism.faces import Faces
-from lidarcli.formalism.ragged import span_sum, spans
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 ENOUGH_BEAMS = 5
@@ -34,8 +34,9 @@ def classify(
     face: Int64,
     face_offsets: Int64,
     width: Float64,
+    away: Float64,
     sigma: Float64,
-) -> tuple[UInt8, Int64, Circles]:
+) -> tuple[UInt8, Circles]:
     """Shape of K objects: the simpler of straight faces and a circle that explains the points.
 
     Both are compared by their Bayesian information: n log rms² + p log n, with p parameters.
@@ -45,64 +46,69 @@ def classify(
     x, y, offsets : the points of the objects, joined [m]
     faces, face, face_offsets : all faces; object k has the faces `face[face_offsets[k]:face_offsets[k + 1]]`
     width : (K,) chord P_i–P_f [m]
+    away : (K,) distance of the mean of the points from the sensor [m]
     sigma : (K,) noise of the ranges [m]
 
     Returns
     -------
     codes : (K,) PRISMATIC, ROUND, IRREGULAR or UNKNOWN
-    round_ones : (C,) objects that are round
-    circles : their circles
+    circles : circles of the objects, of which those of round ones tell something
     """
-    beams = np.diff(offsets)
-    count = np.diff(face_offsets)
-    rms = _straight_rms(faces, face, face_offsets)
+    beams, count = np.diff(offsets), np.diff(face_offsets)
+    rms, square = straightness(
+        faces.points, faces.rms, faces.direction_x, faces.direction_y, face, face_offsets, np.cos(SQUARE)
+    )
     codes = np.full(len(beams), IRREGULAR, np.uint8)
-    straight = rms <= np.maximum(2.0 * sigma, STRAIGHT_FIT)
-    codes[straight & (count <= MOST_FACES) & _square(faces, face, face_offsets)] = PRISMATIC
+    most = np.maximum(2.0 * sigma, STRAIGHT_FIT)
+    codes[(rms <= most) & (count <= MOST_FACES) & square] = PRISMATIC
     codes[beams < ENOUGH_BEAMS] = UNKNOWN
-    able = np.flatnonzero((beams >= ENOUGH_BEAMS) & ((count > 1) | (rms > FIT_FLOOR)))
-    index, _, able_offsets = spans(offsets[able], beams[able])
-    size, floor = beams[able], np.square(np.maximum(0.5 * sigma[able], FIT_FLOOR))
-    penalty = np.log(size)
-    # A circle that fits so much worse than the faces cannot win, not even after its refinement.
-    rival = np.sqrt(np.maximum(np.square(rms[able]), floor)) * np.exp(
-        (1.5 * count[able] - 2.0) * penalty / size
-    )
-    circles = fit_circles(x[index], y[index], able_offsets, WORSE * rival)
-    of_circle = size * np.log(np.maximum(np.square(circles.rms), floor)) + 3.0 * penalty
-    of_faces = size * np.log(np.maximum(np.square(rms[able]), floor)) + (3.0 * count[able] - 1.0) * penalty
-    near_side = np.hypot(circles.x, circles.y) > np.hypot(
-        span_sum(x[index], able_offsets) / size, span_sum(y[index], able_offsets) / size
-    )
+    able = (beams >= ENOUGH_BEAMS) & ((count > 1) | (rms > FIT_FLOOR))
+    # A circle has three parameters, c faces have 3c - 1: so well must it fit to be the simpler explanation.
+    floor = np.maximum(0.5 * sigma, FIT_FLOOR)
+    rival = np.maximum(rms, floor) * np.exp((1.5 * count - 2.0) * np.log(beams) / beams)
+    # One that fits so much worse cannot win, not even after its refinement.
+    circles = fit_circles(x, y, offsets, np.where(able, WORSE * rival, -1.0))
     arc = (
-        (of_circle < of_faces)
-        & near_side
-        & (circles.rms <= np.maximum(2.0 * sigma[able], STRAIGHT_FIT))
-        & (width[able] > ARC * circles.radius)
+        (np.maximum(circles.rms, floor) < rival)
+        & (circles.x * circles.x + circles.y * circles.y > away * away)
+        & (circles.rms <= most)
+        & (width > ARC * circles.radius)
     )
-    codes[able[arc]] = ROUND
-    chosen = Circles(circles.x[arc], circles.y[arc], circles.radius[arc], circles.rms[arc])
-    return codes, able[arc], chosen
+    codes[arc] = ROUND
+    return codes, circles
 
 
-def _straight_rms(faces: Faces, face: Int64, face_offsets: Int64) -> Float64:
-    """(K,) root mean square distance of the points of each object from its faces [m]; 0 without faces."""
-    rms = np.zeros(len(face_offsets) - 1)
-    filled = np.flatnonzero(np.diff(face_offsets) > 0)
-    offsets = np.append(face_offsets[filled], len(face))
-    points = faces.points[face].astype(np.float64)
-    total = span_sum(points * np.square(faces.rms[face]), offsets)
-    rms[filled] = np.sqrt(total / np.maximum(span_sum(points, offsets), 1.0))
-    return rms
+@compiled
+def straightness(
+    points: Int64,
+    rms: Float64,
+    direction_x: Float64,
+    direction_y: Float64,
+    face: Int64,
+    offsets: Int64,
+    least: float,
+) -> tuple[Float64, Bool]:
+    """How well the faces of each of K objects explain its points, and whether they meet as those of a box do.
 
+    Parameters
+    ----------
+    points, rms, direction_x, direction_y : (F,) of all faces
+    face, offsets : object k has the faces `face[offsets[k]:offsets[k + 1]]`
+    least : sine of the least angle by which the outline of a box turns right at a corner
 
-def _square(faces: Faces, face: Int64, face_offsets: Int64) -> Bool:
-    """(K,) whether the faces of each object meet at right angles that point at the sensor."""
-    square = np.ones(len(face_offsets) - 1, bool)
-    owner = np.repeat(np.arange(len(square)), np.diff(face_offsets))
-    angle = faces.angle[face]
-    turn = angle[1:] - angle[:-1]
+    Returns
+    -------
+    rms : (K,) root mean square distance of the points from the faces [m]; 0 without faces
+    square : (K,) whether all faces meet at right angles that point at the sensor
+    """
+    objects = len(offsets) - 1
+    owner = np.repeat(np.arange(objects), np.diff(offsets))
+    weight = points[face].astype(np.float64)
+    total = np.bincount(owner, weight * np.square(rms[face]), minlength=objects)
+    scatter: Float64 = np.sqrt(total / np.maximum(np.bincount(owner, weight, minlength=objects), 1.0))
     # Walking counter-clockwise around the sensor, the outline turns right at a corner that points at it.
-    skew = np.abs((turn + 0.5 * np.pi + np.pi) % (2.0 * np.pi) - np.pi) > SQUARE
-    square[owner[1:][skew & (owner[1:] == owner[:-1])]] = False
-    return square
+    x, y = direction_x[face], direction_y[face]
+    right = y[:-1] * x[1:] - x[:-1] * y[1:]
+    square = np.ones(objects, bool)
+    square[owner[1:][(right < least) & (owner[1:] == owner[:-1])]] = False
+    return scatter, square
