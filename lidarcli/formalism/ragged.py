@@ -8,6 +8,7 @@ from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64
 
 
+@compiled
 def spans(begin: Int64, size: Int64) -> tuple[Int64, Int64, Int64]:
     """Flat indices of the spans `begin[j] … begin[j] + size[j] - 1`, joined.
 
@@ -34,18 +35,21 @@ def span_sum(values: Float64, offsets: Int64) -> Float64:
     return total
 
 
+@compiled
 def span_max(values: Float64, offsets: Int64) -> Float64:
     """(J,) greatest values over the spans of a joined array, all of which hold at least one value."""
     greatest: Float64 = np.maximum.reduceat(values, offsets[:-1]) if len(offsets) > 1 else values[:0]
     return greatest
 
 
+@compiled
 def span_min(values: Float64, offsets: Int64) -> Float64:
     """(J,) least values over the spans of a joined array, all of which hold at least one value."""
     least: Float64 = np.minimum.reduceat(values, offsets[:-1]) if len(offsets) > 1 else values[:0]
     return least
 
 
+@compiled
 def span_max_positive(values: Float64, offsets: Int64) -> Float64:
     """`span_max` of values that are not negative: their bits are ordered as they are, and integers compare faster."""
     if len(offsets) < 2:
@@ -54,6 +58,7 @@ def span_max_positive(values: Float64, offsets: Int64) -> Float64:
     return greatest
 
 
+@compiled
 def span_bounds(values: Float64, offsets: Int64) -> tuple[Float64, Float64]:
     """(J,) least and greatest values over the spans of a joined array, all of which hold at least one value."""
     if len(offsets) < 2:
@@ -71,12 +76,14 @@ def _ordered(bits: Int64) -> Int64:
     return sign
 
 
+@compiled
 def span_first(mask: Bool, offsets: Int64) -> Int64:
     """(J,) joined index of the first True of each span, all of which hold one."""
     hit = np.flatnonzero(mask)
     return hit[np.searchsorted(hit, offsets[:-1])]
 
 
+@compiled
 def offsets_of(sizes: Int64) -> Int64:
     """(J + 1,) offsets of spans of the given sizes."""
     offsets = np.zeros(len(sizes) + 1, np.int64)

@@ -57,13 +57,16 @@ def following(
     const long long[::1] before,
     const long long[::1] missing,
 ):
-    cdef Py_ssize_t j, k, last, at = 0, count = 0, stretches = begin.shape[0]
+    cdef Py_ssize_t j, k, e, count = 0, stretches = begin.shape[0]
     cdef double bound
+    cdef long long[::1] found = np.empty(cells.shape[0] + 1, np.int64)
     with nogil:
         for j in range(stretches):
             bound = least[row[j]]
+            found[count] = begin[j]
             count += 1
             for k in range(begin[j] + 1, end[j] + 1):
+                found[count] = k
                 count += size[k] > bound
     cell_, row_, stretch_, before_, missing_ = (np.empty(count, np.int64) for _ in range(5))
     s_ = np.empty(count)
@@ -71,23 +74,19 @@ def following(
     cdef long long[::1] to_before = before_, to_missing = missing_
     cdef double[::1] s = s_
     with nogil:
-        for j in range(stretches):
-            bound = least[row[j]]
-            to_cell[at] = begin[j]
-            to_row[at] = row[j]
-            to_stretch[at] = j
-            to_before[at] = before[j]
-            to_missing[at] = missing[j]
-            s[at] = NAN if missing[j] == NEVER else cells[begin[j]] - cells[before[j]]
-            at += 1
-            last = end[j]
-            for k in range(begin[j] + 1, last + 1):
-                if size[k] > bound:
-                    to_cell[at] = k
-                    to_row[at] = row[j]
-                    to_stretch[at] = j
-                    to_before[at] = k - 1
-                    to_missing[at] = 0
-                    s[at] = cells[k] - cells[k - 1]
-                    at += 1
+        j = -1
+        for e in range(count):
+            k = found[e]
+            to_cell[e] = k
+            if j + 1 < stretches and k == begin[j + 1]:
+                j += 1
+                to_before[e] = before[j]
+                to_missing[e] = missing[j]
+                s[e] = NAN if missing[j] == NEVER else cells[k] - cells[before[j]]
+            else:
+                to_before[e] = k - 1
+                to_missing[e] = 0
+                s[e] = cells[k] - cells[k - 1]
+            to_row[e] = row[j]
+            to_stretch[e] = j
     return cell_, row_, stretch_, before_, missing_, s_

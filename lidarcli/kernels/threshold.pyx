@@ -1,16 +1,14 @@
 """Definition 3: the mean difference and the noise of sweeps."""
 
-from libc.math cimport NAN, fabs, fabsf
-from libc.stdlib cimport free, malloc
+from libc.math cimport NAN, fabs, fabsf, sqrtf
 
 import numpy as np
-
-from lidarcli.kernels.sums cimport pairwise
 
 cdef enum:
     BLOCK = 32
     OPEN = 0
     SHARED = 2
+    FEW = 24
 
 
 def mean_size(
@@ -32,7 +30,7 @@ def mean_size(
         for i in range(rows):
             total = 0.0
             for k in range(stride // BLOCK):
-                total += pairwise(&size[i * stride + k * BLOCK], BLOCK)
+                total += block_sum(&size[i * stride + k * BLOCK])
             first = stretches[i]
             count = (start[i + 1] - start[i]) - (stretches[i + 1] - first)
             # A stretch with nothing missing before it is the first of a turn: others would be one with the last.
@@ -43,13 +41,24 @@ def mean_size(
     return result
 
 
+cdef inline double block_sum(const double* a) noexcept nogil:
+    """Sum of a block, in numpy's order."""
+    cdef double part[8]
+    cdef int i, j
+    for j in range(8):
+        part[j] = a[j]
+    for i in range(8, BLOCK, 8):
+        for j in range(8):
+            part[j] += a[i + j]
+    return ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]))
+
+
 def middle_second_difference(ranges, cosine, beams, closure):
     cdef const float[:, ::1] table = np.ascontiguousarray(ranges)
     cdef const float[::1] cosines = cosine
     cdef const int[::1] counts = np.ascontiguousarray(beams)
     cdef const unsigned char[::1] closes = np.ascontiguousarray(closure)
     cdef Py_ssize_t i, k, last, rows = table.shape[0], width = table.shape[1]
-    cdef Py_ssize_t numbers
     cdef const float* r
     cdef float c
     cdef float guess = 0.0
@@ -57,9 +66,8 @@ def middle_second_difference(ranges, cosine, beams, closure):
     if not rows or width < 3:
         return result
     cdef float[::1] median = result
-    cdef float* u = <float*> malloc(3 * width * sizeof(float))
-    if u == NULL:
-        raise MemoryError
+    cdef float[::1] scratch = np.empty(3 * width, np.float32)
+    cdef float* u = &scratch[0]
     cdef float* second = u + width
     cdef float* some = second + width
     with nogil:
@@ -81,7 +89,6 @@ def middle_second_difference(ranges, cosine, beams, closure):
                 second[k] = fabsf(second[k] * (r[k] * r[k]))
             median[i] = lower_median(second, some, width, guess)
             guess = median[i]
-    free(u)
     return result
 
 
@@ -90,7 +97,7 @@ cdef float lower_median(const float* values, float* some, Py_ssize_t count, floa
 
     A good guess saves most of the work: sweeps of one sensor are alike.
     """
-    cdef float low = guess * <float> 0.75, high = guess * <float> 1.35, value
+    cdef float low = guess * <float> 0.8, high = guess * <float> 1.25, middle, margin
     cdef int numbers = 0, below = 0, within = 0, position
     cdef Py_ssize_t k, n = 0
     for k in range(count):
@@ -100,23 +107,57 @@ cdef float lower_median(const float* values, float* some, Py_ssize_t count, floa
     if numbers == 0:
         return 0.0
     position = (numbers - 1) // 2
-    if below <= position < within:
-        position -= below
-        for k in range(count):
-            some[n] = values[k]
-            n += (values[k] >= low) & (values[k] <= high)
-    else:
+    if not below <= position < within:
         for k in range(count):
             some[n] = values[k]
             n += values[k] == values[k]
+        return smallest(some, n, position)
+    n = kept(values, some, count, low, high)
+    position -= below
+    if n > FEW:
+        # Where in there it is likely to be: as far as its position, give or take two standard deviations.
+        middle = low + (high - low) * (position + <float> 0.5) / n
+        margin = (high - low) / sqrtf(n)
+        low, high = middle - margin, middle + margin
+        below = within = 0
+        for k in range(n):
+            below += some[k] < low
+            within += some[k] <= high
+        if below <= position < within:
+            n = kept(some, some, n, low, high)
+            position -= below
     return smallest(some, n, position)
+
+
+cdef inline Py_ssize_t kept(
+    const float* values, float* some, Py_ssize_t count, float low, float high
+) noexcept nogil:
+    """Copy the values within limits, and count them."""
+    cdef Py_ssize_t k, n = 0
+    cdef float value
+    for k in range(count):
+        value = values[k]
+        some[n] = value
+        n += (value >= low) & (value <= high)
+    return n
 
 
 cdef float smallest(float* values, Py_ssize_t count, Py_ssize_t position) noexcept nogil:
     """The value that has this position among numbers in order; leaves them in another order."""
     cdef Py_ssize_t low = 0, high = count - 1, i, j
     cdef float pivot, a, b, c
+    cdef int below, within
     while low < high:
+        if high - low < FEW:
+            # The value that has as many below it: without a branch per value this is faster than putting them in order.
+            for i in range(low, high + 1):
+                pivot = values[i]
+                below = within = low
+                for j in range(low, high + 1):
+                    below += values[j] < pivot
+                    within += values[j] <= pivot
+                if below <= position < within:
+                    return pivot
         a, b, c = values[low], values[(low + high) // 2], values[high]
         pivot = max(min(a, b), min(max(a, b), c))
         i, j = low, high
