@@ -58,7 +58,8 @@ def _least_distance(cloud: Cloud, first_a: Int64, size_a: Int64, first_b: Int64,
     )
     nearest = span_min(squared, offsets)
     _, _, pair_offsets = spans(first_a, size_a)
-    return np.sqrt(span_min(nearest, pair_offsets))
+    distance: Float64 = np.sqrt(span_min(nearest, pair_offsets))
+    return distance
 
 
 def joined(count: int, a: Int64, b: Int64) -> Int64:
