@@ -73,7 +73,7 @@ def ordered(
     size = np.diff(ends, prepend=-1)
     owner = np.repeat(np.arange(len(size)), size)
     offsets = offsets_of(size)
-    past: Float64 = np.float64(TURN) * _past_the_seam(turns[order], theta_i[order], theta_f[order], owner, offsets)
+    past = np.where(_past_the_seam(turns[order], theta_i[order], theta_f[order], owner, offsets), TURN, 0.0)
     theta_i = theta_i[order] + past
     least = np.full(len(size), np.inf)
     np.minimum.at(least, owner, theta_i)
