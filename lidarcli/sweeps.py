@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError
+from lidarcli.kernels import compiled
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -286,23 +287,12 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     high = np.where(np.isfinite(range_max) & (range_max > low), np.minimum(range_max, FARTHEST), FARTHEST)
     high = high.astype(np.float32)
 
-    clean = np.array(raw.ranges, np.float32, order="C")
-    padding = None
-    if (raw.beams < width).any():
-        padding = np.arange(width, dtype=np.int32) >= raw.beams[:, None]
-    lost = ~_has_range(clean, low[:, None], high[:, None], rules)
-    if padding is not None:
-        lost &= ~padding
-    # Few beams are lost, or none: only these are looked at again.
-    at = np.flatnonzero(lost)
-    status = np.zeros((rows, width), np.uint8)
-    if len(at):
-        row, flat = at // width, clean.reshape(-1)
-        status.reshape(-1)[at] = _status_without_range(flat[at], low[row], high[row], rules)
-        flat[at] = np.nan
-    if padding is not None:
-        status[padding] = Status.PADDING
-        clean[padding] = np.nan
+    clean, status = judge(raw.ranges, raw.beams, low, high, rules.no_return)
+    for marker in rules.markers:
+        with np.errstate(invalid="ignore"):
+            marked = np.isclose(raw.ranges, marker, rtol=0, atol=1e-4) & (status != Status.PADDING.value)
+        clean[marked] = np.nan
+        status[marked] = Status.NO_RETURN
     return SweepBatch(
         topic=raw.topic,
         frame_ids=raw.frame_ids,
@@ -321,17 +311,49 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     )
 
 
-def _has_range(ranges: Float32, low: Float32, high: Float32, rules: RangeRules) -> Bool:
+@compiled
+def judge(
+    ranges: Float32, beams: Int32, low: Float32, high: Float32, words: frozenset[str]
+) -> tuple[Float32, UInt8]:
+    """(S, B) ranges, NaN where there is none, and the status of each beam.
+
+    Parameters
+    ----------
+    ranges : (S, B) raw values [m]
+    beams : (S,) number of values of each row, the others are padding
+    low, high : (S,) limits [m]
+    words : what is no return
+    """
+    rows, width = ranges.shape
+    clean = np.array(ranges, np.float32, order="C")
+    padding = None
+    if (beams < width).any():
+        padding = np.arange(width, dtype=np.int32) >= beams[:, None]
+    lost = ~_has_range(clean, low[:, None], high[:, None], words)
+    if padding is not None:
+        lost &= ~padding
+    # Few beams are lost, or none: only these are looked at again.
+    at = np.flatnonzero(lost)
+    status = np.zeros((rows, width), np.uint8)
+    if len(at):
+        row, flat = at // width, clean.reshape(-1)
+        status.reshape(-1)[at] = _status_without_range(flat[at], low[row], high[row], words)
+        flat[at] = np.nan
+    if padding is not None:
+        status[padding] = Status.PADDING
+        clean[padding] = np.nan
+    return clean, status
+
+
+def _has_range(ranges: Float32, low: Float32, high: Float32, words: frozenset[str]) -> Bool:
     """Which of (S, B) raw values are a range within the limits (S, 1)."""
     with np.errstate(invalid="ignore"):
-        valid = ranges < high if "max" in rules.no_return else (ranges <= high) & (ranges < np.inf)
+        valid = ranges < high if "max" in words else ranges <= high
         valid &= ranges >= low
-        for marker in rules.markers:
-            valid &= ~np.isclose(ranges, marker, rtol=0, atol=1e-4)
     return valid
 
 
-def _status_without_range(value: Float32, low: Float32, high: Float32, rules: RangeRules) -> UInt8:
+def _status_without_range(value: Float32, low: Float32, high: Float32, words: frozenset[str]) -> UInt8:
     """Status of the (K,) raw values that are no valid range."""
     with np.errstate(invalid="ignore"):
         nan = np.isnan(value)
@@ -353,8 +375,6 @@ def _status_without_range(value: Float32, low: Float32, high: Float32, rules: Ra
         ("above", above),
     )
     for word, mask in kinds:
-        if word in rules.no_return:
+        if word in words:
             status[mask] = Status.NO_RETURN
-    for marker in rules.markers:
-        status[np.isclose(value, marker, rtol=0, atol=1e-4)] = Status.NO_RETURN
     return status

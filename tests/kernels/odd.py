@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, normalise
+from lidarcli.sweeps import NO_RETURN_WORDS, RangeRules, RawSweeps, SweepBatch, normalise
 
 
 def odd_batches(seed: int = 0) -> Iterator[SweepBatch]:
@@ -31,7 +31,7 @@ def _batch(random: np.random.Generator, width: int, lost: float, alike: bool) ->
     ranges = (levels + random.normal(0.0, 0.01, (rows, width))).astype(np.float32)
     bad = random.random((rows, width)) < lost
     ranges[bad] = random.choice(
-        np.array([np.nan, np.inf, -np.inf, 0, -1, 0.01, 10, 99], np.float32), bad.sum()
+        np.array([np.nan, np.inf, -np.inf, 0, -1, 0.01, 9, 10, 99, 2e6], np.float32), bad.sum()
     )
     zeros = np.zeros(rows, np.int64)
     raw = RawSweeps(
@@ -42,9 +42,10 @@ def _batch(random: np.random.Generator, width: int, lost: float, alike: bool) ->
         record_ns=zeros,
         angle_min=np.full(rows, -1.0) if alike else random.uniform(-3.0, 3.0, rows),
         angle_increment=increment,
-        range_min=np.full(rows, 0.1, np.float32),
-        range_max=np.full(rows, 10.0, np.float32),
+        range_min=random.choice(np.array([0.1, 0.1, 1.15, np.nan, 2e6], np.float32), rows),
+        range_max=random.choice(np.array([10.0, 10.0, 9.0, np.inf, 3e6], np.float32), rows),
         beams=beams.astype(np.int32),
         ranges=ranges,
     )
-    return normalise(raw, np.arange(rows), RangeRules())
+    words = random.choice(NO_RETURN_WORDS, random.integers(0, len(NO_RETURN_WORDS)), replace=False)
+    return normalise(raw, np.arange(rows), RangeRules(frozenset(words.tolist())))
