@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.faces import Faces, Outline, faces_between
-from lidarcli.formalism.ragged import offsets_of, spans
+from lidarcli.formalism.faces import Columns, Faces, Outline, lines_between, outline, split_straight
+from lidarcli.formalism.points import Cloud
+from lidarcli.formalism.ragged import offsets_of
+from lidarcli.formalism.runs import Runs
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64
 
 PASSES = 4
@@ -16,29 +19,35 @@ BLUNT = np.deg2rad(20.0)
 """Lines closer to parallel than this meet too far away to say where the corner is."""
 
 
-def settle(shape: Outline, inner: Bool, tolerance: Float64) -> tuple[Bool, Faces]:
-    """Keep only the vertices that stand out between their neighbours, one for each corner.
+def settled_faces(runs: Runs, chosen: Bool, tolerance: Float64) -> Faces:
+    """Straight faces of the chosen runs whose vertices stand out between their neighbours, one for each corner.
 
     Splitting at the farthest point leaves vertices that are flat once their neighbours are known, and two of them
     where a corner lies between two beams.
 
     Parameters
     ----------
-    shape : outline of R runs, L points
-    inner : (L,) inner vertices, as `faces.split_straight` marks them
+    runs : R runs
+    chosen : (R,) which runs have faces
     tolerance : (R,) metres
-
-    Returns
-    -------
-    (L,) inner vertices, and the faces between them
     """
-    inner = _standing(shape, inner, tolerance)
-    faces = faces_between(shape, inner)
-    double = _doubled(shape, inner, faces)
-    if len(double):
-        inner[double] = False
-        faces = _refitted(shape, inner, faces, np.searchsorted(shape.start, double, side="right") - 1)
-    return inner, faces
+    cloud = runs.points
+    return Faces(*settled(runs.first, runs.size, chosen, cloud.x, cloud.y, tolerance, np.sin(BLUNT)))
+
+
+@compiled
+def settled(
+    first: Int64, size: Int64, chosen: Bool, x: Float64, y: Float64, tolerance: Float64, blunt: float
+) -> Columns:
+    """Columns of the `settled_faces` of R runs of points at x, y [m]; `blunt` is the sine of the least usable angle."""
+    shape = outline(first, size, np.where(chosen, size, 0), x, y)
+    inner = _standing(shape, split_straight(shape, tolerance), tolerance)
+    columns = lines_between(shape, inner)
+    double = _doubled(shape, inner, Faces(*columns), blunt)
+    if not len(double):
+        return columns
+    inner[double] = False
+    return lines_between(shape, inner)
 
 
 def _standing(shape: Outline, inner: Bool, tolerance: Float64) -> Bool:
@@ -56,25 +65,6 @@ def _standing(shape: Outline, inner: Bool, tolerance: Float64) -> Bool:
     standing = np.zeros(len(inner), bool)
     standing[at[is_inner]] = True
     return standing
-
-
-def _refitted(shape: Outline, inner: Bool, faces: Faces, runs: Int64) -> Faces:
-    """The faces again where `runs` have lost inner vertices; those of all other runs are as before."""
-    changed = np.flatnonzero(np.bincount(runs))
-    index, _, start = spans(shape.start[changed], np.diff(shape.start)[changed])
-    part = Outline(shape.cloud, shape.index[index], start, shape.x[index], shape.y[index])
-    fresh = faces_between(part, inner[index])
-    count, after = np.diff(faces.offsets), np.diff(fresh.offsets)
-    gone, _, _ = spans(faces.offsets[changed] + after, count[changed] - after)
-    kept = np.ones(len(faces), bool)
-    kept[gone] = False
-    count[changed] = after
-    offsets = offsets_of(count)
-    place, _, _ = spans(offsets[changed], after)
-    columns = {name: getattr(faces, name)[kept] for name in Faces.__slots__ if name != "offsets"}
-    for name in columns.keys() - {"run"}:
-        columns[name][place] = getattr(fresh, name)
-    return Faces(**columns, offsets=offsets)
 
 
 def _vertices(shape: Outline, inner: Bool) -> tuple[Int64, Int64, Bool]:
@@ -105,24 +95,23 @@ def _flat(x: Float64, y: Float64, inner: Bool, tolerance: Float64) -> Int64:
     return mid[(share[mid] <= 1.0) & lowest]
 
 
-def _doubled(shape: Outline, inner: Bool, faces: Faces) -> Int64:
-    """Of two vertices on neighbouring beams, the one further from where the faces beside them meet."""
-    if len(faces) < 3:
-        return np.flatnonzero(inner)[:0]
-    before, short, after = np.arange(len(faces) - 2), np.arange(1, len(faces) - 1), np.arange(2, len(faces))
-    within = (faces.run[before] == faces.run[short]) & (faces.run[short] == faces.run[after])
-    tiny = within & (faces.points[short] == 2) & (faces.points[before] > 2) & (faces.points[after] > 2)
-    short = short[tiny]
-    x, y, meet = _meeting(faces, short - 1, short + 1)
-    cloud = shape.cloud
-    start = np.square(cloud.x[faces.first[short]] - x) + np.square(cloud.y[faces.first[short]] - y)
-    end = np.square(cloud.x[faces.last[short]] - x) + np.square(cloud.y[faces.last[short]] - y)
+def _doubled(shape: Outline, inner: Bool, faces: Faces, blunt: float) -> Int64:
+    """Of two vertices on neighbouring points, the one further from where the faces beside them meet."""
+    alike = faces.run[1:] == faces.run[:-1]
+    many = faces.points > 2
+    short = 1 + np.flatnonzero(alike[:-1] & alike[1:] & (faces.points[1:-1] == 2) & many[:-2] & many[2:])
+    meet_x, meet_y, meet = _meeting(faces, short - 1, short + 1, blunt)
+    # Where the points of the short faces are in the outline, of which no point is left out.
+    begin = shape.start[faces.run[short]]
+    first, last = (begin + point[short] - shape.index[begin] for point in (faces.first, faces.last))
+    start = np.square(shape.x[first] - meet_x) + np.square(shape.y[first] - meet_y)
+    end = np.square(shape.x[last] - meet_x) + np.square(shape.y[last] - meet_y)
     near = meet & (np.minimum(start, end) < np.square(2.0 * faces.length[short]))
-    point = np.where(start > end, faces.first[short], faces.last[short])[near]
-    return np.flatnonzero(inner)[np.isin(shape.index[inner], point)]
+    double: Int64 = np.where(start > end, first, last)[near]
+    return double
 
 
-def _meeting(faces: Faces, one: Int64, other: Int64) -> tuple[Float64, Float64, Bool]:
+def _meeting(faces: Faces, one: Int64, other: Int64, blunt: float) -> tuple[Float64, Float64, Bool]:
     """Where the lines of two faces meet: x, y [m], and whether they do at a usable angle."""
     ax, ay, bx, by = (
         faces.direction_x[one],
@@ -131,7 +120,7 @@ def _meeting(faces: Faces, one: Int64, other: Int64) -> tuple[Float64, Float64, 
         faces.direction_y[other],
     )
     cross = ax * by - ay * bx
-    usable = np.abs(cross) > np.sin(BLUNT)
+    usable = np.abs(cross) > blunt
     dx, dy = faces.middle_x[other] - faces.middle_x[one], faces.middle_y[other] - faces.middle_y[one]
     along = (dx * by - dy * bx) / np.where(usable, cross, 1.0)
     return faces.middle_x[one] + along * ax, faces.middle_y[one] + along * ay, usable
@@ -158,25 +147,33 @@ def _on_line(faces: Faces, face: Int64, x: Float64, y: Float64) -> tuple[Float64
     return faces.middle_x[face] + along * along_x, faces.middle_y[face] + along * along_y
 
 
-def locate(shape: Outline, faces: Faces, tolerance: Float64) -> Corners:
+def locate(cloud: Cloud, faces: Faces, tolerance: Float64) -> Corners:
     """Find the corners of R runs with F faces, no further than `tolerance` (R,) and two beams from their points."""
+    return Corners(*located(cloud.x, cloud.y, faces, tolerance, np.sin(BLUNT)))
+
+
+@compiled
+def located(
+    cloud_x: Float64, cloud_y: Float64, faces: Faces, tolerance: Float64, blunt: float
+) -> tuple[Int64, Bool, Float64, Float64]:
+    """Columns of `Corners`; `blunt` is the sine of the least usable angle."""
     count = np.diff(faces.offsets)
     offsets = offsets_of(np.where(count > 0, count + 1, 0))
-    cloud = shape.cloud
     x, y = np.empty(offsets[-1]), np.empty(offsets[-1])
     begin = offsets[:-1][count > 0]
     first = faces.first[faces.offsets[:-1][count > 0]]
     follows = np.ones(len(x), bool)
     follows[begin] = False
-    x[begin], y[begin] = _on_line(faces, faces.offsets[:-1][count > 0], cloud.x[first], cloud.y[first])
-    x[follows], y[follows] = _on_line(faces, np.arange(len(faces)), cloud.x[faces.last], cloud.y[faces.last])
+    x[begin], y[begin] = _on_line(faces, faces.offsets[:-1][count > 0], cloud_x[first], cloud_y[first])
+    x[follows], y[follows] = _on_line(faces, np.arange(len(faces)), cloud_x[faces.last], cloud_y[faces.last])
     one = np.flatnonzero(faces.run[:-1] == faces.run[1:])
-    meet_x, meet_y, usable = _meeting(faces, one, one + 1)
+    meet_x, meet_y, usable = _meeting(faces, one, one + 1, blunt)
     usable &= (faces.points[one] > 2) & (faces.points[one + 1] > 2)
     at = np.flatnonzero(follows)[one]
     spacing = np.minimum(faces.length[one] / faces.points[one], faces.length[one + 1] / faces.points[one + 1])
-    usable &= np.hypot(meet_x - x[at], meet_y - y[at]) <= tolerance[faces.run[one]] + 2.0 * spacing
+    dx, dy = meet_x - x[at], meet_y - y[at]
+    usable &= np.sqrt(dx * dx + dy * dy) <= tolerance[faces.run[one]] + 2.0 * spacing
     moved = np.zeros(len(x), bool)
     moved[at[usable]] = True
     x[at[usable]], y[at[usable]] = meet_x[usable], meet_y[usable]
-    return Corners(offsets, moved, x, y)
+    return offsets, moved, x, y

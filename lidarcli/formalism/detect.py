@@ -6,12 +6,12 @@ import numpy as np
 
 from lidarcli.formalism import mask, vertices
 from lidarcli.formalism.carving import carve, cut_out, of_parts
-from lidarcli.formalism.corners import locate, settle
+from lidarcli.formalism.corners import locate, settled_faces
 from lidarcli.formalism.describe import Segmentation, describe
 from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.difference import gaps, steepness, steps
 from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
-from lidarcli.formalism.faces import faces_between, outline, split_straight
+from lidarcli.formalism.faces import faces_between, straight_faces
 from lidarcli.formalism.fragments import bodies, torn
 from lidarcli.formalism.grouping import LEG_WIDTH, close_pairs, joined
 from lidarcli.formalism.objects import (
@@ -113,8 +113,7 @@ def _sweep_threshold(d_mean: Float64, sigma: Float64, parameters: Parameters) ->
 def _literal(runs: Runs, d_th: Float64, parameters: Parameters, known: Bool | None) -> Segmentation:
     """Profile `paper`: Definitions 5 to 7 as printed; `known` (R,) tells the objects in place of their edges."""
     extremum, corner = vertices.literal(runs, d_th)
-    shape = outline(runs, runs.size)
-    faces = faces_between(shape, (extremum | corner)[shape.index])
+    faces = faces_between(runs, extremum | corner)
     small = extent(runs, faces) <= parameters.max_width
     enough = runs.size >= parameters.min_beams
     visible = fully_visible(runs) if known is None else known
@@ -142,14 +141,12 @@ def _grouped(runs: Runs, is_object: Bool, parameters: Parameters, label: Int64 |
 def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> Segmentation:
     """Profile `robust` where the runs (R,) that belong to objects are known: no walls to look for."""
     tolerance = STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]
-    shape = outline(runs, np.where(known, runs.size, 0))
-    reach = extent(runs, faces_between(shape, split_straight(shape, tolerance)))
+    reach = extent(runs, straight_faces(runs, np.where(known, runs.size, 0), tolerance))
     body = bodies(runs, reach, *torn(runs, known, reach))
     is_object = known & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
     group = _grouped(runs, is_object, parameters, body.label)
-    shape = outline(runs, np.where(is_object, runs.size, 0))
-    _, faces = settle(shape, split_straight(shape, tolerance), tolerance)
-    corners = locate(shape, faces, tolerance)
+    faces = settled_faces(runs, is_object, tolerance)
+    corners = locate(runs.points, faces, tolerance)
     extremum, is_wall = np.zeros(len(runs.points), bool), np.zeros(len(runs), bool)
     return Segmentation(faces, extremum, is_object, is_wall, group, body.label, corners)
 
@@ -161,8 +158,8 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, S
     narrow = ends <= parameters.max_width
     tolerance = STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]
     thinned = np.maximum(-(-runs.size // WALL_STRIDE), np.minimum(runs.size, WALL_POINTS))
-    shape = outline(runs, np.where(enough & narrow, runs.size, np.where(narrow, 0, thinned)))
-    faces = faces_between(shape, split_straight(shape, tolerance))
+    most = np.where(enough & narrow, runs.size, np.where(narrow, 0, thinned))
+    faces = straight_faces(runs, most, tolerance)
     carved = carve(runs, faces, enough, sigma)
     runs, origin, thing = cut_out(runs, carved)
     if thing.any():
@@ -186,9 +183,8 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, S
     is_object |= thing & enough
     is_wall = wall & parameters.walls
     group = _grouped(runs, is_object, parameters, body.label)
-    shape = outline(runs, np.where(is_object | is_wall, runs.size, 0))
-    _, faces = settle(shape, split_straight(shape, tolerance), tolerance)
-    corners = locate(shape, faces, tolerance)
+    faces = settled_faces(runs, is_object | is_wall, tolerance)
+    corners = locate(runs.points, faces, tolerance)
     extremum = np.zeros(len(runs.points), bool)
     return runs, Segmentation(faces, extremum, is_object, is_wall, group, body.label, corners)
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.points import Cloud
 from lidarcli.formalism.ragged import offsets_of, span_max_positive, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.kernels import compiled
@@ -14,6 +13,10 @@ from lidarcli.sweeps import Bool, Float64, Int64
 
 MAX_SPLITS = 24
 """Levels of splitting; a run of n points needs log2 n, a jagged one more."""
+
+
+Columns = tuple[Int64, Int64, Int64, Int64, Float64, Float64, Float64, Float64, Float64, Float64, Int64]
+"""Of `Faces`, in the order of its fields."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +39,6 @@ class Faces:
     direction_x: Float64
     """(F,) unit vector along the face, from its first to its last point."""
     direction_y: Float64
-    angle: Float64
-    """(F,) bearing of that direction [rad]."""
     rms: Float64
     """(F,) root mean square distance of its points from the line [m]."""
     length: Float64
@@ -48,12 +49,59 @@ class Faces:
     def __len__(self) -> int:
         return len(self.run)
 
+    @property
+    def angle(self) -> Float64:
+        """(F,) bearing of the direction [rad]."""
+        angle: Float64 = np.arctan2(self.direction_y, self.direction_x)
+        return angle
+
+
+def straight_faces(runs: Runs, most: Int64, tolerance: Float64) -> Faces:
+    """The faces of runs that are split until every point is near the chord of its face.
+
+    Parameters
+    ----------
+    runs : R runs
+    most : (R,) to about how many points each is thinned evenly before; a run of fewer than 2 has no face
+    tolerance : (R,) metres
+    """
+    cloud = runs.points
+    return Faces(*straight(runs.first, runs.size, most, cloud.x, cloud.y, tolerance))
+
+
+@compiled
+def straight(first: Int64, size: Int64, most: Int64, x: Float64, y: Float64, tolerance: Float64) -> Columns:
+    """Columns of the `straight_faces` of R runs of points at x, y [m]."""
+    shape = outline(first, size, most, x, y)
+    return lines_between(shape, split_straight(shape, tolerance))
+
+
+def faces_between(runs: Runs, inner: Bool) -> Faces:
+    """The faces between consecutive vertices (Def. 7), each with its straight line.
+
+    Parameters
+    ----------
+    runs : R runs over M points
+    inner : (M,) True at the inner vertices
+
+    Returns
+    -------
+    Faces; a run of one point has no face
+    """
+    return Faces(*between(runs.first, runs.size, runs.points.x, runs.points.y, inner))
+
+
+@compiled
+def between(first: Int64, size: Int64, x: Float64, y: Float64, inner: Bool) -> Columns:
+    """Columns of the `faces_between` vertices of R runs of points at x, y [m]."""
+    shape = outline(first, size, size, x, y)
+    return lines_between(shape, inner[shape.index])
+
 
 @dataclass(frozen=True, slots=True)
 class Outline:
     """The points that stand for each run when its faces are sought: none, or at least its first and last."""
 
-    cloud: Cloud
     index: Int64
     """(L,) indices of the points."""
     start: Int64
@@ -64,18 +112,10 @@ class Outline:
     """(L,) left [m]."""
 
 
-def outline(runs: Runs, most: Int64) -> Outline:
-    """The points of each run, thinned evenly to about `most` (R,); where that is less than 2, the run has none."""
-    cloud = runs.points
-    return Outline(cloud, *thinned(runs.first, runs.size, most, cloud.x, cloud.y))
-
-
-@compiled
-def thinned(
-    first: Int64, size: Int64, most: Int64, x: Float64, y: Float64
-) -> tuple[Int64, Int64, Float64, Float64]:
-    """Of R runs of points at x, y, thinned evenly to about `most` (R,): index (L,), start (R + 1,), x and y (L,)."""
-    last, size = first + size - 1, np.where(most < 2, 0, size)
+def outline(first: Int64, size: Int64, most: Int64, x: Float64, y: Float64) -> Outline:
+    """The points of each run, thinned evenly to about `most` (R,); a run of fewer than 2, or for which that is less,
+    has none."""
+    last, size = first + size - 1, np.where((most < 2) | (size < 2), 0, size)
     large = np.flatnonzero(size > most)
     stride = -(-size[large] // most[large])
     size[large] = -(-(size[large] - 1) // stride) + 1
@@ -86,10 +126,9 @@ def thinned(
         at, owner, _ = spans(start[large], size[large])
         step = (at - start[large][owner]) * stride[owner]
         index[at] = np.minimum(first[large][owner] + step, last[large][owner])
-    return index, start, x[index], y[index]
+    return Outline(index, start, x[index], y[index])
 
 
-@compiled
 def split_straight(shape: Outline, tolerance: Float64) -> Bool:
     """Mark the points where the faces of each run meet (iterative end point fit, all runs at once).
 
@@ -164,53 +203,9 @@ def _distance_from_chord(
     return away
 
 
-def faces_between(shape: Outline, inner: Bool) -> Faces:
-    """The faces between consecutive vertices (Def. 7), each with its straight line.
-
-    Parameters
-    ----------
-    shape : outline of R runs, L points
-    inner : (L,) True at the inner vertices
-
-    Returns
-    -------
-    Faces; a run of one point has no face
-    """
-    lines = straight_lines(shape.x, shape.y, shape.start, inner)
-    run, first, last, points, middle_x, middle_y, twice_xy, difference, rms, offsets = lines
-    angle = 0.5 * np.arctan2(twice_xy, difference)
-    direction_x, direction_y = np.cos(angle), np.sin(angle)
-    return Faces(
-        run=run,
-        first=shape.index[first],
-        last=shape.index[last],
-        points=points,
-        middle_x=middle_x,
-        middle_y=middle_y,
-        length=directed(shape.x, shape.y, first, last, direction_x, direction_y, angle),
-        direction_x=direction_x,
-        direction_y=direction_y,
-        angle=angle,
-        rms=rms,
-        offsets=offsets,
-    )
-
-
-@compiled
-def straight_lines(
-    x: Float64, y: Float64, start: Int64, inner: Bool
-) -> tuple[Int64, Int64, Int64, Int64, Float64, Float64, Float64, Float64, Float64, Int64]:
-    """Total least squares lines through the points between consecutive vertices of each run.
-
-    Returns
-    -------
-    run, first, last, points : (F,) the run of each, its first and last point, both vertices, and how many it has
-    middle_x, middle_y : (F,) their mean [m]
-    twice_xy, difference : (F,) twice the covariance, and by how much the variance of x exceeds that of y [m²]: sine and
-        cosine of twice the angle of the line, but for a factor
-    rms : (F,) root mean square distance of the points from the line [m]
-    offsets : (R + 1,) lines of run j are `offsets[j]:offsets[j + 1]`
-    """
+def lines_between(shape: Outline, inner: Bool) -> Columns:
+    """Columns of the faces between consecutive vertices of an outline, of which `inner` (L,) marks the inner ones."""
+    x, y, start = shape.x, shape.y, shape.start
     filled = np.flatnonzero(start[1:] > start[:-1])
     begins = inner.copy()
     begins[start[filled]] = True
@@ -219,72 +214,41 @@ def straight_lines(
     inside = inner[first]
     run = filled[np.cumsum(~inside) - 1]
     # The vertex between two faces belongs to both.
-    shared = np.zeros(len(first), bool)
-    shared[:-1] = inside[1:]
-    last = first + size - 1 + shared
-    points = size + shared
-    middle_x, middle_y, twice_xy, difference, rms = _fit(x, y, first, size, last, shared)
-    # A run of a single point has no face.
-    kept = last > first
+    size[:-1] += inside[1:]
+    last = first + size - 1
     return (
-        run[kept],
-        first[kept],
-        last[kept],
-        points[kept],
-        middle_x[kept],
-        middle_y[kept],
-        twice_xy[kept],
-        difference[kept],
-        rms[kept],
-        offsets_of(np.bincount(run[kept], minlength=len(start) - 1)),
+        run,
+        shape.index[first],
+        shape.index[last],
+        size,
+        *_fit(x, y, first, size),
+        offsets_of(np.bincount(run, minlength=len(start) - 1)),
     )
 
 
 def _fit(
-    x: Float64, y: Float64, first: Int64, size: Int64, last: Int64, shared: Bool
-) -> tuple[Float64, Float64, Float64, Float64, Float64]:
-    """Total least squares lines through the points `first[j] … last[j]`, as `straight_lines` returns them, (J,) each.
-
-    The stretches fill the points: each has `size[j]` of them, and where it is `shared` the first of the next as well.
-    """
-    if not len(first):
-        empty = np.empty(0)
-        return empty, empty, empty, empty, empty
+    x: Float64, y: Float64, first: Int64, size: Int64
+) -> tuple[Float64, Float64, Float64, Float64, Float64, Float64]:
+    """Total least squares lines through `size[j]` points from `first[j]` on: middle, direction, rms, length, (J,) each."""
+    index, owner, _ = spans(first, size)
     # Moments about the first point, moved to the middle afterwards: one pass, and accurate because it is near.
     x0, y0 = x[first], y[first]
-    dx, dy = x - np.repeat(x0, size), y - np.repeat(y0, size)
-    end_x, end_y = (x[last] - x0) * shared, (y[last] - y0) * shared
-    share = 1.0 / (size + shared)
-    mean_x = (np.add.reduceat(dx, first) + end_x) * share
-    mean_y = (np.add.reduceat(dy, first) + end_y) * share
-    xy = (np.add.reduceat(dx * dy, first) + end_x * end_y) * share - mean_x * mean_y
-    xx = (np.add.reduceat(dx * dx, first) + end_x * end_x) * share - mean_x * mean_x
-    yy = (np.add.reduceat(dy * dy, first) + end_y * end_y) * share - mean_y * mean_y
+    dx, dy = x[index] - x0[owner], y[index] - y0[owner]
+    share = 1.0 / size
+    mean_x, mean_y, xy, xx, yy = (
+        np.bincount(owner, values, len(first)) * share for values in (dx, dy, dx * dy, dx * dx, dy * dy)
+    )
+    xy, xx, yy = xy - mean_x * mean_y, xx - mean_x * mean_x, yy - mean_y * mean_y
     half = 0.5 * (xx - yy)
-    rms = np.sqrt(np.maximum(0.5 * (xx + yy) - np.sqrt(half * half + xy * xy), 0.0))
-    return x0 + mean_x, y0 + mean_y, 2.0 * xy, xx - yy, rms
-
-
-@compiled
-def directed(
-    x: Float64,
-    y: Float64,
-    first: Int64,
-    last: Int64,
-    direction_x: Float64,
-    direction_y: Float64,
-    angle: Float64,
-) -> Float64:
-    """Turn lines, given by their directions and angles [rad] (F,), to point from their first to their last point.
-
-    Returns
-    -------
-    (F,) distance of these points along the line [m]
-    """
-    length = (x[last] - x[first]) * direction_x + (y[last] - y[first]) * direction_y
-    turned = length < 0
-    flip = np.where(turned, -1.0, 1.0)
-    direction_x *= flip
-    direction_y *= flip
-    angle += np.pi * turned
-    return np.abs(length)
+    root = np.sqrt(half * half + xy * xy)
+    rms = np.sqrt(np.maximum(0.5 * (xx + yy) - root, 0.0))
+    # The line has half the angle of (half, xy); where all points are one, any.
+    far = root + np.abs(half)
+    norm = np.sqrt(far * far + xy * xy)
+    scale = np.where(norm > 0.0, 1.0 / np.where(norm > 0.0, norm, 1.0), 0.0)
+    along, across = np.where(norm > 0.0, far * scale, 1.0), xy * scale
+    direction_x, direction_y = np.where(half >= 0.0, along, across), np.where(half >= 0.0, across, along)
+    last = first + size - 1
+    length = (x[last] - x0) * direction_x + (y[last] - y0) * direction_y
+    flip = np.where(length < 0.0, -1.0, 1.0)
+    return x0 + mean_x, y0 + mean_y, direction_x * flip, direction_y * flip, rms, np.abs(length)
