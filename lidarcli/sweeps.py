@@ -278,7 +278,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     -inf and values below `range_min` are TOO_CLOSE. A limit that is not finite, or not above the other, is no limit;
     outside of `NEAREST` to `FARTHEST` there is nothing all the same.
     """
-    rows, width = raw.ranges.shape
+    rows = len(raw)
     range_min, range_max = raw.range_min, raw.range_max
     if rules.limits is not None:
         range_min = np.full(rows, rules.limits[0], np.float32)
