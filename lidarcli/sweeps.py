@@ -378,3 +378,16 @@ def _status_without_range(value: Float32, low: Float32, high: Float32, words: fr
         if word in words:
             status[mask] = Status.NO_RETURN
     return status
+
+
+@compiled
+def count_statuses(status: UInt8) -> Int32:
+    """(5, S) beams of each row of (S, B) by `Status`."""
+    rows, width = status.shape
+    flat = status.reshape(-1)
+    # Most beams are valid: the few others are counted one by one. (Bytes compared with an enumeration would be widened.)
+    other = np.flatnonzero(flat != Status.VALID.value)
+    place = flat[other].astype(np.int64) * rows + other // max(1, width)
+    counts = np.bincount(place, minlength=len(Status) * rows).reshape(len(Status), rows)
+    counts[Status.VALID] = width - counts.sum(axis=0)
+    return counts.astype(np.int32)

@@ -20,7 +20,7 @@ MAY_IMPORT = {
     "logs": CORE,
     "poses": CORE | {"logs"},
     "formalism": CORE | {"kernels"},
-    "tables": CORE | {"formalism"},
+    "tables": CORE | {"formalism", "kernels"},
     "simulate": CORE | {"tables"},
     "reports": CORE | {"formalism", "tables"},
     "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports"},

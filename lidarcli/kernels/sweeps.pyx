@@ -80,3 +80,28 @@ def judge(ranges, beams, const float[::1] low, const float[::1] high, words):
                         says[k] = NO_RETURN if above else INVALID
                 k = stop
     return clean_, status_
+
+
+def count_statuses(status):
+    cdef const unsigned char[:, ::1] says = np.ascontiguousarray(status)
+    cdef Py_ssize_t i, k, j, rows = says.shape[0], width = says.shape[1]
+    cdef unsigned long long eight
+    cdef int valid
+    counts_ = np.zeros((PADDING + 1, rows), np.int32)
+    cdef int[:, ::1] counts = counts_
+    with nogil:
+        for i in range(rows):
+            valid = 0
+            k = 0
+            while k + 8 <= width:
+                memcpy(&eight, &says[i, k], 8)
+                if eight == 0:
+                    valid += 8
+                else:
+                    for j in range(k, k + 8):
+                        counts[says[i, j], i] += 1
+                k += 8
+            for j in range(k, width):
+                counts[says[i, j], i] += 1
+            counts[VALID, i] += valid
+    return counts_

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.formalism.detection import Detection
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.posing import Posing
-from lidarcli.sweeps import Status, SweepBatch
+from lidarcli.sweeps import Status, SweepBatch, count_statuses
 
 
 @dataclass(slots=True)
@@ -54,11 +52,9 @@ class RunSummary:
         """Count the sweeps of one batch."""
         self.sweeps += len(batch)
         self.topics.add(batch.topic)
-        for status in Status:
+        for status, count in zip(Status, count_statuses(batch.status).sum(axis=1).tolist(), strict=True):
             if status != Status.PADDING:
-                # Bytes compared with a plain integer stay bytes; `bincount`, or an enumeration, would widen them all.
-                count = np.count_nonzero(batch.status == status.value)
-                self.by_status[status.name.lower()] += int(count)
+                self.by_status[status.name.lower()] += count
 
     def add_objects(self, detection: Detection) -> None:
         """Count what was found in one batch."""

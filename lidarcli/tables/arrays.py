@@ -15,6 +15,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from lidarcli.kernels import compiled
+
 
 def plain(values: NDArray[Any], kind: pa.DataType | None = None) -> pa.Array:
     """Values without nulls; `kind` may give a type of the same size another meaning (a stamp)."""
@@ -33,8 +35,7 @@ def floats(values: NDArray[np.floating[Any]]) -> pa.DoubleArray:
     [1.5, None]
     """
     double = np.ascontiguousarray(values, np.float64)
-    # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.
-    if not math.isnan(np.minimum.reduce(double, initial=0.0)):
+    if not any_nan(double):
         return plain(double, _DOUBLE)
     return _array(double, ~np.isnan(double), _DOUBLE)
 
@@ -57,14 +58,29 @@ def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
     >>> names_of(np.array([1, 0, 1], np.uint8), ("O", "AS")).to_pylist()
     ['AS', 'O', 'AS']
     """
-    encoded = [name.encode() for name in names]
-    offsets = np.zeros(len(values) + 1, np.int32)
-    np.cumsum(np.array([*map(len, encoded)], np.int32)[values], out=offsets[1:])
-    text = values.tobytes()
-    # No name holds the control characters that stand for the names still to come.
-    for code, name in enumerate(encoded):
-        text = text.replace(bytes([code]), name)
+    offsets, text = spelled(values, tuple(name.encode() for name in names))
     return pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(text))
+
+
+@compiled
+def any_nan(values: NDArray[np.float64]) -> bool:
+    """Whether any of the (K,) values is NaN."""
+    # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.
+    return math.isnan(np.minimum.reduce(values, initial=0.0))
+
+
+@compiled
+def spelled(
+    codes: NDArray[np.uint8], names: tuple[bytes, ...]
+) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+    """Where the names of (K,) codes begin and end, (K + 1,), and their letters."""
+    offsets = np.zeros(len(codes) + 1, np.int32)
+    np.cumsum(np.array([*map(len, names)], np.int32)[codes], out=offsets[1:])
+    text = codes.tobytes()
+    # No name holds the control characters that stand for the names still to come.
+    for code, name in enumerate(names):
+        text = text.replace(bytes([code]), name)
+    return offsets, np.frombuffer(text, np.uint8)
 
 
 @lru_cache(maxsize=256)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
 from lidarcli.formalism.detection import CHANGES
-from lidarcli.sweeps import Status, SweepBatch
+from lidarcli.sweeps import SweepBatch, count_statuses
 from lidarcli.tables.arrays import codes, floats, masked, names_of, plain
 from lidarcli.tables.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX
 
@@ -83,7 +83,7 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
         "beams": plain(batch.beams),
         "d_th": floats(detection.sweep_d_th),
     }
-    columns |= zip(_STATUSES, map(plain, _status_counts(batch)), strict=True)
+    columns |= zip(_STATUSES, map(plain, count_statuses(batch.status)), strict=False)
     if detection.station is not None:
         columns["station"] = masked(detection.station, detection.station < 0)
     if (poses := batch.poses) is not None:
@@ -119,17 +119,6 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
         "difference": pa.nulls(count, FLOAT) if difference is None else floats(difference[row, beam]),
     }
     return _BEAMS.fill(columns, detection, count)
-
-
-def _status_counts(batch: SweepBatch) -> NDArray[np.int32]:
-    """(4, S) beams of each sweep by status; padding is no beam."""
-    status = batch.status.reshape(-1)
-    # Most beams are valid: the few others are counted one by one. (Bytes compared with an enumeration would be widened.)
-    other = np.flatnonzero(status != Status.VALID.value)
-    place = status[other].astype(np.int64) * len(batch) + other // max(1, batch.width)
-    counts = np.bincount(place, minlength=len(Status) * len(batch)).reshape(len(Status), -1)
-    counts[Status.VALID] = batch.width - counts.sum(axis=0)
-    return counts[: len(_STATUSES)].astype(np.int32)
 
 
 def _constant(text: str, count: int) -> pa.DictionaryArray:

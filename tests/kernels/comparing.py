@@ -81,6 +81,7 @@ from lidarcli.logs.batches import ReadOptions, read_batches  # noqa: E402
 from lidarcli.simulate.generate import simulate_sweep_arrays  # noqa: E402
 from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, random_scene, sensor_with  # noqa: E402
 from lidarcli.sweeps import RangeRules, concatenate, normalise  # noqa: E402
+from lidarcli.tables.rows import objects_rows, sweeps_rows  # noqa: E402
 from tests.kernels.odd import odd_batches  # noqa: E402
 
 PARAMETERS = [
@@ -109,7 +110,9 @@ def main(logs: list[str], scenes: int = 6) -> None:
                     detect(batch, parameters, per_beam=parameters.walls)
     for batch in odd_batches():
         for parameters in PARAMETERS:
-            detect(batch, parameters)
+            found = detect(batch, parameters)
+            objects_rows("log", batch, found)
+            sweeps_rows("log", batch, found)
     for log in logs:
         with open_log(log) as source:
             for batch in read_batches(source, ReadOptions()):

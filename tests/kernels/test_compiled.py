@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+import lidarcli.formalism
+import lidarcli.tables.rows  # noqa: F401  (all that is compiled is known once these are imported)
 from lidarcli import kernels
 
 COMPARING = Path(__file__).with_name("comparing.py")
