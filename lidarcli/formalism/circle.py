@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.ragged import span_sum, spans
+from lidarcli.formalism.ragged import spans
 from lidarcli.kernels import compiled
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int64
 
 REFINEMENTS = 4
 """Gauss-Newton steps; the algebraic guess is near enough that more change nothing that matters."""
@@ -72,45 +72,43 @@ def _fit(
 ) -> tuple[Float64, Float64, Float64, Float64]:
     """`least_squares` of objects of which all are sought."""
     size = np.diff(offsets)
-    share = 1.0 / size
-    middle_x, middle_y = span_sum(x, offsets) * share, span_sum(y, offsets) * share
-    u, v = x - np.repeat(middle_x, size), y - np.repeat(middle_y, size)
-    a, b, radius, known = _algebraic(u, v, offsets, share)
-    rms = np.where(known, _rms(u, v, offsets, size, share, a, b, radius), np.inf)
+    owner, share = np.repeat(np.arange(len(size)), size), 1.0 / size
+    middle_x, middle_y = _sum(x, owner, share) * share, _sum(y, owner, share) * share
+    u, v = x - middle_x[owner], y - middle_y[owner]
+    a, b, radius, known = _algebraic(u, v, owner, share)
+    rms = np.where(known, _rms(u, v, owner, share, a, b, radius), np.inf)
     near = np.flatnonzero(rms <= within)
-    index, _, part = spans(offsets[near], size[near])
-    u, v, size, share = u[index], v[index], size[near], share[near]
+    index, owner, _ = spans(offsets[near], size[near])
+    u, v, share = u[index], v[index], share[near]
     fit = a[near], b[near], radius[near], known[near]
     for _ in range(REFINEMENTS):
-        fit = _refined(u, v, part, size, share, *fit)
+        fit = _refined(u, v, owner, share, *fit)
     a[near], b[near], radius[near] = fit[:3]
     good = fit[3] & (fit[2] < LARGEST)
     rms = np.full(len(a), np.inf)
-    rms[near] = np.where(good, _rms(u, v, part, size, share, *fit[:3]), np.inf)
+    rms[near] = np.where(good, _rms(u, v, owner, share, *fit[:3]), np.inf)
     return a + middle_x, b + middle_y, radius, rms
 
 
+def _sum(values: Float64, owner: Int64, share: Float64) -> Float64:
+    """Sum of the values of the points of each object, of which there are as many as of `share`."""
+    return np.bincount(owner, values, len(share)).astype(np.float64, copy=False)
+
+
 def _rms(
-    u: Float64,
-    v: Float64,
-    offsets: Int64,
-    size: Int64,
-    share: Float64,
-    a: Float64,
-    b: Float64,
-    radius: Float64,
+    u: Float64, v: Float64, owner: Int64, share: Float64, a: Float64, b: Float64, radius: Float64
 ) -> Float64:
     """Root mean square distance of the points of each object from a circle [m]."""
-    distance = _distance(u, v, size, a, b)
-    distance -= np.repeat(radius, size)
+    distance = _distance(u, v, owner, a, b)
+    distance -= radius[owner]
     distance *= distance
-    rms: Float64 = np.sqrt(span_sum(distance, offsets) * share)
+    rms: Float64 = np.sqrt(_sum(distance, owner, share) * share)
     return rms
 
 
-def _distance(u: Float64, v: Float64, size: Int64, a: Float64, b: Float64) -> Float64:
+def _distance(u: Float64, v: Float64, owner: Int64, a: Float64, b: Float64) -> Float64:
     """Distance of points from the centre of their object's circle [m]."""
-    dx, dy = u - np.repeat(a, size), v - np.repeat(b, size)
+    dx, dy = u - a[owner], v - b[owner]
     dx *= dx
     dy *= dy
     dx += dy
@@ -119,12 +117,12 @@ def _distance(u: Float64, v: Float64, size: Int64, a: Float64, b: Float64) -> Fl
 
 
 def _algebraic(
-    u: Float64, v: Float64, offsets: Int64, share: Float64
-) -> tuple[Float64, Float64, Float64, np.ndarray]:
+    u: Float64, v: Float64, owner: Int64, share: Float64
+) -> tuple[Float64, Float64, Float64, Bool]:
     """Centre a, b and radius of the algebraic circle of centred points, and whether there is one."""
-    uu, vv, uv = span_sum(u * u, offsets), span_sum(v * v, offsets), span_sum(u * v, offsets)
+    uu, vv, uv = _sum(u * u, owner, share), _sum(v * v, owner, share), _sum(u * v, owner, share)
     w = u * u + v * v
-    uw, vw = 0.5 * span_sum(u * w, offsets), 0.5 * span_sum(v * w, offsets)
+    uw, vw = 0.5 * _sum(u * w, owner, share), 0.5 * _sum(v * w, owner, share)
     determinant = uu * vv - uv * uv
     known = determinant > 1e-9 * np.square(uu + vv)
     scale = 1.0 / np.where(known, determinant, 1.0)
@@ -135,26 +133,25 @@ def _algebraic(
 def _refined(
     u: Float64,
     v: Float64,
-    offsets: Int64,
-    size: Int64,
+    owner: Int64,
     share: Float64,
     a: Float64,
     b: Float64,
     radius: Float64,
-    known: np.ndarray,
-) -> tuple[Float64, Float64, Float64, np.ndarray]:
+    known: Bool,
+) -> tuple[Float64, Float64, Float64, Bool]:
     """One Gauss-Newton step; the radius is eliminated, which leaves two equations for the centre."""
-    dx, dy = u - np.repeat(a, size), v - np.repeat(b, size)
+    dx, dy = u - a[owner], v - b[owner]
     distance = np.sqrt(dx * dx + dy * dy)
     inverse = 1.0 / np.maximum(distance, 1e-9)
     dx *= inverse
     dy *= inverse
-    mean = span_sum(distance, offsets) * share
-    mean_x, mean_y = span_sum(dx, offsets) * share, span_sum(dy, offsets) * share
-    residual = distance - np.repeat(mean, size)
-    jx, jy = np.repeat(mean_x, size) - dx, np.repeat(mean_y, size) - dy
-    xx, yy, xy = span_sum(jx * jx, offsets), span_sum(jy * jy, offsets), span_sum(jx * jy, offsets)
-    rx, ry = span_sum(jx * residual, offsets), span_sum(jy * residual, offsets)
+    mean = _sum(distance, owner, share) * share
+    mean_x, mean_y = _sum(dx, owner, share) * share, _sum(dy, owner, share) * share
+    residual = distance - mean[owner]
+    jx, jy = mean_x[owner] - dx, mean_y[owner] - dy
+    xx, yy, xy = _sum(jx * jx, owner, share), _sum(jy * jy, owner, share), _sum(jx * jy, owner, share)
+    rx, ry = _sum(jx * residual, owner, share), _sum(jy * residual, owner, share)
     determinant = xx * yy - xy * xy
     known = known & (determinant > 1e-12 * np.square(xx + yy))
     scale = known / np.where(known, determinant, 1.0)
@@ -163,4 +160,4 @@ def _refined(
     length = np.sqrt(step_x * step_x + step_y * step_y)
     limit = np.minimum(1.0, np.maximum(radius, 1e-9) / np.maximum(length, 1e-9))
     a, b = a + step_x * limit, b + step_y * limit
-    return a, b, span_sum(_distance(u, v, size, a, b), offsets) * share, known
+    return a, b, _sum(_distance(u, v, owner, a, b), owner, share) * share, known
