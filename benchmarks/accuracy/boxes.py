@@ -18,7 +18,7 @@ from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 NEAR = 0.05
 """A vertex is right within this distance of a corner [m]."""
 NOISES = (0.0, 0.01, 0.03)
-BOX_SENSORS = ("720", "1081")
+BOX_SENSORS = ("361", "720", "1081")
 SIZES = (0.3, 1.2)
 """Sides of the boxes [m]."""
 DISTANCES = (1.0, 5.0)

@@ -25,6 +25,7 @@ from lidarcli.formalism.difference import difference
 from lidarcli.formalism.discontinuity import adaptive_threshold
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.objects import visibility
+from lidarcli.formalism.overhang import overhang, stretched
 from lidarcli.formalism.parts import Parts, assemble
 from lidarcli.formalism.ragged import offsets_of, span_first, span_min, span_sum, spans
 from lidarcli.formalism.runs import Runs
@@ -91,7 +92,11 @@ def describe(
     away = np.hypot(middle_x, middle_y)
     shape, circles = classify(x, y, offsets, faces, face, face_offsets, width, away, sigma[row])
     prism = (shape == PRISMATIC) & (np.diff(parts.offsets) == 1)
-    hull = _hulls(x, y, offsets, segmentation.corners, begin, prism)
+    corners = segmentation.corners
+    if corners is not None:
+        before, after = overhang(runs, faces, parts.run)
+        corners = stretched(corners, faces, parts.run, before, after)
+    hull = _hulls(x, y, offsets, corners, begin, prism)
     box = bounding_boxes(*hull, faces, face, face_offsets, shape == ROUND, circles)
     shape[_of_several(parts, segmentation.body)] = LEGGED
     shape[wall] = WALL
@@ -104,6 +109,10 @@ def describe(
         runs, faces, segmentation.corners, segmentation.extremum, parts
     )
     vertex_theta[moved] += np.arctan2(across, along)
+    if corners is not None:
+        some = np.flatnonzero(np.diff(face_part_offsets))
+        face_length[face_part_offsets[some]] += before[some]
+        face_length[face_part_offsets[some + 1] - 1] += after[some]
     vertex_offsets = vertex_part_offsets[parts.offsets]
     starts, ends = np.ones(len(vertex_theta), bool), np.ones(len(vertex_theta), bool)
     starts[vertex_part_offsets[1:] - 1] = False

@@ -31,7 +31,7 @@ def test_drawn_boxes_show_two_faces() -> None:
 
 def test_the_middle_corner_of_a_box_without_noise_is_found() -> None:
     first = boxes.measure_boxes(5, 2, 3)[0]
-    assert (first.sensor, first.noise, first.sweeps, first.pairs) == ("720", 0.0, 10, 5)
+    assert (first.sensor, first.noise, first.sweeps, first.pairs) == ("361", 0.0, 10, 5)
     assert first.found == first.corner_recall == 1.0
     assert first.turns == 0
     assert first.yaw_error < np.deg2rad(1)

@@ -71,7 +71,7 @@ def test_the_json_holds_every_cell(written: Path) -> None:
     assert len({(cell["kind"], cell["sensor"], cell["noise"]) for cell in plain}) == 27
     assert {cell["method"] for cell in plain} >= {"robust", "paper", "Dietmayer", "DBSCAN(0.3, 3)"}
     assert all(0 <= cell["f1"] <= 1 for cell in plain)
-    assert len(figures["boxes"]) == 6
+    assert len(figures["boxes"]) == 9
     assert len(figures["cylinder"]) == 9
 
 

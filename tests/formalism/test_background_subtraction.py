@@ -50,7 +50,8 @@ def test_what_appeared_is_an_object_with_all_its_columns() -> None:
     assert found.difference[0] == pytest.approx(-1.5)
     assert (found.s_i[0], found.s_f[0]) == pytest.approx((-1.5, 1.5))
     assert VISIBILITIES[found.visibility[0]] == "full"
-    assert found.box_length[0] == pytest.approx(found.width[0], rel=0.05)
+    # Half a beam at either end is added to what the seven steps between its beams span.
+    assert found.box_length[0] == pytest.approx(found.width[0] * 8 / 7, rel=0.01)
     assert found.vertex_offsets.tolist()[-1] == len(found.vertex_theta) >= 2
     assert found.face_offsets.tolist()[-1] == len(found.face_length) >= 1
     assert (found.objects[0], found.object_beams[0], found.noise_beams[0]) == (1, 8, 52)

@@ -103,10 +103,12 @@ def test_a_box_seen_squarely_has_one_face_and_no_corner() -> None:
     assert (found.r_min[0], found.theta_min[0]) == (pytest.approx(2.0, abs=1e-6), pytest.approx(0, abs=1e-9))
     # r has a smooth minimum at the foot of the perpendicular: f' = 0, but no corner.
     assert kinds(found) == ["start", "end"]
-    assert found.face_length[0] == pytest.approx(4 * tan(last), abs=1e-6)
+    # Its edges are between two beams: it ends in the middle, on average.
+    front = 4 * tan(last + 0.25 * DEGREE)
+    assert found.face_length[0] == pytest.approx(front, abs=1e-6)
     assert found.face_rms[0] < 1e-6
     box = (found.box_x[0], found.box_y[0], found.box_length[0], found.box_width[0])
-    assert box == pytest.approx((2.0, 0.0, 4 * tan(last), 0.0), abs=1e-6)
+    assert box == pytest.approx((2.0, 0.0, front, 0.0), abs=1e-6)
     assert abs(found.box_yaw[0]) == pytest.approx(pi / 2, abs=1e-6)
     assert names(found.visibility, VISIBILITIES) == ["full"]
     assert names(found.shape, SHAPES) == ["prismatic"]
@@ -128,7 +130,9 @@ def test_a_box_seen_over_its_corner_has_two_faces() -> None:
     # The last beam that meets a face: r (cos θ - sin θ) = 2 on the line x - y = 2, from (2, 0) on.
     last = int(atan2(far, 2 + far) / (0.5 * DEGREE)) * 0.5 * DEGREE
     r = 2 / (cos(last) - sin(last))
-    seen = hypot(r * cos(last) - 2, r * sin(last))
+    # The face ends between that beam and the next: in the middle, on average.
+    past = 2 / (cos(last + 0.25 * DEGREE) - sin(last + 0.25 * DEGREE))
+    seen = hypot(past * cos(last + 0.25 * DEGREE) - 2, past * sin(last + 0.25 * DEGREE))
     assert found.face_length.tolist() == pytest.approx([seen, seen], abs=1e-6)
     assert found.theta_f[0] == pytest.approx(last, abs=1e-9)
     assert found.width[0] == pytest.approx(2 * r * sin(last), abs=1e-6)
@@ -147,8 +151,9 @@ def test_a_corner_that_is_no_extremum_of_the_range() -> None:
     corner = found.vertex_offsets[0] + 1
     assert kinds(found) == ["start", "corner", "end"]
     assert found.vertex_theta[corner] == pytest.approx(atan2(0.3, 2.0), abs=0.5 * DEGREE)
-    # The first beam on the face y = 0.3 stands at 6.5° (its far end at atan 0.3/2.8 = 6.1°), the last on x = 2 at 24°.
-    seen = (0.3 / tan(6.5 * DEGREE) - 2.0, 2.0 * tan(24 * DEGREE) - 0.3)
+    # The first beam on the face y = 0.3 stands at 6.5° (its far end at atan 0.3/2.8 = 6.1°), the last on x = 2 at 24°;
+    # the faces end half a beam further, on average.
+    seen = (0.3 / tan(6.25 * DEGREE) - 2.0, 2.0 * tan(24.25 * DEGREE) - 0.3)
     assert (found.box_length[0], found.box_width[0]) == pytest.approx(seen, abs=1e-3)
 
 
