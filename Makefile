@@ -9,10 +9,10 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format samples golden docs bench accuracy fuzz clean
+.PHONY: help demo test check format samples golden docs bench bench-full bench-compare accuracy fuzz clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(VENV)/installed ## install, detect the objects of a sample log, show the table, a picture and a report
 	$(BIN)/lidarcli detect samples/room.mcap -o demo --overwrite
@@ -49,6 +49,12 @@ docs: $(VENV)/installed ## write docs/cli.md and docs/tables.md from the code
 
 bench: $(VENV)/installed ## throughput and memory of detect, beside merely reading the log
 	$(BIN)/python benchmarks/bench.py $(BENCH)
+
+bench-full: $(VENV)/installed-dev ## the same over containers, sensors, profiles and lengths, with more references
+	$(BIN)/python -m benchmarks.full --stages $(BENCH)
+
+bench-compare: $(VENV)/installed-dev ## today's detect against that of another commit, BASE=COMMIT
+	$(BIN)/python -m benchmarks.compare $(BASE) $(BENCH)
 
 accuracy: $(VENV)/installed-dev ## how right the detection is; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks.accuracy $(ACCURACY)

@@ -128,12 +128,11 @@ def run(*command: str) -> Run:
         return Run(seconds, cpu, usage.ru_maxrss * RSS_UNIT / 1e6, out.read().decode())
 
 
-def make_log(folder: Path, name: str, sweeps: int, beams_jitter: int = 0) -> Path:
-    """Simulate a log of the benchmark's scene."""
-    log = folder / f"{name}.mcap"
+def make_log(folder: Path, name: str, sweeps: int, *options: str) -> Path:
+    """Simulate a log of the benchmark's scene; its name has the suffix of its container."""
+    log = folder / name
     print(f"writing {name}: {sweeps:,} sweeps ...", file=sys.stderr)
-    arguments = (str(HERE / "scene.toml"), str(sweeps), str(beams_jitter), str(log))
-    run(sys.executable, str(HERE / "make_log.py"), *arguments)
+    run(sys.executable, str(HERE / "make_log.py"), str(HERE / "scene.toml"), str(sweeps), str(log), *options)
     return log
 
 
@@ -161,8 +160,8 @@ def count_objects(folder: Path, log: Path) -> int:
 
 def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
     """Run everything and gather the figures."""
-    log = make_log(folder, "fixed", sweeps)
-    changing = make_log(folder, "changing", sweeps, beams_jitter=3)
+    log = make_log(folder, "fixed.mcap", sweeps)
+    changing = make_log(folder, "changing.mcap", sweeps, "--jitter", "3")
     figures = Figures(
         machine=f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
         log_mb=log.stat().st_size / 1e6,
@@ -187,7 +186,7 @@ def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
     figures.objects_per_sweep = count_objects(folder, log) / sweeps
     for result in (figures.short, figures.long):
         # The logs differ by ten times; both fill every buffer on the way.
-        detect(make_log(folder, "other", result.sweeps), folder, result, *one)
+        detect(make_log(folder, "other.mcap", result.sweeps), folder, result, *one)
         (folder / "other.mcap").unlink()
     for command in ((), ("detect",)):
         times = [run(LIDARCLI, *command, "--help").seconds for _ in range(10)]
