@@ -15,6 +15,8 @@ def straight(
 ):
     cdef Py_ssize_t j, n, runs = first.shape[0], room = 1, longest = 1
     cdef long long stride
+    cdef const double* from_x
+    cdef const double* from_y
     for j in range(runs):
         if stride_of(size[j], most[j]):
             n = size[j] if size[j] < most[j] else most[j]
@@ -33,9 +35,12 @@ def straight(
             stride = stride_of(size[j], most[j])
             if not stride:
                 continue
-            n = thin(&x[first[j]], &y[first[j]], size[j], stride, to_x, to_y)
-            split(to_x, to_y, n, tolerance[j], &marks[0])
-            join(to_x, to_y, &marks[0], n, j, first[j], size[j], stride, &lines)
+            n, from_x, from_y = size[j], &x[first[j]], &y[first[j]]
+            if stride > 1:
+                n = thin(from_x, from_y, size[j], stride, to_x, to_y)
+                from_x, from_y = to_x, to_y
+            split(from_x, from_y, n, tolerance[j], &marks[0])
+            join(from_x, from_y, &marks[0], n, j, first[j], size[j], stride, &lines)
         offsets[runs] = lines.count
     n = lines.count
     return *integers[:, :n], *floats[:, :n], offset
