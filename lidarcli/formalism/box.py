@@ -8,6 +8,8 @@ import numpy as np
 
 from lidarcli.formalism.circle import Circles
 from lidarcli.formalism.faces import Faces
+from lidarcli.formalism.members import Members
+from lidarcli.formalism.outlines import Outlines
 from lidarcli.formalism.ragged import span_bounds, span_first, span_max, spans
 from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64
@@ -30,15 +32,7 @@ class Boxes:
 
 
 def bounding_boxes(
-    x: Float64,
-    y: Float64,
-    begin: Int64,
-    size: Int64,
-    faces: Faces,
-    face: Int64,
-    face_offsets: Int64,
-    is_round: Bool,
-    circles: Circles,
+    members: Members, outlines: Outlines, by_vertices: Bool, faces: Faces, is_round: Bool, circles: Circles
 ) -> Boxes:
     """The smaller of the rectangles around each object that have a side along one of its two longest faces.
 
@@ -46,63 +40,44 @@ def bounding_boxes(
 
     Parameters
     ----------
-    x, y : points or vertices [m], of which object k has those from `begin[k]` on, `size[k]` of them
-    faces : all faces; object k has the faces `face[face_offsets[k]:face_offsets[k + 1]]`
-    is_round : (K,)
-    circles : (K,) circles of the round objects
+    members, outlines : points, vertices and faces of K objects
+    by_vertices : (K,) whether the box has to hold the vertices, not the points
+    faces : all faces
+    is_round, circles : (K,) which are round, and circles of those
 
     Returns
     -------
     Boxes of K objects
     """
-    sides = faces.length, faces.direction_x, faces.direction_y
     oblique = np.sin(2.0 * RIGHT_ANGLE)
     box_x, box_y, length, width, along_x, along_y = rectangles(
-        x, y, begin, size, *sides, face, face_offsets, oblique
+        members, outlines, by_vertices, faces, is_round, circles, oblique
     )
-    for values, of_circle in (
-        (box_x, circles.x),
-        (box_y, circles.y),
-        (along_x, circles.x),
-        (along_y, circles.y),
-        (length, 2.0 * circles.radius),
-        (width, 2.0 * circles.radius),
-    ):
-        np.copyto(values, of_circle, where=is_round)
-    # A side and its opposite are one: that which points forward tells the yaw.
-    back = (along_x < 0) | (along_x == 0) & (along_y < 0)
-    sign = np.where(back, -1.0, 1.0)
-    return Boxes(box_x, box_y, length, width, np.arctan2(along_y * sign, np.abs(along_x)) + 0.0)
+    return Boxes(box_x, box_y, length, width, np.arctan2(along_y, along_x))
 
 
 @compiled
 def rectangles(
-    x: Float64,
-    y: Float64,
-    begin: Int64,
-    size: Int64,
-    length: Float64,
-    direction_x: Float64,
-    direction_y: Float64,
-    face: Int64,
-    offsets: Int64,
+    members: Members,
+    outlines: Outlines,
+    by_vertices: Bool,
+    faces: Faces,
+    is_round: Bool,
+    circles: Circles,
     oblique: float,
 ) -> tuple[Float64, Float64, Float64, Float64, Float64, Float64]:
-    """The smaller rectangle along one of the two longest faces of each object, or along its chord.
+    """Boxes as `bounding_boxes` takes and returns them, but for the yaw, instead of which they have a direction.
 
-    Parameters
-    ----------
-    x, y, begin, size : the points of K objects
-    length, direction_x, direction_y : (F,) of all faces
-    face, offsets : object k has the faces `face[offsets[k]:offsets[k + 1]]`
-    oblique : a second direction matters only where |sin 2φ| of its angle φ with the first is greater than this
+    A second face matters only where |sin 2φ| of its angle φ with the longest is greater than `oblique`.
 
     Returns
     -------
-    x, y, length, width, along_x, along_y : (K,) centre [m], sides [m], unit vector of the long side
+    x, y, length, width, along_x, along_y : (K,) centre [m], sides [m], vector along the long side, forward
     """
-    longest, second = _two_longest(length, face, offsets)
-    first, last = begin, begin + size - 1
+    offsets, x, y = members.offsets, members.point_x, members.point_y
+    direction_x, direction_y = faces.direction_x, faces.direction_y
+    longest, second = _two_longest(faces.length, outlines.face, outlines.face_offsets)
+    first, last = offsets[:-1], offsets[1:] - 1
     ux, uy = x[last] - x[first], y[last] - y[first]
     far = np.sqrt(ux * ux + uy * uy)
     is_point = far == 0.0
@@ -110,26 +85,34 @@ def rectangles(
     ux, uy = np.where(is_point, 1.0, ux / far), np.where(is_point, 0.0, uy / far)
     some = np.flatnonzero(longest >= 0)
     ux[some], uy[some] = direction_x[longest[some]], direction_y[longest[some]]
-    low_u, high_u, low_v, high_v = bounds = _bounds(x, y, begin, size, ux, uy)
+    # Points and vertices in one, of which each object has a stretch.
+    begin = np.where(by_vertices, len(x) + outlines.offsets[:-1], first)
+    size = np.where(by_vertices, np.diff(outlines.offsets), np.diff(offsets))
+    hull = np.append(x, outlines.x), np.append(y, outlines.y)
+    low_u, high_u, low_v, high_v = bounds = _bounds(*hull, begin, size, ux, uy)
     # A second direction matters only where the two longest faces are not at right angles anyway.
     two = np.flatnonzero(second >= 0)
     wx, wy = direction_x[second[two]], direction_y[second[two]]
     turn = np.abs(2.0 * (ux[two] * wy - uy[two] * wx) * (ux[two] * wx + uy[two] * wy)) > oblique
     two, wx, wy = two[turn], wx[turn], wy[turn]
-    others = _bounds(x, y, begin[two], size[two], wx, wy)
+    others = _bounds(*hull, begin[two], size[two], wx, wy)
     better = _area(others) < (1.0 - TIE) * _area(bounds)[two]
     for values, other in zip((*bounds, ux, uy), (*others, wx, wy), strict=True):
         values[two[better]] = other[better]
     u, v = 0.5 * (low_u + high_u), 0.5 * (low_v + high_v)
     along, across = high_u - low_u, high_v - low_v
     turned = across > along
+    side_x = np.where(is_round, circles.x, np.where(turned, -uy, ux))
+    side_y = np.where(is_round, circles.y, np.where(turned, ux, uy))
+    # A side and its opposite are one: that which points forward tells the yaw.
+    sign = np.where((side_x < 0.0) | (side_x == 0.0) & (side_y < 0.0), -1.0, 1.0)
     return (
-        u * ux - v * uy + 0.0,
-        u * uy + v * ux + 0.0,
-        np.where(turned, across, along),
-        np.where(turned, along, across),
-        np.where(turned, -uy, ux),
-        np.where(turned, ux, uy),
+        np.where(is_round, circles.x, u * ux - v * uy + 0.0),
+        np.where(is_round, circles.y, u * uy + v * ux + 0.0),
+        np.where(is_round, 2.0 * circles.radius, np.where(turned, across, along)),
+        np.where(is_round, 2.0 * circles.radius, np.where(turned, along, across)),
+        side_x * sign + 0.0,
+        side_y * sign + 0.0,
     )
 
 

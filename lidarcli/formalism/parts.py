@@ -37,36 +37,21 @@ def assemble(runs: Runs, is_object: Bool, is_wall: Bool, label: Int64 | None) ->
     is_object, is_wall : (R,) which of them are objects or walls
     label : (R,) objects of the same label are one; None: each is alone
     """
-    run = np.flatnonzero(is_object | is_wall)
-    row = runs.row[run]
-    theta_i, theta_f = runs.points.theta(runs.first[run], row), runs.points.theta(runs.last[run], row)
-    tag = run if label is None else np.where(is_object[run], label[run], run)
-    turns = runs.points.geometry.period[row] > 0
-    order, past, offsets = ordered(row, is_wall[run], tag, turns, theta_i, theta_f)
-    return Parts(run[order], theta_i[order] + past, theta_f[order] + past, past, offsets)
+    return Parts(*assembled(runs, is_object, is_wall, np.arange(len(runs)) if label is None else label))
 
 
 @compiled
-def ordered(
-    row: Int64, is_wall: Bool, tag: Int64, turns: Bool, theta_i: Float64, theta_f: Float64
-) -> tuple[Int64, Float64, Int64]:
-    """Bring P runs into the order of `Parts`.
-
-    Parameters
-    ----------
-    row, is_wall : (P,)
-    tag : (P,) runs of the same tag are one object
-    turns : (P,) whether their sweeps are full turns
-    theta_i, theta_f : (P,) bearings of their ends [rad]
-
-    Returns
-    -------
-    order : (P,)
-    past : (P,) in that order, what the bearings of a run grow by for being past the seam within its object [rad]
-    offsets : (K + 1,) the objects
-    """
-    if not len(row):
-        return row[:0], theta_i[:0], np.zeros(1, np.int64)
+def assembled(
+    runs: Runs, is_object: Bool, is_wall: Bool, label: Int64
+) -> tuple[Int64, Float64, Float64, Float64, Int64]:
+    """Columns of `Parts`."""
+    run = np.flatnonzero(is_object | is_wall)
+    row = runs.row[run]
+    theta_i, theta_f = runs.points.theta(runs.first[run], row), runs.points.theta(runs.last[run], row)
+    if not len(run):
+        return run, theta_i, theta_f, theta_i, np.zeros(1, np.int64)
+    is_wall, tag = is_wall[run], np.where(is_object[run], label[run], run)
+    turns = runs.points.geometry.period[row] > 0
     order: Int64 = np.lexsort((theta_i, tag, is_wall, row))
     differs = (np.diff(tag[order]) != 0) | np.diff(is_wall[order])
     ends = np.append(np.flatnonzero(differs), len(order) - 1)
@@ -74,12 +59,12 @@ def ordered(
     owner = np.repeat(np.arange(len(size)), size)
     offsets = offsets_of(size)
     past = np.where(_past_the_seam(turns[order], theta_i[order], theta_f[order], owner, offsets), TURN, 0.0)
-    theta_i = theta_i[order] + past
+    theta_i, theta_f = theta_i[order] + past, theta_f[order] + past
     least = np.full(len(size), np.inf)
     np.minimum.at(least, owner, theta_i)
     again = np.lexsort((theta_i, owner, least[owner], is_wall[order], row[order]))
     sizes = size[owner[again][np.flatnonzero(np.diff(owner[again], prepend=-1))]]
-    return order[again], past[again], offsets_of(sizes)
+    return run[order[again]], theta_i[again], theta_f[again], past[again], offsets_of(sizes)
 
 
 def _past_the_seam(turns: Bool, theta_i: Float64, theta_f: Float64, owner: Int64, offsets: Int64) -> Bool:

@@ -7,6 +7,8 @@ import numpy as np
 from lidarcli.formalism.circle import Circles, fit_circles
 from lidarcli.formalism.detection import IRREGULAR, PRISMATIC, ROUND, UNKNOWN
 from lidarcli.formalism.faces import Faces
+from lidarcli.formalism.members import Members
+from lidarcli.formalism.outlines import Outlines
 from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
@@ -26,27 +28,15 @@ ARC = 0.6
 """A circle is believed where the chord of its arc is longer than this share of its radius."""
 
 
-def classify(
-    x: Float64,
-    y: Float64,
-    offsets: Int64,
-    faces: Faces,
-    face: Int64,
-    face_offsets: Int64,
-    width: Float64,
-    away: Float64,
-    sigma: Float64,
-) -> tuple[UInt8, Circles]:
+def classify(members: Members, outlines: Outlines, faces: Faces, sigma: Float64) -> tuple[UInt8, Circles]:
     """Shape of K objects: the simpler of straight faces and a circle that explains the points.
 
     Both are compared by their Bayesian information: n log rms² + p log n, with p parameters.
 
     Parameters
     ----------
-    x, y, offsets : the points of the objects, joined [m]
-    faces, face, face_offsets : all faces; object k has the faces `face[face_offsets[k]:face_offsets[k + 1]]`
-    width : (K,) chord P_i–P_f [m]
-    away : (K,) distance of the mean of the points from the sensor [m]
+    members, outlines : their points and faces
+    faces : all faces
     sigma : (K,) noise of the ranges [m]
 
     Returns
@@ -54,10 +44,8 @@ def classify(
     codes : (K,) PRISMATIC, ROUND, IRREGULAR or UNKNOWN
     circles : circles of the objects, of which those of round ones tell something
     """
-    beams, count = np.diff(offsets), np.diff(face_offsets)
-    rms, square = straightness(
-        faces.points, faces.rms, faces.direction_x, faces.direction_y, face, face_offsets, np.cos(SQUARE)
-    )
+    beams, count = np.diff(members.offsets), np.diff(outlines.face_offsets)
+    rms, square = straightness(faces, outlines.face, outlines.face_offsets, np.cos(SQUARE))
     codes = np.full(len(beams), IRREGULAR, np.uint8)
     most = np.maximum(2.0 * sigma, STRAIGHT_FIT)
     codes[(rms <= most) & (count <= MOST_FACES) & square] = PRISMATIC
@@ -67,32 +55,25 @@ def classify(
     floor = np.maximum(0.5 * sigma, FIT_FLOOR)
     rival = np.maximum(rms, floor) * np.exp((1.5 * count - 2.0) * np.log(beams) / beams)
     # One that fits so much worse cannot win, not even after its refinement.
-    circles = fit_circles(x, y, offsets, np.where(able, WORSE * rival, -1.0))
+    within = np.where(able, WORSE * rival, -1.0)
+    circles = fit_circles(members.point_x, members.point_y, members.offsets, within)
     arc = (
         (np.maximum(circles.rms, floor) < rival)
-        & (circles.x * circles.x + circles.y * circles.y > away * away)
+        & (np.square(circles.x) + np.square(circles.y) > np.square(members.x) + np.square(members.y))
         & (circles.rms <= most)
-        & (width > ARC * circles.radius)
+        & (members.width > ARC * circles.radius)
     )
     codes[arc] = ROUND
     return codes, circles
 
 
 @compiled
-def straightness(
-    points: Int64,
-    rms: Float64,
-    direction_x: Float64,
-    direction_y: Float64,
-    face: Int64,
-    offsets: Int64,
-    least: float,
-) -> tuple[Float64, Bool]:
+def straightness(faces: Faces, face: Int64, offsets: Int64, least: float) -> tuple[Float64, Bool]:
     """How well the faces of each of K objects explain its points, and whether they meet as those of a box do.
 
     Parameters
     ----------
-    points, rms, direction_x, direction_y : (F,) of all faces
+    faces : all faces
     face, offsets : object k has the faces `face[offsets[k]:offsets[k + 1]]`
     least : sine of the least angle by which the outline of a box turns right at a corner
 
@@ -103,11 +84,11 @@ def straightness(
     """
     objects = len(offsets) - 1
     owner = np.repeat(np.arange(objects), np.diff(offsets))
-    weight = points[face].astype(np.float64)
-    total = np.bincount(owner, weight * np.square(rms[face]), minlength=objects)
+    weight = faces.points[face].astype(np.float64)
+    total = np.bincount(owner, weight * np.square(faces.rms[face]), minlength=objects)
     scatter: Float64 = np.sqrt(total / np.maximum(np.bincount(owner, weight, minlength=objects), 1.0))
     # Walking counter-clockwise around the sensor, the outline turns right at a corner that points at it.
-    x, y = direction_x[face], direction_y[face]
+    x, y = faces.direction_x[face], faces.direction_y[face]
     right = y[:-1] * x[1:] - x[:-1] * y[1:]
     square = np.ones(objects, bool)
     square[owner[1:][(right < least) & (owner[1:] == owner[:-1])]] = False

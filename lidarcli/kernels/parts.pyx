@@ -4,7 +4,7 @@ import numpy as np
 
 from libc.math cimport INFINITY
 
-from lidarcli.kernels.cloud cimport TURN
+from lidarcli.kernels.cloud cimport TURN, Sight, bearing, sight_of
 
 
 cdef inline bint _tagged_before(
@@ -24,18 +24,43 @@ cdef inline bint _tagged_before(
     return theta[a] < theta[b]
 
 
-def ordered(
-    const long long[::1] row, wall, const long long[::1] tag, turning, const double[::1] theta_i, const double[::1] theta_f
-):
-    cdef const unsigned char[::1] is_wall = wall.view(np.uint8)
-    cdef const unsigned char[::1] turns = turning.view(np.uint8)
-    cdef Py_ssize_t parts = row.shape[0], i, j, k, at, objects = 0, most, first, last, n, moved
-    cdef double gap, widest, least
-    orders, sorted_past = np.empty(parts, np.int64), np.empty(parts)
-    cdef long long[::1] order = orders
-    cdef double[::1] past = sorted_past
+def assembled(runs, is_object, is_wall_run, const long long[::1] label):
+    cloud = runs.points
+    cdef const long long[::1] run_row = runs.row
+    cdef const long long[::1] first_point = runs.first
+    cdef const long long[::1] size = runs.size
+    cdef const long long[::1] period = cloud.geometry.period
+    cdef const unsigned char[::1] as_object = is_object.view(np.uint8)
+    cdef const unsigned char[::1] as_wall = is_wall_run.view(np.uint8)
+    cdef Sight sight = sight_of(cloud)
+    cdef Py_ssize_t r, parts = 0
+    for r in range(run_row.shape[0]):
+        parts += as_object[r] or as_wall[r]
+    indices, ends = np.empty((1, parts), np.int64), np.empty((3, parts))
     if not parts:
-        return orders, sorted_past, np.zeros(1, np.int64)
+        return indices[0], *ends, np.zeros(1, np.int64)
+    cdef unsigned char[:, ::1] flags = np.empty((2, parts), np.uint8)
+    cdef long long[::1] run = np.empty(parts, np.int64)
+    cdef long long[::1] row = np.empty(parts, np.int64)
+    cdef long long[::1] tag = np.empty(parts, np.int64)
+    cdef double[::1] theta_i = np.empty(parts)
+    cdef double[::1] theta_f = np.empty(parts)
+    cdef unsigned char[::1] is_wall = flags[0]
+    cdef unsigned char[::1] turns = flags[1]
+    with nogil:
+        parts = 0
+        for r in range(run_row.shape[0]):
+            if not (as_object[r] or as_wall[r]):
+                continue
+            run[parts], row[parts] = r, run_row[r]
+            is_wall[parts], turns[parts] = as_wall[r], period[run_row[r]] > 0
+            tag[parts] = label[r] if as_object[r] else r
+            theta_i[parts] = bearing(&sight, first_point[r], run_row[r])
+            theta_f[parts] = bearing(&sight, first_point[r] + size[r] - 1, run_row[r])
+            parts += 1
+    cdef Py_ssize_t i, j, k, at, objects = 0, most, first, last, n, moved
+    cdef double gap, widest, least
+    cdef long long[::1] order = np.empty(parts, np.int64)
     scratch = np.empty((4, parts + 1), np.int64)
     cdef long long[::1] sorting = scratch[0]
     cdef long long[::1] begin = scratch[1]
@@ -100,6 +125,8 @@ def ordered(
                 rank[j] = rank[j - 1]
                 j -= 1
             rank[j] = k
+    cdef long long[::1] out_run = indices[0]
+    cdef double[:, ::1] out = ends
     offset = np.empty(objects + 1, np.int64)
     cdef long long[::1] offsets = offset
     with nogil:
@@ -117,5 +144,7 @@ def ordered(
                 n += 1
         offsets[objects] = n
         for i in range(parts):
-            past[i] = beyond[order[i]]
-    return orders, sorted_past, offset
+            at = order[i]
+            out_run[i] = run[at]
+            out[0, i], out[1, i], out[2, i] = theta_i[at] + beyond[at], theta_f[at] + beyond[at], beyond[at]
+    return indices[0], *ends, offset

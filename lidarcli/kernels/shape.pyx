@@ -5,15 +5,11 @@ import numpy as np
 from libc.math cimport sqrt
 
 
-def straightness(
-    const long long[::1] points,
-    const double[::1] rms,
-    const double[::1] direction_x,
-    const double[::1] direction_y,
-    const long long[::1] face,
-    const long long[::1] offsets,
-    double least,
-):
+def straightness(faces, const long long[::1] face, const long long[::1] offsets, double least):
+    cdef const long long[::1] points = faces.points
+    cdef const double[::1] rms = faces.rms
+    cdef const double[::1] direction_x = faces.direction_x
+    cdef const double[::1] direction_y = faces.direction_y
     cdef Py_ssize_t k, i, objects = offsets.shape[0] - 1
     cdef long long at, before
     cdef double total, weight, n
