@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -268,15 +269,26 @@ def coordinates(
 
 def _directions(batch: SweepBatch, points: Points) -> tuple[Float64, Float64, Int64]:
     """cos θ and sin θ of the cells, once per distinct geometry of the batch, (D, stride); which of them, (S,)."""
-    position = np.arange(points.stride) - MARGIN
-    start, increment = batch.angle_min, batch.angle_increment
     last = points.geometry.reverse * (points.geometry.bearings - 1.0)
-    if all(bool((values == values[:1]).all()) for values in (start, increment, last)):
-        start, increment, last = start[:1, None], increment[:1, None], last[:1, None]
-        code = np.zeros(len(batch), np.int64)
-    else:
-        distinct, code = np.unique(np.stack([start, increment, last], axis=1), axis=0, return_inverse=True)
-        start, increment, last = (column[:, None] for column in distinct.T)
-        code = code.reshape(-1)
-    theta = start + increment * np.where(increment < 0, last - position, position)
-    return np.cos(theta), np.sin(theta), code
+    columns = (batch.angle_min, batch.angle_increment, last)
+    if len(batch) and all(bool((values == values[:1]).all()) for values in columns):
+        start, increment, end = (float(values[0]) for values in columns)
+        cos, sin = _row_directions(start, increment, end, points.stride)
+        return cos[None], sin[None], np.zeros(len(batch), np.int64)
+    number: dict[tuple[float, float, float], int] = {}
+    rows = zip(*(values.tolist() for values in columns), strict=True)
+    code = np.array([number.setdefault(row, len(number)) for row in rows], np.int64)
+    tables = np.empty((2, len(number), points.stride))
+    for (start, increment, end), row in number.items():
+        tables[:, row] = _row_directions(start, increment, end, points.stride)
+    return tables[0], tables[1], code
+
+
+@lru_cache(maxsize=64)
+def _row_directions(start: float, increment: float, last: float, stride: int) -> tuple[Float64, Float64]:
+    """cos θ and sin θ of the cells of one row. Sensors seldom have more geometries than these, batch after batch."""
+    position = np.arange(stride) - MARGIN
+    theta = start + increment * (last - position if increment < 0 else position)
+    cos, sin = np.cos(theta), np.sin(theta)
+    cos.flags.writeable = sin.flags.writeable = False
+    return cos, sin

@@ -1,6 +1,7 @@
 """Definition 3: the mean difference and the noise of sweeps."""
 
 from libc.math cimport NAN, fabs, fabsf, sqrtf
+from libc.string cimport memcpy
 
 import numpy as np
 
@@ -118,7 +119,7 @@ cdef float lower_median(const float* values, float* some, Py_ssize_t count, floa
         # Where in there it is likely to be: as far as its position, give or take two standard deviations.
         middle = low + (high - low) * (position + <float> 0.5) / n
         margin = (high - low) / sqrtf(n)
-        low, high = middle - margin, middle + margin
+        low, high = max(middle - margin, <float> 0.0), middle + margin
         below = within = 0
         for k in range(n):
             below += some[k] < low
@@ -132,13 +133,19 @@ cdef float lower_median(const float* values, float* some, Py_ssize_t count, floa
 cdef inline Py_ssize_t kept(
     const float* values, float* some, Py_ssize_t count, float low, float high
 ) noexcept nogil:
-    """Copy the values within limits, and count them."""
+    """Copy the values within limits that are not negative, and count them.
+
+    The bits of numbers that are not negative are ordered as they are, those of NaN come last: one comparison does.
+    """
     cdef Py_ssize_t k, n = 0
-    cdef float value
+    cdef unsigned int value, least, most
+    memcpy(&least, &low, 4)
+    memcpy(&most, &high, 4)
+    most -= least
     for k in range(count):
-        value = values[k]
-        some[n] = value
-        n += (value >= low) & (value <= high)
+        memcpy(&value, values + k, 4)
+        memcpy(some + n, &value, 4)
+        n += value - least <= most
     return n
 
 

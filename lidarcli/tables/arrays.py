@@ -47,8 +47,8 @@ def codes(values: NDArray[Any], names: Sequence[str]) -> pa.DictionaryArray:
     ['S', 'O', None]
     """
     index = np.ascontiguousarray(values, np.int32)
-    none = index < 0
-    indices = masked(index, none) if none.any() else plain(index)
+    none = None if values.dtype.kind == "u" else index < 0
+    indices = plain(index) if none is None or not none.any() else masked(index, none)
     return pa.DictionaryArray.from_arrays(indices, _texts(tuple(names)), safe=False)
 
 

@@ -122,7 +122,7 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
 
 
 def _constant(text: str, count: int) -> pa.DictionaryArray:
-    return codes(np.zeros(count, np.int32), (text,))
+    return codes(np.zeros(count, np.uint8), (text,))
 
 
 def _vertices(detection: Detection) -> pa.ListArray:
