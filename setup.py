@@ -26,7 +26,8 @@ setup(
         build_dir="build",
         language_level=3,
         compiler_directives={
-            "boundscheck": False,
+            # For those who look for a wild index: LIDARCLI_BOUNDS=1 pip install --editable .
+            "boundscheck": bool(os.environ.get("LIDARCLI_BOUNDS")),
             "wraparound": False,
             "cdivision": True,
             "initializedcheck": False,
