@@ -22,7 +22,7 @@ name = "box"
 sweeps = 150
 
 [sensor]
-beams = 3601
+beams = 1081
 angle_min = -180.0
 angle_max = 180.0
 noise = 0.003
