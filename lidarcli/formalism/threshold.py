@@ -78,11 +78,8 @@ def mean_size(
     over = np.abs(cells[begin[seam]] - cells[before[seam]])
     count = np.diff(start) - np.diff(stretches)
     count[row] += 1
-    # Block by block, and the blocks in order: zeros at the end of a row then change no bit of its sum.
-    blocks = size.reshape(-1, stride // BLOCK, BLOCK).sum(axis=2)
-    total = np.zeros(len(count))
-    for block in blocks.T:
-        total += block
+    # One block onto the other, then across: zeros at the end of a row change no bit of its sum.
+    total = size.reshape(len(count), -1, BLOCK).sum(axis=1).sum(axis=1) if len(count) else np.zeros(0)
     total[row] += over
     mean: Float64 = total / np.maximum(count, 1)
     return mean

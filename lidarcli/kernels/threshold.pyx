@@ -5,6 +5,8 @@ from libc.string cimport memcpy
 
 import numpy as np
 
+from lidarcli.kernels.sums cimport pairwise
+
 cdef enum:
     BLOCK = 32
     OPEN = 0
@@ -22,16 +24,15 @@ def mean_size(
     const long long[::1] before,
     const long long[::1] missing,
 ):
-    cdef Py_ssize_t i, k, first, rows = start.shape[0] - 1
+    cdef Py_ssize_t i, first, rows = start.shape[0] - 1
     cdef long long count
     cdef double total
+    cdef double lanes[BLOCK]
     result = np.empty(rows)
     cdef double[::1] mean = result
     with nogil:
         for i in range(rows):
-            total = 0.0
-            for k in range(stride // BLOCK):
-                total += block_sum(&size[i * stride + k * BLOCK])
+            total = pairwise(across(&size[i * stride], stride // BLOCK, lanes), BLOCK)
             first = stretches[i]
             count = (start[i + 1] - start[i]) - (stretches[i + 1] - first)
             # A stretch with nothing missing before it is the first of a turn: others would be one with the last.
@@ -42,16 +43,15 @@ def mean_size(
     return result
 
 
-cdef inline double block_sum(const double* a) noexcept nogil:
-    """Sum of a block, in numpy's order."""
-    cdef double part[8]
-    cdef int i, j
-    for j in range(8):
-        part[j] = a[j]
-    for i in range(8, BLOCK, 8):
-        for j in range(8):
-            part[j] += a[i + j]
-    return ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]))
+cdef inline double* across(const double* values, Py_ssize_t blocks, double* lanes) noexcept nogil:
+    """Add up the blocks, one onto the other."""
+    cdef Py_ssize_t k, j
+    for j in range(BLOCK):
+        lanes[j] = values[j]
+    for k in range(1, blocks):
+        for j in range(BLOCK):
+            lanes[j] += values[k * BLOCK + j]
+    return lanes
 
 
 def middle_second_difference(ranges, cosine, beams, closure):
