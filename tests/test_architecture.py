@@ -72,7 +72,7 @@ def test_imports_run_one_way(path: Path) -> None:
 
 def test_formalism_imports_numpy_alone() -> None:
     names = {name.split(".")[0] for path in MODULES if room(path) == "formalism" for name in imported(path)}
-    assert names - {"__future__", "collections", "dataclasses", "typing", "math", "enum"} <= {
+    assert names - {"__future__", "collections", "dataclasses", "functools", "typing", "math", "enum"} <= {
         "numpy",
         "lidarcli",
     }

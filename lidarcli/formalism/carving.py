@@ -10,6 +10,7 @@ from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.fragments import next_run
 from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_sum, spans
 from lidarcli.formalism.runs import HIDDEN, OWN, Runs
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64
 
 TURN = np.deg2rad(25.0)
@@ -22,6 +23,8 @@ WIDEST = 1.5
 """[m] What stands out over more than this is a part of the building."""
 BEHIND = 0.1
 """[m] What is seen past the free edge of a thing lies no further than this behind the line of its wall."""
+PLANE = 0.03
+"""[m] Points stand out less than this from the wall that they are on."""
 TRIM = 6
 """At each end so many points may turn out to be wall: the corner is only known to every few points."""
 
@@ -45,14 +48,18 @@ def carve(runs: Runs, faces: Faces, worth: Bool, sigma: Float64) -> Carved:
     worth : (R,) runs with points enough
     sigma : (S,) noise of the ranges [m]
     """
-    nothing = np.empty(0, np.int64)
+    return Carved(*stretches(runs, faces, worth, sigma))
+
+
+@compiled
+def stretches(runs: Runs, faces: Faces, worth: Bool, sigma: Float64) -> tuple[Int64, Int64, Int64]:
+    """Columns of `Carved`."""
     face = np.flatnonzero(worth[faces.run])
     if not len(face):
-        return Carved(nothing, nothing, nothing)
+        return face, face, face
     run = faces.run[face]
-    turn = np.empty(len(face))
-    turn[0] = np.inf
-    turn[1:] = np.sin(faces.angle[face[1:]] - faces.angle[face[:-1]])
+    turn = np.full(len(face), np.inf)
+    turn[1:] = faces.turn(face[:-1], face[1:])
     fresh = np.ones(len(face), bool)
     fresh[1:] = run[1:] != run[:-1]
     begins = np.flatnonzero(fresh | (turn > np.sin(TURN)))
@@ -89,9 +96,9 @@ def carve(runs: Runs, faces: Faces, worth: Bool, sigma: Float64) -> Carved:
         (before[k], inner_start[k], first, 1),
         (after[k], inner_end[k], last, -1),
     ):
-        _trim(runs, faces, back, there, at, step, 0.03 + 2.0 * level, first, last)
+        _trim(runs, faces, back, there, at, step, PLANE + 2.0 * level, first, last)
     long_enough = last > first
-    return Carved(run[k][long_enough], first[long_enough], last[long_enough])
+    return run[k][long_enough], first[long_enough], last[long_enough]
 
 
 def _wall_goes_on(

@@ -23,9 +23,9 @@ from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.members import gather
 from lidarcli.formalism.objects import visibility
 from lidarcli.formalism.outlines import trace
-from lidarcli.formalism.overhang import overhang, stretched
+from lidarcli.formalism.overhang import lengthen, overhang
 from lidarcli.formalism.parts import assemble
-from lidarcli.formalism.ragged import offsets_of, spans
+from lidarcli.formalism.ragged import spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.formalism.shape import classify
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
@@ -77,14 +77,10 @@ def describe(
     members = gather(runs, parts, segmentation.is_wall, segmentation.body)
     row, wall, size = members.row, members.is_wall, np.diff(members.offsets)
     if corners is not None:
-        before, after = overhang(runs, faces, parts.run)
-        corners = stretched(corners, faces, parts.run, before, after)
+        before, after, corners = overhang(runs, faces, corners, parts.run)
     outlines = trace(runs, faces, corners, segmentation.extremum, parts)
     if corners is not None:
-        ends = offsets_of(np.diff(faces.offsets)[parts.run])
-        some = np.flatnonzero(np.diff(ends))
-        outlines.length[ends[some]] += before[some]
-        outlines.length[ends[some + 1] - 1] += after[some]
+        lengthen(outlines.length, faces.offsets, parts.run, before, after)
     shape, circles = classify(members, outlines, faces, sigma[row])
     # The vertices of a prism scatter less than its points.
     hull = (shape == PRISMATIC) & (np.diff(parts.offsets) == 1) & (corners is not None)

@@ -14,31 +14,13 @@ from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, straight_faces
 from lidarcli.formalism.fragments import bodies, torn
 from lidarcli.formalism.grouping import LEG_WIDTH, close_pairs, joined
-from lidarcli.formalism.objects import (
-    bends,
-    fully_visible,
-    grazing,
-    partly_hidden,
-    recognisable,
-    stands_alone,
-    surrounding,
-)
+from lidarcli.formalism.objects import by_extent, chosen, fully_visible, surrounding
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
 from lidarcli.formalism.threshold import mean_difference, noise, noise_threshold
-from lidarcli.formalism.walls import chord, extent, on_wall_lines
+from lidarcli.formalism.walls import chord, extent, on_wall_lines, reached, straightness, surveyed
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
-
-STRAIGHT = 0.02
-"""[m] A face may leave its chord by this much plus three times the noise."""
-STRAIGHT_NOISE = 3.0
-WALL_STRIDE, WALL_POINTS = 4, 32
-"""Of a run too wide for an object every fourth point is looked at, or as many as make 32: enough for its lines."""
-ENCLOSED = 0.35
-"""Walls surround the sensor where they give more than this share of its returns."""
-FEW_WALLS = 0.1
-"""Where runs too wide for an object give no more than this share, there are no doorways between them."""
 
 
 def detect(
@@ -140,7 +122,7 @@ def _grouped(runs: Runs, is_object: Bool, parameters: Parameters, label: Int64 |
 
 def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> Segmentation:
     """Profile `robust` where the runs (R,) that belong to objects are known: no walls to look for."""
-    tolerance = STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]
+    tolerance = straightness(runs, sigma)
     reach = extent(runs, straight_faces(runs, np.where(known, runs.size, 0), tolerance))
     body = bodies(runs, reach, *torn(runs, known, reach))
     is_object = known & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
@@ -153,44 +135,23 @@ def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> S
 
 def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, Segmentation]:
     """Profile `robust`: the same definitions with the estimates a real sensor needs."""
-    enough = runs.size >= parameters.min_beams
-    ends = chord(runs)
-    narrow = ends <= parameters.max_width
-    tolerance = STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]
-    thinned = np.maximum(-(-runs.size // WALL_STRIDE), np.minimum(runs.size, WALL_POINTS))
-    most = np.where(enough & narrow, runs.size, np.where(narrow, 0, thinned))
-    faces = straight_faces(runs, most, tolerance)
-    carved = carve(runs, faces, enough, sigma)
+    least, most = parameters.min_beams, parameters.max_width
+    ends, tolerance, looked_at = surveyed(runs, sigma, least, most)
+    faces = straight_faces(runs, looked_at, tolerance)
+    carved = carve(runs, faces, runs.size >= least, sigma)
     runs, origin, thing = cut_out(runs, carved)
     if thing.any():
         faces = of_parts(faces, runs)
-        enough = runs.size >= parameters.min_beams
-        ends = chord(runs)
-        narrow = ends <= parameters.max_width
-        tolerance = tolerance[origin]
-    reach = extent(runs, faces, ends)
-    small = enough & (reach <= parameters.max_width)
-    partial = partly_hidden(runs)
-    wall = enough & ~small & ~thing
-    bend = bends(faces)
-    candidate = small & ~thing & ~stands_alone(runs, reach, bend, _share(runs, wall) > FEW_WALLS)
-    wall |= on_wall_lines(runs, faces, wall, candidate, partial, sigma, parameters.max_width)
-    piece = narrow & ~wall & ~thing & ~surrounding(runs)
+        ends, tolerance = chord(runs), tolerance[origin]
+    reach = reached(runs, faces, ends)
+    wall, candidate, partial, bend = by_extent(runs, faces, reach, thing, least, most)
+    wall |= on_wall_lines(runs, faces, wall, candidate, partial, sigma, most)
+    piece = (ends <= most) & ~wall & ~thing & ~surrounding(runs)
     body = bodies(runs, reach, *torn(runs, piece, reach))
-    is_object = piece & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
-    enclosed = _share(runs, wall) > ENCLOSED
-    is_object &= recognisable(body, bend, grazing(runs), enclosed, parameters.max_width)
-    is_object |= thing & enough
+    is_object = chosen(runs, wall, piece, thing, body, bend, least, most)
     is_wall = wall & parameters.walls
     group = _grouped(runs, is_object, parameters, body.label)
     faces = settled_faces(runs, is_object | is_wall, tolerance)
     corners = locate(runs.points, faces, tolerance)
     extremum = np.zeros(len(runs.points), bool)
     return runs, Segmentation(faces, extremum, is_object, is_wall, group, body.label, corners)
-
-
-def _share(runs: Runs, wall: Bool) -> Float64:
-    """(R,) share of the points of its sweep that lie on walls."""
-    on_walls = np.bincount(runs.row, runs.size * wall, minlength=len(runs.points.start) - 1)
-    share: Float64 = (on_walls / np.maximum(np.diff(runs.points.start), 1))[runs.row]
-    return share

@@ -49,11 +49,11 @@ class Faces:
     def __len__(self) -> int:
         return len(self.run)
 
-    @property
-    def angle(self) -> Float64:
-        """(F,) bearing of the direction [rad]."""
-        angle: Float64 = np.arctan2(self.direction_y, self.direction_x)
-        return angle
+    def turn(self, one: Int64, other: Int64) -> Float64:
+        """Sine of the angle by which the faces `other` turn left from the faces `one`."""
+        turn: Float64 = self.direction_x[one] * self.direction_y[other]
+        turn -= self.direction_y[one] * self.direction_x[other]
+        return turn
 
 
 def straight_faces(runs: Runs, most: Int64, tolerance: Float64) -> Faces:

@@ -9,6 +9,7 @@ import numpy as np
 from lidarcli.formalism.grouping import joined
 from lidarcli.formalism.ragged import offsets_of
 from lidarcli.formalism.runs import HIDDEN, OWN, Runs
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 GAP = 0.16
@@ -30,6 +31,7 @@ def next_run(runs: Runs) -> Int64:
     return following
 
 
+@compiled
 def torn(runs: Runs, piece: Bool, reach: Float64) -> tuple[Int64, Int64]:
     """Pairs of neighbouring runs that a small step divides.
 

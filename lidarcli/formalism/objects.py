@@ -8,6 +8,7 @@ from lidarcli.formalism.detection import BOTH_HIDDEN, CUT, END_HIDDEN, FULL, STA
 from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.fragments import Bodies
 from lidarcli.formalism.runs import EDGES, HIDDEN, OPEN, OWN, UNKNOWN, VIEW, Runs
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int8, UInt8
 
 STRAIGHT, CONVEX, CONCAVE = range(3)
@@ -23,6 +24,10 @@ GRAZING = np.deg2rad(15.0)
 """Between walls what is straight, wide and seen at a smaller angle is wall: a thing would show its front as well."""
 PARTLY_HIDDEN_WIDTH = 0.65
 """Greatest visible extent of a straight partly hidden object, as a share of `max_width`: some of it is out of sight."""
+ENCLOSED = 0.35
+"""Walls surround the sensor where they give more than this share of its returns."""
+FEW_WALLS = 0.1
+"""Where runs too wide for an object give no more than this share, there are no doorways between them."""
 NO_NEIGHBOUR = (OPEN, UNKNOWN)
 """Beside the run is no range at all: nothing is seen behind it, and scanners also lose the beam that grazes an edge."""
 
@@ -36,6 +41,74 @@ def fully_visible(runs: Runs) -> Bool:
     own_end = (runs.end_edge == OWN) | (runs.end_edge == OPEN)
     both: Bool = own_start & own_end
     return both
+
+
+@compiled
+def by_extent(
+    runs: Runs, faces: Faces, reach: Float64, thing: Bool, min_beams: int, max_width: float
+) -> tuple[Bool, Bool, Bool, Int8]:
+    """Profile `robust`: which runs are walls because they reach too far, and which of the others may be pieces of one.
+
+    Parameters
+    ----------
+    runs, faces : R runs and their faces
+    reach : (R,) their extent [m]
+    thing : (R,) runs that are things, whatever their extent
+    min_beams, max_width : what has fewer points or reaches further [m] is no object
+
+    Returns
+    -------
+    wall : (R,)
+    candidate : (R,) runs that may be pieces of walls
+    partial : (R,) see `partly_hidden`
+    bend : (R,) see `bends`
+    """
+    enough = runs.size >= min_beams
+    small = enough & (reach <= max_width)
+    wall = enough & ~small & ~thing
+    bend = bends(faces)
+    doorways = share(runs, wall) > FEW_WALLS
+    candidate = small & ~thing & ~stands_alone(runs, reach, bend, doorways)
+    return wall, candidate, partly_hidden(runs), bend
+
+
+@compiled
+def chosen(
+    runs: Runs,
+    wall: Bool,
+    piece: Bool,
+    thing: Bool,
+    bodies: Bodies,
+    bend: Int8,
+    min_beams: int,
+    max_width: float,
+) -> Bool:
+    """Profile `robust`: which runs are objects, or parts of some.
+
+    Parameters
+    ----------
+    runs : R runs
+    wall : (R,) known walls
+    piece : (R,) runs that may be objects
+    thing : (R,) runs that are some if they have points enough
+    bodies : the runs as parts of bodies
+    bend : (R,) see `bends`
+    min_beams, max_width : what has fewer points or reaches further [m] is no object
+
+    Returns
+    -------
+    (R,)
+    """
+    is_object = piece & (bodies.size >= min_beams) & (bodies.reach <= max_width)
+    is_object &= recognisable(bodies, bend, grazing(runs), share(runs, wall) > ENCLOSED, max_width)
+    return is_object | thing & (runs.size >= min_beams)
+
+
+def share(runs: Runs, wall: Bool) -> Float64:
+    """(R,) share of the points of its sweep that lie on walls."""
+    on_walls = np.bincount(runs.row, runs.size * wall, minlength=len(runs.points.start) - 1)
+    share: Float64 = (on_walls / np.maximum(np.diff(runs.points.start), 1))[runs.row]
+    return share
 
 
 def recognisable(bodies: Bodies, bend: Int8, along: Bool, enclosed: Bool, max_width: float) -> Bool:
@@ -107,7 +180,7 @@ def stands_alone(runs: Runs, reach: Float64, bend: Int8, doorways: Bool) -> Bool
 
 def bends(faces: Faces) -> Int8:
     """(R,) CONVEX where all corners of a run point at the sensor, CONCAVE where one points away, STRAIGHT without any."""
-    turn = np.sin(faces.angle[1:] - faces.angle[:-1])
+    turn = faces.turn(np.arange(len(faces) - 1), np.arange(1, len(faces)))
     same = faces.run[1:] == faces.run[:-1]
     away = np.bincount(faces.run[1:][same & (turn > 0)], minlength=len(faces.offsets) - 1) > 0
     bend = np.where(np.diff(faces.offsets) > 1, CONVEX, STRAIGHT).astype(np.int8)

@@ -8,11 +8,13 @@ import numpy as np
 
 from lidarcli.formalism.corners import Corners
 from lidarcli.formalism.faces import Faces
+from lidarcli.formalism.ragged import offsets_of
 from lidarcli.formalism.runs import OPEN, OWN, Runs
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Float64, Int64, UInt8
 
 
-def overhang(runs: Runs, faces: Faces, chosen: Int64) -> tuple[Float64, Float64]:
+def overhang(runs: Runs, faces: Faces, corners: Corners, chosen: Int64) -> tuple[Float64, Float64, Corners]:
     """How far runs go on, on average, past their first and their last point.
 
     Nothing tells where between two beams an edge is, so the middle is the best guess: the bearing half a step further, on
@@ -20,45 +22,63 @@ def overhang(runs: Runs, faces: Faces, chosen: Int64) -> tuple[Float64, Float64]
 
     Parameters
     ----------
-    runs, faces : R runs and their F faces
+    runs, faces, corners : R runs with their faces and where these meet
     chosen : (C,) runs
 
     Returns
     -------
     before, after : (C,) metres along the first and the last face; 0 at other edges and without faces
+    corners : with the first and the last one of the chosen runs moved out by so much
     """
+    half = 0.5 * runs.points.geometry.step
+    before, after, x, y = stretched(runs, faces, corners, chosen, np.cos(half), np.sin(half))
+    return before, after, replace(corners, x=x, y=y)
+
+
+@compiled
+def stretched(
+    runs: Runs, faces: Faces, corners: Corners, chosen: Int64, cos: Float64, sin: Float64
+) -> tuple[Float64, Float64, Float64, Float64]:
+    """What `overhang` returns, of the corners their x and y [m]; `cos` and `sin` (S,) are those of half a step."""
     both = np.zeros((2, len(chosen)))
     some = np.flatnonzero(faces.offsets[chosen + 1] > faces.offsets[chosen])
-    chosen = chosen[some]
-    first, last = runs.first[chosen], runs.last[chosen]
-    half = 0.5 * runs.points.geometry.step[runs.row[chosen]]
-    lead, end = faces.offsets[chosen], faces.offsets[chosen + 1] - 1
-    both[0, some] = _past(runs, faces, first, first + 1, lead, -half, runs.start_edge[chosen])
-    both[1, some] = _past(runs, faces, last, last - 1, end, half, runs.end_edge[chosen])
-    return both[0], both[1]
-
-
-def stretched(corners: Corners, faces: Faces, chosen: Int64, before: Float64, after: Float64) -> Corners:
-    """The same corners with the first and the last one of the chosen runs (C,) moved out by their overhang [m]."""
-    some = np.flatnonzero(faces.offsets[chosen + 1] > faces.offsets[chosen])
     run = chosen[some]
+    cos, sin = cos[runs.row[run]], sin[runs.row[run]]
     x, y = corners.x.copy(), corners.y.copy()
-    for vertex, face, way in (
-        (corners.offsets[run], faces.offsets[run], -before[some]),
-        (corners.offsets[run + 1] - 1, faces.offsets[run + 1] - 1, after[some]),
+    for side, at, inner, face, vertex, edge, way in (
+        (
+            0,
+            runs.first[run],
+            runs.first[run] + 1,
+            faces.offsets[run],
+            corners.offsets[run],
+            runs.start_edge,
+            -1,
+        ),
+        (
+            1,
+            runs.last[run],
+            runs.last[run] - 1,
+            faces.offsets[run + 1] - 1,
+            corners.offsets[run + 1] - 1,
+            runs.end_edge,
+            1,
+        ),
     ):
-        x[vertex] += way * faces.direction_x[face]
-        y[vertex] += way * faces.direction_y[face]
-    return replace(corners, x=x, y=y)
+        past = _past(runs, faces, at, inner, face, cos, way * sin, edge[run])
+        both[side, some] = past
+        x[vertex] += way * past * faces.direction_x[face]
+        y[vertex] += way * past * faces.direction_y[face]
+    return both[0], both[1], x, y
 
 
 def _past(
-    runs: Runs, faces: Faces, at: Int64, inner: Int64, face: Int64, turn: Float64, edge: UInt8
+    runs: Runs, faces: Faces, at: Int64, inner: Int64, face: Int64, cos: Float64, sin: Float64, edge: UInt8
 ) -> Float64:
-    """Way along `face` from the point `at` to the bearing `turn` [rad] past it; `inner` is the point next to it."""
+    """Way along `face` from the point `at` to the bearing past it, turned by `cos`, `sin`; `inner` is the point next to
+    it."""
     x, y = runs.points.x[at], runs.points.y[at]
     along_x, along_y = faces.direction_x[face], faces.direction_y[face]
-    cos, sin = np.cos(turn), np.sin(turn)
     ray_x, ray_y = x * cos - y * sin, x * sin + y * cos
     across = along_x * ray_y - along_y * ray_x
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -67,3 +87,20 @@ def _past(
     spacing = np.abs((x - runs.points.x[inner]) * along_x + (y - runs.points.y[inner]) * along_y)
     past: Float64 = np.where((edge == OWN) | (edge == OPEN), np.fmin(way, spacing), 0.0)
     return past
+
+
+@compiled
+def lengthen(length: Float64, offsets: Int64, chosen: Int64, before: Float64, after: Float64) -> None:
+    """Add to the lengths of the faces of the chosen runs, one run after the other, their overhang; in place.
+
+    Parameters
+    ----------
+    length : (F,) [m]
+    offsets : (R + 1,) run j has the faces `offsets[j]` to `offsets[j + 1] - 1`
+    chosen : (C,) runs
+    before, after : (C,) [m]
+    """
+    ends = offsets_of(np.diff(offsets)[chosen])
+    some = np.flatnonzero(np.diff(ends))
+    length[ends[some]] += before[some]
+    length[ends[some + 1] - 1] += after[some]

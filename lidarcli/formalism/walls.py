@@ -8,8 +8,14 @@ from lidarcli.formalism.faces import Faces
 from lidarcli.formalism.points import Cloud
 from lidarcli.formalism.ragged import offsets_of, span_max, spans
 from lidarcli.formalism.runs import Runs
+from lidarcli.kernels import compiled
 from lidarcli.sweeps import Bool, Float64, Int64
 
+STRAIGHT = 0.02
+"""[m] A face may leave its chord by this much plus three times the noise."""
+STRAIGHT_NOISE = 3.0
+WALL_STRIDE, WALL_POINTS = 4, 32
+"""Of a run too wide for an object every fourth point is looked at, or as many as make 32: enough for its lines."""
 LINE_LENGTH = 0.5
 """[m] A shorter face says too little about the direction of a wall."""
 LINE_POINTS = 4
@@ -35,13 +41,49 @@ def chord(runs: Runs) -> Float64:
     return distance
 
 
+def straightness(runs: Runs, sigma: Float64) -> Float64:
+    """(R,) by how much a face may leave its chord [m], for sweeps whose ranges have the noise `sigma` (S,) [m]."""
+    tolerance: Float64 = STRAIGHT + STRAIGHT_NOISE * sigma[runs.row]
+    return tolerance
+
+
+@compiled
+def surveyed(runs: Runs, sigma: Float64, min_beams: int, max_width: float) -> tuple[Float64, Float64, Int64]:
+    """What to know of R runs before looking for their faces, (R,) each.
+
+    Parameters
+    ----------
+    runs : R runs
+    sigma : (S,) noise of the ranges [m]
+    min_beams, max_width : what has fewer points or ends further apart [m] is no object
+
+    Returns
+    -------
+    ends : their `chord` [m]
+    tolerance : their `straightness` [m]
+    most : how many of their points are enough to find their faces; 0 where these tell nothing
+    """
+    ends = chord(runs)
+    narrow = ends <= max_width
+    enough = runs.size >= min_beams
+    thinned = np.maximum(-(-runs.size // WALL_STRIDE), np.minimum(runs.size, WALL_POINTS))
+    most = np.where(enough & narrow, runs.size, np.where(narrow, 0, thinned))
+    return ends, straightness(runs, sigma), most
+
+
 def extent(runs: Runs, faces: Faces, ends: Float64 | None = None) -> Float64:
     """(R,) how far a run reaches [m]: the greatest distance of a vertex from its first or last point.
 
     `ends` (R,) is their `chord`, where it is known already.
     """
+    return reached(runs, faces, chord(runs) if ends is None else ends)
+
+
+@compiled
+def reached(runs: Runs, faces: Faces, ends: Float64) -> Float64:
+    """(R,) `extent` of runs whose chords are `ends` (R,) [m]."""
     x, y = runs.points.x, runs.points.y
-    reach = chord(runs) if ends is None else ends.copy()
+    reach = ends.copy()
     count = np.diff(faces.offsets)
     bent = np.flatnonzero(count > 1)
     if not len(bent):
@@ -56,6 +98,7 @@ def extent(runs: Runs, faces: Faces, ends: Float64 | None = None) -> Float64:
     return reach
 
 
+@compiled
 def on_wall_lines(
     runs: Runs, faces: Faces, wall: Bool, candidate: Bool, partial: Bool, sigma: Float64, max_width: float
 ) -> Bool:
