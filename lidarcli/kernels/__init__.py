@@ -27,6 +27,9 @@ def compiled(plain: Callable[P, R]) -> Callable[P, R]:
         kernels = import_module(f"{__name__}.{plain.__module__.rpartition('.')[2]}")
     except ImportError:
         return plain
-    fast: Callable[P, R] = getattr(kernels, plain.__name__)
+    # One that was built before this function was marked knows nothing of it.
+    fast: Callable[P, R] | None = getattr(kernels, plain.__name__, None)
+    if fast is None:
+        return plain
     PAIRS[f"{plain.__module__}.{plain.__qualname__}"] = plain, fast
     return fast
