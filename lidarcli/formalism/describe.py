@@ -20,15 +20,16 @@ from lidarcli.formalism.detection import (
 from lidarcli.formalism.difference import difference
 from lidarcli.formalism.discontinuity import adaptive_threshold
 from lidarcli.formalism.faces import Faces
-from lidarcli.formalism.members import gather
+from lidarcli.formalism.members import Members, gather
 from lidarcli.formalism.objects import visibility
-from lidarcli.formalism.outlines import trace
+from lidarcli.formalism.outlines import Outlines, trace
 from lidarcli.formalism.overhang import lengthen, overhang
 from lidarcli.formalism.parts import assemble
 from lidarcli.formalism.ragged import spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.formalism.shape import classify
-from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
+from lidarcli.kernels import compiled
+from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch, UInt8
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,53 @@ class Segmentation:
     """(R,) objects of one label may have several bodies, as a chair has legs; None: they have one."""
     corners: Corners | None = None
     """Where the vertices are; None: at their points."""
+
+
+@compiled
+def tallied(
+    members: Members,
+    outlines: Outlines,
+    faces: Faces,
+    step: Float64,
+    sweep_d_th: Float64,
+    sigma: Float64,
+    adaptive: bool,
+) -> tuple[UInt8, UInt8, Int32, Float64, Int32, Int32, Float64, Float64, Float64, Int32, Int32]:
+    """What follows for the columns of a `Detection` from the members, outlines and faces of its objects.
+
+    Parameters
+    ----------
+    members, outlines, faces : of K objects
+    step, sweep_d_th, sigma : (S,) |Δθ| [rad], the threshold and the noise [m]
+    adaptive : whether the threshold grows with range
+
+    Returns
+    -------
+    set, visibility, beams, d_th : (K,)
+    vertex_offsets, face_offsets : (K + 1,)
+    face_theta_i, face_theta_f, face_rms : (F,)
+    objects, object_beams : (S,)
+    """
+    row, wall, size = members.row, members.is_wall, np.diff(members.offsets)
+    sets = np.where(wall, np.uint8(NOISE), np.uint8(OBJECT))
+    count = np.bincount(row[~wall], minlength=len(sigma)).astype(np.int32)
+    object_beams = np.bincount(row[~wall], size[~wall], minlength=len(sigma)).astype(np.int32)
+    d_th = (
+        adaptive_threshold(sigma[row], step[row], members.r_i, members.s_i) if adaptive else sweep_d_th[row]
+    )
+    return (
+        sets,
+        visibility(members.start_edge, members.end_edge),
+        size.astype(np.int32),
+        d_th,
+        outlines.offsets.astype(np.int32),
+        outlines.face_offsets.astype(np.int32),
+        outlines.theta[outlines.begin],
+        outlines.theta[outlines.begin + 1],
+        faces.rms[outlines.face],
+        count,
+        object_beams,
+    )
 
 
 def describe(
@@ -75,7 +123,7 @@ def describe(
     corners = segmentation.corners
     parts = assemble(runs, segmentation.is_object, segmentation.is_wall, segmentation.label)
     members = gather(runs, parts, segmentation.is_wall, segmentation.body)
-    row, wall, size = members.row, members.is_wall, np.diff(members.offsets)
+    row, wall = members.row, members.is_wall
     if corners is not None:
         before, after, corners = overhang(runs, faces, corners, parts.run)
     outlines = trace(runs, faces, corners, segmentation.extremum, parts)
@@ -87,25 +135,35 @@ def describe(
     box = bounding_boxes(members, outlines, hull, faces, shape == ROUND, circles)
     shape[members.several] = LEGGED
     shape[wall] = WALL
-    count = np.bincount(row[~wall], minlength=rows)
-    object_beams = np.bincount(row[~wall], size[~wall], minlength=rows).astype(np.int32)
-    step = points.geometry.step[row]
+    (
+        sets,
+        visible,
+        beams,
+        d_th,
+        vertex_offsets,
+        face_offsets,
+        face_theta_i,
+        face_theta_f,
+        face_rms,
+        objects,
+        object_beams,
+    ) = tallied(members, outlines, faces, points.geometry.step, sweep_d_th, sigma, adaptive)
     result = Detection(
         row=row,
         object=members.number,
-        set=np.where(wall, np.uint8(NOISE), np.uint8(OBJECT)),
+        set=sets,
         shape=shape,
-        visibility=visibility(members.start_edge, members.end_edge),
+        visibility=visible,
         beam_i=members.beam_i,
         beam_f=members.beam_f,
-        beams=size.astype(np.int32),
+        beams=beams,
         theta_i=members.theta_i,
         theta_f=members.theta_f,
         r_i=members.r_i,
         r_f=members.r_f,
         s_i=members.s_i,
         s_f=members.s_f,
-        d_th=adaptive_threshold(sigma[row], step, members.r_i, members.s_i) if adaptive else sweep_d_th[row],
+        d_th=d_th,
         theta_min=members.theta_min,
         r_min=members.r_min,
         x=members.x,
@@ -116,19 +174,19 @@ def describe(
         box_length=box.length,
         box_width=box.width,
         box_yaw=box.yaw,
-        vertex_offsets=outlines.offsets.astype(np.int32),
+        vertex_offsets=vertex_offsets,
         vertex_theta=outlines.theta,
         vertex_r=outlines.r,
         vertex_kind=outlines.kind,
-        face_offsets=outlines.face_offsets.astype(np.int32),
-        face_theta_i=outlines.theta[outlines.begin],
-        face_theta_f=outlines.theta[outlines.begin + 1],
+        face_offsets=face_offsets,
+        face_theta_i=face_theta_i,
+        face_theta_f=face_theta_f,
         face_length=outlines.length,
-        face_rms=faces.rms[outlines.face],
+        face_rms=face_rms,
         d_mean=d_mean,
         sweep_d_th=sweep_d_th,
         noise=sigma,
-        objects=count.astype(np.int32),
+        objects=objects,
         agents=np.zeros(rows, np.int32),
         object_beams=object_beams,
         agent_beams=np.zeros(rows, np.int32),
@@ -138,7 +196,7 @@ def describe(
         return result
     index, _, _ = spans(runs.first[parts.run], runs.size[parts.run])
     member = np.zeros(len(points.grid.range), np.int32)
-    member[points.cell[index]] = np.repeat(np.where(wall, 0, members.number), size)
+    member[points.cell[index]] = np.repeat(np.where(wall, 0, members.number), beams)
     beam_object = points.grid.beams(member, batch.width, 0)
     return replace(
         result,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.kernels import compiled
-from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch
+from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch, UInt8
 
 MARGIN = 4
 """Empty cells before and after each sweep: no look at so many neighbours reaches the next sweep."""
@@ -43,22 +43,24 @@ class Geometry:
     @staticmethod
     def of(batch: SweepBatch) -> Geometry:
         """The geometry of each row of a batch."""
-        reverse = batch.angle_increment < 0
-        bearings = batch.beams - (batch.closure == Closure.SHARED)
-        last = batch.angle_min + (bearings - 1) * batch.angle_increment
-        period = bearings.astype(np.int64)
-        period[batch.closure == Closure.OPEN] = 0
-        return Geometry(
-            first=np.where(reverse, last, batch.angle_min),
-            step=np.abs(batch.angle_increment),
-            period=period,
-            reverse=reverse,
-            bearings=bearings,
-        )
+        return Geometry(*bearings_of(batch.angle_min, batch.angle_increment, batch.beams, batch.closure))
 
     def beam(self, row: Int64, position: Int64) -> Int64:
         """Index in the log of the beam at a position, at most one turn beyond the seam on either side (Def. 1's n)."""
         return beam_at(row, position, self.period, self.reverse, self.bearings)
+
+
+@compiled
+def bearings_of(
+    angle_min: Float64, angle_increment: Float64, beams: Int32, closure: UInt8
+) -> tuple[Float64, Float64, Int64, Bool, Int32]:
+    """Columns of the `Geometry` of sweeps with the angles, beams and closures of a `SweepBatch`."""
+    reverse = angle_increment < 0
+    bearings = beams - (closure == Closure.SHARED.value)
+    last = angle_min + (bearings - 1) * angle_increment
+    period = bearings.astype(np.int64)
+    period[closure == Closure.OPEN.value] = 0
+    return np.where(reverse, last, angle_min), np.abs(angle_increment), period, reverse, bearings
 
 
 def beam_at(row: Int64, position: Int64, period: Int64, reverse: Bool, bearings: Int32) -> Int64:
@@ -271,7 +273,7 @@ def _directions(batch: SweepBatch, points: Points) -> tuple[Float64, Float64, In
     """cos θ and sin θ of the cells, once per distinct geometry of the batch, (D, stride); which of them, (S,)."""
     last = points.geometry.reverse * (points.geometry.bearings - 1.0)
     columns = (batch.angle_min, batch.angle_increment, last)
-    if len(batch) and all(bool((values == values[:1]).all()) for values in columns):
+    if len(batch) and alike(*columns):
         start, increment, end = (float(values[0]) for values in columns)
         cos, sin = _row_directions(start, increment, end, points.stride)
         return cos[None], sin[None], np.zeros(len(batch), np.int64)
@@ -282,6 +284,12 @@ def _directions(batch: SweepBatch, points: Points) -> tuple[Float64, Float64, In
     for (start, increment, end), row in number.items():
         tables[:, row] = _row_directions(start, increment, end, points.stride)
     return tables[0], tables[1], code
+
+
+@compiled
+def alike(start: Float64, increment: Float64, last: Float64) -> bool:
+    """Whether all rows have the same three values, (S,) each."""
+    return all(bool((values == values[:1]).all()) for values in (start, increment, last))
 
 
 @lru_cache(maxsize=64)

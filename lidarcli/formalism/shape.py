@@ -45,29 +45,62 @@ def classify(members: Members, outlines: Outlines, faces: Faces, sigma: Float64)
     circles : circles of the objects, of which those of round ones tell something
     """
     beams, count = np.diff(members.offsets), np.diff(outlines.face_offsets)
-    rms, square = straightness(faces, outlines.face, outlines.face_offsets, np.cos(SQUARE))
-    codes = np.full(len(beams), IRREGULAR, np.uint8)
-    most = np.maximum(2.0 * sigma, STRAIGHT_FIT)
-    codes[(rms <= most) & (count <= MOST_FACES) & square] = PRISMATIC
-    codes[beams < ENOUGH_BEAMS] = UNKNOWN
-    able = (beams >= ENOUGH_BEAMS) & ((count > 1) | (rms > FIT_FLOOR))
-    # A circle has three parameters, c faces have 3c - 1: so well must it fit to be the simpler explanation.
-    floor = np.maximum(0.5 * sigma, FIT_FLOOR)
-    rival = np.maximum(rms, floor) * np.exp((1.5 * count - 2.0) * np.log(beams) / beams)
-    # One that fits so much worse cannot win, not even after its refinement.
-    within = np.where(able, WORSE * rival, -1.0)
-    circles = fit_circles(members.point_x, members.point_y, members.offsets, within)
-    arc = (
-        (np.maximum(circles.rms, floor) < rival)
-        & (np.square(circles.x) + np.square(circles.y) > np.square(members.x) + np.square(members.y))
-        & (circles.rms <= most)
-        & (members.width > ARC * circles.radius)
+    # A circle has three parameters, c faces have 3c - 1.
+    handicap = np.exp((1.5 * count - 2.0) * np.log(beams) / beams)
+    codes, rival, within = by_faces(
+        faces, outlines.face, outlines.face_offsets, beams, sigma, handicap, np.cos(SQUARE)
     )
-    codes[arc] = ROUND
+    circles = fit_circles(members.point_x, members.point_y, members.offsets, within)
+    codes[better_as_arcs(members, circles, sigma, rival)] = ROUND
     return codes, circles
 
 
 @compiled
+def by_faces(
+    faces: Faces,
+    face: Int64,
+    offsets: Int64,
+    beams: Int64,
+    sigma: Float64,
+    handicap: Float64,
+    least: float,
+) -> tuple[UInt8, Float64, Float64]:
+    """What K objects are by their faces alone.
+
+    Parameters
+    ----------
+    faces, face, offsets, least : see `straightness`
+    beams, sigma : (K,) number of points, and noise of the ranges [m]
+    handicap : (K,) so many times worse than the faces may a circle fit to be the simpler explanation
+
+    Returns
+    -------
+    codes : (K,) PRISMATIC, IRREGULAR or UNKNOWN
+    rival : (K,) a circle has to fit better than this [m]
+    within : (K,) one that fits worse than this cannot win, not even after its refinement [m]; negative: none can
+    """
+    count = np.diff(offsets)
+    rms, square = straightness(faces, face, offsets, least)
+    codes = np.full(len(beams), IRREGULAR, np.uint8)
+    codes[(rms <= np.maximum(2.0 * sigma, STRAIGHT_FIT)) & (count <= MOST_FACES) & square] = PRISMATIC
+    codes[beams < ENOUGH_BEAMS] = UNKNOWN
+    able = (beams >= ENOUGH_BEAMS) & ((count > 1) | (rms > FIT_FLOOR))
+    rival = np.maximum(rms, np.maximum(0.5 * sigma, FIT_FLOOR)) * handicap
+    return codes, rival, np.where(able, WORSE * rival, -1.0)
+
+
+@compiled
+def better_as_arcs(members: Members, circles: Circles, sigma: Float64, rival: Float64) -> Bool:
+    """(K,) which objects their circles explain better than their faces do, see `by_faces`."""
+    arc: Bool = (
+        (np.maximum(circles.rms, np.maximum(0.5 * sigma, FIT_FLOOR)) < rival)
+        & (np.square(circles.x) + np.square(circles.y) > np.square(members.x) + np.square(members.y))
+        & (circles.rms <= np.maximum(2.0 * sigma, STRAIGHT_FIT))
+        & (members.width > ARC * circles.radius)
+    )
+    return arc
+
+
 def straightness(faces: Faces, face: Int64, offsets: Int64, least: float) -> tuple[Float64, Bool]:
     """How well the faces of each of K objects explain its points, and whether they meet as those of a box do.
 

@@ -37,7 +37,8 @@ REACH_LIMIT = 0.1
 def chord(runs: Runs) -> Float64:
     """(R,) distance of the first and the last point of a run [m]."""
     x, y = runs.points.x, runs.points.y
-    distance: Float64 = np.hypot(x[runs.last] - x[runs.first], y[runs.last] - y[runs.first])
+    dx, dy = x[runs.last] - x[runs.first], y[runs.last] - y[runs.first]
+    distance: Float64 = np.sqrt(dx * dx + dy * dy)
     return distance
 
 

@@ -1,11 +1,47 @@
 """The grid of cells, and the coordinates of the points in it."""
 
+from libc.math cimport fabs
 from libc.string cimport memcpy
 
 import numpy as np
 
 cdef enum:
     MARGIN = 4
+    OPEN = 0
+    SHARED = 2
+
+
+def bearings_of(angle_min, angle_increment, beams, closure):
+    cdef const double[::1] start = np.ascontiguousarray(angle_min)
+    cdef const double[::1] increment = np.ascontiguousarray(angle_increment)
+    cdef const int[::1] counted = np.ascontiguousarray(beams)
+    cdef const unsigned char[::1] closes = np.ascontiguousarray(closure)
+    cdef Py_ssize_t i, rows = start.shape[0]
+    firsts, steps, periods = np.empty(rows), np.empty(rows), np.empty(rows, np.int64)
+    turned, numbers = np.empty(rows, bool), np.empty(rows, np.int32)
+    cdef double[::1] first = firsts, step = steps
+    cdef long long[::1] period = periods
+    cdef unsigned char[::1] reverse = turned.view(np.uint8)
+    cdef int[::1] bearings = numbers
+    with nogil:
+        for i in range(rows):
+            reverse[i] = increment[i] < 0
+            bearings[i] = counted[i] - (1 if closes[i] == SHARED else 0)
+            first[i] = start[i] + <double>(bearings[i] - 1) * increment[i] if reverse[i] else start[i]
+            step[i] = fabs(increment[i])
+            period[i] = 0 if closes[i] == OPEN else bearings[i]
+    return firsts, steps, periods, turned, numbers
+
+
+def alike(start, increment, last):
+    cdef const double[::1] column
+    cdef Py_ssize_t i
+    for values in (start, increment, last):
+        column = np.ascontiguousarray(values)
+        for i in range(column.shape[0]):
+            if column[i] != column[0]:
+                return False
+    return True
 
 
 def lay_out(ranges, bearings, reverse, Py_ssize_t stride):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from libc.math cimport fabs, hypot, sqrt
+from libc.math cimport fabs, sqrt
 
 cdef double LINE_LENGTH = 0.5
 cdef double COLLINEAR = 0.03
@@ -64,7 +64,7 @@ def surveyed(runs, const double[::1] sigma, long long min_beams, double max_widt
     with nogil:
         for j in range(count):
             a, b = first[j], first[j] + size[j] - 1
-            ends[j] = hypot(x[b] - x[a], y[b] - y[a])
+            ends[j] = sqrt((x[b] - x[a]) * (x[b] - x[a]) + (y[b] - y[a]) * (y[b] - y[a]))
             tolerance[j] = STRAIGHT + STRAIGHT_NOISE * sigma[row[j]]
             if ends[j] <= max_width:
                 most[j] = size[j] if size[j] >= min_beams else 0
