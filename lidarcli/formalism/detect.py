@@ -14,7 +14,7 @@ from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
 from lidarcli.formalism.faces import faces_between, straight_faces
 from lidarcli.formalism.fragments import bodies, torn
 from lidarcli.formalism.grouping import LEG_WIDTH, close_pairs, joined
-from lidarcli.formalism.objects import by_extent, chosen, fully_visible, surrounding
+from lidarcli.formalism.objects import by_extent, chosen, fully_visible, pieces
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.points import collect
 from lidarcli.formalism.runs import Runs, split
@@ -146,7 +146,7 @@ def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, S
     reach = reached(runs, faces, ends)
     wall, candidate, partial, bend = by_extent(runs, faces, reach, thing, least, most)
     wall |= on_wall_lines(runs, faces, wall, candidate, partial, sigma, most)
-    piece = (ends <= most) & ~wall & ~thing & ~surrounding(runs)
+    piece = pieces(runs, ends, wall, thing, most)
     body = bodies(runs, reach, *torn(runs, piece, reach))
     is_object = chosen(runs, wall, piece, thing, body, bend, least, most)
     is_wall = wall & parameters.walls

@@ -73,6 +73,24 @@ def by_extent(
 
 
 @compiled
+def pieces(runs: Runs, ends: Float64, wall: Bool, thing: Bool, max_width: float) -> Bool:
+    """Profile `robust`: which runs may be objects or parts of some, by themselves.
+
+    Parameters
+    ----------
+    runs : R runs
+    ends : (R,) distance of their first and last points [m]
+    wall, thing : (R,) which of them are known as walls, or as things
+    max_width : greatest extent of an object [m]
+
+    Returns
+    -------
+    (R,)
+    """
+    return (ends <= max_width) & ~wall & ~thing & ~surrounding(runs)
+
+
+@compiled
 def chosen(
     runs: Runs,
     wall: Bool,

@@ -114,7 +114,7 @@ def stretches(runs, faces, worth, const double[::1] sigma):
                 first, last = face_first[begin], face_last[end - 1]
                 level = sigma[row[j]]
                 # How far it reaches from its ends, and how far it stands out from the walls beside it.
-                far[0] = far[1] = 0.0
+                far[0] = far[1] = ahead[0] = ahead[1] = 0.0
                 for f in range(begin - 1, end):
                     at = face_last[f] if f >= begin else first
                     far[0] = _most(

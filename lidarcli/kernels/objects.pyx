@@ -86,6 +86,23 @@ def by_extent(runs, faces, const double[::1] reach, carved, long long min_beams,
     return walls, candidates, partials, bends
 
 
+def pieces(runs, const double[::1] ends, walls, carved, double max_width):
+    cdef const unsigned char[::1] start_edge = runs.start_edge
+    cdef const unsigned char[::1] end_edge = runs.end_edge
+    cdef const double[::1] s_start = runs.s_start
+    cdef const unsigned char[::1] wall = walls.view(np.uint8)
+    cdef const unsigned char[::1] thing = carved.view(np.uint8)
+    cdef Py_ssize_t j, count = ends.shape[0]
+    cdef bint around
+    found = np.empty(count, bool)
+    cdef unsigned char[::1] piece = found.view(np.uint8)
+    with nogil:
+        for j in range(count):
+            around = start_edge[j] == HIDDEN and end_edge[j] == HIDDEN and s_start[j] != s_start[j]
+            piece[j] = ends[j] <= max_width and not wall[j] and not thing[j] and not around
+    return found
+
+
 def chosen(runs, walls, pieces, carved, bodies, const signed char[::1] bend, long long min_beams, double max_width):
     cdef const long long[::1] row = runs.row
     cdef const long long[::1] first = runs.first
