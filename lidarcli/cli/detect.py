@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.cli.messages import Messages
+from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     LOGS,
-    METRES,
     GroupedCommand,
     Number,
-    Threshold,
     csv_geometry,
     csv_options,
     option,
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.many import Outcome
 
-OUTPUT, OBJECTS, BACKGROUND = "Output", "Objects", "Background"
+OUTPUT, BACKGROUND = "Output", "Background"
 STDOUT = "-"
 
 
@@ -76,48 +75,7 @@ STDOUT = "-"
     help="Processes to use at most: long logs are split, many go side by side.  [default: one per core]",
 )
 @reading_options
-@option(
-    "--profile",
-    heading=OBJECTS,
-    type=click.Choice(["robust", "paper"]),
-    default="robust",
-    show_default=True,
-    help="Estimates for real sensors, or the paper's formulas to the letter.",
-)
-@option(
-    "--threshold",
-    heading=OBJECTS,
-    type=Threshold(),
-    help="Discontinuity: by noise and range, the mean of |s| (Def. 3), or fixed.  "
-    "[default: adaptive; paper: mean]",
-)
-@option(
-    "--min-beams",
-    heading=OBJECTS,
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Fewer valid beams are noise.  [default: 3; paper: 1]",
-)
-@option(
-    "--max-width",
-    heading=OBJECTS,
-    type=Number("METRES", above=0),
-    help="What extends further is background.  [default: 2; paper or --background: no limit]",
-)
-@option(
-    "--max-gap",
-    heading=OBJECTS,
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Lost beams bridged inside one surface.  [default: 2; paper: 0]",
-)
-@option(
-    "--group-gap",
-    heading=OBJECTS,
-    type=METRES,
-    help="Slim objects closer than this are one, as the legs of a chair.  [default: 0, never]",
-)
-@option("--walls", heading=OBJECTS, is_flag=True, help="Also rows for walls, with the corners of the room.")
+@object_options(walls="Also rows for walls, with the corners of the room.", no_limit="paper or --background")
 @option(
     "--background",
     heading=BACKGROUND,

@@ -9,12 +9,10 @@ from typing import Any
 import click
 
 from lidarcli.cli.messages import Messages
+from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     INPUTS,
-    METRES,
     GroupedCommand,
-    Number,
-    Threshold,
     csv_geometry,
     csv_options,
     option,
@@ -22,7 +20,7 @@ from lidarcli.cli.options import (
     range_rules,
 )
 
-PICTURE, OBJECTS = "Picture", "Objects"
+PICTURE = "Picture"
 STDOUT = "-"
 
 
@@ -110,48 +108,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     type=click.Path(),
     help="Background to compare with (docs/background.md): also r_w, r_e and their difference.  [default: none]",
 )
-@option(
-    "--profile",
-    heading=OBJECTS,
-    type=click.Choice(["robust", "paper"]),
-    default="robust",
-    show_default=True,
-    help="Estimates for real sensors, or the paper's formulas to the letter.",
-)
-@option(
-    "--threshold",
-    heading=OBJECTS,
-    type=Threshold(),
-    help="Discontinuity: by noise and range, the mean of |s| (Def. 3), or fixed.  "
-    "[default: adaptive; paper: mean]",
-)
-@option(
-    "--min-beams",
-    heading=OBJECTS,
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Fewer valid beams are noise.  [default: 3; paper: 1]",
-)
-@option(
-    "--max-width",
-    heading=OBJECTS,
-    type=Number("METRES", above=0),
-    help="What extends further is background.  [default: 2; paper: no limit]",
-)
-@option(
-    "--max-gap",
-    heading=OBJECTS,
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="Lost beams bridged inside one surface.  [default: 2; paper: 0]",
-)
-@option(
-    "--group-gap",
-    heading=OBJECTS,
-    type=METRES,
-    help="Slim objects closer than this are one, as the legs of a chair.  [default: 0, never]",
-)
-@option("--walls", heading=OBJECTS, is_flag=True, help="Also draw walls, with the corners of the room.")
+@object_options(walls="Also draw walls, with the corners of the room.", no_limit="paper")
 @range_options
 @csv_options
 @click.pass_obj

@@ -1,0 +1,67 @@
+"""The options that say what an object is: the same for every command that looks for some."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import click
+
+from lidarcli.cli.options import METRES, F, Number, Threshold, option
+
+OBJECTS = "Objects"
+
+
+def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:
+    """`--profile` to `--walls`; `walls` is the help of the last, `no_limit` names where there is no greatest width."""
+
+    def decorate(command: F) -> F:
+        for add in reversed(
+            (
+                option(
+                    "--profile",
+                    heading=OBJECTS,
+                    type=click.Choice(["robust", "paper"]),
+                    default="robust",
+                    show_default=True,
+                    help="Estimates for real sensors, or the paper's formulas to the letter.",
+                ),
+                option(
+                    "--threshold",
+                    heading=OBJECTS,
+                    type=Threshold(),
+                    help="Discontinuity: by noise and range, the mean of |s| (Def. 3), or fixed.  "
+                    "[default: adaptive; paper: mean]",
+                ),
+                option(
+                    "--min-beams",
+                    heading=OBJECTS,
+                    type=click.IntRange(min=1),
+                    metavar="N",
+                    help="Fewer valid beams are noise.  [default: 3; paper: 1]",
+                ),
+                option(
+                    "--max-width",
+                    heading=OBJECTS,
+                    type=Number("METRES", above=0),
+                    help=f"What extends further is background.  [default: 2; {no_limit}: no limit]",
+                ),
+                option(
+                    "--max-gap",
+                    heading=OBJECTS,
+                    type=click.IntRange(min=0),
+                    metavar="N",
+                    help="Lost beams bridged inside one surface.  [default: 2; paper: 0]",
+                ),
+                option(
+                    "--group-gap",
+                    heading=OBJECTS,
+                    type=METRES,
+                    help="Slim objects closer than this are one, as the legs of a chair.  [default: 0, never]",
+                ),
+                option("--walls", heading=OBJECTS, is_flag=True, help=walls),
+            )
+        ):
+            command = add(command)
+        return command
+
+    return decorate
