@@ -28,7 +28,7 @@ class ReadOptions:
     """Sweeps from here on are left out [s]."""
     every: int = 1
     """Of each topic's sweeps only those whose index is a multiple of this."""
-    batch_size: int = 256
+    batch_size: int = 512
     rules: RangeRules = field(default_factory=RangeRules)
 
 
