@@ -382,12 +382,12 @@ def batch_of(sweeps: int, beams: int = 360) -> SweepBatch:
 
 @pytest.mark.parametrize(
     ("ahead", "counted", "calls"),
-    [(29_000, 100, True), (27_000, 100, False), (None, 100, False)],
+    [(112_000, 100, True), (110_000, 100, False), (None, 100, False)],
 )
 def test_workers_are_called_for_what_lies_ahead(
     monkeypatch: pytest.MonkeyPatch, ahead: int | None, counted: int, calls: bool
 ) -> None:
-    """3,000,000 ranges are 27,778 sweeps of 108 beams, as a hundred that were read had them."""
+    """12,000,000 ranges are 111,111 sweeps of 108 beams, as a hundred that were read had them."""
     monkeypatch.setattr(processes, "start", _none_wanted)
     stand_in, recipe = reading(iter([batch_of(30)]), ahead, counted)
     with Splitting(stand_in, recipe, 2) as work:
