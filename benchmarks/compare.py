@@ -28,7 +28,8 @@ SHORT = 300
 
 def detect(tree: Path, log: Path, folder: Path) -> tuple[float, float]:
     """Wall and processor time of a run with the code of a tree [s]."""
-    command = (sys.executable, "-m", "lidarcli", "-q", "detect", str(log), "--jobs", "1", "--overwrite")
+    # The folder that this runs in must not come before the tree: -P.
+    command = (sys.executable, "-P", "-m", "lidarcli", "-q", "detect", str(log), "--jobs", "1", "--overwrite")
     os.environ["PYTHONPATH"] = str(tree)
     done = run(*command, "-o", str(folder / "tables"))
     return done.seconds, done.cpu_seconds

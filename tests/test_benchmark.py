@@ -24,3 +24,24 @@ def test_the_benchmark_runs(tmp_path: Path) -> None:
     assert figures["ratio"]["detect"] > 1
     assert 20 < figures["robust"]["peak_mb"] < 400
     assert "lidarcli --help" in done.stdout
+
+
+def test_the_full_benchmark_runs(tmp_path: Path) -> None:
+    target = tmp_path / "full.json"
+    arguments = ["--sweeps", "50", "--repeats", "1", "--longest", "0", "--json", str(target)]
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.full", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=BENCH.parent.parent,
+    )
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(target.read_text(encoding="utf-8"))
+    assert len(figures["cases"]) == 11
+    assert figures["cases"]["CSV"]["sweeps"] == 10
+    assert all(case["ratio"] > 1 for case in figures["cases"].values())
+    assert set(figures["references_us"]) >= {"iterate 361", "read and decompress", "loop", "dbscan"}
+    assert figures["references_us"]["dbscan"] > figures["references_us"]["read and decompress"]
+    assert "| ROS 1 bag | 50 |" in done.stdout
