@@ -23,6 +23,8 @@ from statistics import median
 
 HERE = Path(__file__).parent
 LIDARCLI = str(Path(sys.executable).with_name("lidarcli"))
+COMPILED_EACH_TIME = "PYTHONDONTWRITEBYTECODE"
+"""Where this is set every start compiles all modules, which is not how Python is used."""
 RSS_UNIT = 1 if sys.platform == "darwin" else 1024
 """Bytes in a unit of `ru_maxrss`."""
 
@@ -113,9 +115,10 @@ class Figures:
 
 def run(*command: str) -> Run:
     """Run a command to its end; a failure ends the benchmark with what it said."""
+    environment = {name: value for name, value in os.environ.items() if name != COMPILED_EACH_TIME}
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         started = time.perf_counter()
-        process = subprocess.Popen(command, stdout=out, stderr=err)
+        process = subprocess.Popen(command, stdout=out, stderr=err, env=environment)
         _, status, usage = os.wait4(process.pid, 0)
         seconds = time.perf_counter() - started
         process.returncode = os.waitstatus_to_exitcode(status)
