@@ -17,21 +17,23 @@ FLAGS = (
     else ["-O3", "-g0", "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
 )
 
-setup(
-    ext_modules=cythonize(
-        [
-            Extension(f"lidarcli.kernels.{path.stem}", [str(path)], extra_compile_args=FLAGS, optional=True)
-            for path in sorted(Path("lidarcli/kernels").glob("*.pyx"))
-        ],
-        build_dir="build",
-        language_level=3,
-        compiler_directives={
-            # For those who look for a wild index: LIDARCLI_BOUNDS=1 pip install --editable .
-            "boundscheck": bool(os.environ.get("LIDARCLI_BOUNDS")),
-            "wraparound": False,
-            "cdivision": True,
-            "initializedcheck": False,
-        },
-    ),
-    options={"build_ext": {"parallel": os.cpu_count() or 1}},
+kernels = cythonize(
+    [
+        Extension(f"lidarcli.kernels.{path.stem}", [str(path)], extra_compile_args=FLAGS)
+        for path in sorted(Path("lidarcli/kernels").glob("*.pyx"))
+    ],
+    build_dir="build",
+    language_level=3,
+    compiler_directives={
+        # For those who look for a wild index: LIDARCLI_BOUNDS=1 pip install --editable .
+        "boundscheck": bool(os.environ.get("LIDARCLI_BOUNDS")),
+        "wraparound": False,
+        "cdivision": True,
+        "initializedcheck": False,
+    },
 )
+for kernel in kernels:
+    # Said here, as Cython makes extensions of its own, which forget it.
+    kernel.optional = True
+
+setup(ext_modules=kernels, options={"build_ext": {"parallel": os.cpu_count() or 1}})
