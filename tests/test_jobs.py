@@ -401,6 +401,8 @@ def test_workers_are_called_for_what_lies_ahead(
 def test_of_a_pipe_what_lies_behind_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "start", _none_wanted)
     monkeypatch.setattr(parts_split, "ALONE", 100_000)
+    # Nothing is waited for, however busy the machine is.
+    monkeypatch.setattr(Splitting, "_timed", lambda self, batches: ((batch, 0.0) for batch in batches))
     stand_in, recipe = reading(iter([batch_of(256)] * 2))
     with Splitting(stand_in, recipe, 2) as work:
         parts = work.parts(None)
