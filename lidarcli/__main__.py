@@ -2,10 +2,13 @@
 
 import sys
 
+from lidarcli.interrupts import wait_for_imports
+
 
 def main() -> None:
     """Run the command line; ctrl-C has its one line also while modules are still being imported."""
     try:
+        wait_for_imports()
         from lidarcli.cli import main as run
 
         run()

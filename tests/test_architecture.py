@@ -15,15 +15,17 @@ MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if 
 CORE = {"errors", "sweeps"}
 MAY_IMPORT = {
     "errors": set[str](),
+    "interrupts": set[str](),
     "kernels": set[str](),
+    "threads": set[str](),
     "sweeps": {"errors", "kernels"},
     "logs": CORE,
     "poses": CORE | {"logs"},
     "formalism": CORE | {"kernels"},
-    "tables": CORE | {"formalism", "kernels"},
+    "tables": CORE | {"formalism", "kernels", "threads"},
     "simulate": CORE | {"tables"},
     "reports": CORE | {"formalism", "tables"},
-    "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports"},
+    "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports", "threads"},
     "cli": CORE | {"logs", "formalism", "simulate", "pipeline"},
     "__init__": {"formalism", "pipeline"},
 }

@@ -136,9 +136,8 @@ def test_interrupted_at_any_moment(log: Path, whole: tuple[dict[str, bytes], flo
             assert {path.name for path in tmp_path.iterdir()} <= set(FINAL)
         for name in final_names(tmp_path, tables):
             (tmp_path / name).unlink()
-    # A signal that comes before Python has begun, or after the work is done, ends the process its own way. SIGABRT
-    # was seen once, on a busy machine, for a reason that is not known yet: it has to go from here when that is found.
-    assert set(codes) <= {130, 0, -signal.SIGINT, -signal.SIGABRT}
+    # A signal that comes before Python has begun, or after the work is done, ends the process its own way.
+    assert set(codes) <= {130, 0, -signal.SIGINT}
     assert codes[-1] == 130
 
 

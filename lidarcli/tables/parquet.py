@@ -13,9 +13,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import OutputError
+from lidarcli.threads import Beside
 
 if TYPE_CHECKING:
-    from concurrent.futures import Future, ThreadPoolExecutor
+    from concurrent.futures import Future
 
 ROWS_PER_GROUP = 100_000
 """Small row groups cost a factor of three in writing time and more in reading."""
@@ -42,7 +43,7 @@ class ParquetSink:
         self._schema = schema
         self._pending: list[pa.RecordBatch] = []
         self._rows = 0
-        self._thread: ThreadPoolExecutor | None = None
+        self._thread: Beside | None = None
         self._written: Future[None] | None = None
         floats, texts = _leaves(schema)
         # Bearings repeat from row to row, byte by byte: split into streams they would lose that. Statistics help to
@@ -94,10 +95,7 @@ class ParquetSink:
         table = self._take(rows)
         self._settle()
         if self._thread is None:
-            # Most logs are short and need not wait for the import.
-            from concurrent.futures import ThreadPoolExecutor
-
-            self._thread = ThreadPoolExecutor(1, "parquet")
+            self._thread = Beside("parquet")
         self._written = self._thread.submit(self._write, table)
 
     def _joined(self) -> pa.Table:
@@ -124,7 +122,7 @@ class ParquetSink:
     def _stop(self) -> None:
         """End the writing thread; what it is at comes to its end first."""
         if self._thread is not None:
-            self._thread.shutdown()
+            self._thread.close()
 
 
 class PartFile:

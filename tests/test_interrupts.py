@@ -1,0 +1,108 @@
+"""Ctrl-C at the moments at which it would leave something half done."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from lidarcli.tables.parquet import ROWS_PER_GROUP, PartFile
+
+IMPORTED = """
+import os, signal, time
+os.kill(os.getpid(), signal.SIGINT)
+time.sleep(0.1)
+whole = True
+"""
+IMPORTING = """
+import signal, sys, time
+from lidarcli.interrupts import wait_for_imports
+wait_for_imports()
+try:
+    import imported
+    time.sleep(10)
+except KeyboardInterrupt:
+    print(sys.modules["imported"].whole)
+"""
+
+
+def test_it_waits_for_an_import(tmp_path: Path) -> None:
+    (tmp_path / "imported.py").write_text(IMPORTED)
+    ran = subprocess.run(
+        [sys.executable, "-c", IMPORTING],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert (ran.stdout, ran.stderr, ran.returncode) == ("True\n", "", 0)
+
+
+def test_where_it_is_ignored_it_stays_ignored() -> None:
+    script = (
+        "import signal; from lidarcli.interrupts import wait_for_imports; wait_for_imports();"
+        "signal.raise_signal(signal.SIGINT); print('still here')"
+    )
+    ran = subprocess.run(
+        ["sh", "-c", 'trap "" INT; exec "$@"', "sh", sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=True,
+    )
+    assert ran.stdout == "still here\n"
+
+
+def interrupted_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = threading.Thread.start
+
+    def interrupted(thread: threading.Thread) -> None:
+        start(thread)
+        time.sleep(0.002)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+
+
+def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interrupt while the writing thread starts: two at one file would crash the process."""
+    schema = pa.schema([("x", pa.float64())])
+    rows = pa.record_batch([pa.array(range(ROWS_PER_GROUP), pa.float64())], schema=schema)
+    interrupted_start(monkeypatch)
+    working: list[bool] = []
+    monkeypatch.setattr("lidarcli.tables.parquet.ParquetSink._write", lambda *_: working.append(True))
+    file = PartFile(tmp_path / "x.parquet", schema)
+    with pytest.raises(KeyboardInterrupt), file:
+        file.write(rows)
+    time.sleep(0.05)
+    assert working == []
+    assert list(tmp_path.iterdir()) == []
+
+
+CLOSING = """
+import os, signal, threading, time
+from lidarcli.threads import Beside
+done = []
+thread = Beside("test")
+thread.submit(lambda: (time.sleep(0.5), done.append("work")))
+thread.submit(done.append, "what was to follow")
+threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+try:
+    thread.close()
+except KeyboardInterrupt:
+    print(done)
+"""
+
+
+def test_work_comes_to_its_end_whatever_interrupts() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", CLOSING], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert (ran.stdout, ran.stderr, ran.returncode) == ("['work']\n", "", 0)
