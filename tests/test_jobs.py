@@ -112,7 +112,9 @@ OPTIONS: dict[str, Callable[[Source], DetectOptions]] = {
     "every third": lambda source: DetectOptions(read=ReadOptions(every=3, batch_size=64)),
     "part": lambda source: DetectOptions(read=ReadOptions(start=30.0, end=200.0, batch_size=100)),
     "paper": lambda source: DetectOptions(parameters=Parameters.for_profile("paper")),
-    "no poses": lambda source: DetectOptions(pose="none", read=ReadOptions(topics=("rear", "left"))),
+    "no poses": lambda source: DetectOptions(
+        pose="none", read=ReadOptions(topics=("rear", "left"), batch_size=64)
+    ),
     "background": lambda source: DetectOptions(background=background(source)),
 }
 

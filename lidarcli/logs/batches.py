@@ -12,8 +12,8 @@ from lidarcli.logs.base import SCAN_TYPES, Log
 from lidarcli.logs.laserscan import split_rows
 from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
 
-BATCH_VALUES = 1 << 22
-"""Most ranges of one batch, padding included: batches of very wide sweeps hold fewer of them."""
+BATCH_VALUES = 1 << 18
+"""Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class ReadOptions:
     """Sweeps from here on are left out [s]."""
     every: int = 1
     """Of each topic's sweeps only those whose index is a multiple of this."""
-    batch_size: int = 512
+    batch_size: int = 768
     rules: RangeRules = field(default_factory=RangeRules)
 
 

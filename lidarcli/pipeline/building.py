@@ -62,8 +62,10 @@ class Building:
     def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
         """Learn from the sweeps of one log."""
         options = self._options
-        with open_source(source, options.csv) as log:
-            reading = Reading(log, options.read, options.pose)
+        with (
+            open_source(source, options.csv) as log,
+            Reading(log, options.read, options.pose) as reading,
+        ):
             for batch in reading.batches(progress):
                 self._take(batch)
             summary = reading.close()

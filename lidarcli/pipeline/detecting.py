@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from lidarcli.formalism import Parameters
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.pipeline.cores import cores
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.parts import Recipe
@@ -41,6 +42,8 @@ class DetectOptions:
     overwrite: bool = False
     jobs: int = 1
     """Processes to use; the result does not depend on it."""
+    cores: int = field(default_factory=cores)
+    """Processors that there are for one process."""
 
     @property
     def tables(self) -> tuple[str, ...]:
@@ -67,20 +70,20 @@ def detect_to_files(
     """Write the tables of one log below `folder`; they appear when all of them are whole, or not at all."""
     if not options.overwrite:
         refuse_existing([table_path(folder, source.name, table) for table in options.tables])
-    with open_source(source, options.csv) as log:
-        reading = Reading(log, options.read, options.pose)
-        with (
-            TableFiles(folder, source.name, options.tables, reading.first) as files,
-            Splitting(reading, options.recipe(source, options.tables), options.jobs) as work,
-        ):
-            for part in work.parts(progress):
-                for table, topic, rows in part.rows:
-                    files.write(table, topic, rows)
-                reading.summary.add_found(part.found)
-            summary = _close(reading, work)
-            described = reading.describe(source)
-            files.publish(table_metadata(options.as_dict(), described, summary.damage))
-            summary.outputs = [str(path) for path in files.paths]
+    with (
+        open_source(source, options.csv) as log,
+        Reading(log, options.read, options.pose) as reading,
+        TableFiles(folder, source.name, options.tables, reading.first) as files,
+        Splitting(reading, options.recipe(source, options.tables), options.jobs, options.cores) as work,
+    ):
+        for part in work.parts(progress):
+            for table, topic, rows in part.rows:
+                files.write(table, topic, rows)
+            reading.summary.add_found(part.found)
+        summary = _close(reading, work)
+        described = reading.describe(source)
+        files.publish(table_metadata(options.as_dict(), described, summary.damage))
+        summary.outputs = [str(path) for path in files.paths]
     return summary
 
 
@@ -88,18 +91,18 @@ def detect_to_stream(
     source: Source, stream: RowStream, options: DetectOptions, progress: Progress | None = None
 ) -> tuple[RunSummary, dict[str, Any]]:
     """Pass the objects of one log to `stream`, in the order of the table; also the description of the source."""
-    with open_source(source, options.csv) as log:
-        reading = Reading(log, options.read, options.pose)
-        with (
-            TopicOrder(stream, OBJECTS, reading.first, None) as order,
-            Splitting(reading, options.recipe(source, ("objects",)), options.jobs) as work,
-        ):
-            for part in work.parts(progress):
-                for _, topic, rows in part.rows:
-                    order.write(topic, rows)
-                reading.summary.add_found(part.found)
-            summary = _close(reading, work)
-            order.drain()
+    with (
+        open_source(source, options.csv) as log,
+        Reading(log, options.read, options.pose) as reading,
+        TopicOrder(stream, OBJECTS, reading.first, None) as order,
+        Splitting(reading, options.recipe(source, ("objects",)), options.jobs, options.cores) as work,
+    ):
+        for part in work.parts(progress):
+            for _, topic, rows in part.rows:
+                order.write(topic, rows)
+            reading.summary.add_found(part.found)
+        summary = _close(reading, work)
+        order.drain()
         return summary, reading.describe(source)
 
 

@@ -1,6 +1,7 @@
-"""One log over several processes: this one reads, writes and keeps the order; workers help with what is between.
+"""One log over several processors: this process reads, writes and keeps the order; others help with what is between.
 
-Whatever the number of processes, the batches and their order are the same, and so is every byte that is written.
+Helpers are worker processes or, where one process is to do it all, a thread. Whatever their number, the batches and their
+order are the same, and so is every byte that is written.
 """
 
 from __future__ import annotations
@@ -9,20 +10,22 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from lidarcli.pipeline.parts import Maker, Part, Recipe
 from lidarcli.pipeline.reading import Progress, Reading
 from lidarcli.sweeps import SweepBatch
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.parts_workers import Helpers, Task
+    from collections.abc import Sequence
 
-BLOCK = 360_000
-"""Ranges that are handed out together, about 1,000 sweeps of 361 beams: some 0.02 s of work."""
+BLOCK = 160_000
+"""Ranges that are handed out together at least, some milliseconds of work; with a full batch they still fit a slot."""
 ALONE = 12_000_000
 """Work of fewer ranges than these, half a second's, is done before a worker would be of use."""
-WINDOW = 8
+ALONE_BESIDE = 2_000_000
+"""The same of a thread, a tenth of a second's."""
+WINDOW = 4
 """Finished blocks per process that may wait for an earlier one."""
 MAX_PROCESSES = 8
 """More are of no use to one log: reading and writing take about a sixth of the time and stay in one process."""
@@ -30,15 +33,54 @@ PATIENCE = 0.5
 """[s] A source that lets one wait longer for a batch is live: what there is goes out at once."""
 
 
+class Task(Protocol):
+    """A block that was handed out."""
+
+    batches: Sequence[SweepBatch]
+    part: Part | None
+    """What was made of it, once it is there."""
+
+
+class Help(Protocol):
+    """Who makes parts beside this thread, from its first `take` to `close` or, if something went wrong, `stop`."""
+
+    remark: str | None
+    """What happened on the way and was mended."""
+
+    def take(self, batches: Sequence[SweepBatch]) -> Task | None:
+        """Hand out a block; None where nobody is free for it."""
+
+    def settle(self) -> None:
+        """Take in the parts that are there."""
+
+    def result(self, task: Any) -> Part:
+        """The part of a block that was handed out, once it is there."""
+
+    def last(self) -> Task | None:
+        """Take back the block that was handed out last, where that may save time."""
+
+    def let_go(self) -> None:
+        """No more blocks will come."""
+
+    def close(self) -> None:
+        """Wait until nothing is left of it."""
+
+    def stop(self) -> None:
+        """End it, whatever it is doing."""
+
+
 class Splitting:
     """Makes the parts of a log; leaving ends all workers."""
 
-    def __init__(self, reading: Reading, recipe: Recipe, jobs: int) -> None:
+    def __init__(self, reading: Reading, recipe: Recipe, jobs: int, cores: int = 1) -> None:
+        """`jobs`: processes, this one included; `cores`: processors that there are for a single one."""
         self._reading = reading
         self._recipe = recipe
         self._jobs = min(jobs, MAX_PROCESSES)
+        self._cores = cores
+        self._block = BLOCK if jobs > 1 else 0
         self._maker = Maker(recipe)
-        self._helpers: Helpers | None = None
+        self._helpers: Help | None = None
         self._line: deque[Part | Task] = deque()
         self._ranges = 0
         self._waited = 0.0
@@ -57,7 +99,7 @@ class Splitting:
             elif waited > PATIENCE:
                 yield from self._finished(0)
                 yield self._make(block)
-            elif sum(batch.ranges.size for batch in block) < BLOCK:
+            elif sum(batch.ranges.size for batch in block) < self._block:
                 continue
             else:
                 self._line.append(self._helpers.take(block) or self._make(block))
@@ -95,19 +137,24 @@ class Splitting:
 
     def _start_when_worth_it(self) -> None:
         """Call workers once what lies ahead is long enough; of a pipe nobody knows, and what lies behind must be."""
-        if self._jobs < 2:
+        if self._jobs < 2 and self._cores < 2:
             return
+        alone = ALONE if self._jobs > 1 else ALONE_BESIDE
         ahead = self._reading.ahead()
         if ahead is None:
             # A sensor that sends as it turns is slower than the work: there is nothing to help with.
-            worth_it = self._ranges >= ALONE and self._waited < self._worked
+            worth_it = self._ranges >= alone and self._waited < self._worked
         else:
-            worth_it = ahead * self._ranges >= ALONE * self._reading.summary.sweeps
-        if worth_it:
-            # Most logs are short and need not wait for the imports.
+            worth_it = ahead * self._ranges >= alone * self._reading.summary.sweeps
+        # Most logs are short and need not wait for the imports.
+        if worth_it and self._jobs > 1:
             from lidarcli.pipeline.parts_workers import Helpers
 
             self._helpers = Helpers(self._recipe, self._jobs - 1)
+        elif worth_it:
+            from lidarcli.pipeline.parts_beside import Companion
+
+            self._helpers = Companion(self._recipe)
 
     def _finished(self, most: int) -> Iterator[Part]:
         """The parts that are next and there; also those that are not, while more than `most` stand in line."""

@@ -38,7 +38,11 @@ def stop(pool: ProcessPoolExecutor) -> None:
     for process in workers:
         process.join(5)
         process.kill()
-    # Waits for the thread behind the pool, which at the end of the program would stumble over what is half closed.
+    # The thread behind the pool would wait for ever for the rest of an answer that broke off.
+    answers = getattr(pool, "_result_queue", None)
+    if answers is not None:
+        answers._writer.close()
+    # Waits for that thread, which at the end of the program would stumble over what is half closed.
     pool.shutdown(cancel_futures=True)
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs.base import CsvOptions, Log
@@ -16,6 +18,12 @@ from lidarcli.pipeline.posing import Posing
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.pipeline.topics import absent, choose, nothing_read, scan_topics
 from lidarcli.sweeps import SweepBatch
+from lidarcli.threads import Beside
+
+AHEAD = 2
+"""Batches that are read before they are asked for."""
+WORTH_A_THREAD = 4 << 20
+"""Bytes of a file whose reading outweighs a thread for it."""
 
 Progress = Callable[[int], None]
 """Called with the position in the source [bytes]."""
@@ -47,7 +55,10 @@ def describe_source(source: Source, log: Log) -> dict[str, Any]:
 
 
 class Reading:
-    """The sweeps of one log with their poses, counted: opens topics, remembers damage, judges what is missing."""
+    """The sweeps of one log with their poses, counted: opens topics, remembers damage, judges what is missing.
+
+    A file is read ahead by a thread of its own, which has gone when this context is left; until then the log is its alone.
+    """
 
     def __init__(self, log: Log, options: ReadOptions, pose: str | None) -> None:
         self._log = log
@@ -78,19 +89,38 @@ class Reading:
         elif len(self._wanted) == 1:
             self.first = self._wanted[0]
         self._posing = Posing.of(log, pose)
+        self._position = 0
+        self._thread: Beside | None = None
 
     def batches(self, progress: Progress | None) -> Iterator[SweepBatch]:
         """Every batch with its poses."""
-        for raw in read_batches(self._log, self._read):
-            batch = self._posing.attach(raw)
+        for batch, position in self._read_ahead():
+            self._position = position
             self.summary.add_sweeps(batch)
             yield batch
             if progress is not None:
-                progress(self._log.report.bytes_read)
+                progress(position)
+
+    def _read_ahead(self) -> Iterator[tuple[SweepBatch, int]]:
+        """Every batch and where in the source its reading stood [bytes]."""
+        batches = self._read_now()
+        # What a pipe has to offer is wanted at once, and reading one cannot be broken off.
+        if self._log.size is None or self._log.size < WORTH_A_THREAD:
+            yield from batches
+            return
+        self._thread = Beside("read")
+        waiting = deque(self._thread.submit(next, batches, None) for _ in range(AHEAD))
+        while (batch := waiting.popleft().result()) is not None:
+            waiting.append(self._thread.submit(next, batches, None))
+            yield batch
+
+    def _read_now(self) -> Iterator[tuple[SweepBatch, int]]:
+        for batch in read_batches(self._log, self._read):
+            yield self._posing.attach(batch), self._log.report.bytes_read
 
     def ahead(self) -> int | None:
         """Sweeps still to come, as far as the index or else the file's size tells; None where nothing does."""
-        done, position, size = self.summary.sweeps, self._log.report.bytes_read, self._log.size
+        done, position, size = self.summary.sweeps, self._position, self._log.size
         if self._expected is not None:
             return max(0, self._expected - done)
         return done * max(0, size - position) // position if size is not None and position else None
@@ -108,6 +138,13 @@ class Reading:
         """What the tables' metadata says of the source, and of its poses where it has some."""
         poses = self._posing.described()
         return describe_source(source, self._log) | ({"poses": poses} if poses else {})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        if self._thread is not None:
+            self._thread.close()
 
     def _judge_topics(self) -> None:
         """A log without an index shows its topics only in the end."""

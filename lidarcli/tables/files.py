@@ -54,6 +54,8 @@ class TableFiles:
         """Make every table whole, then give all of them their names."""
         for order, file in zip(self._orders.values(), self._files, strict=True):
             order.drain()
+            file.hand_over()
+        for file in self._files:
             file.finish(metadata)
         for file in self._files:
             file.publish()

@@ -18,8 +18,10 @@ from lidarcli.threads import Beside
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-ROWS_PER_GROUP = 100_000
-"""Small row groups cost a factor of three in writing time and more in reading."""
+ROWS_PER_GROUP = 50_000
+"""Small row groups cost a factor of three in writing time and more in reading; larger ones memory, two at a time."""
+WORTH_A_THREAD = 20_000
+"""Rows that are left over in the end."""
 MOST_PARTS = 500
 """Batches that wait as they came: thousands of tiny ones would take far more memory than their rows."""
 
@@ -44,7 +46,7 @@ class ParquetSink:
         self._pending: list[pa.RecordBatch] = []
         self._rows = 0
         self._thread: Beside | None = None
-        self._written: Future[None] | None = None
+        self._written: list[Future[None]] = []
         floats, texts = _leaves(schema)
         # Bearings repeat from row to row, byte by byte: split into streams they would lose that. Statistics help to
         # skip row groups by the columns of the table; nobody asks for them inside lists.
@@ -70,7 +72,15 @@ class ParquetSink:
         if len(self._pending) > MOST_PARTS:
             self._pending = self._joined().combine_chunks().to_batches()
         if self._rows >= ROWS_PER_GROUP:
-            self._flush(self._rows - self._rows % ROWS_PER_GROUP)
+            table = self._take(self._rows - self._rows % ROWS_PER_GROUP)
+            # Two row groups in memory are enough.
+            self._settle()
+            self._hand_over(table)
+
+    def hand_over(self) -> None:
+        """Have what waits written beside, where that is much: no more rows will come."""
+        if self._rows >= WORTH_A_THREAD:
+            self._hand_over(self._take(self._rows))
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
         """Write what waits, then the schema and its metadata."""
@@ -91,12 +101,10 @@ class ParquetSink:
         with contextlib.suppress(OSError, ValueError, pa.ArrowException):
             self._writer.close()
 
-    def _flush(self, rows: int) -> None:
-        table = self._take(rows)
-        self._settle()
+    def _hand_over(self, table: pa.Table) -> None:
         if self._thread is None:
             self._thread = Beside("parquet")
-        self._written = self._thread.submit(self._write, table)
+        self._written.append(self._thread.submit(self._write, table))
 
     def _joined(self) -> pa.Table:
         return pa.Table.from_batches(self._pending, self._schema).unify_dictionaries()
@@ -114,10 +122,9 @@ class ParquetSink:
         self._writer.write_table(table, row_group_size=ROWS_PER_GROUP)
 
     def _settle(self) -> None:
-        """Wait for the row group that is being written; its error is raised here."""
-        if self._written is not None:
-            self._written.result()
-            self._written = None
+        """Wait for the row groups that are being written; their errors are raised here."""
+        while self._written:
+            self._written.pop(0).result()
 
     def _stop(self) -> None:
         """End the writing thread; what it is at comes to its end first."""
@@ -152,6 +159,11 @@ class PartFile:
             self._sink.write(rows)
         except OSError as err:
             raise unwritable(self.path, err) from err
+
+    def hand_over(self) -> None:
+        """No more rows will come: see `ParquetSink.hand_over`."""
+        assert self._sink is not None
+        self._sink.hand_over()
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
         """Make the temporary file whole."""

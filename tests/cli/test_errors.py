@@ -306,11 +306,22 @@ def test_full_disk_is_one_line_and_leaves_no_file(logs: Path, tmp_path: Path) ->
     assert list((tmp_path / "out").iterdir()) == []
 
 
-def test_main_exits_with_the_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lidarcli.cli, "run", lambda arguments: 4)
-    with pytest.raises(SystemExit) as caught:
-        lidarcli.cli.main(["info"])
-    assert caught.value.code == 4
+@pytest.mark.parametrize(
+    ("arguments", "code", "out", "err"),
+    [
+        (["--version"], 0, f"lidarcli {lidarcli.__version__}\n", ""),
+        (["info", "nothing.mcap"], 3, "", "lidarcli: nothing.mcap: no such file or folder\n"),
+        (["--nothing"], 2, "", None),
+    ],
+)
+def test_the_process_says_all_and_exits_with_the_code(
+    arguments: list[str], code: int, out: str, err: str | None
+) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-m", "lidarcli", *arguments], capture_output=True, text=True, check=False
+    )
+    assert (ran.returncode, ran.stdout) == (code, out)
+    assert err is None or ran.stderr == err
 
 
 def test_odd_names_of_files_neither_break_lines_nor_the_run(

@@ -1,0 +1,84 @@
+"""A thread that helps: the same bytes, in the same order, and an end to it whatever happens."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lidarcli.formalism import Parameters
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.pipeline import parts_split
+from lidarcli.pipeline.building import Building, BuildOptions
+from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.parts_beside import Companion, Work
+from lidarcli.pipeline.subtracting import BackgroundOptions
+
+DRIVE = Source(str(Path(__file__).parents[1] / "samples" / "drive.db3"), "drive")
+ALONE = DetectOptions(read=ReadOptions(batch_size=8), cores=1)
+
+
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> list[Work]:
+    """What the thread was given, which is called after the first batch."""
+    monkeypatch.setattr(parts_split, "ALONE_BESIDE", 1)
+    given: list[Work] = []
+    take = Companion.take
+
+    def taking(self: Companion, batches: object) -> Work | None:
+        work = take(self, batches)  # type: ignore[arg-type]
+        if work is not None:
+            given.append(work)
+        return work
+
+    monkeypatch.setattr(Companion, "take", taking)
+    return given
+
+
+def tables(folder: Path, options: DetectOptions) -> tuple[dict[str, bytes], object]:
+    summary = detect_to_files(DRIVE, folder, options)
+    found = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+    return found, replace(summary, seconds=0.0, outputs=[])
+
+
+def background() -> BackgroundOptions:
+    building = Building(BuildOptions())
+    building.add(DRIVE)
+    return BackgroundOptions("drive.background.parquet", tuple(building.sensors()))
+
+
+@pytest.mark.parametrize("kind", ["robust", "paper", "background", "beams"])
+def test_the_same_bytes(tmp_path: Path, taken: list[Work], kind: str) -> None:
+    options = {
+        "robust": lambda: ALONE,
+        "paper": lambda: replace(ALONE, parameters=Parameters.for_profile("paper")),
+        "background": lambda: replace(ALONE, background=background()),
+        "beams": lambda: replace(ALONE, beams=True),
+    }[kind]()
+    expected = tables(tmp_path / "alone", options)
+    assert taken == []
+    assert tables(tmp_path / "two", replace(options, cores=2)) == expected
+    assert len(taken) > 1
+
+
+def test_an_error_in_the_thread_is_one_of_the_run(
+    tmp_path: Path, taken: list[Work], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def breaks(self: Companion, batches: object) -> None:
+        raise MemoryError("too much")
+
+    monkeypatch.setattr(Companion, "_make", breaks)
+    with pytest.raises(MemoryError, match="too much"):
+        tables(tmp_path, replace(ALONE, cores=2))
+    assert taken
+    assert list(tmp_path.iterdir()) == []
+    assert [thread.name for thread in threading.enumerate() if thread.name.startswith("detect")] == []
+
+
+def test_short_logs_need_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Companion, "__init__", None)
+    detect_to_files(DRIVE, tmp_path, replace(ALONE, cores=2))
+    assert len(list(tmp_path.iterdir())) == 2
