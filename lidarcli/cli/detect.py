@@ -72,7 +72,7 @@ STDOUT = "-"
     heading=OUTPUT,
     type=click.IntRange(min=1),
     metavar="N",
-    help="Processes to use at most: long logs are split, many go side by side.  [default: one per core]",
+    help="Processes to use at most: long logs are split, many go side by side.  [default: as many as pay]",
 )
 @reading_options
 @object_options(walls="Also rows for walls, with the corners of the room.", no_limit="paper or --background")
@@ -151,7 +151,6 @@ def detect(
 
     from lidarcli.formalism import Parameters
     from lidarcli.logs.batches import ReadOptions
-    from lidarcli.pipeline.cores import cores
     from lidarcli.pipeline.detecting import DetectOptions
 
     compared = None
@@ -178,7 +177,7 @@ def detect(
         background=compared,
         beams=beams,
         overwrite=overwrite,
-        jobs=jobs or cores(),
+        jobs=jobs or 0,
     )
     return _detect(say, logs, output, kind or "ndjson", options)
 

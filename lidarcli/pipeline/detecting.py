@@ -41,9 +41,14 @@ class DetectOptions:
     """Also write the beams table."""
     overwrite: bool = False
     jobs: int = 1
-    """Processes to use; the result does not depend on it."""
+    """Processes to use at most, 0 for as many as pay; the result does not depend on it."""
     cores: int = field(default_factory=cores)
-    """Processors that there are for one process."""
+    """Processors that there are for them."""
+
+    @property
+    def processes(self) -> int:
+        """Processes for one log: two processors are kept busy by one process and its threads."""
+        return self.jobs or (self.cores if self.cores > 2 else 1)
 
     @property
     def tables(self) -> tuple[str, ...]:
@@ -74,7 +79,7 @@ def detect_to_files(
         open_source(source, options.csv) as log,
         Reading(log, options.read, options.pose) as reading,
         TableFiles(folder, source.name, options.tables, reading.first) as files,
-        Splitting(reading, options.recipe(source, options.tables), options.jobs, options.cores) as work,
+        Splitting(reading, options.recipe(source, options.tables), options.processes, options.cores) as work,
     ):
         for part in work.parts(progress):
             for table, topic, rows in part.rows:
@@ -95,7 +100,7 @@ def detect_to_stream(
         open_source(source, options.csv) as log,
         Reading(log, options.read, options.pose) as reading,
         TopicOrder(stream, OBJECTS, reading.first, None) as order,
-        Splitting(reading, options.recipe(source, ("objects",)), options.jobs, options.cores) as work,
+        Splitting(reading, options.recipe(source, ("objects",)), options.processes, options.cores) as work,
     ):
         for part in work.parts(progress):
             for _, topic, rows in part.rows:

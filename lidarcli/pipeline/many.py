@@ -84,7 +84,8 @@ def detect_files(
     sources: Sequence[Source | Nothing], folder: Path, options: DetectOptions, report: Report | None = None
 ) -> Iterator[Outcome]:
     """Write the tables of every log below `folder`, one after the other or several at the same time."""
-    at_once = _at_once(sources, options.jobs)
+    jobs = options.jobs or options.cores
+    at_once = _at_once(sources, jobs)
     if at_once < 2:
         for source in sources:
             yield outcome_of(
@@ -93,7 +94,7 @@ def detect_files(
         return
     from lidarcli.pipeline.workers import side_by_side
 
-    each = replace(options, jobs=options.jobs // at_once, cores=options.cores // at_once)
+    each = replace(options, jobs=jobs // at_once, cores=options.cores // at_once)
     for source, outcome in zip(sources, side_by_side(sources, folder, each, at_once), strict=True):
         if report is not None and isinstance(source, Source):
             report(source, source.size)
