@@ -8,6 +8,9 @@ from lidarcli.interrupts import wait_for_imports
 
 # numpy would start a thread per processor for linear algebra, of which there is none here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+if sys.platform == "linux":
+    # Arrow's own allocator takes 40 MB more beside that of the C library, which numpy uses.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 # By default Python looks for garbage again and again while modules are imported.
 gc.set_threshold(50_000, 20, 20)
 

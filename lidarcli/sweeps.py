@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -48,7 +49,7 @@ class Closure(IntEnum):
     """(N - 1) |Δθ| ≈ 2π: the first and the last beam share one bearing, which counts once."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class RawSweeps:
     """Sweeps of one topic as a log holds them, in log order, before any range is judged.
 
@@ -157,7 +158,7 @@ def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
     return frozenset(words), tuple(markers)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class SweepPoses:
     """Where the sensor was at each of S sweeps, seen from above, in the world frame. NaN where unknown."""
 
@@ -188,7 +189,7 @@ class SweepPoses:
         return self.x[row] + cos * x - sin * left, self.y[row] + sin * x + cos * left, world_yaw
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class SweepBatch:
     """S sweeps of one topic in log order, ranges normalised; arrays are (S,) or (S, B), see `RawSweeps`."""
 

@@ -12,13 +12,14 @@ import lidarcli
 PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
-CORE = {"errors", "sweeps"}
+CORE = {"errors", "records", "sweeps"}
 MAY_IMPORT = {
     "errors": set[str](),
     "interrupts": set[str](),
     "kernels": set[str](),
     "threads": set[str](),
-    "sweeps": {"errors", "kernels"},
+    "records": set[str](),
+    "sweeps": {"errors", "kernels", "records"},
     "logs": CORE,
     "poses": CORE | {"logs"},
     "formalism": CORE | {"kernels"},

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.grid import Grid
 from lidarcli.formalism.stations import Shift
+from lidarcli.records import record
 from lidarcli.sweeps import Float64, Int64, SweepBatch
 
 WINDOW = 0.035
@@ -24,7 +23,7 @@ POSE_ERROR, HEADING_ERROR = 0.1, 0.05
 """[m], [rad] What odometry is trusted with where the lines do not tell: along a corridor."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Lines:
     """The straight surface at each beam of K stations, n · q = d; NaN where there is none. (K, B) each."""
 

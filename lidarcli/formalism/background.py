@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.grid import Grid
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses
 
 KNOWN_GAP = 0.05
@@ -16,7 +15,7 @@ LATERAL = 0.05
 """[m] A sensor beside a station sees things from another side: by so much they may look wider there."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Background:
     """What one sensor sees of the scene without objects of interest: K stations of B beams each.
 
@@ -56,7 +55,7 @@ class Background:
         return ~np.isnan(self.poses.x)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Surroundings:
     """A background with the beams next to each taken in, (K, B) each: depth edges jitter by a beam."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.circle import Circles
@@ -12,6 +10,7 @@ from lidarcli.formalism.members import Members
 from lidarcli.formalism.outlines import Outlines
 from lidarcli.formalism.ragged import span_bounds, span_first, span_max, spans
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int64
 
 RIGHT_ANGLE = np.deg2rad(5.0)
@@ -20,7 +19,7 @@ TIE = 1e-9
 """Areas that differ by less than this share are equal, as for any two sides of a triangle: rounding must not choose."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Boxes:
     """(K,) each: centre [m], length ≥ width [m], yaw of the long side in (-π/2, π/2] [rad]."""
 

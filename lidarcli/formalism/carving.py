@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from lidarcli.formalism.fragments import next_run
 from lidarcli.formalism.ragged import offsets_of, span_first, span_max, span_sum, spans
 from lidarcli.formalism.runs import HIDDEN, OWN, Runs
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int64
 
 TURN = np.deg2rad(25.0)
@@ -29,7 +30,7 @@ TRIM = 6
 """At each end so many points may turn out to be wall: the corner is only known to every few points."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Carved:
     """C stretches of runs that are things."""
 

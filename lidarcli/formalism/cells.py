@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.ragged import offsets_of, spans
+from lidarcli.records import record
 from lidarcli.sweeps import Float64, Int64
 
 UNIT = 1e-4
@@ -36,7 +35,7 @@ _FAR = (np.int64(1) << _BITS) - 1
 """Greatest range that can be told from others [units]: 838 m."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Cells:
     """C cells: a beam and a bin each, sorted. All numbers are whole: sums are exact, whatever the order."""
 
@@ -100,7 +99,7 @@ def _summed(key: Int64, count: Int64, total: Int64, squares: Int64) -> Cells:
     return Cells(key[start], *sums)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Estimate:
     """r_e of N beams, see `Background`."""
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.ragged import spans
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int64
 
 REFINEMENTS = 4
@@ -16,7 +15,7 @@ LARGEST = 2.0
 """[m] A circle larger than this is taken for a straight line: its centre is not determined."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Circles:
     """(K,) each, metres: centre, radius and root mean square distance from the circle; rms inf where there is none."""
 

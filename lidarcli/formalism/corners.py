@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.faces import Columns, Faces, Outline, lines_between, outline, split_straight
@@ -11,6 +9,7 @@ from lidarcli.formalism.points import Cloud
 from lidarcli.formalism.ragged import offsets_of
 from lidarcli.formalism.runs import Runs
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int64
 
 PASSES = 4
@@ -126,7 +125,7 @@ def _meeting(faces: Faces, one: Int64, other: Int64, blunt: float) -> tuple[Floa
     return faces.middle_x[one] + along * ax, faces.middle_y[one] + along * ay, usable
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Corners:
     """Where the vertices of R runs are: an inner one where its faces meet, which noise moves less than the point."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,10 +29,11 @@ from lidarcli.formalism.ragged import spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.formalism.shape import classify
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, SweepBatch, UInt8
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Segmentation:
     """Which runs are what, and how they divide into faces."""
 

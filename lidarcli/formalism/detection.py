@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from lidarcli.records import record
 from lidarcli.sweeps import Float32, Float64, Int8, Int32, Int64, UInt8
 
 SETS = ("O", "A", "S")
@@ -19,7 +18,7 @@ START, END, CORNER, EXTREMUM = range(4)
 APPEARED, REMOVED = range(2)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Detection:
     """Objects of a batch, ordered by (row, theta_i). Metres and radians in the sensor frame; NaN = undefined.
 

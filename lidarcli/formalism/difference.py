@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.points import NEVER, Points, collect
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Float64, Int64, SweepBatch
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Gaps:
     """What lies before each stretch of points without a gap. (G,) each."""
 
@@ -58,7 +57,7 @@ def sizes(cells: Float64) -> Float64:
     return size
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Steps:
     """E points that may follow a discontinuity: after a large difference, and after every gap. (E,) each, in order."""
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.difference import Gaps, Steps
 from lidarcli.formalism.points import NEVER, Points
 from lidarcli.formalism.threshold import noise_threshold
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int64
 
 REACH = 3
@@ -133,7 +132,7 @@ def _range_of(u: Float64) -> Float64:
     return ranges
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Stretches:
     """The G stretches of points, and which of its row lies before each; before the first the last. (G,) each."""
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.ragged import offsets_of, span_max_positive, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int64
 
 MAX_SPLITS = 24
@@ -19,7 +18,7 @@ Columns = tuple[Int64, Int64, Int64, Int64, Float64, Float64, Float64, Float64, 
 """Of `Faces`, in the order of its fields."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Faces:
     """F faces of the runs of a batch, in order; consecutive faces of a run share the vertex between them.
 
@@ -98,7 +97,7 @@ def between(first: Int64, size: Int64, x: Float64, y: Float64, inner: Bool) -> C
     return lines_between(shape, inner[shape.index])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Outline:
     """The points that stand for each run when its faces are sought: none, or at least its first and last."""
 

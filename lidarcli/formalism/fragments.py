@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.grouping import joined
 from lidarcli.formalism.ragged import offsets_of
 from lidarcli.formalism.runs import HIDDEN, OWN, Runs
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 GAP = 0.16
@@ -57,7 +56,7 @@ def torn(runs: Runs, piece: Bool, reach: Float64) -> tuple[Int64, Int64]:
     return a[close], b[close]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Bodies:
     """Runs with what tore them apart undone: (R,) each, equal for all runs of a body."""
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.stations import Shift
+from lidarcli.records import record
 from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, SweepBatch
 
 SAME_BEAM = 0.05
@@ -36,7 +35,7 @@ def beam_at(
     return np.where(beam < limit, beam, beyond).astype(np.int32)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Grid:
     """The bearings of a background: those of the sweeps it was made of, or of the first of them."""
 

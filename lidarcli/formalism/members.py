@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,11 @@ from lidarcli.formalism.parts import Parts
 from lidarcli.formalism.ragged import offsets_of, span_first, span_min, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, UInt8
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Members:
     """T points of K objects; (K,) each but for the last three."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,11 @@ from lidarcli.formalism.parts import Parts
 from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.formalism.runs import Runs
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int64, UInt8
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Outlines:
     """V vertices and F faces of K objects: of each part the first point, those between its faces, the last point.
 

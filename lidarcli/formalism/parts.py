@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.ragged import offsets_of, span_first, span_max
 from lidarcli.formalism.runs import Runs
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Parts:
     """P runs that make up K objects, ordered by (row, walls last, theta_i)."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import TURN, Bool, Closure, Float32, Float64, Int32, Int64, SweepBatch, UInt8
 
 MARGIN = 4
@@ -21,7 +21,7 @@ NEVER = np.int64(1 << 40)
 """Number of lost beams between a point and a predecessor that does not exist."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Geometry:
     """Where the beams of a batch point, counter-clockwise whatever the sign of the increment.
 
@@ -73,7 +73,7 @@ def beam_at(row: Int64, position: Int64, period: Int64, reverse: Bool, bearings:
     return position
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Points:
     """S sweeps in cells, counter-clockwise: sweep i has its position k in cell `i * stride + MARGIN + k`.
 
@@ -171,7 +171,7 @@ def lay_out(
     return cells, valid, begin, end, row, rank[:-1], stretches, rank[stretches]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Cloud:
     """Points with their coordinates: all M points in order, and once more those of the runs that cross a seam.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lidarcli.formalism.difference import Steps
 from lidarcli.formalism.points import MARGIN, NEVER, Cloud, Points, beam_at, place
 from lidarcli.formalism.ragged import spans
 from lidarcli.kernels import compiled
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, Status, SweepBatch, UInt8
 
 OWN, HIDDEN, OPEN, UNKNOWN, VIEW = EDGES = range(5)
@@ -17,7 +16,7 @@ OWN, HIDDEN, OPEN, UNKNOWN, VIEW = EDGES = range(5)
 it; an invalid or too close one is; the view ends."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Runs:
     """R runs of points, in order of their rows and bearings."""
 
@@ -44,7 +43,7 @@ class Runs:
         return self.first + self.size - 1
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Entries:
     """Where the runs begin, (R,) each."""
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from lidarcli.records import record
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses
 
 STILL, STILL_ANGLE = 1e-3, 1e-4
@@ -28,7 +27,7 @@ UNKNOWN = SweepPoses(np.full(1, np.nan), np.full(1, np.nan), np.full(1, np.nan),
 """One place that nobody knows."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Shift:
     """Pose of the sensor of S sweeps in the sensor frame of a station each."""
 

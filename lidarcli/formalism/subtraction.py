@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from lidarcli.formalism.alignment import Lines, align, lines
 from lidarcli.formalism.background import Background, Surroundings, greatest_range, surroundings
 from lidarcli.formalism.grid import expected, project
 from lidarcli.formalism.stations import Shift, nearest, shift
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch
 
 NOISE_GAIN = 4.0
@@ -22,7 +23,7 @@ ALIGNED = 0.015
 """Error [m] of ranges that are seen from a station where the sensor was not."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Difference:
     """r_w - r_e of S sweeps of up to B beams."""
 
@@ -42,7 +43,7 @@ class Difference:
     """(S, B) beams that pass through it."""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@record
 class Tolerance:
     """What may be taken for the background, and which sweeps may be compared with it. None: as the background has it."""
 

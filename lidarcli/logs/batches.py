@@ -12,7 +12,7 @@ from lidarcli.logs.base import SCAN_TYPES, Log
 from lidarcli.logs.laserscan import split_rows
 from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
 
-BATCH_VALUES = 1 << 18
+BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
 
 

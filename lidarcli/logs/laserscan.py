@@ -8,12 +8,13 @@ A message that cannot be a sweep is refused and counted, its neighbours go on.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate
 
 BLOCK_ROWS = 1024
@@ -41,7 +42,7 @@ _BIG_ENDIAN_CDR = (0x00, 0x06, 0x10)
 _LITTLE_ENDIAN_CDR = (0x01, 0x07, 0x11)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Heads:
     """What stands before the ranges, of the K messages that have not been refused."""
 

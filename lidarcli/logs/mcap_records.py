@@ -11,6 +11,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from lidarcli.records import record
 from lidarcli.sweeps import Bool, Int64, UInt8
 
 RECORD = struct.Struct("<BQ")
@@ -47,7 +48,7 @@ _MESSAGE = np.dtype(
 _ENTRY = np.dtype([("log", "<u8"), ("offset", "<u8")])
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Messages:
     """K messages of one piece of bytes, in their order there."""
 
