@@ -164,7 +164,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sweeps", type=int, default=50_000, help="of a log (default: %(default)s)")
+    parser.add_argument("--sweeps", type=int, default=100_000, help="of a log (default: %(default)s)")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each (default: %(default)s)")
     parser.add_argument(
         "--longest", type=int, default=DECADES[-1], help="longest log by length (default: %(default)s)"
