@@ -36,7 +36,8 @@ from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.writers import write_log
-from lidarcli.sweeps import RawSweeps, SweepBatch
+from lidarcli.sweeps import SweepBatch
+from tests.sweeping import raw_sweeps
 
 SWEEPS = 1500
 TOPICS = ("/rear", "/front", "/rear", "/left")
@@ -257,22 +258,8 @@ def long_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ranges = np.full((rows, beams), 4.0, np.float32)
     for first in range(100, beams - 100, 100):
         ranges[:, first : first + 30] = 2.0
-    stamps = 1_700_000_000_000_000_000 + 100_000_000 * np.arange(rows)
-    block = RawSweeps(
-        topic="/scan",
-        frame_ids=("laser",),
-        frame=np.zeros(rows, np.int32),
-        stamp_ns=stamps,
-        record_ns=stamps,
-        angle_min=np.full(rows, -np.pi),
-        angle_increment=np.full(rows, 2 * np.pi / beams),
-        range_min=np.full(rows, 0.1, np.float32),
-        range_max=np.full(rows, 12, np.float32),
-        beams=np.full(rows, beams, np.int32),
-        ranges=ranges,
-    )
     path = tmp_path_factory.mktemp("long") / "long.mcap"
-    write_log(path, [block] * 40, compression="lz4")
+    write_log(path, [raw_sweeps(ranges)] * 40, compression="lz4")
     return path
 
 

@@ -18,9 +18,8 @@ from lidarcli.cli import run
 from lidarcli.logs.mcap import McapLog
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
+from tests.sweeping import START, STEP, raw_sweeps
 
-START = 1_700_000_000_000_000_000
-STEP = 100_000_000
 YEAR = 365 * 86400 * 10**9
 CONTAINERS = ("run.mcap", "run.bag", "run.db3")
 
@@ -29,21 +28,7 @@ def block(sweeps: int = 6, beams: int = 90, **changes: Any) -> RawSweeps:
     """Sweeps of a round room with a box in it, at 10 Hz."""
     ranges = np.full((sweeps, beams), 4.0, np.float32)
     ranges[:, 10:20] = 2.0
-    stamps = START + STEP * np.arange(sweeps)
-    fields: dict[str, Any] = {
-        "topic": "/scan",
-        "frame_ids": ("laser",),
-        "frame": np.zeros(sweeps, np.int32),
-        "stamp_ns": stamps,
-        "record_ns": stamps,
-        "angle_min": np.full(sweeps, -1.0),
-        "angle_increment": np.full(sweeps, 0.0125),
-        "range_min": np.full(sweeps, 0.1, np.float32),
-        "range_max": np.full(sweeps, 12.0, np.float32),
-        "beams": np.full(sweeps, beams, np.int32),
-        "ranges": ranges,
-    }
-    return RawSweeps(**{**fields, **changes})
+    return raw_sweeps(**{"ranges": ranges, "angle_min": -1.0, "angle_increment": 0.0125, **changes})
 
 
 @pytest.fixture

@@ -29,9 +29,7 @@ from lidarcli.pipeline.summary import damage_lines
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from lidarcli.tables import OBJECTS
-
-START = 1_700_000_000_000_000_000
-STEP = 100_000_000
+from tests.sweeping import START, STEP, raw_sweeps
 
 
 def block(topic: str = "/scan", sweeps: int = 4, first: int = 0, beams: int = 360) -> RawSweeps:
@@ -39,19 +37,7 @@ def block(topic: str = "/scan", sweeps: int = 4, first: int = 0, beams: int = 36
     ranges = np.full((sweeps, beams), 4.0, np.float32)
     ranges[:, 40:60] = 2.0
     stamps = START + STEP * np.arange(first, first + sweeps)
-    return RawSweeps(
-        topic=topic,
-        frame_ids=("laser",),
-        frame=np.zeros(sweeps, np.int32),
-        stamp_ns=stamps,
-        record_ns=stamps + STEP // 2,
-        angle_min=np.full(sweeps, -np.pi),
-        angle_increment=np.full(sweeps, 2 * np.pi / beams),
-        range_min=np.full(sweeps, 0.1, np.float32),
-        range_max=np.full(sweeps, 12, np.float32),
-        beams=np.full(sweeps, beams, np.int32),
-        ranges=ranges,
-    )
+    return raw_sweeps(ranges, topic=topic, stamp_ns=stamps, record_ns=stamps + STEP // 2)
 
 
 class FakeLog:

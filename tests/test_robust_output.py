@@ -18,7 +18,7 @@ import pytest
 
 from lidarcli.logs import open_log
 from lidarcli.simulate.writers import write_log
-from lidarcli.sweeps import RawSweeps
+from tests.sweeping import raw_sweeps
 
 SWEEPS = 4000
 TABLES = ("beams", "objects", "sweeps")
@@ -33,23 +33,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ranges = np.full((rows, beams), 4.0, np.float32)
     ranges[:, 40:60] = 2.0
     ranges += np.random.default_rng(1).normal(0, 0.01, ranges.shape).astype(np.float32)
-    stamps = 1_700_000_000_000_000_000 + 100_000_000 * np.arange(rows)
-    both = [
-        RawSweeps(
-            topic=topic,
-            frame_ids=("laser",),
-            frame=np.zeros(rows, np.int32),
-            stamp_ns=stamps,
-            record_ns=stamps,
-            angle_min=np.full(rows, -np.pi),
-            angle_increment=np.full(rows, 2 * np.pi / beams),
-            range_min=np.full(rows, 0.1, np.float32),
-            range_max=np.full(rows, 12.0, np.float32),
-            beams=np.full(rows, beams, np.int32),
-            ranges=ranges,
-        )
-        for topic in ("/a", "/b")
-    ]
+    both = [raw_sweeps(ranges, topic=topic) for topic in ("/a", "/b")]
     path = tmp_path_factory.mktemp("log") / "run.mcap"
     write_log(path, [block.rows(slice(k, k + 200)) for k in range(0, rows, 200) for block in both])
     return path

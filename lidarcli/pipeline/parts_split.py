@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import Any, Protocol, Self
 
 from lidarcli.pipeline.parts import Maker, Part, Recipe
 from lidarcli.pipeline.reading import Progress, Reading
 from lidarcli.sweeps import SweepBatch
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 BLOCK = 160_000
 """Ranges that are handed out together at least, some milliseconds of work; with a full batch they still fit a slot."""
@@ -28,7 +25,7 @@ ALONE_BESIDE = 2_000_000
 WINDOW = 4
 """Finished blocks per process that may wait for an earlier one."""
 MAX_PROCESSES = 8
-"""More are of no use to one log: reading and writing take about a sixth of the time and stay in one process."""
+"""More are of no use to one log: encoding the tables takes about a fifth of the time and stays in one process."""
 PATIENCE = 0.5
 """[s] A source that lets one wait longer for a batch is live: what there is goes out at once."""
 
@@ -73,7 +70,7 @@ class Splitting:
     """Makes the parts of a log; leaving ends all workers."""
 
     def __init__(self, reading: Reading, recipe: Recipe, jobs: int, cores: int = 1) -> None:
-        """`jobs`: processes, this one included; `cores`: processors that there are for a single one."""
+        """`jobs`: processes, this one included; `cores`: processors that there are for them."""
         self._reading = reading
         self._recipe = recipe
         self._jobs = min(jobs, MAX_PROCESSES)

@@ -22,6 +22,8 @@ ROWS_PER_GROUP = 50_000
 """Small row groups cost a factor of three in writing time and more in reading; larger ones memory, two at a time."""
 WORTH_A_THREAD = 20_000
 """Rows that are left over in the end."""
+ORDERED = ("log", "topic", "station", "sweep", "stamp")
+"""Columns by which rows are in order, so that statistics help readers to skip row groups; others are all over the place."""
 MOST_PARTS = 500
 """Batches that wait as they came: thousands of tiny ones would take far more memory than their rows."""
 
@@ -48,8 +50,7 @@ class ParquetSink:
         self._thread: Beside | None = None
         self._written: list[Future[None]] = []
         floats, texts = _leaves(schema)
-        # Bearings repeat from row to row, byte by byte: split into streams they would lose that. Statistics help to
-        # skip row groups by the columns of the table; nobody asks for them inside lists.
+        # Bearings repeat from row to row, byte by byte: split into streams they would lose that.
         self._writer = pq.ParquetWriter(
             out if isinstance(out, pa.NativeFile) else pa.PythonFile(out, mode="w"),
             schema,
@@ -57,7 +58,7 @@ class ParquetSink:
             compression_level=-1,
             use_dictionary=texts,
             use_byte_stream_split=[path for path in floats if "theta" not in path],
-            write_statistics=[field.name for field in schema if not pa.types.is_nested(field.type)],
+            write_statistics=[name for name in ORDERED if name in schema.names],
             write_batch_size=1 << 16,
             # Written by `finish`, which knows the metadata: readers take the schema's own over the footer's.
             store_schema=False,

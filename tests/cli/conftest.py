@@ -14,8 +14,7 @@ import pytest
 from lidarcli.cli import run
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
-
-START = 1_700_000_000_000_000_000
+from tests.sweeping import START, STEP, raw_sweeps
 
 
 def sweeps(topic: str = "/scan", count: int = 20, beams: int = 360) -> RawSweeps:
@@ -24,19 +23,13 @@ def sweeps(topic: str = "/scan", count: int = 20, beams: int = 360) -> RawSweeps
     ranges[:, 40:60] = 2.0
     ranges[: count // 2, 200:230] = 1.5
     ranges[:, 10] = np.inf
-    stamps = START + 100_000_000 * np.arange(count)
-    return RawSweeps(
+    stamps = START + STEP * np.arange(count)
+    return raw_sweeps(
+        ranges,
         topic=topic,
-        frame_ids=("laser",),
-        frame=np.zeros(count, np.int32),
         stamp_ns=stamps,
-        record_ns=stamps + 50_000_000,
-        angle_min=np.full(count, -np.pi),
-        angle_increment=np.full(count, np.float32(2 * np.pi / beams).astype(float)),
-        range_min=np.full(count, 0.1, np.float32),
-        range_max=np.full(count, 12, np.float32),
-        beams=np.full(count, beams, np.int32),
-        ranges=ranges,
+        record_ns=stamps + STEP // 2,
+        angle_increment=np.float32(2 * np.pi / beams),
     )
 
 

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from conftest import START, sweeps
+from conftest import sweeps
 
 import lidarcli as package
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
+from tests.sweeping import raw_sweeps
 
 Run = Callable[..., Any]
 
@@ -28,19 +29,8 @@ def empty_room(count: int = 20, beams: int = 360, frame: str = "laser", first: f
     """The round room of `sweeps` before anybody put a box into it."""
     ranges = np.full((count, beams), 4.0, np.float32)
     ranges[:, 10] = np.inf
-    stamps = START + 100_000_000 * np.arange(count)
-    return RawSweeps(
-        topic="/scan",
-        frame_ids=(frame,),
-        frame=np.zeros(count, np.int32),
-        stamp_ns=stamps,
-        record_ns=stamps,
-        angle_min=np.full(count, first),
-        angle_increment=np.full(count, np.float32(2 * np.pi / 360).astype(float)),
-        range_min=np.full(count, 0.1, np.float32),
-        range_max=np.full(count, 12, np.float32),
-        beams=np.full(count, beams, np.int32),
-        ranges=ranges,
+    return raw_sweeps(
+        ranges, frame_ids=(frame,), angle_min=first, angle_increment=np.float32(2 * np.pi / 360)
     )
 
 

@@ -15,6 +15,7 @@ from lidarcli.logs import batches
 from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.sweeps import RangeRules, RawSweeps, Status, SweepBatch
+from tests.sweeping import raw_sweeps
 
 SECOND = 10**9
 
@@ -33,20 +34,18 @@ def block(
     for row, count in enumerate(counts):
         ranges[row, :count] = first + row + 1 + np.arange(count) / 1024
     numbers = np.arange(first, first + rows)
-    return RawSweeps(
+    return raw_sweeps(
+        ranges,
         topic=topic,
         frame_ids=("left", "right"),
-        frame=np.array(frames or [0] * rows, np.int32),
-        stamp_ns=np.array(
-            [SECOND * 100 + n * SECOND // 10 for n in numbers] if stamps is None else stamps, np.int64
-        ),
-        record_ns=numbers.astype(np.int64) * SECOND,
+        frame=frames or 0,
+        stamp_ns=SECOND * 100 + numbers * SECOND // 10 if stamps is None else stamps,
+        record_ns=numbers * SECOND,
         angle_min=numbers / 10.0,
-        angle_increment=np.full(rows, 0.01),
-        range_min=np.zeros(rows, np.float32),
-        range_max=np.full(rows, np.inf, np.float32),
-        beams=np.array(counts, np.int32),
-        ranges=ranges,
+        angle_increment=0.01,
+        range_min=0.0,
+        range_max=np.inf,
+        beams=counts,
     )
 
 

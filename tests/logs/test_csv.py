@@ -18,6 +18,7 @@ from lidarcli.logs.base import LASERSCAN, CsvOptions, Damage, Topic
 from lidarcli.logs.csv_log import CsvLog
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
+from tests.sweeping import raw_sweeps
 
 START = 1_714_555_596_445_048_407
 FIRST, STEP = float(np.float32(-2.0862)), float(np.float32(0.1131))
@@ -36,18 +37,16 @@ def sweeps(rows: int = 40, width: int = 37, ragged: bool = False, topic: str = "
         ranges[random.random((rows, width)) < 0.02] = odd
     beams = random.integers(width - 3, width + 1, rows) if ragged else np.full(rows, width)
     stamp = START + 100_000_001 * np.arange(rows)
-    return RawSweeps(
+    return raw_sweeps(
+        ranges,
         topic=topic,
-        frame_ids=("laser",),
-        frame=np.zeros(rows, np.int32),
         stamp_ns=stamp,
         record_ns=stamp + 12_345,
-        angle_min=np.full(rows, FIRST),
-        angle_increment=np.full(rows, STEP),
-        range_min=np.full(rows, 0.02, np.float32),
-        range_max=np.full(rows, 5.6, np.float32),
-        beams=beams.astype(np.int32),
-        ranges=ranges,
+        angle_min=FIRST,
+        angle_increment=STEP,
+        range_min=0.02,
+        range_max=5.6,
+        beams=beams,
     )
 
 

@@ -15,7 +15,8 @@ from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv_log import CsvLog
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
-from lidarcli.sweeps import RangeRules, RawSweeps, normalise
+from lidarcli.sweeps import RangeRules, normalise
+from tests.sweeping import STEP, raw_sweeps
 
 CASES = 240
 SECONDS = 5.0
@@ -65,18 +66,15 @@ WORDS += (
 def sample(layout: str, tmp_path: Path) -> bytes:
     """A small log of the layout."""
     random = np.random.default_rng(5)
-    raw = RawSweeps(
-        topic="/scan",
+    raw = raw_sweeps(
+        random.uniform(0, 9, (9, 17)),
         frame_ids=("laser", "base, link"),
-        frame=np.arange(9, dtype=np.int32) % 2,
-        stamp_ns=np.arange(9) * 100_000_000,
-        record_ns=np.arange(9) * 100_000_000 + 7,
-        angle_min=np.full(9, -1.0),
-        angle_increment=np.full(9, 0.125),
-        range_min=np.full(9, 0.1, np.float32),
-        range_max=np.full(9, 8, np.float32),
-        beams=np.full(9, 17, np.int32),
-        ranges=random.uniform(0, 9, (9, 17)).astype(np.float32),
+        frame=np.arange(9) % 2,
+        stamp_ns=np.arange(9) * STEP,
+        record_ns=np.arange(9) * STEP + 7,
+        angle_min=-1.0,
+        angle_increment=0.125,
+        range_max=8.0,
     )
     path = tmp_path / layout
     write_csv(path, [raw], layout)

@@ -28,9 +28,9 @@ from lidarcli.simulate.scene import Scene
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, SweepPoses, normalise
 from tests.poses.pose_messages import ODOMETRY, POSE, SECOND, TF, odometry, pose_stamped, tf
+from tests.sweeping import START, raw_sweeps
 
 SAMPLES = Path(__file__).parents[2] / "samples"
-START = 1_700_000_000_000_000_000
 
 
 def drive() -> tuple[Scene, PoseRows]:
@@ -41,7 +41,7 @@ def drive() -> tuple[Scene, PoseRows]:
     return scene, poses
 
 
-def raw_sweeps(scene: Scene, count: int = 12) -> list[RawSweeps]:
+def scanned(scene: Scene, count: int = 12) -> list[RawSweeps]:
     return [block.raw for block in simulate_blocks(scene, count, 0)]
 
 
@@ -69,7 +69,7 @@ def poses_of(path: Path, pose: str | None = None) -> np.ndarray[tuple[int, int],
 )
 def test_every_container(tmp_path: Path, name: str, options: dict[str, str], pose: str | None) -> None:
     scene, poses = drive()
-    write_log(tmp_path / name, raw_sweeps(scene), poses=poses, **options)
+    write_log(tmp_path / name, scanned(scene), poses=poses, **options)
     expected = poses.poses.copy()
     found = poses_of(tmp_path / name, pose)
     np.testing.assert_allclose(found[:, :2], expected[:, :2], atol=1e-12)
@@ -88,7 +88,7 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
         return np.column_stack([1 + 2 * seconds, -seconds, 3.0 + seconds])
 
     rows = replace(poses, stamp_ns=stamps, poses=truth(stamps))
-    write_log(tmp_path / "run.mcap", raw_sweeps(scene), poses=rows)
+    write_log(tmp_path / "run.mcap", scanned(scene), poses=rows)
     found = poses_of(tmp_path / "run.mcap")
     sweeps = START + np.arange(12) * 200_000_000
     inside = (sweeps >= stamps[0]) & (sweeps <= stamps[-1])
@@ -193,18 +193,13 @@ def batch_of(
 ) -> SweepBatch:
     """Sweeps at 10 Hz."""
     steps = np.arange(count) * 100_000_000
-    raw = RawSweeps(
-        topic="/scan",
+    raw = raw_sweeps(
+        np.ones((count, 4)),
         frame_ids=(frame,),
-        frame=np.zeros(count, np.int32),
         stamp_ns=stamp_ns + steps,
         record_ns=record_ns + steps,
-        angle_min=np.zeros(count),
-        angle_increment=np.full(count, 0.1),
-        range_min=np.zeros(count, np.float32),
-        range_max=np.full(count, 10, np.float32),
-        beams=np.full(count, 4, np.int32),
-        ranges=np.ones((count, 4), np.float32),
+        angle_min=0.0,
+        angle_increment=0.1,
     )
     return normalise(raw, np.arange(count), RangeRules())
 
@@ -358,7 +353,7 @@ def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
 @pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.db3"])
 def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
     scene, poses = drive()
-    one_by_one = [part.rows(slice(k, k + 1)) for part in raw_sweeps(scene) for k in range(len(part))]
+    one_by_one = [part.rows(slice(k, k + 1)) for part in scanned(scene) for k in range(len(part))]
     write_log(tmp_path / name, one_by_one, poses=poses, chunk_size=4000)
     data = (tmp_path / name).read_bytes()
     (tmp_path / name).write_bytes(data[: len(data) * 3 // 5])
@@ -414,7 +409,7 @@ def test_a_topic_that_is_not_there(
 
 def test_a_pipe_has_no_poses(tmp_path: Path) -> None:
     scene, poses = drive()
-    write_log(tmp_path / "run.mcap", raw_sweeps(scene), poses=poses)
+    write_log(tmp_path / "run.mcap", scanned(scene), poses=poses)
     with (tmp_path / "run.mcap").open("rb") as file:
         done = subprocess.run(
             [sys.executable, "-m", "lidarcli", "detect", "-", "-o", str(tmp_path)],
