@@ -50,7 +50,11 @@ class FileFeed:
 
 
 class ChunkFeed:
-    """The unpacked bytes of a compressed chunk: as many as it declares, at most `MAX_CHUNK`."""
+    """The unpacked bytes of a compressed chunk: as many as it declares, at most `MAX_CHUNK`.
+
+    A block of bz2 data comes out only after its checksum has been compared: from a broken block come plausible records of
+    shuffled bytes.
+    """
 
     def __init__(self, file: BinaryIO, start: int, end: int, codec: str, size: int) -> None:
         self._file, self._start, self._end, self._codec = file, start, end, codec
@@ -59,7 +63,9 @@ class ChunkFeed:
         self.error = ""
         """Why the data could not be unpacked to its end; empty where it could."""
         self._begin()
-        self._made = 0
+        self._unpacked = self._given = 0
+        self._spare = b""
+        """Unpacked already and not yet asked for."""
 
     def _begin(self) -> None:
         self._at = self._start
@@ -69,7 +75,7 @@ class ChunkFeed:
 
     @property
     def left(self) -> int:
-        return self._limit - self._made
+        return self._limit - self._given
 
     @property
     def finished(self) -> bool:
@@ -82,16 +88,18 @@ class ChunkFeed:
         return self._at - len(self._codec_state.unused_data or b"")
 
     def read(self, size: int) -> bytes:
-        parts: list[bytes] = []
-        missing = min(size, self._limit - self._made)
-        while missing > 0 and not self.finished and not self.error:
-            data = self._unpack(missing)
-            parts.append(data)
-            self._made += len(data)
-            missing -= len(data)
-        return b"".join(parts)
+        parts, missing = [self._spare], size - len(self._spare)
+        while missing > 0 and self._unpacked < self._limit and not self.finished and not self.error:
+            parts.append(self._unpack(min(missing, self._limit - self._unpacked)))
+            missing -= len(parts[-1])
+        data = b"".join(parts)
+        end = min(size, self.left)
+        data, self._spare = data[:end], data[end:]
+        self._given += len(data)
+        return data
 
     def _unpack(self, size: int) -> bytes:
+        """The next `size` bytes at most, of bz2 the next whole blocks."""
         compressed = b""
         if self._codec_state.needs_input:
             compressed = read_at(self._file, self._at, max(0, min(self._step, self._end - self._at)))
@@ -100,25 +108,39 @@ class ChunkFeed:
                 self.error = "it is cut off"
                 return b""
         try:
-            data: bytes = self._codec_state.decompress(compressed, max_length=size)
+            data = self._decompress(compressed, size)
         except (OSError, RuntimeError, ValueError) as err:
             if self._step == CAREFUL_INPUT:
                 self.error = f"its {self._codec} data is broken ({err})"
                 return b""
             return self._again(size)
+        self._unpacked += len(data)
+        return data
+
+    def _decompress(self, compressed: bytes, size: int) -> bytes:
+        data: bytes = self._codec_state.decompress(compressed, max_length=size)
+        if self._codec == "bz2":
+            room = self._limit - self._unpacked
+            # Only where it wants more than it has been given it has come to the end of a block.
+            while not self.finished and not self._codec_state.needs_input and len(data) <= room:
+                data += self._codec_state.decompress(b"", max_length=INPUT)
         return data
 
     def _again(self, size: int) -> bytes:
         """Start over in small steps: a step that fails gives nothing, not even what is good in it."""
         self._step = CAREFUL_INPUT
         self._begin()
-        skip = self._made
-        while skip > 0 and not self.finished and not self.error:
-            skip -= len(self._unpack(min(skip, INPUT)))
+        skip, self._unpacked = self._unpacked, 0
+        data = b""
+        while self._unpacked < skip and not self.finished and not self.error:
+            data = self._unpack(min(skip - self._unpacked, INPUT))
+        if self._unpacked > skip:
+            return data[skip - self._unpacked :]
         return b"" if self.error or self.finished else self._unpack(size)
 
     def drain(self) -> None:
         """Read on to the end mark of the compressed data, so that `finished` and `stop` can be asked for."""
-        while self._made >= self._limit and not self.finished and not self.error:
-            if self._unpack(1):
-                self.error = "it holds more than it declares"
+        while self._unpacked == self._limit and not self.finished and not self.error:
+            self._unpack(1)
+        if self._unpacked > self._limit:
+            self.error = self.error or "it holds more than it declares"

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import bz2
 import io
 import os
 import random
 import re
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from numbered import header, indices, laser_scan, record_time
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -19,36 +20,16 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs import rosbag1_feeds, rosbag1_run
 from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag1 import Rosbag1Log
+from lidarcli.logs.rosbag1_feeds import ChunkFeed
 from lidarcli.logs.rosbag1_records import Search, judge, parse, walk
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
 TYPES = STORE.types
 REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
-EPOCH = 1_700_000_000
-
-
-def header(index: int, frame: str = "laser") -> Any:
-    stamp = TYPES["builtin_interfaces/msg/Time"](sec=EPOCH + index // 10, nanosec=index % 10 * 10**8)
-    return TYPES["std_msgs/msg/Header"](seq=index, stamp=stamp, frame_id=frame)
-
-
-def ranges_of(index: int, beams: int = 37) -> Any:
-    return (np.arange(beams) * 0.01 + index).astype(np.float32)
 
 
 def scan(index: int, beams: int = 37) -> bytes:
-    message = TYPES["sensor_msgs/msg/LaserScan"](
-        header=header(index),
-        angle_min=-1.5,
-        angle_max=1.5,
-        angle_increment=3.0 / (beams - 1),
-        time_increment=0.0,
-        scan_time=0.1,
-        range_min=0.05,
-        range_max=12.0,
-        ranges=ranges_of(index, beams),
-        intensities=np.zeros(0, np.float32),
-    )
+    message = laser_scan(TYPES, index, beams, seq=index)
     return bytes(STORE.serialize_ros1(message, "sensor_msgs/msg/LaserScan"))
 
 
@@ -70,25 +51,6 @@ def write_bag(path: Path, scans: int = 60, codec: str = "none", chunk: int = 400
             if strings and index % strings == 0:
                 writer.write(chatter, record_time(index) + 1, text(20 + index % 7))
     return path.read_bytes()
-
-
-def record_time(index: int) -> int:
-    return (EPOCH + 5) * 10**9 + index * 10**8
-
-
-def indices(log: Rosbag1Log, **options: Any) -> list[int]:
-    """The index of every sweep read, each checked against the values that were written for it."""
-    found: list[int] = []
-    for block in log.scans(**options):
-        for row in range(len(block)):
-            beams = int(block.beams[row])
-            index = round(float(block.ranges[row, 0]))
-            np.testing.assert_array_equal(block.ranges[row, :beams], ranges_of(index, beams))
-            assert block.stamp_ns[row] == EPOCH * 10**9 + index * 10**8
-            assert block.record_ns[row] == record_time(index)
-            assert block.frame_ids[block.frame[row]] == "laser"
-            found.append(index)
-    return found
 
 
 def read(data: bytes) -> tuple[list[int], list[str]]:
@@ -171,7 +133,7 @@ def test_two_topics_and_two_publishers(tmp_path: Path) -> None:
 def test_first_echo_of_multi_echo(tmp_path: Path) -> None:
     echo = TYPES["sensor_msgs/msg/LaserEcho"]
     message = TYPES["sensor_msgs/msg/MultiEchoLaserScan"](
-        header=header(3),
+        header=header(TYPES, 3, seq=3),
         angle_min=0.0,
         angle_max=0.2,
         angle_increment=0.1,
@@ -374,6 +336,49 @@ def test_flips_in_lengths_and_headers_cost_little(tmp_path: Path, codec: str) ->
         assert len(set(found)) == len(found)
         lost = set(range(60)) - set(found)
         assert len(lost) <= (2 if codec == "none" else per_chunk), (at, lost)
+
+
+def test_no_sweep_comes_out_of_a_broken_block(tmp_path: Path) -> None:
+    data = write_bag(tmp_path / "a.bag", 60, "bz2", strings=4)
+    places: list[int] = []
+    for start, _ in chunk_bounds(data):
+        record = parse(data, start)
+        assert record is not None
+        places += range(record.data_start, record.end)
+    rng = random.Random(3)
+    for at in rng.sample(places, 150):
+        flipped = bytearray(data)
+        flipped[at] ^= 1 << rng.randrange(8)
+        with Rosbag1Log(io.BytesIO(bytes(flipped))) as log:
+            found = indices(log)
+            assert len(set(found)) == len(found) < 60
+            assert log.report.damage
+
+
+@pytest.mark.parametrize("size", [1000, 1 << 20, 1 << 24])
+@pytest.mark.parametrize("declared", [2_500_000, 1_300_000])
+def test_whole_blocks_come_out_before_a_broken_one(size: int, declared: int) -> None:
+    """bz2 packs 900,000 bytes together."""
+    data = random.Random(1).randbytes(2_500_000)
+    packed = bytearray(bz2.compress(data))
+    for broken in (False, True):
+        if broken:
+            packed[-1000] ^= 1
+        feed = ChunkFeed(io.BytesIO(bytes(packed)), 0, len(packed), "bz2", declared)
+        pieces = []
+        while piece := feed.read(size):
+            assert len(piece) <= size
+            pieces.append(piece)
+        feed.drain()
+        read = b"".join(pieces)
+        assert data.startswith(read)
+        if declared < len(data):
+            assert (len(read), feed.error) == (declared, "it holds more than it declares")
+        elif broken:
+            assert 1_700_000 < len(read) < len(data)
+            assert feed.error.startswith("its bz2 data is broken")
+        else:
+            assert (len(read), feed.error, feed.finished, feed.stop) == (len(data), "", True, len(packed))
 
 
 def test_a_lying_message_length_costs_nothing(tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import zstandard
+from numbered import indices, laser_scan, ranges_of, record_time
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -30,36 +30,14 @@ TYPES = STORE.types
 SCAN = "sensor_msgs/msg/LaserScan"
 TEXT = "std_msgs/msg/String"
 REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
-EPOCH = 1_700_000_000
-
-
-def ranges_of(index: int, beams: int = 37) -> Any:
-    return (index + np.linspace(0, 0.4, beams)).astype(np.float32)
 
 
 def scan(index: int, beams: int = 37) -> bytes:
-    stamp = TYPES["builtin_interfaces/msg/Time"](sec=EPOCH + index // 10, nanosec=index % 10 * 10**8)
-    message = TYPES[SCAN](
-        header=TYPES["std_msgs/msg/Header"](stamp=stamp, frame_id="laser"),
-        angle_min=-1.5,
-        angle_max=1.5,
-        angle_increment=3.0 / (beams - 1),
-        time_increment=0.0,
-        scan_time=0.1,
-        range_min=0.05,
-        range_max=12.0,
-        ranges=ranges_of(index, beams),
-        intensities=np.zeros(0, np.float32),
-    )
-    return bytes(STORE.serialize_cdr(message, SCAN))
+    return bytes(STORE.serialize_cdr(laser_scan(TYPES, index, beams), SCAN))
 
 
 def text(value: str) -> bytes:
     return bytes(STORE.serialize_cdr(TYPES[TEXT](data=value), TEXT))
-
-
-def record_time(index: int) -> int:
-    return (EPOCH + 5) * 10**9 + index * 10**8
 
 
 def write_bag(
@@ -81,21 +59,6 @@ def write_bag(
                 writer.write(chatter, record_time(index) + 1, text(f"message {index}"))
     (file,) = (item for item in path.iterdir() if item.name != "metadata.yaml")
     return file
-
-
-def indices(log: Rosbag2Log, **options: Any) -> list[int]:
-    """The index of every sweep read, each checked against the values that were written for it."""
-    found: list[int] = []
-    for block in log.scans(**options):
-        for row in range(len(block)):
-            beams = int(block.beams[row])
-            index = round(float(block.ranges[row, 0]))
-            np.testing.assert_array_equal(block.ranges[row, :beams], ranges_of(index, beams))
-            assert block.stamp_ns[row] == EPOCH * 10**9 + index * 10**8
-            assert block.record_ns[row] == record_time(index)
-            assert block.frame_ids[block.frame[row]] == "laser"
-            found.append(index)
-    return found
 
 
 def read(path: Path) -> tuple[list[int], list[str]]:
