@@ -3,8 +3,9 @@
 import gc
 import os
 import sys
+from contextlib import suppress
 
-from lidarcli.interrupts import wait_for_imports
+from lidarcli.interrupts import Terminated, end_as_terminated, wait_for_imports
 
 # numpy would start a thread per processor for linear algebra, of which there is none here.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -22,10 +23,13 @@ def main() -> None:
         from lidarcli.cli import run
 
         code = run()
+    except Terminated:
+        return end_as_terminated()
     except KeyboardInterrupt:
-        sys.stderr.write("lidarcli: interrupted\n")
+        if sys.stderr is not None:
+            sys.stderr.write("lidarcli: interrupted\n")
         code = 130
-    _leave(code)
+    return _leave(code)
 
 
 def _leave(code: int) -> None:
@@ -33,8 +37,11 @@ def _leave(code: int) -> None:
     # With processes there are semaphores that have to be given back.
     if "multiprocessing" in sys.modules:
         sys.exit(code)
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        # There is none where it was closed; what it refuses has been said.
+        if stream is not None:
+            with suppress(OSError, ValueError):
+                stream.flush()
     os._exit(code)
 
 

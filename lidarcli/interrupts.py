@@ -1,31 +1,57 @@
-"""Ctrl-C while modules are imported: it waits until they are whole. Imports next to nothing itself."""
+"""Ctrl-C, and the polite request to end (SIGTERM), at moments that can bear them. Imports next to nothing itself."""
 
 from __future__ import annotations
 
+import _thread
+import os
 import signal
+import time
 from types import FrameType
 
 _IMPORTING = "<frozen importlib"
 _AGAIN = 0.01
-"""[s]"""
+"""[s] So long an interrupt waits before it looks again."""
+_ENOUGH = 1.0
+"""[s] Within this after an interrupt others say nothing new, and would only disturb the clearing away."""
+_last = -_ENOUGH
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: like ctrl-C, but the process ends as the signal would have ended it."""
 
 
 def wait_for_imports() -> None:
-    """From now on ctrl-C raises `KeyboardInterrupt` between imports only.
+    """From now on ctrl-C raises `KeyboardInterrupt`, and SIGTERM `Terminated`, between imports only.
 
     Python makes a `RuntimeError` of one that strikes while the fields of a class are made, and swallows it in callbacks
     of its own; C libraries end the process where something fails while they are loaded.
     """
-    # Where somebody else decides what ctrl-C does (ignored by `nohup`, a host program), nothing changes.
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler and hasattr(signal, "setitimer"):
-        signal.signal(signal.SIGALRM, _interrupt)
+    # Where somebody else decides what a signal does (`nohup`, a host program), nothing changes.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, _interrupt)
+
+
+def end_as_terminated() -> None:
+    """Let SIGTERM do what it does by default."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
+    global _last
     while frame is not None:
         if frame.f_code.co_filename.startswith(_IMPORTING):
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+            _thread.start_new_thread(_repeat, (number,))
             return
         frame = frame.f_back
-    raise KeyboardInterrupt
+    if time.monotonic() - _last < _ENOUGH:
+        return
+    _last = time.monotonic()
+    raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
+
+
+def _repeat(number: int) -> None:
+    time.sleep(_AGAIN)
+    os.kill(os.getpid(), number)

@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "simulate": CORE | {"tables"},
     "reports": CORE | {"formalism", "tables"},
     "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports", "threads"},
-    "cli": CORE | {"logs", "formalism", "simulate", "pipeline"},
+    "cli": CORE | {"interrupts", "logs", "formalism", "simulate", "pipeline"},
     "__init__": {"formalism", "pipeline"},
 }
 """Room → the rooms below it that it may import."""

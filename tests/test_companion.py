@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline import parts_split
+from lidarcli.pipeline import parts_split, reading
 from lidarcli.pipeline.building import Building, BuildOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Source
@@ -23,8 +23,9 @@ ALONE = DetectOptions(read=ReadOptions(batch_size=8), cores=1)
 
 @pytest.fixture
 def taken(monkeypatch: pytest.MonkeyPatch) -> list[Work]:
-    """What the thread was given, which is called after the first batch."""
+    """What the thread was given, which is called after the first batch; another one reads ahead."""
     monkeypatch.setattr(parts_split, "ALONE_BESIDE", 1)
+    monkeypatch.setattr(reading, "WORTH_A_THREAD", 0)
     given: list[Work] = []
     take = Companion.take
 

@@ -27,13 +27,14 @@ wait_for_imports()
 try:
     import imported
     time.sleep(10)
-except KeyboardInterrupt:
-    print(sys.modules["imported"].whole)
+except KeyboardInterrupt as err:
+    print(type(err).__name__, sys.modules["imported"].whole)
 """
 
 
-def test_it_waits_for_an_import(tmp_path: Path) -> None:
-    (tmp_path / "imported.py").write_text(IMPORTED)
+@pytest.mark.parametrize(("number", "raised"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "Terminated")])
+def test_it_waits_for_an_import(tmp_path: Path, number: str, raised: str) -> None:
+    (tmp_path / "imported.py").write_text(IMPORTED.replace("SIGINT", number))
     ran = subprocess.run(
         [sys.executable, "-c", IMPORTING],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -42,7 +43,67 @@ def test_it_waits_for_an_import(tmp_path: Path) -> None:
         timeout=30,
         check=False,
     )
-    assert (ran.stdout, ran.stderr, ran.returncode) == ("True\n", "", 0)
+    assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} True\n", "", 0)
+
+
+IMPATIENT = """
+import os, signal, time
+from lidarcli.interrupts import wait_for_imports
+wait_for_imports()
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(10)
+except KeyboardInterrupt:
+    os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(0.1)
+    print("cleared away")
+time.sleep(1.0)
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(10)
+except KeyboardInterrupt:
+    print("again")
+"""
+
+
+def test_an_impatient_user_does_not_disturb_the_clearing_away() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-c", IMPATIENT], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert (ran.stdout, ran.stderr, ran.returncode) == ("cleared away\nagain\n", "", 0)
+
+
+STARTING = """
+import os, signal, time
+from lidarcli.interrupts import wait_for_imports
+from lidarcli.pipeline import processes
+wait_for_imports()
+inside = []
+if __name__ == "__main__":
+    ensure = processes.resource_tracker.ensure_running
+    def interrupted():
+        os.kill(os.getpid(), signal.NUMBER)
+        time.sleep(0.1)
+        ensure()
+        inside.append("the start goes on")
+    processes.resource_tracker.ensure_running = interrupted
+    try:
+        processes.start(1, int)
+        time.sleep(10)
+    except KeyboardInterrupt as err:
+        print(*inside, type(err).__name__)
+"""
+
+
+@pytest.mark.parametrize(("number", "raised"), [("SIGINT", "KeyboardInterrupt"), ("SIGTERM", "Terminated")])
+def test_it_waits_for_the_start_of_processes(tmp_path: Path, number: str, raised: str) -> None:
+    script = tmp_path / "starting.py"
+    script.write_text(STARTING.replace("NUMBER", number))
+    ran = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=30, check=False
+    )
+    assert (ran.stdout, ran.stderr, ran.returncode) == (f"the start goes on {raised}\n", "", 0)
 
 
 def test_where_it_is_ignored_it_stays_ignored() -> None:

@@ -125,6 +125,36 @@ def test_interrupted_at_any_moment(log: Path, whole: tuple[dict[str, bytes], flo
     assert codes[-1] == 130
 
 
+@pytest.mark.parametrize("jobs", [1, 3])
+def test_terminated_at_any_moment(jobs: int, log: Path, tmp_path: Path) -> None:
+    """As `kill` and systemd do it, which tell the whole group: everything is cleared away first."""
+    shared = set(Path("/dev/shm").glob("lidarcli-*"))
+    for seconds in (0.1, 0.2, 0.3, None):
+        command = [sys.executable, "-m", "lidarcli", "detect", str(log), "--beams", "-o", str(tmp_path)]
+        process = subprocess.Popen(
+            [*command, "--jobs", str(jobs)], stderr=subprocess.PIPE, start_new_session=True
+        )
+        wait(process, tmp_path, seconds)
+        os.killpg(process.pid, signal.SIGTERM)
+        err = said(process)
+        assert process.returncode == -signal.SIGTERM
+        assert err in ("", "lidarcli: terminated\n")
+        assert list(tmp_path.iterdir()) == []
+    assert err == "lidarcli: terminated\n"
+    assert set(Path("/dev/shm").glob("lidarcli-*")) <= shared
+
+
+def test_interrupted_while_several_logs_get_their_workers(log: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.mcap"
+    other.write_bytes(log.read_bytes())
+    for seconds in (0.12, 0.15, 0.18, 0.21, 0.24):
+        process = detect(log, tmp_path / "out", str(other), "--jobs", "2")
+        time.sleep(seconds)
+        process.send_signal(signal.SIGINT)
+        err = said(process)
+        assert (process.returncode, err) in ((130, "lidarcli: interrupted\n"), (-signal.SIGINT, ""))
+
+
 @pytest.mark.parametrize("logs", [1, 2])
 def test_workers_end_with_the_process_that_gave_them_work(logs: int, log: Path, tmp_path: Path) -> None:
     others = [tmp_path / f"other{number}.mcap" for number in range(1, logs)]

@@ -12,7 +12,8 @@ import click
 
 from lidarcli import __version__
 from lidarcli.cli.messages import Messages
-from lidarcli.errors import LidarcliError
+from lidarcli.errors import LidarcliError, OutputError
+from lidarcli.interrupts import Terminated
 
 COMMANDS = ("info", "detect", "background", "report", "plot", "simulate")
 """Each is a file of this package with a command of its name."""
@@ -61,12 +62,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
     say = Messages()
     try:
         code = _invoke(sys.argv[1:] if arguments is None else list(arguments))
-        sys.stdout.flush()
-    except click.exceptions.Exit as err:
-        return err.exit_code
+        _flush()
     except click.ClickException as err:
         err.show()
         return err.exit_code
+    except Terminated:
+        say.error("terminated")
+        raise
     except (KeyboardInterrupt, click.Abort):
         say.error("interrupted")
         return INTERRUPTED
@@ -77,6 +79,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except LidarcliError as err:
         say.error(str(err))
         return err.exit_code
+    except OSError as err:
+        # What becomes of files the commands say themselves; what has no name is standard output.
+        if err.filename is not None:
+            say.bug(traceback.format_exc())
+            return LidarcliError.exit_code
+        say.error(f"cannot write standard output: {err.strerror or err}")
+        return OutputError.exit_code
     except Exception:
         say.bug(traceback.format_exc())
         return LidarcliError.exit_code
@@ -87,6 +96,15 @@ def _invoke(arguments: list[str]) -> int:
     """Parse and run. click's own `main` answers a closed pipe and ctrl-C in its way, not in ours."""
     if "_LIDARCLI_COMPLETE" in os.environ:
         cli.main(arguments, prog_name="lidarcli")
-    with cli.make_context("lidarcli", arguments) as ctx:
-        code = cli.invoke(ctx)
+    try:
+        with cli.make_context("lidarcli", arguments) as ctx:
+            code = cli.invoke(ctx)
+    except click.exceptions.Exit as err:
+        return err.exit_code
     return code if isinstance(code, int) else 0
+
+
+def _flush() -> None:
+    """Find out now whether standard output takes what is left of it; one that is closed takes nothing."""
+    if sys.stdout is not None:
+        sys.stdout.flush()

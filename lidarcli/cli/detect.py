@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     LOGS,
@@ -196,11 +195,11 @@ def _detect(say: Messages, logs: tuple[str, ...], output: str, kind: str, option
     say.detail(f"{len(sources)} log{'' if len(sources) == 1 else 's'}; {settings}")
     outcomes: list[Outcome] = []
     # Data that scrolls by on the terminal leaves no place for a bar.
-    bar = nullcontext() if output == STDOUT and sys.stdout.isatty() else progress_bar(sources, say)
+    bar = nullcontext() if output == STDOUT and standard_output().isatty() else progress_bar(sources, say)
     with bar as report:
         results: Iterator[Outcome]
         if output == STDOUT:
-            results = detect_stream(sources, sys.stdout.buffer, kind, options, report)
+            results = detect_stream(sources, standard_output().buffer, kind, options, report)
         else:
             results = detect_files(sources, Path(output), options, report)
         for outcome in results:

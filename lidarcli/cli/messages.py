@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TextIO
 
 import click
+
+from lidarcli.errors import OutputError
 
 
 def _to_stderr(line: str) -> None:
     click.echo(line, err=True)
+
+
+def standard_output() -> TextIO:
+    """Where data goes; refused where it was closed."""
+    if sys.stdout is None:
+        raise OutputError("cannot write standard output: it is closed")
+    return sys.stdout
 
 
 LONGEST = 1000

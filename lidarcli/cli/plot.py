@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     INPUTS,
@@ -176,7 +175,7 @@ def plot(
     for note in drawn.notes:
         say.info(f"  note     {note}")
     if output == STDOUT:
-        sys.stdout.buffer.write(picture_bytes(drawn.pictures[0], view, ".png"))
+        standard_output().buffer.write(picture_bytes(drawn.pictures[0], view, ".png"))
     elif animate:
         write_animation(paths[0], drawn.pictures, view)
     else:

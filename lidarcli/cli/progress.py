@@ -18,7 +18,7 @@ def progress_bar(
     sources: Sequence[Source | Nothing], say: Messages
 ) -> Iterator[Callable[[Source, int], None] | None]:
     """Yields what the pipeline calls with a log and the position in it, or None when nobody would see it."""
-    if say.quiet or not sys.stderr.isatty():
+    if say.quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console

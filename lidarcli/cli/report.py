@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
 
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.options import INPUTS, GroupedCommand, option
 
 OUTPUT, GATES = "Output", "Gates"
@@ -104,8 +103,8 @@ def report(
         say.error(problem)
     for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
         if name == STDOUT:
-            words = render(made, form, options, colour=sys.stdout.isatty())
-            sys.stdout.buffer.write(words.encode("utf-8", "replace"))
+            words = render(made, form, options, colour=standard_output().isatty())
+            standard_output().buffer.write(words.encode("utf-8", "replace"))
         else:
             write_whole(Path(name), render(made, form, options).encode("utf-8", "replace"))
             say.info(f"  wrote    {name}")

@@ -94,7 +94,7 @@ def detect_files(
         return
     from lidarcli.pipeline.workers import side_by_side
 
-    each = replace(options, jobs=jobs // at_once, cores=options.cores // at_once)
+    each = replace(options, jobs=options.jobs // at_once, cores=options.cores // at_once)
     for source, outcome in zip(sources, side_by_side(sources, folder, each, at_once), strict=True):
         if report is not None and isinstance(source, Source):
             report(source, source.size)

@@ -23,7 +23,7 @@ ALONE = 12_000_000
 ALONE_BESIDE = 2_000_000
 """The same of a thread, a tenth of a second's."""
 WINDOW = 4
-"""Finished blocks per process that may wait for an earlier one."""
+"""Finished blocks per process that may wait for an earlier one; where every beam is a row, one."""
 MAX_PROCESSES = 8
 """More are of no use to one log: encoding the tables takes about a fifth of the time and stays in one process."""
 PATIENCE = 0.5
@@ -76,6 +76,7 @@ class Splitting:
         self._jobs = min(jobs, MAX_PROCESSES)
         self._cores = cores
         self._block = BLOCK if jobs > 1 else 0
+        self._window = self._jobs * (1 if "beams" in recipe.tables else WINDOW)
         self._maker = Maker(recipe)
         self._helpers: Help | None = None
         self._line: deque[Part | Task] = deque()
@@ -100,7 +101,7 @@ class Splitting:
                 continue
             else:
                 self._line.append(self._helpers.take(block) or self._make(block))
-                yield from self._finished(WINDOW * self._jobs)
+                yield from self._finished(self._window)
             block = []
         if block:
             self._line.append(self._make(block))

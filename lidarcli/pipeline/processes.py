@@ -23,7 +23,7 @@ def start(
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer, initargs=arguments)
     try:
-        with _ctrl_c_held():
+        with _signals_held():
             return pool, [pool.submit(_up) for _ in range(count)]
     except BaseException:
         stop(pool)
@@ -66,13 +66,17 @@ def _follow(left_behind: str | None) -> None:
 
 
 @contextmanager
-def _ctrl_c_held() -> Iterator[None]:
-    """Keep ctrl-C waiting: half a start leaves a child that complains, and so does a child that it meets half started."""
+def _signals_held() -> Iterator[None]:
+    """Keep ctrl-C and SIGTERM waiting: half a start leaves a child that complains, and so does a child that they meet
+    half started."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
     came: list[tuple[int, FrameType | None]] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: came.append((number, frame)))
+    before = {
+        number: signal.signal(number, lambda number, frame: came.append((number, frame)))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     # Its start would let ctrl-C through again.
     resource_tracker.ensure_running()
     # Children inherit what this thread blocks, and keep it. It is not enough here: other threads take the signal, too.
@@ -81,6 +85,12 @@ def _ctrl_c_held() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, before)
-        if came and callable(before):
-            before(*came[0])
+        for held, handler in before.items():
+            signal.signal(held, handler)
+        if came:
+            number, frame = came[0]
+            handler = before[signal.Signals(number)]
+            if callable(handler):
+                handler(number, frame)
+            elif handler == signal.SIG_DFL:
+                os.kill(os.getpid(), number)

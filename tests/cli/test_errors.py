@@ -324,6 +324,32 @@ def test_the_process_says_all_and_exits_with_the_code(
     assert err is None or ran.stderr == err
 
 
+@pytest.mark.parametrize(
+    ("words", "code", "out", "err"),
+    [
+        ("--help >&-", 0, "", ""),
+        ("--version >/dev/full", 5, "", "lidarcli: cannot write standard output: No space left on device\n"),
+        ("info run.mcap >&-", 0, "", ""),
+        (
+            "info run.mcap >/dev/full",
+            5,
+            "",
+            "lidarcli: cannot write standard output: No space left on device\n",
+        ),
+        ("-q detect run.mcap -o DIR --overwrite >&- 2>&-", 0, "", ""),
+        ("detect run.mcap -o - >&-", 5, "", "lidarcli: cannot write standard output: it is closed\n"),
+        ("plot run.mcap --sweep 1 -o - >&-", 5, "", "lidarcli: cannot write standard output: it is closed\n"),
+        ("detect nothing.mcap -o DIR 2>&-", 3, "", ""),
+    ],
+)
+def test_standard_streams_that_are_closed_or_full(
+    logs: Path, tmp_path: Path, words: str, code: int, out: str, err: str
+) -> None:
+    line = f'"{sys.executable}" -m lidarcli {words.replace("DIR", str(tmp_path / "out"))}'
+    ran = subprocess.run(["sh", "-c", line], cwd=logs, capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (code, out, err)
+
+
 def test_odd_names_of_files_neither_break_lines_nor_the_run(
     logs: Path, tmp_path: Path, lidarcli: Run
 ) -> None:
