@@ -40,7 +40,8 @@ class ParquetSink:
     """A Parquet stream that takes record batches of any size and writes row groups of equal size.
 
     Row groups are encoded and written by a thread of their own, one at a time, while the caller computes the next one; what
-    is left over in the end, too, if it is much. The schema metadata is given at the end, because only then is it known whether the source was damaged.
+    is left over in the end, too, if it is much. The schema metadata is given at the end, because only then is it known
+    whether the source was damaged.
     """
 
     def __init__(self, out: Output | pa.NativeFile, schema: pa.Schema) -> None:
