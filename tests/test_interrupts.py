@@ -148,13 +148,18 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
 
 
 CLOSING = """
-import os, signal, threading, time
+import os, signal, time
 from lidarcli.threads import Beside
 done = []
+def work():
+    # By now the other thread waits.
+    time.sleep(0.5)
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.3)
+    done.append("work")
 thread = Beside("test")
-thread.submit(lambda: (time.sleep(0.5), done.append("work")))
+thread.submit(work)
 thread.submit(done.append, "what was to follow")
-threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
 try:
     thread.close()
 except KeyboardInterrupt:
