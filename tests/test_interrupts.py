@@ -148,10 +148,11 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
 
 
 CLOSING = """
-import os, signal, time
+import os, signal, threading, time
 from lidarcli.threads import Beside
-done = []
+done, begun = [], threading.Event()
 def work():
+    begun.set()
     # By now the other thread waits.
     time.sleep(0.5)
     os.kill(os.getpid(), signal.SIGINT)
@@ -160,6 +161,7 @@ def work():
 thread = Beside("test")
 thread.submit(work)
 thread.submit(done.append, "what was to follow")
+begun.wait()
 try:
     thread.close()
 except KeyboardInterrupt:
