@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+from benchmarks.bench import run
 
 BENCH = Path(__file__).parent.parent / "benchmarks" / "bench.py"
 
@@ -23,9 +28,15 @@ def test_the_benchmark_runs(tmp_path: Path) -> None:
     assert figures["objects_per_sweep"] > 5
     assert figures["ratio"]["detect"] > 1
     assert 20 < figures["robust"]["peak_mb"] < 300
-    assert figures["pinned"]["seconds"] != figures["robust"]["seconds"]
     assert figures["on_cores"] > 0
     assert "lidarcli --help" in done.stdout
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="needs a system that can pin")
+def test_a_pinned_process_has_one_core() -> None:
+    command = [sys.executable, "-c", "import os; print(len(os.sched_getaffinity(0)))"]
+    assert run(*command, pinned=True).output == "1\n"
+    assert run(*command).output == f"{len(os.sched_getaffinity(0))}\n"
 
 
 def test_the_full_benchmark_runs(tmp_path: Path) -> None:

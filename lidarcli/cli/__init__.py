@@ -79,14 +79,11 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except LidarcliError as err:
         say.error(str(err))
         return err.exit_code
-    except OSError as err:
+    except Exception as err:
         # What becomes of files the commands say themselves; what has no name is standard output.
-        if err.filename is not None:
-            say.bug(traceback.format_exc())
-            return LidarcliError.exit_code
-        say.error(f"cannot write standard output: {err.strerror or err}")
-        return OutputError.exit_code
-    except Exception:
+        if isinstance(err, OSError) and err.filename is None:
+            say.error(f"cannot write standard output: {err.strerror or err}")
+            return OutputError.exit_code
         say.bug(traceback.format_exc())
         return LidarcliError.exit_code
     return code

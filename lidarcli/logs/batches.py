@@ -33,7 +33,7 @@ class ReadOptions:
 
 
 def read_batches(log: Log, options: ReadOptions) -> Iterator[SweepBatch]:
-    """Batches of `batch_size` sweeps per topic, in log order; the last of a topic has what is left.
+    """Batches of `batch_size` sweeps per topic or of `BATCH_VALUES` ranges, in log order; the last has what is left.
 
     A sweep's index counts all sweeps of its topic, also those that are left out. Raises `NoScanError` where a topic
     that was asked for is not there: at once where the log knows its topics, in the end of a stream otherwise.
