@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import stat
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
 
@@ -38,23 +41,15 @@ def read_folder(folder: Path) -> Folder:
     there = {path.name: path for path in sorted(folder.iterdir()) if is_storage(path.name) and path.is_file()}
     named, note = _named_files(folder / METADATA)
     notes = [note] if note else []
-    ordered: list[str] = []
-    missing: list[str] = []
-    for name in named:
-        # Bags are packed, unpacked and renamed without anybody changing the metadata.
-        match = next((it for it in there if it not in ordered and _same(it, name)), None)
-        match = name if name in there and name not in ordered else match
-        if match is not None:
-            ordered.append(match)
-        elif name not in ordered:
-            missing.append(name)
-    twins = {it for it in there for other in (ordered or there) if it != other and _same(it, other)}
+    ordered, missing = _matched(named, there)
+    alike = _by_content(ordered or there)
+    twins = {it for it in there if any(other != it for other in alike[_content(it)])}
     if not ordered:
         twins = {it for it in twins if _PACKED.search(it)}
     unnamed = [it for it in there if it not in ordered and it not in twins]
     if unnamed and named:
         notes.append(f"{METADATA} does not name {', '.join(sorted(unnamed, key=natural))}: read as well")
-    names = sorted([*ordered, *unnamed], key=natural) if unnamed else ordered
+    names = sorted([*ordered, *unnamed], key=natural) if unnamed else [*ordered]
     return Folder([there[name] for name in names], notes, missing)
 
 
@@ -67,9 +62,36 @@ def natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-def _same(one: str, other: str) -> bool:
-    """Whether two names differ by the packing alone."""
-    return _PACKED.sub("", one).lower() == _PACKED.sub("", other).lower()
+def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None], list[str]]:
+    """The files that the metadata names, in its order, and the names to which there is none.
+
+    Bags are packed, unpacked and renamed without anybody changing the metadata.
+    """
+    alike = _by_content(there)
+    ordered: dict[str, None] = {}
+    missing: dict[str, None] = {}
+    for name in named:
+        left = alike[_content(name)]
+        match = name if name in left else next(iter(left), None)
+        if match is not None:
+            left.remove(match)
+            ordered[match] = None
+        elif name not in ordered:
+            missing[name] = None
+    return ordered, list(missing)
+
+
+def _by_content(names: Iterable[str]) -> defaultdict[str, list[str]]:
+    """Names that differ by the packing alone, together."""
+    alike: defaultdict[str, list[str]] = defaultdict(list)
+    for name in names:
+        alike[_content(name)].append(name)
+    return alike
+
+
+def _content(name: str) -> str:
+    """What a file is called without its packing."""
+    return _PACKED.sub("", name).lower()
 
 
 def _named_files(path: Path) -> tuple[list[str], str]:
@@ -80,6 +102,9 @@ def _named_files(path: Path) -> tuple[list[str], str]:
     """
     without = "the storage files were read without it"
     try:
+        # Whoever opens a pipe waits for its writer.
+        if not stat.S_ISREG(path.stat().st_mode):
+            return [], f"{METADATA} is no file, {without}"
         with path.open("rb") as file:
             text = file.read(MAX_METADATA).decode("utf-8", "replace")
     except FileNotFoundError:

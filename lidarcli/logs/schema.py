@@ -19,6 +19,10 @@ _EXPECTED = {
     LASERSCAN: ("Header", "float32[]"),
     MULTI_ECHO: ("Header", "LaserEcho[]"),
 }
+# What is left open goes on to the end, and nothing is gone back over: a schema may be a megabyte of anything.
+_NO_CODE = re.compile(r'"(?:[^"\\]|\\.)*+"?|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/)?', re.DOTALL)
+_ANNOTATION = re.compile(r"@\w++\s*+\([^)]*+\)?")
+_BESIDE_TYPES = re.compile(r"\b\w++::|(?<=<)\s++|(?<!\s)\s++(?=[<>])")
 _IDL_NAMES = {"float": "float32", "sequence<float>": "float32[]", "sequence<LaserEcho>": "LaserEcho[]"}
 
 
@@ -56,14 +60,14 @@ def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:
 
 def _idl_fields(text: str, name: str) -> list[tuple[str, str]]:
     """Types and names of the members of `struct name` in an IDL definition."""
-    bare = re.sub(r'"(?:[^"\\]|\\.)*"|//[^\n]*|/\*.*?\*/', "", text, flags=re.DOTALL)
-    struct = re.search(rf"\bstruct\s+{name}\s*\{{(.*?)\}}", bare, re.DOTALL)
+    bare = _NO_CODE.sub("", text)
+    struct = re.search(rf"\bstruct\s++{name}\s*+\{{([^}}]*+)", bare)
     if struct is None:
         return []
-    members = re.sub(r"@\w+\s*\([^)]*\)", "", struct[1])
+    members = _ANNOTATION.sub("", struct[1])
     fields = []
     for member in members.split(";"):
-        words = re.sub(r"\w+::|(?<=<)\s+|\s+(?=[<>])", "", member).split()
+        words = _BESIDE_TYPES.sub("", member).split()
         if len(words) >= 2:
             kind = "".join(words[:-1])
             fields.append((_IDL_NAMES.get(kind, kind), words[-1]))

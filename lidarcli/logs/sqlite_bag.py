@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import sqlite3
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
-from itertools import islice
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import quote
@@ -17,24 +19,64 @@ import numpy as np
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, ReadReport, ros_type
 from lidarcli.logs.laserscan import decode
-from lidarcli.logs.sqlite_salvage import HEADER, MAGIC, MAX_BLOB, Found, MessageRow, Salvage, TopicRow
+from lidarcli.logs.sqlite_journal import JOURNAL, WAL, is_needed, merge
+from lidarcli.logs.sqlite_salvage import (
+    BEFORE_ALL,
+    HEADER,
+    MAGIC,
+    MAX_BLOB,
+    Found,
+    MessageRow,
+    Salvage,
+    TopicRow,
+)
 
-SIDECARS = ("-wal", "-journal")
+SIDECARS = (JOURNAL, WAL)
 """Files beside a database that hold a part of it when the recorder was not stopped properly."""
-SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError)
-"""What SQLite raises for a damaged database: its message may quote bytes of it that are no text."""
+
+
+class UnsoundError(Exception):
+    """A database that SQLite would read, but not in bounded time and memory, or only by running what it holds."""
+
+
+SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError, UnsoundError)
+"""What reading by SQLite raises for a damaged database: SQLite's messages may quote bytes of it that are no text."""
 DISK_SHARE = 0.9
 BATCH = 32
 """Messages fetched at a time: at most BATCH times `MAX_BLOB` bytes are held."""
 
-_TOPICS = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+MAX_TEXT = 1 << 16
+"""Longest text of the schema and of the topics table that is read [bytes]."""
+STEPS_PER_BYTE = 4
+"""Most steps of SQLite's machine for one statement and byte of the file; a row, of ten bytes or more, takes about 20."""
+STEPS = 1_000_000
+"""And these are always allowed."""
+ASKED_EVERY = 10_000
+"""Steps from one look at the bound to the next."""
+
+_SCHEMA = "SELECT type, name, sql FROM sqlite_master"
+_PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
+"""How SQLite writes down what holds rows and nothing that it would have to compute."""
+_TABLES = ("topics", "messages")
+# Rows come in the order of their ids, in which tables keep them: sorting would hold all of them.
+_TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
 _TYPES = (int, str, str, str)
+_NEWEST = "SELECT max(id) FROM messages"
+_COUNTED = (
+    "SELECT CASE WHEN typeof(topic_id) = 'integer' THEN topic_id ELSE typeof(topic_id) END FROM messages"
+)
 _ROWS = (
     "SELECT id, topic_id, timestamp,"
     f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_BLOB} THEN data END"
-    " FROM messages WHERE id > ? AND typeof(timestamp) = 'integer' AND topic_id IN ({}) ORDER BY id"
+    " FROM messages NOT INDEXED WHERE typeof(timestamp) = 'integer' AND topic_id IN ({})"
 )
-
+_ALLOWED = {
+    sqlite3.SQLITE_SELECT: None,
+    sqlite3.SQLITE_READ: {"sqlite_master", *_TABLES},
+    sqlite3.SQLITE_PRAGMA: {"temp_store", "cell_size_check", "table_xinfo"},
+    sqlite3.SQLITE_FUNCTION: {"max", "typeof", "length"},
+}
+"""What statements may do, and with which of its objects."""
 
 Row = tuple[int, int, int, bytes | None]
 """Row id, topic id, time [ns] and message; None where it has none that can be used."""
@@ -53,6 +95,7 @@ class SqliteBag:
         self._file: BinaryIO | None = None
         self._found: Found | None = None
         self._cause = ""
+        self._size = self._steps = 0
         self._orphans_told = False
         try:
             self._open(path)
@@ -72,7 +115,7 @@ class SqliteBag:
         """Topic id → messages."""
         if self._database is not None:
             try:
-                found = Counter(topic for (topic,) in self._database.execute("SELECT topic_id FROM messages"))
+                found = Counter(topic for (topic,) in self._ask(self._database, _COUNTED))
                 self._report_orphans(found)
                 return found
             except SQLITE_ERRORS as err:
@@ -89,17 +132,21 @@ class SqliteBag:
 
     def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
         """Messages of the given topic ids in the order they were recorded, a few at a time."""
-        self._last = -1 << 63
+        self._last = BEFORE_ALL
         if self._database is not None:
             try:
-                (newest,) = self._database.execute("SELECT max(id) FROM messages").fetchone()
+                (newest,) = self._ask(self._database, _NEWEST).fetchone()
                 self._newest = newest or 0
                 sql = _ROWS.format(", ".join(map(str, topics)))
-                cursor = self._database.execute(sql, (self._last,))
+                cursor = self._ask(self._database, sql)
+                left = self._size
                 while rows := cursor.fetchmany(BATCH):
                     ids = [self._last, *(row[0] for row in rows)]
-                    if ids != sorted(ids):
-                        raise sqlite3.DatabaseError("row numbers are out of order")
+                    if not _ascending(ids):
+                        raise UnsoundError("row numbers are out of order")
+                    left -= sum(len(row[3]) for row in rows if row[3] is not None)
+                    if left < 0:
+                        raise UnsoundError("its rows hold more bytes than the file")
                     self._last = ids[-1]
                     yield rows
                 return
@@ -120,33 +167,84 @@ class SqliteBag:
         self._file = path.open("rb")
         if path.stat().st_size == 0:
             raise UnreadableError(f"{self._shown}: the file is empty")
-        sidecars = [Path(f"{path}{suffix}") for suffix in SIDECARS]
-        sidecars = [sidecar for sidecar in sidecars if sidecar.is_file() and sidecar.stat().st_size]
-        copy = self._copy(path, sidecars) if sidecars else None
-        if copy is not None:
-            self._file.close()
-            self._file = copy.open("rb")
-        else:
-            self._cause = _wrong_size(self._file.read(HEADER), path.stat().st_size)
-            if self._cause:
-                return self._open_damaged()
-        # `immutable` keeps SQLite from making files beside the log and works in a read-only folder.
-        options = "mode=ro&immutable=1" if copy is None else "mode=rw"
-        where = quote(str((copy or path).absolute()))
+        path = self._merged(path)
+        self._size = path.stat().st_size
+        self._cause = self._cause or _wrong_size(self._file.read(HEADER), self._size)
+        if self._cause:
+            return self._open_damaged()
         try:
-            self._database = sqlite3.connect(f"file:{where}?{options}", uri=True, check_same_thread=False)
-            self._database.text_factory = lambda text: text.decode("utf-8", "replace")
-            self._database.execute("PRAGMA temp_store = memory")
-            self._database.execute("PRAGMA cell_size_check = on")
-            rows = self._database.execute(_TOPICS)
-            self.topics = {row[0]: TopicRow(*row) for row in rows if all(map(isinstance, row, _TYPES))}
-            self._database.execute("SELECT max(id) FROM messages").fetchone()
+            self._database = self._connect(path)
+            rows = self._ask(self._database, _TOPICS)
+            topics = list(_bounded((row for row in rows if all(map(isinstance, row, _TYPES))), self._size))
+            if not _ascending([row[0] for row in topics]):
+                raise UnsoundError("row numbers of topics are out of order")
+            self.topics = {row[0]: TopicRow(*row) for row in topics}
+            self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOB)
+            self._ask(self._database, _NEWEST).fetchone()
         except SQLITE_ERRORS as err:
             self._cause = _cause(err)
             if self._database is not None:
                 self._database.close()
                 self._database = None
             self._open_damaged()
+
+    def _connect(self, path: Path) -> sqlite3.Connection:
+        """A connection that can do nothing but read rows of plain tables, in bounded time.
+
+        Raises
+        ------
+        UnsoundError
+            The database holds more than rows: SQL of its own would run whenever it is read.
+        """
+        # `immutable` keeps SQLite from making files beside the log, from looking for a journal there, and works in a
+        # read-only folder.
+        where = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
+        database = self._database = sqlite3.connect(where, uri=True, check_same_thread=False)
+        database.text_factory = lambda text: text.decode("utf-8", "replace")
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_TEXT)
+        database.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+        database.set_progress_handler(self._is_endless, ASKED_EVERY)
+        database.set_authorizer(_authorize)
+        database.execute("PRAGMA temp_store = memory")
+        database.execute("PRAGMA cell_size_check = on")
+        for kind, name, sql in self._ask(database, _SCHEMA):
+            if sql is not None and not (isinstance(sql, str) and _PLAIN.match(sql)):
+                raise UnsoundError(
+                    f"{name} is a {kind} that would run; a bag has plain tables and indexes alone"
+                )
+        for table in _TABLES:
+            if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({table})")):
+                raise UnsoundError(f"{table} has columns that would be computed")
+        return database
+
+    def _ask(self, database: sqlite3.Connection, sql: str) -> sqlite3.Cursor:
+        """Run a statement, which gets its own number of steps."""
+        self._steps = 0
+        return database.execute(sql)
+
+    def _is_endless(self) -> bool:
+        """Whether a statement has taken more steps than a sound file of this size can need."""
+        self._steps += ASKED_EVERY
+        return self._steps > STEPS + STEPS_PER_BYTE * self._size
+
+    def _merged(self, path: Path) -> Path:
+        """The storage file, or a copy of it with what stands beside it."""
+        sidecars = [Path(f"{path}{suffix}") for suffix in SIDECARS if is_needed(path, suffix)]
+        copy = self._copy(path, sidecars) if sidecars else None
+        if copy is None:
+            return path
+        try:
+            merge(copy, path)
+        except sqlite3.Error as err:
+            self._cause = _cause(err)
+        most = sum(file.stat().st_size for file in [path, *sidecars])
+        if copy.stat().st_size > most:
+            self._cause = f"{sidecars[-1].name} declares more pages than there are"
+            os.truncate(copy, most)
+        if self._file is not None:
+            self._file.close()
+        self._file = copy.open("rb")
+        return copy
 
     def _open_damaged(self) -> None:
         """SQLite refuses the file: find its topics by reading pages."""
@@ -158,7 +256,7 @@ class SqliteBag:
             raise UnreadableError(f"{self._shown}: holds no ROS 2 messages ({self._cause})")
 
     def _copy(self, path: Path, sidecars: list[Path]) -> Path | None:
-        """A copy in a temporary folder: SQLite merges the sidecars into it, and may not do so beside the log."""
+        """A copy in a temporary folder, as nothing may be changed beside the log; None where there is no room for it."""
         self._folder = tempfile.TemporaryDirectory(prefix="lidarcli-")
         target = Path(self._folder.name) / "bag.db3"
         needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
@@ -169,8 +267,6 @@ class SqliteBag:
             )
             return None
         shutil.copyfile(path, target)
-        for sidecar in sidecars:
-            shutil.copyfile(sidecar, f"{target}{sidecar.name.removeprefix(path.name)}")
         return target
 
     def _salvage(self) -> tuple[Salvage, Found]:
@@ -221,9 +317,35 @@ def _wrong_size(header: bytes, size: int) -> str:
     return ""
 
 
+def _authorize(
+    action: int, first: str | None, second: str | None, _database: str | None, inside: str | None
+) -> int:
+    """Whether a statement may do this; nothing that stands in a view or a trigger may."""
+    wanted = second if action == sqlite3.SQLITE_FUNCTION else first
+    allowed: Collection[str] | None = _ALLOWED.get(action, ())
+    fine = inside is None and (allowed is None or str(wanted).lower() in allowed)
+    return sqlite3.SQLITE_OK if fine else sqlite3.SQLITE_DENY
+
+
+def _bounded(rows: Iterable[tuple[int, str, str, str]], most: int) -> Iterator[tuple[int, str, str, str]]:
+    """Rows whose texts together are no longer than the file that they come from [bytes]."""
+    for row in rows:
+        most -= sum(map(len, row[1:]))
+        if most < 0:
+            raise UnsoundError("its topics hold more text than the file")
+        yield row
+
+
+def _ascending(ids: Sequence[int]) -> bool:
+    return all(before < after for before, after in pairwise(ids))
+
+
 def _cause(err: Exception) -> str:
-    cause = str(err) if isinstance(err, sqlite3.Error) else "malformed database schema"
-    return f"SQLite says: {cause}"
+    if isinstance(err, UnsoundError):
+        return str(err)
+    if "interrupted" in str(err):
+        return "reading it takes far more steps than a sound file of its size needs"
+    return f"SQLite says: {err if isinstance(err, sqlite3.Error) else 'malformed database schema'}"
 
 
 def _guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
@@ -232,7 +354,7 @@ def _guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
     for topic in sorted(set(found.topic_ids)):
         sample = [
             row.data
-            for row in islice(salvage.messages(found, {topic}, -1 << 63), 5)
+            for row in islice(salvage.messages(found, {topic}, BEFORE_ALL), 5)
             if isinstance(row, MessageRow)
         ]
         if sample and all(map(_is_scan, sample)):

@@ -22,6 +22,9 @@ PIECE = 4 << 20
 MAX_BLOB = 8 << 20
 """Longest message that is read [bytes]; a sweep of the largest number of beams fits, with intensities."""
 
+BEFORE_ALL = -(1 << 63) - 1
+"""Below every row id."""
+
 _INT_BYTES = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
 """Serial types of integers → bytes; 8 and 9 are the constants 0 and 1."""
 
@@ -77,6 +80,7 @@ class Found:
     def missing(self) -> int:
         """How many row ids are absent between the first message (row 1) and the last one found."""
         ids = np.unique(np.array(self.rowids, np.int64))
+        ids = ids[ids > 0]
         return max(0, int(ids[-1]) - len(ids)) if len(ids) and ids[-1] < 1 << 40 else 0
 
 
@@ -104,12 +108,18 @@ class Salvage:
         return found
 
     def messages(self, found: Found, topics: Collection[int], after: int) -> Iterator[MessageRow | int]:
-        """Messages of the topics with a row id above `after`, in order; the id alone where one is not whole."""
+        """Messages of the topics with a row id above `after`, in order; the id alone where one is not whole.
+
+        No byte of a sound file stands in two messages: once they are longer than the file, none is believed.
+        """
+        left = self._size
         for index in found.order():
             rowid = found.rowids[index]
             if rowid <= after or found.topic_ids[index] not in topics:
                 continue
-            yield self._message(found.places[index]) or rowid
+            row = self._message(found.places[index]) if left > 0 else None
+            left -= len(row.data) if row is not None else 0
+            yield row or rowid
 
     def _page_size(self) -> tuple[int, int]:
         """Page size and its usable part; 4096, which ROS writes, where the header is broken."""
@@ -162,7 +172,7 @@ class Salvage:
             return False
         if len(types) == 4 and types[0] == 0 and types[1] in _INT_BYTES and types[2] in _INT_BYTES:
             blob = types[3]
-            if blob >= 12 and blob % 2 == 0 and cell.rowid > 0:
+            if blob >= 12 and blob % 2 == 0:
                 head = _varint(local, 0)[0]
                 width = _INT_BYTES[types[1]]
                 topic = types[1] - 8 if types[1] > 6 else _integer(local[head : head + width])
@@ -207,8 +217,10 @@ class Salvage:
         return MessageRow(cell.rowid, numbers[0], numbers[1], row[at:])
 
     def _chain(self, page: int, size: int) -> bytes | None:
-        """Bytes of a chain of overflow pages, which mostly stand one behind the other."""
+        """Bytes of a chain of overflow pages, which mostly stand one behind the other; None where it is not whole."""
         each = self._usable - 4
+        if size > self._size // self._page * each:
+            return None
         parts: list[bytes] = []
         span, first = b"", 0
         while size > 0:

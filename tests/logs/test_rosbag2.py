@@ -505,6 +505,31 @@ def test_broken_metadata_is_a_note_only(tmp_path: Path, text: str, note: str) ->
         assert log.report.notes == [f"{note}, the storage files were read without it"]
 
 
+@pytest.mark.parametrize("kind", ["pipe", "folder"])
+def test_metadata_that_is_no_file_is_not_opened(tmp_path: Path, kind: str) -> None:
+    """A pipe would have to be written to before anything comes out of it."""
+    split_bag(tmp_path / "bag", 2)
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    if kind == "pipe":
+        os.mkfifo(metadata)
+    else:
+        metadata.mkdir()
+    with Rosbag2Log(str(tmp_path / "bag")) as log:
+        assert indices(log) == list(range(10))
+        assert log.report.damage == []
+        assert log.report.notes == ["metadata.yaml is no file, the storage files were read without it"]
+
+
+def test_many_names_and_many_files(tmp_path: Path) -> None:
+    """Names are looked up: comparing each with every file took minutes."""
+    for part in range(300):
+        (tmp_path / f"bag_{part}.db3").touch()
+    metadata(tmp_path, [*(f"gone_{number}.db3" for number in range(60_000)), "bag_7.db3", "bag_7.db3"])
+    folder = read_folder(tmp_path)
+    assert [file.name for file in folder.files] == [f"bag_{part}.db3" for part in range(300)]
+    assert folder.missing == [f"gone_{number}.db3" for number in range(60_000)]
+
+
 def test_a_file_packed_since_the_metadata_was_written(tmp_path: Path) -> None:
     split_bag(tmp_path / "bag", 2)
     metadata(tmp_path / "bag", ["bag_0.db3", "bag_1.db3"])

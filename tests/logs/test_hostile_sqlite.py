@@ -1,0 +1,380 @@
+"""Databases that somebody made to do harm: nothing but their own rows is read, in bounded time, and nothing else is touched."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import shutil
+import sqlite3
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from numbered import indices, laser_scan, record_time
+from rosbags.typesys import Stores, get_typestore
+
+from lidarcli.cli import run
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.rosbag2 import Rosbag2Log
+from lidarcli.logs.sqlite_journal import MAGIC, roll_back
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+SCAN = "sensor_msgs/msg/LaserScan"
+PAGE = 4096
+MESSAGES = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+
+
+def scan(index: int) -> bytes:
+    return bytes(STORE.serialize_cdr(laser_scan(STORE.types, index), SCAN))
+
+
+def bag(path: Path, ids: list[int] | None = None, sweeps: int = 20) -> sqlite3.Connection:
+    """A database as ROS 2 writes it, with scans at the given row ids; open, each statement a transaction."""
+    database = sqlite3.connect(path, isolation_level=None)
+    database.execute(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
+    )
+    database.execute(MESSAGES)
+    database.execute(f"INSERT INTO topics VALUES (1, '/scan', '{SCAN}', 'cdr')")
+    rows = [
+        (ids[index] if ids else index + 1, record_time(index), scan(index))
+        for index in range(len(ids or range(sweeps)))
+    ]
+    database.executemany("INSERT INTO messages VALUES (?, 1, ?, ?)", rows)
+    return database
+
+
+def read(path: Path) -> tuple[list[int], list[str]]:
+    with Rosbag2Log(str(path)) as log:
+        found = indices(log)
+        return found, [f"{item.place}: {item.cause}" for item in log.report.damage]
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    yield
+    assert list(folder.iterdir()) == []
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+# Rollback journals.
+
+
+def killed(folder: Path, first: int = 30, second: int = 400) -> Path:
+    """A database and its journal as a recorder leaves them that was killed amid a transaction whose pages had to be written."""
+    work = folder / "work.db3"
+    database = bag(work, sweeps=first)
+    database.execute("PRAGMA journal_mode = delete")
+    database.execute("PRAGMA cache_size = 5")
+    database.execute("BEGIN")
+    database.execute("UPDATE messages SET data = zeroblob(200)")
+    for index in range(first, second):
+        values = (record_time(index), scan(index))
+        database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", values)
+    target = folder / "run.db3"
+    shutil.copy(work, target)
+    shutil.copy(f"{work}-journal", f"{target}-journal")
+    database.close()
+    work.unlink()
+    return target
+
+
+def test_a_journal_brings_back_what_stood_before_the_transaction(tmp_path: Path) -> None:
+    path = killed(tmp_path)
+    before = content(tmp_path)
+    assert Path(f"{path}-journal").read_bytes().startswith(MAGIC)
+    assert read(path) == (list(range(30)), [])
+    assert content(tmp_path) == before
+    # Without it, pages that the transaction changed stand in the file.
+    assert b"\0" * 200 in path.read_bytes()
+
+
+@pytest.mark.parametrize("cut", [0, 3, 28, 500, 512, 3000, 5000, 9000, 20_000])
+def test_a_journal_is_applied_as_sqlite_does(tmp_path: Path, cut: int) -> None:
+    """The journal was cut, or is damaged there: pages are put back as far as its checksums hold."""
+    path = killed(tmp_path)
+    journal = Path(f"{path}-journal")
+    data = bytearray(journal.read_bytes())
+    if cut % 3:
+        data[cut % len(data)] ^= 0x55
+    else:
+        del data[cut:]
+    journal.write_bytes(data)
+    ours = tmp_path / "ours.db3"
+    shutil.copy(path, ours)
+    roll_back(ours, journal)
+    theirs = sqlite3.connect(path)
+    theirs.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    theirs.close()
+    assert ours.read_bytes() == path.read_bytes()
+
+
+def name_super_journal(journal: Path, name: str) -> None:
+    """The end of a journal that is a part of a transaction over several databases."""
+    encoded = name.encode()
+    with journal.open("ab") as file:
+        file.write(struct.pack(">I", (1 << 30) // PAGE + 1) + encoded)
+        file.write(struct.pack(">II", len(encoded), sum(encoded)) + MAGIC)
+
+
+@pytest.mark.parametrize("command", ["info", "detect"])
+@pytest.mark.parametrize("whole", [True, False])
+def test_no_file_that_a_journal_names_is_touched(tmp_path: Path, command: str, whole: bool) -> None:
+    """SQLite deletes what a hot journal names as its super-journal: any file of the user."""
+    victims = tmp_path / "victims"
+    victims.mkdir()
+    victim = victims / "thesis.tex"
+    victim.write_text("years of work")
+    stamp = victim.stat().st_mtime_ns
+    log = tmp_path / "log"
+    log.mkdir()
+    if whole:
+        path = killed(log)
+    else:
+        path = log / "run.db3"
+        bag(path, sweeps=30).close()
+        first = path.read_bytes()[:PAGE]
+        checksum = 7 + sum(first[at] for at in range(PAGE - 200, 0, -200)) & 0xFFFFFFFF
+        head = MAGIC + struct.pack(">IIIII", 1, 7, path.stat().st_size // PAGE, 512, PAGE)
+        Path(f"{path}-journal").write_bytes(
+            head.ljust(512, b"\0") + struct.pack(">I", 1) + first + struct.pack(">I", checksum)
+        )
+    name_super_journal(Path(f"{path}-journal"), str(victim))
+    before = content(tmp_path)
+    out = ["-o", str(tmp_path / "out")] if command == "detect" else []
+    for target in (path, log):
+        assert run(["-q", command, str(target), *out, *(["--overwrite"] if out else [])]) == 0
+    assert {name: data for name, data in content(tmp_path).items() if "/out/" not in name} == before
+    assert victim.stat().st_mtime_ns == stamp
+    assert read(path) == (list(range(30)), [])
+
+
+def test_a_write_ahead_log_cannot_make_the_copy_huge(tmp_path: Path) -> None:
+    """The last frame declares how many pages the database has then: four thousand million, of which none is there."""
+    work = tmp_path / "work.db3"
+    database = bag(work, sweeps=5)
+    database.execute("PRAGMA journal_mode = wal")
+    database.execute("PRAGMA wal_autocheckpoint = 0")
+    database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, 5, x'00')")
+    path = tmp_path / "run.db3"
+    shutil.copy(work, path)
+    wal = bytearray(Path(f"{work}-wal").read_bytes())
+    database.close()
+    big = struct.unpack(">I", wal[:4])[0] & 1
+    at = 32
+    first, second = struct.unpack(">II", wal[24:32])
+    frames = (len(wal) - 32) // (24 + PAGE)
+    for frame in range(frames):
+        if frame == frames - 1:
+            wal[at + 4 : at + 8] = struct.pack(">I", 0x7FFFFFF0)
+        words = struct.unpack(
+            f"{'>' if big else '<'}{2 + PAGE // 4}I", wal[at : at + 8] + wal[at + 24 : at + 24 + PAGE]
+        )
+        for one, other in zip(words[::2], words[1::2], strict=True):
+            first = (first + one + second) & 0xFFFFFFFF
+            second = (second + other + first) & 0xFFFFFFFF
+        wal[at + 16 : at + 24] = struct.pack(">II", first, second)
+        at += 24 + PAGE
+    Path(f"{path}-wal").write_bytes(wal)
+    found, damage = read(path)
+    assert found == [*range(5)]
+    assert damage != []
+
+
+# Views, triggers, computed columns, virtual tables: SQL of the file's own.
+
+ENDLESS = "WITH RECURSIVE r(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM r)"
+HOSTILE: dict[str, tuple[list[str], str]] = {
+    "endless messages": (
+        ["ALTER TABLE messages RENAME TO m", f"CREATE VIEW messages AS {ENDLESS} SELECT i id, 1 topic_id, i timestamp, x'00' data FROM r"],
+        "messages is a view that would run",
+    ),
+    "endless topics": (
+        ["ALTER TABLE topics RENAME TO t", f"CREATE VIEW topics AS {ENDLESS} SELECT i id, 'a' name, 'b' type, 'cdr' serialization_format FROM r"],
+        "topics is a view that would run",
+    ),
+    "random messages": (
+        ["ALTER TABLE messages RENAME TO m", f"CREATE VIEW messages AS {ENDLESS} SELECT i id, 1 topic_id, i timestamp, randomblob(8000000) data FROM r WHERE i < 100000"],
+        "messages is a view that would run",
+    ),
+    "a long name": (
+        ["ALTER TABLE topics RENAME TO t", "CREATE VIEW topics AS SELECT 1 id, hex(zeroblob(250000000)) name, 'b' type, 'cdr' serialization_format"],
+        "topics is a view that would run",
+    ),
+    "a trigger": (
+        ["CREATE TRIGGER bang AFTER INSERT ON messages BEGIN DELETE FROM messages; END"],
+        "bang is a trigger that would run",
+    ),
+    "a computed column": (
+        ["ALTER TABLE messages ADD COLUMN more BLOB AS (zeroblob(800000000))"],
+        "messages has columns that would be computed",
+    ),
+    "a virtual table": (
+        ["CREATE VIRTUAL TABLE other USING fts5(words)"],
+        "other is a table that would run",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_sql_of_the_file_is_not_run(tmp_path: Path, kind: str) -> None:
+    statements, cause = HOSTILE[kind]
+    path = tmp_path / "run.db3"
+    database = bag(path)
+    for statement in statements:
+        database.execute(statement)
+    database.close()
+    assert read(path) == (
+        list(range(20)),
+        [
+            f"database: {cause}; a bag has plain tables and indexes alone; read page by page: 20 messages recovered"
+            if "would run" in cause
+            else f"database: {cause}; read page by page: 20 messages recovered"
+        ],
+    )
+
+
+def test_a_view_that_is_entered_as_a_table_is_not_run(tmp_path: Path) -> None:
+    """The schema's own columns may lie: what counts is the statement that SQLite would parse."""
+    path = tmp_path / "run.db3"
+    database = bag(path)
+    database.execute("ALTER TABLE messages RENAME TO m")
+    database.execute("CREATE VIEW messages AS SELECT * FROM m")
+    database.execute("PRAGMA writable_schema = on")
+    database.execute("UPDATE sqlite_master SET type = 'table', name = 'innocent' WHERE type = 'view'")
+    database.close()
+    found, damage = read(path)
+    assert found == list(range(20))
+    assert "innocent is a table that would run" in damage[0] or "SQLite says: malformed" in damage[0]
+
+
+@pytest.mark.parametrize("key", ["INTEGER", "INT PRIMARY KEY", "INTEGER PRIMARY KEY DESC"])
+def test_ids_that_are_no_row_numbers_need_no_sorting(tmp_path: Path, key: str) -> None:
+    """Sorting would hold all messages in memory; a recorder writes them in order."""
+    path = tmp_path / "run.db3"
+    database = bag(path)
+    database.execute("ALTER TABLE messages RENAME TO m")
+    database.execute(MESSAGES.replace("INTEGER PRIMARY KEY", key))
+    database.execute("INSERT INTO messages SELECT * FROM m")
+    database.execute("DROP TABLE m")
+    database.close()
+    assert read(path) == (list(range(20)), [])
+
+
+@pytest.mark.parametrize("wanted", ["messages", "topics"])
+def test_a_page_that_names_itself_many_times_ends(tmp_path: Path, wanted: str) -> None:
+    """A tree whose pages lead to one another has more rows than anybody can read."""
+    path = tmp_path / "run.db3"
+    database = bag(path, sweeps=300)
+    if wanted == "topics":
+        database.executemany(
+            "INSERT INTO topics VALUES (?, ?, 'x', 'cdr')", [(i, "n" * 3000) for i in range(2, 50)]
+        )
+    (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = ?", (wanted,)).fetchone()
+    database.close()
+    data = bytearray(path.read_bytes())
+    at = (root - 1) * PAGE
+    assert data[at] == 5
+    cells = struct.unpack(">H", data[at + 3 : at + 5])[0]
+    places = struct.unpack(f">{cells}H", data[at + 12 : at + 12 + 2 * cells])
+    leaf = data[at + places[0] : at + places[0] + 4]
+    for place in places:
+        data[at + place : at + place + 4] = leaf
+    path.write_bytes(data)
+    try:
+        found, damage = read(path)
+    except UnreadableError as err:
+        assert wanted == "topics"
+        damage = [str(err)]
+    else:
+        assert len(found) == len(set(found))
+    assert damage != []
+
+
+def test_overflow_pages_that_name_themselves(tmp_path: Path) -> None:
+    """5,000 rows of 8 MB in a file of 700 kB, for SQLite and for the salvage alike."""
+    path = tmp_path / "run.db3"
+    database = bag(path, sweeps=3)
+    size = 8_000_000
+    database.execute(f"INSERT INTO messages VALUES (100, 1, 1, zeroblob({size}))")
+    database.close()
+    data = path.read_bytes()
+    # The leaf page of the large row, its overflow page made to follow itself, and copies of that leaf with other row ids.
+    pages = [data[at : at + PAGE] for at in range(0, len(data), PAGE)]
+    row = struct.pack(">I", size + 8)
+    leaf = next(n for n, page in enumerate(pages) if page[0] == 13 and row[1:] and b"\x64" in page and n > 1)
+    small = bytearray(b"".join(pages[: leaf + 2]))
+    page = small[leaf * PAGE : (leaf + 1) * PAGE]
+    start = struct.unpack(">H", page[8:10])[0]
+    last = page.rfind(struct.pack(">I", leaf + 2))
+    assert start
+    assert last > 0
+    follow = leaf + 2
+    small[(follow - 1) * PAGE : (follow - 1) * PAGE + 4] = struct.pack(">I", follow)
+    small += page * 150
+    small[28:32] = struct.pack(">I", len(small) // PAGE)
+    path.write_bytes(small)
+    found, damage = read(path)
+    assert set(found) <= {0, 1, 2}
+    assert damage != []
+
+
+# Row ids.
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_row_ids_at_the_ends_of_the_integers(tmp_path: Path, damaged: bool) -> None:
+    path = tmp_path / "run.db3"
+    least, most = -(1 << 63), (1 << 63) - 1
+    database = bag(path, [least, least + 1, -5, 0, 1, 7, most - 1, most])
+    if damaged:
+        database.execute("CREATE VIEW v AS SELECT 1")
+    database.close()
+    found, damage = read(path)
+    assert found == list(range(8))
+    assert len(damage) == damaged
+
+
+def test_names_and_messages_of_megabytes(tmp_path: Path) -> None:
+    path = tmp_path / "run.db3"
+    database = bag(path)
+    database.execute("INSERT INTO topics VALUES (2, ?, 'x', 'cdr')", ("n" * 3_000_000,))
+    database.close()
+    found, damage = read(path)
+    assert found == list(range(20))
+    assert damage == [
+        "database: SQLite says: string or blob too big; read page by page: 20 messages recovered"
+    ]
+
+
+def mutated(data: bytes, random_: random.Random, change: Callable[[bytearray, int], None]) -> bytes:
+    changed = bytearray(data)
+    for _ in range(random_.randint(1, 6)):
+        change(changed, random_.randrange(len(changed)))
+    return bytes(changed)
+
+
+def test_random_journals_touch_nothing(tmp_path: Path) -> None:
+    path = killed(tmp_path, 30, 120)
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    name_super_journal(Path(f"{path}-journal"), str(victim))
+    journal = Path(f"{path}-journal").read_bytes()
+    numbers = random.Random(7)
+
+    def flip(data: bytearray, at: int) -> None:
+        data[at if numbers.random() < 0.5 else at % 600] ^= 1 << numbers.randrange(8)
+
+    for _ in range(60):
+        Path(f"{path}-journal").write_bytes(mutated(journal, numbers, flip))
+        with contextlib.suppress(UnreadableError), Rosbag2Log(str(path)) as log:
+            # Pages of the transaction that nothing undid hold other values than those of the test.
+            assert sum(len(block) for block in log.scans()) <= 120
+    assert victim.read_text() == "mine"
