@@ -16,6 +16,7 @@ CORE = {"errors", "records", "sweeps"}
 MAY_IMPORT = {
     "errors": set[str](),
     "interrupts": set[str](),
+    "newfiles": {"errors"},
     "kernels": set[str](),
     "threads": set[str](),
     "records": set[str](),
@@ -23,11 +24,11 @@ MAY_IMPORT = {
     "logs": CORE,
     "poses": CORE | {"logs"},
     "formalism": CORE | {"kernels"},
-    "tables": CORE | {"formalism", "kernels", "threads"},
-    "simulate": CORE | {"tables"},
+    "tables": CORE | {"formalism", "kernels", "newfiles", "threads"},
+    "simulate": CORE | {"newfiles", "tables"},
     "reports": CORE | {"formalism", "tables"},
-    "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports", "threads"},
-    "cli": CORE | {"interrupts", "logs", "formalism", "simulate", "pipeline"},
+    "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports", "newfiles", "threads"},
+    "cli": CORE | {"interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline"},
     "__init__": {"formalism", "pipeline"},
 }
 """Room → the rooms below it that it may import."""

@@ -12,7 +12,8 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from lidarcli.tables.parquet import ROWS_PER_GROUP, PartFile
+from lidarcli.newfiles import NewFiles
+from lidarcli.tables.parquet import ROWS_PER_GROUP, TableFile
 
 IMPORTED = """
 import os, signal, time
@@ -139,8 +140,8 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
     interrupted_start(monkeypatch)
     working: list[bool] = []
     monkeypatch.setattr("lidarcli.tables.parquet.ParquetSink._write", lambda *_: working.append(True))
-    file = PartFile(tmp_path / "x.parquet", schema)
-    with pytest.raises(KeyboardInterrupt), file:
+    path = tmp_path / "x.parquet"
+    with pytest.raises(KeyboardInterrupt), NewFiles([path]) as new, TableFile(new.part(path), schema) as file:
         file.write(rows)
     time.sleep(0.05)
     assert working == []

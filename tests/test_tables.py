@@ -7,6 +7,7 @@ import errno
 import io
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -23,13 +24,14 @@ import pytest
 
 from lidarcli.errors import OutputError
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect, sweep
+from lidarcli.newfiles import NewFiles
 from lidarcli.sweeps import Status, SweepBatch
 from lidarcli.tables import BEAMS, OBJECTS, SCHEMAS, SWEEPS
 from lidarcli.tables.arrays import codes, floats, names_of
-from lidarcli.tables.files import TableFiles, refuse_existing
+from lidarcli.tables.files import TableFiles
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.order import TopicOrder
-from lidarcli.tables.parquet import ROWS_PER_GROUP, ParquetSink, PartFile
+from lidarcli.tables.parquet import ROWS_PER_GROUP, ParquetSink, TableFile
 from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tables.stream import FORMATS, CountingOutput
 
@@ -298,13 +300,15 @@ import resource, signal, sys
 from pathlib import Path
 import numpy as np, pyarrow as pa
 from lidarcli.errors import OutputError
-from lidarcli.tables.parquet import PartFile
+from lidarcli.newfiles import NewFiles
+from lidarcli.tables.parquet import TableFile
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20))
 schema = pa.schema([pa.field("x", pa.float64())])
 rows = pa.record_batch([pa.array(np.random.default_rng(1).random({ROWS_PER_GROUP}))], schema=schema)
 try:
-    with PartFile(Path(sys.argv[1]), schema) as file:
+    path = Path(sys.argv[1])
+    with NewFiles([path]) as new, TableFile(new.part(path), schema, path) as file:
         for _ in range(5):
             file.write(rows)
         file.finish({{}})
@@ -324,7 +328,8 @@ def test_leaving_while_a_row_group_is_written(tmp_path: Path) -> None:
     rows = pa.record_batch([pa.array(np.arange(3 * ROWS_PER_GROUP))], schema=schema)
 
     def interrupted() -> None:
-        with PartFile(tmp_path / "x.parquet", schema) as file:
+        path = tmp_path / "x.parquet"
+        with NewFiles([path]) as new, TableFile(new.part(path), schema) as file:
             file.write(rows)
             raise KeyboardInterrupt
 
@@ -378,7 +383,11 @@ def test_failure_leaves_nothing(
     def interrupted() -> None:
         with TableFiles(tmp_path, "run", ("objects", "sweeps"), None) as files:
             files.write("objects", "/scan", objects_rows("run", batch, detection))
-            assert len(list(tmp_path.iterdir())) == 2
+            (scratch,) = tmp_path.iterdir()
+            assert sorted(path.name for path in scratch.iterdir()) == [
+                "run.objects.parquet",
+                "run.sweeps.parquet",
+            ]
             raise error
 
     with pytest.raises(error):
@@ -398,22 +407,11 @@ os.kill(os.getpid(), signal.SIGKILL)
 def test_kill_leaves_no_final_name_and_a_rerun_works(tmp_path: Path) -> None:
     killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False)
     assert killed.returncode == -signal.SIGKILL
-    assert {path.name for path in tmp_path.iterdir()} == {
-        ".run.objects.parquet.part",
-        ".run.sweeps.parquet.part",
-    }
+    (left,) = tmp_path.iterdir()
+    assert re.fullmatch(r"\.lidarcli-[0-9a-f]{16}\.part", left.name)
     with TableFiles(tmp_path, "run", ("objects", "sweeps"), None) as files:
         files.publish(METADATA)
     assert {path.name for path in tmp_path.iterdir()} == {"run.objects.parquet", "run.sweeps.parquet"}
-
-
-def test_existing_file_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "run.objects.parquet"
-    refuse_existing([path])
-    path.touch()
-    with pytest.raises(OutputError) as caught:
-        refuse_existing([path])
-    assert str(caught.value) == f"{path} exists; use --overwrite to replace it, or -o DIR to write elsewhere"
 
 
 def test_folder_that_is_a_file(tmp_path: Path) -> None:

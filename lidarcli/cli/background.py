@@ -121,13 +121,19 @@ def build(
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
     from lidarcli.logs.batches import ReadOptions
+    from lidarcli.newfiles import refuse
     from lidarcli.pipeline.building import Building, BuildOptions, draw_background, refuse_nothing
-    from lidarcli.pipeline.inputs import find_logs
+    from lidarcli.pipeline.inputs import SUFFIXES, files_of, find_logs
     from lidarcli.pipeline.many import exit_code
-    from lidarcli.pipeline.outputs import refuse
 
     path = Path(output)
-    refuse([path, *([Path(figure)] if figure else [])], overwrite)
+    if path.name.lower().endswith(SUFFIXES):
+        # `-o *.mcap` names the first of the logs.
+        raise click.BadParameter(
+            f"'{output}' is the name of a log; a background is a .parquet.", param_hint="'-o'"
+        )
+    sources = find_logs(logs)
+    refuse([path, *([Path(figure)] if figure else [])], overwrite, files_of(sources))
     building = Building(
         BuildOptions(
             read=ReadOptions(
@@ -140,7 +146,6 @@ def build(
         )
     )
     codes = []
-    sources = find_logs(logs)
     with progress_bar(sources, say) as report:
         for outcome in building.add_all(sources, report):
             show_reading(outcome, say)
@@ -153,11 +158,13 @@ def build(
         say.info(f"note: {note}")
     for line in learned_lines(sensors):
         say.info(line)
-    building.write(path, sensors)
+    notes = building.write(path, sensors, overwrite)
     say.info(f"  wrote    {path}")
     if figure:
-        draw_background(Path(figure), sensors)
+        notes += draw_background(Path(figure), sensors, overwrite)
         say.info(f"  wrote    {figure}")
+    for note in notes:
+        say.info(f"  note     {note}")
     return exit_code(codes)
 
 

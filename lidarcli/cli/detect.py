@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 OUTPUT, BACKGROUND = "Output", "Background"
 STDOUT = "-"
+FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
+"""Suffix of an output that is a file → its format."""
 
 
 @click.command(
@@ -54,7 +57,8 @@ STDOUT = "-"
     metavar="DIR",
     default=".",
     show_default="the current directory",
-    help="Folder for <log>.objects.parquet and <log>.sweeps.parquet; - streams the objects to stdout.",
+    help="Folder for <log>.objects.parquet and <log>.sweeps.parquet; or one file for the objects of all logs: .parquet, "
+    ".csv, .ndjson or .arrow; - streams the objects to stdout.",
 )
 @option(
     "--format",
@@ -136,7 +140,8 @@ def detect(
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. A log found below a folder keeps its place below DIR.
     """
-    if output == STDOUT and beams:
+    one_file = None if os.path.isdir(output) else FILES.get(Path(output).suffix.lower())  # noqa: PTH112 (never raises)
+    if (output == STDOUT or one_file) and beams:
         raise click.UsageError("--beams writes a file: give -o DIR")
     if output != STDOUT and kind is not None:
         raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
@@ -178,19 +183,23 @@ def detect(
         overwrite=overwrite,
         jobs=jobs or 0,
     )
-    return _detect(say, logs, output, kind or "ndjson", options)
+    return _detect(say, logs, output, kind or one_file or ("ndjson" if output == STDOUT else None), options)
 
 
-def _detect(say: Messages, logs: tuple[str, ...], output: str, kind: str, options: DetectOptions) -> int:
+def _detect(
+    say: Messages, logs: tuple[str, ...], output: str, kind: str | None, options: DetectOptions
+) -> int:
+    """Tables below the folder `output`, or, of a `kind`, the objects alone as a stream or in one file."""
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show, show_total
     from lidarcli.pipeline.inputs import find_logs, refuse_clashes
-    from lidarcli.pipeline.many import detect_files, detect_stream, exit_code
+    from lidarcli.pipeline.many import detect_file, detect_files, detect_stream, exit_code
     from lidarcli.pipeline.memory import keep_freed_memory
 
     keep_freed_memory()
     sources = find_logs(logs)
-    refuse_clashes(sources)
+    if kind is None:
+        refuse_clashes(sources)
     settings = ", ".join(f"{name}={value}" for name, value in options.as_dict().items())
     say.detail(f"{len(sources)} log{'' if len(sources) == 1 else 's'}; {settings}")
     outcomes: list[Outcome] = []
@@ -198,10 +207,12 @@ def _detect(say: Messages, logs: tuple[str, ...], output: str, kind: str, option
     bar = nullcontext() if output == STDOUT and standard_output().isatty() else progress_bar(sources, say)
     with bar as report:
         results: Iterator[Outcome]
-        if output == STDOUT:
+        if kind is None:
+            results = detect_files(sources, Path(output), options, report)
+        elif output == STDOUT:
             results = detect_stream(sources, standard_output().buffer, kind, options, report)
         else:
-            results = detect_files(sources, Path(output), options, report)
+            results = detect_file(sources, Path(output), kind, options, report)
         for outcome in results:
             show(outcome, say)
             outcomes.append(outcome)

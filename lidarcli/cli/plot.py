@@ -151,8 +151,8 @@ def plot(
 
     from lidarcli.errors import OptionError, UnreadableError
     from lidarcli.formalism import Parameters
-    from lidarcli.pipeline.inputs import Nothing, find_logs
-    from lidarcli.pipeline.outputs import refuse
+    from lidarcli.newfiles import refuse
+    from lidarcli.pipeline.inputs import Nothing, files_of, find_logs
     from lidarcli.pipeline.plotting import (
         PlotOptions,
         picture_bytes,
@@ -168,7 +168,8 @@ def plot(
     if isinstance(source, Nothing):
         raise UnreadableError(f"{log}: {source.error}")
     paths = [Path(output)] if animate or len(sweeps or ()) == 1 else _numbered(Path(output), sweeps or ())
-    refuse([] if output == STDOUT else paths, overwrite)
+    if output != STDOUT:
+        refuse(paths, overwrite, [*files_of(sources), *([background] if background else [])])
     drawn = take_pictures(
         source, PlotOptions(sweeps, topic, Parameters.for_profile(**parameters), rules, geometry, background)
     )
@@ -176,12 +177,15 @@ def plot(
         say.info(f"  note     {note}")
     if output == STDOUT:
         standard_output().buffer.write(picture_bytes(drawn.pictures[0], view, ".png"))
+        notes = []
     elif animate:
-        write_animation(paths[0], drawn.pictures, view)
+        notes = write_animation(paths[0], drawn.pictures, view, overwrite)
     else:
-        write_pictures(paths, drawn.pictures, view)
+        notes = write_pictures(paths, drawn.pictures, view, overwrite)
     for path in [] if output == STDOUT else paths:
         say.info(f"  wrote    {path}")
+    for note in notes:
+        say.info(f"  note     {note}")
     for line in drawn.damage:
         say.error(log, line)
     return UnreadableError.exit_code if drawn.damage else 0

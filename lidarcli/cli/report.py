@@ -89,15 +89,19 @@ def report(
     TABLE is an objects or sweeps table of detect (the other one is found beside
     it), a folder to search, or a pattern.
     """
-    from lidarcli.pipeline.outputs import refuse, write_whole
+    from lidarcli.newfiles import refuse, write_whole
+    from lidarcli.pipeline.inputs import files_of, find_logs
     from lidarcli.pipeline.reporting import SUFFIXES, ReportOptions, make_report, render, understand
+    from lidarcli.pipeline.tables_found import table_files
 
     kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
     if len(outputs) > 1 and kind is not None:
         raise click.UsageError("--format is for one output; several take theirs from their suffixes")
     options = ReportOptions(tables, checks, baseline, logs)
     understand(options)
-    refuse([Path(name) for name in outputs if name != STDOUT], overwrite)
+    files = [Path(name) for name in outputs if name != STDOUT]
+    inputs = [*map(str, table_files([*tables, *baseline])), *files_of(find_logs(logs))] if files else []
+    refuse(files, overwrite, inputs)
     made = make_report(options, viewer="html" in kinds)
     for problem in made.report.problems:
         say.error(problem)
@@ -106,8 +110,10 @@ def report(
             words = render(made, form, options, colour=standard_output().isatty())
             standard_output().buffer.write(words.encode("utf-8", "replace"))
         else:
-            write_whole(Path(name), render(made, form, options).encode("utf-8", "replace"))
+            notes = write_whole(Path(name), render(made, form, options).encode("utf-8", "replace"), overwrite)
             say.info(f"  wrote    {name}")
+            for note in notes:
+                say.info(f"  note     {note}")
     for verdict in made.report.verdicts:
         if not verdict.holds:
             say.error(

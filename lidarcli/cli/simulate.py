@@ -115,4 +115,6 @@ def simulate(
     say.info(f"{scene}: {result.sweeps:,} sweep{'' if result.sweeps == 1 else 's'}")
     for path in (result.log, result.truth, result.truth_beams):
         say.info(f"  wrote    {path}")
+    for note in result.notes:
+        say.info(f"  note     {note}")
     return 0

@@ -98,7 +98,8 @@ def learn(
     sensors = building.sensors()
     refuse_nothing(sensors)
     if output is not None:
-        building.write(Path(output), sensors)
+        for note in building.write(Path(output), sensors):
+            warnings.warn(note, stacklevel=2)
     return tuple(sensors)
 
 

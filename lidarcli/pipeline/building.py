@@ -15,10 +15,10 @@ from lidarcli.formalism.grid import Grid
 from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.newfiles import write_whole
 from lidarcli.pipeline.inputs import Nothing, Source
 from lidarcli.pipeline.many import Outcome, Report, outcome_of
 from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.outputs import write_whole
 from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
@@ -98,11 +98,10 @@ class Building:
                 )
         return lines
 
-    def write(self, path: Path, sensors: Sequence[Background]) -> None:
-        """Write the background table."""
+    def write(self, path: Path, sensors: Sequence[Background], overwrite: bool = True) -> list[str]:
+        """Write the background table; notes as of `NewFiles.publish`."""
         metadata = table_metadata(self._options.as_dict(), self._described, self._damage)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_background(path, sensors, metadata)
+        return write_background(path, sensors, metadata, overwrite)
 
     def _take(self, batch: SweepBatch) -> None:
         for code in np.unique(batch.frame).tolist():
@@ -121,11 +120,11 @@ def load(path: Path) -> tuple[list[Background], dict[str, Any]]:
     return read_background(path)
 
 
-def draw_background(path: Path, sensors: Sequence[Background]) -> None:
-    """Write a picture of it, of the kind that the suffix says."""
+def draw_background(path: Path, sensors: Sequence[Background], overwrite: bool) -> list[str]:
+    """Write a picture of it, of the kind that the suffix says; notes as of `NewFiles.publish`."""
     from lidarcli.reports.background_figure import draw
 
-    write_whole(path, draw(sensors, path.suffix.lower()))
+    return write_whole(path, draw(sensors, path.suffix.lower()), overwrite)
 
 
 def _progress(source: Source, report: Report | None) -> Callable[[int], None] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 from lidarcli.formalism import Parameters
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.newfiles import refuse
 from lidarcli.pipeline.cores import cores
-from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.inputs import Nothing, Source, files_of
 from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.parts import Recipe
 from lidarcli.pipeline.parts_split import Splitting
 from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.summary import RunSummary
-from lidarcli.tables.files import TableFiles, refuse_existing, table_path
+from lidarcli.tables.files import TableFiles, table_path
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.order import TopicOrder
 from lidarcli.tables.schemas import OBJECTS
@@ -55,6 +57,10 @@ class DetectOptions:
         """Names of the tables to write."""
         return ("objects", "sweeps", "beams") if self.beams else ("objects", "sweeps")
 
+    def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
+        """The files that are read, none of which an output may replace."""
+        return [*files_of(sources), *([self.background.path] if self.background is not None else [])]
+
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """What is to be made of every batch of a log."""
         return Recipe(source.name, tables, self.parameters, self.background)
@@ -73,12 +79,12 @@ def detect_to_files(
     source: Source, folder: Path, options: DetectOptions, progress: Progress | None = None
 ) -> RunSummary:
     """Write the tables of one log below `folder`; they appear when all of them are whole, or not at all."""
-    if not options.overwrite:
-        refuse_existing([table_path(folder, source.name, table) for table in options.tables])
+    outputs = [table_path(folder, source.name, table) for table in options.tables]
+    refuse(outputs, options.overwrite, options.inputs([source]))
     with (
         open_source(source, options.csv) as log,
         Reading(log, options.read, options.pose) as reading,
-        TableFiles(folder, source.name, options.tables, reading.first) as files,
+        TableFiles(folder, source.name, options.tables, reading.first, options.overwrite) as files,
         Splitting(reading, options.recipe(source, options.tables), options.processes, options.cores) as work,
     ):
         for part in work.parts(progress):
@@ -87,7 +93,7 @@ def detect_to_files(
             reading.summary.add_found(part.found)
         summary = _close(reading, work)
         described = reading.describe(source)
-        files.publish(table_metadata(options.as_dict(), described, summary.damage))
+        summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
         summary.outputs = [str(path) for path in files.paths]
     return summary
 

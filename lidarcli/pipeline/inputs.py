@@ -6,6 +6,7 @@ import glob
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
@@ -80,6 +81,16 @@ def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
             found.extend(below or [Nothing(text, UnreadableError(f"no log in this folder ({_known()})"))])
         else:
             found.append(Source(text, log_name(path)))
+    return found
+
+
+def files_of(sources: Iterable[Source | Nothing]) -> list[str]:
+    """The files that sources are read from: outputs must be none of them."""
+    found: list[str] = []
+    for source in sources:
+        found += source.files if isinstance(source, Source) and source.files else [source.path]
+        with suppress(OSError), os.scandir(source.path) as entries:
+            found += [entry.path for entry in entries]
     return found
 
 

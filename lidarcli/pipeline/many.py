@@ -10,6 +10,7 @@ from typing import IO, TYPE_CHECKING, Any, TypeVar
 
 from lidarcli.errors import LidarcliError, UnreadableError
 from lidarcli.logs.base import CsvOptions
+from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files, detect_to_stream
 from lidarcli.pipeline.inputs import Nothing, Source
 from lidarcli.pipeline.summary import RunSummary
@@ -118,9 +119,13 @@ def detect_stream(
     kind: str,
     options: DetectOptions,
     report: Report | None = None,
+    name: str = "standard output",
 ) -> Iterator[Outcome]:
-    """Write the objects of all logs to one stream of `kind` (ndjson, csv, arrow, parquet), log after log."""
-    guard = CountingOutput(out, "standard output")
+    """Write the objects of all logs to one stream of `kind` (ndjson, csv, arrow, parquet), log after log.
+
+    `name` is what errors call the stream.
+    """
+    guard = CountingOutput(out, name)
     parameters = options.as_dict()
     described: list[dict[str, Any]] = []
     damage: list[str] = []
@@ -141,6 +146,30 @@ def detect_stream(
         # An unfinished stream must not get an end that makes it look whole.
         guard.discard()
         raise
+
+
+def detect_file(
+    sources: Sequence[Source | Nothing],
+    path: Path,
+    kind: str,
+    options: DetectOptions,
+    report: Report | None = None,
+) -> Iterator[Outcome]:
+    """The same into one file, which appears when it is whole, and only if anything could be read."""
+    refuse([path], options.overwrite, options.inputs(sources))
+    # The last log that could be read, and those after it, wait: it also tells what became of the file.
+    waiting: list[Outcome] = []
+    with NewFiles([path], options.overwrite) as new:
+        with new.part(path).open("wb") as out:
+            for outcome in detect_stream(sources, out, kind, options, report, str(path)):
+                if outcome.summary is not None:
+                    yield from waiting
+                    waiting = []
+                waiting.append(outcome)
+        if waiting and (last := waiting[0].summary) is not None:
+            last.notes += new.publish()
+            last.outputs.append(str(path))
+    yield from waiting
 
 
 def inspect_logs(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,9 +13,9 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.threshold import noise
 from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.newfiles import NewFiles, unwritable, write_whole
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.outputs import write_whole
 from lidarcli.pipeline.posing import NONE, Posing
 from lidarcli.pipeline.subtracting import BackgroundOptions, Subtracting
 from lidarcli.pipeline.summary import damage_lines
@@ -24,7 +23,6 @@ from lidarcli.pipeline.topics import choose, nothing_read
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.picture import Picture
 from lidarcli.sweeps import RangeRules, SweepBatch
-from lidarcli.tables.parquet import unwritable
 
 BATCH = 64
 MOST = 2_000
@@ -187,21 +185,21 @@ def picture_bytes(picture: Picture, view: str, suffix: str) -> bytes:
     return draw(picture, view, suffix)
 
 
-def write_pictures(paths: Sequence[Path], pictures: Sequence[Picture], view: str) -> None:
-    """Write each picture to its file."""
+def write_pictures(
+    paths: Sequence[Path], pictures: Sequence[Picture], view: str, overwrite: bool
+) -> list[str]:
+    """Write each picture to its file; notes as of `NewFiles.publish`."""
+    notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):
-        write_whole(path, draw(picture, view, path.suffix.lower()))
+        notes += write_whole(path, draw(picture, view, path.suffix.lower()), overwrite)
+    return notes
 
 
-def write_animation(path: Path, pictures: Sequence[Picture], view: str) -> None:
-    """Write one moving picture; it has its name when it is whole."""
-    part = path.with_name(f".{path.stem}.part{path.suffix.lower()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        animate(pictures, view, part)
-        part.replace(path)
-    except OSError as err:
-        raise unwritable(path, err) from err
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
+def write_animation(path: Path, pictures: Sequence[Picture], view: str, overwrite: bool) -> list[str]:
+    """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`."""
+    with NewFiles([path], overwrite) as new:
+        try:
+            animate(pictures, view, new.part(path))
+        except OSError as err:
+            raise unwritable(path, err) from err
+        return new.publish()

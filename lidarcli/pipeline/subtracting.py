@@ -41,12 +41,14 @@ class BackgroundOptions:
     """How far sweeps may be from their station [m]; by default as it was built."""
     angle: float | None = None
     """How far they may be turned away from it [rad]; by default as it was built."""
+    path: str = ""
+    """Where it was read, if it was: no output may replace it."""
 
     @staticmethod
     def of(path: str | Path, **options: Any) -> BackgroundOptions:
         """Read a background table (`UnreadableError` where it is none)."""
         sensors, _ = read_background(Path(path))
-        return BackgroundOptions(Path(path).name, tuple(sensors), **options)
+        return BackgroundOptions(Path(path).name, tuple(sensors), path=str(path), **options)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for the tables' metadata."""

@@ -54,10 +54,18 @@ def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]
     return [Pair(stem) for stem in stems], problems
 
 
+def table_files(inputs: Iterable[str]) -> list[Path]:
+    """The files of all pairs that `inputs` name."""
+    pairs, _ = find_pairs(inputs)
+    return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.beams)]
+
+
 def _stems(text: str) -> list[Path]:
     path = Path(text)
     if path.is_dir():
-        found = sorted(_stem(file) for file in path.rglob(f"*{OBJECTS}") if not file.name.startswith("."))
+        # Hidden folders hold what is still being written.
+        there = (file for file in path.rglob(f"*{OBJECTS}") if not _is_hidden(file.relative_to(path)))
+        found = sorted(map(_stem, there))
         if not found:
             raise UnreadableError(f"{text}: no *{OBJECTS} in this folder; write some with lidarcli detect")
         return found
@@ -69,6 +77,10 @@ def _stems(text: str) -> list[Path]:
         why = "no tables match this pattern" if glob.has_magic(text) else "no such file or folder"
         raise UnreadableError(f"{text}: {why}")
     return [_stem(table) for table in tables]
+
+
+def _is_hidden(path: Path) -> bool:
+    return any(part.startswith(".") for part in path.parts)
 
 
 def _stem(path: Path) -> Path:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lidarcli.errors import OptionError, OutputError
+from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.simulate.load import load_scene
 from lidarcli.sweeps import RawSweeps
 
@@ -25,6 +23,8 @@ class Simulated:
     log: Path
     truth: Path
     truth_beams: Path
+    notes: tuple[str, ...] = ()
+    """What a user should know of these files."""
 
 
 def simulate(
@@ -68,18 +68,15 @@ def simulate(
         count = round(duration * scene.sensor.rate)
     result = Simulated(scene.name, count, log, *truth_paths(log))
     targets = [result.log, result.truth, result.truth_beams]
+    refuse(targets, overwrite, [scene_path], folders=True)
     for target in targets:
-        if os.path.lexists(target) and not overwrite:
-            raise OutputError(f"{target}: exists already; --overwrite replaces it")
         if target.is_dir() and not _is_bag(target):
             raise OutputError(
                 f"{target}: is a folder that holds more than a ROS 2 bag; it will not be replaced"
             )
-
-    try:
-        with tempfile.TemporaryDirectory(prefix=f".{log.name}.", dir=log.parent) as scratch:
-            parts = [Path(scratch) / target.name for target in targets]
-            with TruthWriter(parts[1], parts[2], scene, seed) as truth:
+    with NewFiles(targets, overwrite, folders=True) as new:
+        try:
+            with TruthWriter(new.part(result.truth), new.part(result.truth_beams), scene, seed) as truth:
 
                 def raw() -> Iterator[RawSweeps]:
                     for block in simulate_blocks(scene, count, seed):
@@ -87,7 +84,7 @@ def simulate(
                         yield block.raw
 
                 write_log(
-                    parts[0],
+                    new.part(log),
                     raw(),
                     container=container,
                     compression=compression,
@@ -96,11 +93,9 @@ def simulate(
                     chunk_size=chunk_size,
                     poses=simulate_odometry(scene, count, seed),
                 )
-            for part, target in zip(parts, targets, strict=True):
-                _replace(part, target, Path(scratch))
-    except OSError as err:
-        raise OutputError(f"{out}: cannot write: {err.strerror or err}") from err
-    return result
+        except OSError as err:
+            raise unwritable(log, err) from err
+        return replace(result, notes=tuple(new.publish()))
 
 
 def truth_paths(log: Path) -> tuple[Path, Path]:
@@ -114,14 +109,3 @@ def _is_bag(folder: Path) -> bool:
     """True for an empty folder and for one that holds the files of a ROS 2 bag alone."""
     names = [entry.name for entry in folder.iterdir()]
     return all(name == "metadata.yaml" or name.endswith((".db3", ".mcap", ".zstd")) for name in names)
-
-
-def _replace(part: Path, target: Path, scratch: Path) -> None:
-    """Give a finished file its name; a folder can only take the place of one that has gone out of the way."""
-    if target.is_dir() and not target.is_symlink():
-        old = scratch / "replaced"
-        shutil.rmtree(old, ignore_errors=True)
-        target.rename(old)
-    elif part.is_dir() and os.path.lexists(target):
-        target.unlink()
-    part.replace(target)

@@ -14,10 +14,11 @@ import pyarrow.parquet as pq
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.background import Background
 from lidarcli.formalism.grid import Grid
+from lidarcli.newfiles import NewFiles
 from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tables.arrays import codes, floats, plain
 from lidarcli.tables.metadata import DAMAGE, PARAMETERS, SOURCE, VERSION
-from lidarcli.tables.parquet import PartFile
+from lidarcli.tables.parquet import TableFile
 from lidarcli.tables.schemas import BACKGROUND
 
 GEOMETRY = "lidarcli.geometry"
@@ -26,14 +27,16 @@ GEOMETRY = "lidarcli.geometry"
 _PER_BEAM = ("r_e", "r_near", "spread", "support", "no_return")
 
 
-def write_background(path: Path, sensors: Sequence[Background], metadata: Mapping[bytes, bytes]) -> None:
-    """Write the stations of all sensors; the file appears when it is whole."""
+def write_background(
+    path: Path, sensors: Sequence[Background], metadata: Mapping[bytes, bytes], overwrite: bool = True
+) -> list[str]:
+    """Write the stations of all sensors; the file appears when it is whole. Notes as of `NewFiles.publish`."""
     geometry = json.dumps([_geometry(sensor) for sensor in sensors], sort_keys=True, ensure_ascii=False)
-    with PartFile(path, BACKGROUND) as file:
+    with NewFiles([path], overwrite) as new, TableFile(new.part(path), BACKGROUND, path) as file:
         for sensor in sensors:
             file.write(background_rows(sensor))
         file.finish({**metadata, GEOMETRY.encode(): geometry.encode(errors="replace")})
-        file.publish()
+        return new.publish()
 
 
 def background_rows(sensor: Background) -> pa.RecordBatch:

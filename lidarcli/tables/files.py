@@ -10,9 +10,9 @@ from typing import Self
 
 import pyarrow as pa
 
-from lidarcli.errors import OutputError
+from lidarcli.newfiles import NewFiles
 from lidarcli.tables.order import TopicOrder
-from lidarcli.tables.parquet import PartFile, unwritable
+from lidarcli.tables.parquet import TableFile
 from lidarcli.tables.schemas import SCHEMAS
 
 
@@ -21,24 +21,21 @@ def table_path(folder: Path, log: str, table: str) -> Path:
     return folder / f"{log}.{table}.parquet"
 
 
-def refuse_existing(paths: Sequence[Path]) -> None:
-    """Refuse to overwrite: `OutputError` naming the first file that exists."""
-    for path in paths:
-        if path.exists():
-            raise OutputError(f"{path} exists; use --overwrite to replace it, or -o DIR to write elsewhere")
-
-
 class TableFiles:
     """Writers of the named tables of one log; leaving without `publish` leaves no file."""
 
-    def __init__(self, folder: Path, log: str, tables: Sequence[str], first_topic: str | None) -> None:
+    def __init__(
+        self, folder: Path, log: str, tables: Sequence[str], first_topic: str | None, overwrite: bool = True
+    ) -> None:
         self.paths = [table_path(folder, log, table) for table in tables]
-        self._files: list[PartFile] = []
+        self._new = NewFiles(self.paths, overwrite)
+        self._files: list[TableFile] = []
         self._orders: dict[str, TopicOrder] = {}
         with ExitStack() as stack:
+            stack.callback(self._new.close)
+            self._new.open()
             for table, path in zip(tables, self.paths, strict=True):
-                _make_folder(path.parent)
-                file = PartFile(path, SCHEMAS[table])
+                file = TableFile(self._new.part(path), SCHEMAS[table], path)
                 stack.push(file)
                 file.open()
                 order = TopicOrder(file, SCHEMAS[table], first_topic, path.parent)
@@ -50,15 +47,14 @@ class TableFiles:
         """Take rows of one topic for one table."""
         self._orders[table].write(topic, rows)
 
-    def publish(self, metadata: dict[bytes, bytes]) -> None:
-        """Make every table whole, then give all of them their names."""
+    def publish(self, metadata: dict[bytes, bytes]) -> list[str]:
+        """Make every table whole, then give all of them their names; notes as of `NewFiles.publish`."""
         for order, file in zip(self._orders.values(), self._files, strict=True):
             order.drain()
             file.hand_over()
         for file in self._files:
             file.finish(metadata)
-        for file in self._files:
-            file.publish()
+        return self._new.publish()
 
     def __enter__(self) -> Self:
         return self
@@ -67,12 +63,3 @@ class TableFiles:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
-
-
-def _make_folder(folder: Path) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(f"cannot write below {folder}: it is not a folder")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as err:
-        raise unwritable(folder, err) from err

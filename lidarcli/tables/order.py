@@ -11,7 +11,7 @@ from typing import IO, Protocol, Self
 import pyarrow as pa
 
 from lidarcli.errors import OutputError
-from lidarcli.tables.parquet import unwritable
+from lidarcli.newfiles import unwritable
 
 _OPTIONS = pa.ipc.IpcWriteOptions(compression="lz4")
 

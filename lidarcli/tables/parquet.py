@@ -1,4 +1,4 @@
-"""Streaming Parquet: large row groups whatever comes in, and a file that has its name only when whole."""
+"""Streaming Parquet: large row groups whatever comes in."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lidarcli.errors import OutputError
+from lidarcli.newfiles import unwritable
 from lidarcli.threads import Beside
 
 if TYPE_CHECKING:
@@ -134,25 +134,32 @@ class ParquetSink:
             self._thread.close()
 
 
-class PartFile:
-    """A Parquet file under a temporary name beside its final one; `publish` gives it the final name."""
+class TableFile:
+    """A table as a Parquet file.
 
-    def __init__(self, path: Path, schema: pa.Schema) -> None:
-        self.path = path
+    Parameters
+    ----------
+    path : where it is written
+    schema : of the table
+    shown : how errors call it; by default its path
+    """
+
+    def __init__(self, path: Path, schema: pa.Schema, shown: Path | None = None) -> None:
+        self._path = path
         self._schema = schema
-        self._part = path.with_name(f".{path.name}.part")
+        self._shown = shown or path
         self._file: pa.OSFile | None = None
         self._sink: ParquetSink | None = None
 
     def open(self) -> None:
-        """Create the temporary file. Whoever calls this has seen to `__exit__` before, for an interrupt comes any time."""
+        """Create the file. Whoever calls this has seen to `__exit__` before, for an interrupt comes any time."""
         try:
             # Arrow's own file: the writing thread need not wait for the interpreter.
-            self._file = pa.OSFile(os.fsencode(self._part), mode="wb")
+            self._file = pa.OSFile(os.fsencode(self._path), mode="wb")
             # Its first four bytes may be too many already.
             self._sink = ParquetSink(self._file, self._schema)
         except OSError as err:
-            raise unwritable(self.path, err) from err
+            raise unwritable(self._shown, err) from err
 
     def write(self, rows: pa.RecordBatch) -> None:
         """Take rows of the table."""
@@ -160,7 +167,7 @@ class PartFile:
         try:
             self._sink.write(rows)
         except OSError as err:
-            raise unwritable(self.path, err) from err
+            raise unwritable(self._shown, err) from err
 
     def hand_over(self) -> None:
         """No more rows will come: see `ParquetSink.hand_over`."""
@@ -168,21 +175,14 @@ class PartFile:
         self._sink.hand_over()
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
-        """Make the temporary file whole."""
+        """Make the file whole."""
         assert self._sink is not None
         assert self._file is not None
         try:
             self._sink.finish(metadata)
             self._file.close()
         except OSError as err:
-            raise unwritable(self.path, err) from err
-
-    def publish(self) -> None:
-        """Give the whole file its name."""
-        try:
-            self._part.replace(self.path)
-        except OSError as err:
-            raise unwritable(self.path, err) from err
+            raise unwritable(self._shown, err) from err
 
     def __enter__(self) -> Self:
         try:
@@ -193,21 +193,12 @@ class PartFile:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        """Remove the temporary file, whatever happened; a published one has gone already."""
+        """Let go of the file, whatever happened."""
         if self._sink is not None:
             self._sink.abandon()
         if self._file is not None:
             with contextlib.suppress(OSError):
                 self._file.close()
-        with contextlib.suppress(OSError):
-            self._part.unlink(missing_ok=True)
-
-
-def unwritable(path: Path | str, err: OSError) -> OutputError:
-    """The error of an output that the system refuses, as one line."""
-    # Arrow puts words of its own before those of the system.
-    reason = os.strerror(err.errno) if err.errno else err.strerror or str(err).splitlines()[0]
-    return OutputError(f"cannot write {path}: {reason}")
 
 
 def _leaves(schema: pa.Schema) -> tuple[list[str], list[str]]:

@@ -73,7 +73,7 @@ def test_build_refuses_to_overwrite(scene: Path, tmp_path: Path, lidarcli: Run) 
     build = ("background", "build", scene / "empty.mcap", "-o", file, "--plot", figure)
     ran = lidarcli(*build)
     assert ran.code == 5
-    assert ran.err == f"lidarcli: {figure} exists; use --overwrite to replace it\n"
+    assert ran.err == f"lidarcli: {figure} exists; use --overwrite to replace it, or -o to write elsewhere\n"
     assert not file.exists()
     assert lidarcli(*build, "--overwrite").code == 0
     assert figure.read_bytes().startswith(b"\x89PNG")

@@ -29,7 +29,10 @@ def test_one_sweep(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
         assert image.size == (1440, 860)
     assert [path.name for path in out.parent.iterdir()] == ["sweep.png"]
     again = lidarcli("plot", logs / "run.mcap", "--sweep", 5, "-o", out)
-    assert (again.code, again.err) == (5, f"lidarcli: {out} exists; use --overwrite to replace it\n")
+    assert (again.code, again.err) == (
+        5,
+        f"lidarcli: {out} exists; use --overwrite to replace it, or -o to write elsewhere\n",
+    )
     assert lidarcli("plot", logs / "run.mcap", "-o", out, "--overwrite").code == 0
 
 

@@ -96,7 +96,9 @@ def test_several_outputs_at_once(lidarcli: Run, run: Path, tmp_path: Path) -> No
     assert [line.split()[1] for line in ran.err.splitlines()] == [str(tmp_path / name) for name in names]
     again = lidarcli("report", run, *words)
     assert again.code == 5
-    assert again.err == (f"lidarcli: {tmp_path / 'a.md'} exists; use --overwrite to replace it\n")
+    assert again.err == (
+        f"lidarcli: {tmp_path / 'a.md'} exists; use --overwrite to replace it, or -o to write elsewhere\n"
+    )
     assert lidarcli("report", run, *words, "--overwrite").code == 0
 
 

@@ -39,5 +39,8 @@ def test_what_is_refused(tmp_path: Path, lidarcli: Run) -> None:
     assert (absent.code, absent.err) == (3, line)
     log.write_text("mine")
     taken = lidarcli("simulate", ROOM, "-o", log)
-    assert (taken.code, taken.err) == (5, f"lidarcli: {log}: exists already; --overwrite replaces it\n")
+    assert (taken.code, taken.err) == (
+        5,
+        f"lidarcli: {log} exists; use --overwrite to replace it, or -o to write elsewhere\n",
+    )
     assert log.read_text() == "mine"

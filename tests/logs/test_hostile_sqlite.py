@@ -1,4 +1,4 @@
-"""Databases that somebody made to do harm: nothing but their own rows is read, in bounded time, and nothing else is touched."""
+"""Databases made to do harm: nothing but their own rows is read, in bounded time, and nothing else is touched."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 def killed(folder: Path, first: int = 30, second: int = 400) -> Path:
-    """A database and its journal as a recorder leaves them that was killed amid a transaction whose pages had to be written."""
+    """A database and its journal, left by a recorder that was killed amid a transaction with pages on the disk."""
     work = folder / "work.db3"
     database = bag(work, sweeps=first)
     database.execute("PRAGMA journal_mode = delete")
@@ -191,36 +191,44 @@ def test_a_write_ahead_log_cannot_make_the_copy_huge(tmp_path: Path) -> None:
 # Views, triggers, computed columns, virtual tables: SQL of the file's own.
 
 ENDLESS = "WITH RECURSIVE r(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM r)"
-HOSTILE: dict[str, tuple[list[str], str]] = {
+MESSAGES_VIEW = "CREATE VIEW messages AS"
+TOPICS_VIEW = "CREATE VIEW topics AS"
+NO_MESSAGES, NO_TOPICS = "ALTER TABLE messages RENAME TO m", "ALTER TABLE topics RENAME TO t"
+TOPIC = "'b' type, 'cdr' serialization_format"
+HOSTILE: dict[str, tuple[tuple[str, ...], str]] = {
     "endless messages": (
-        ["ALTER TABLE messages RENAME TO m", f"CREATE VIEW messages AS {ENDLESS} SELECT i id, 1 topic_id, i timestamp, x'00' data FROM r"],
+        (NO_MESSAGES, f"{MESSAGES_VIEW} {ENDLESS} SELECT i id, 1 topic_id, i timestamp, x'00' data FROM r"),
         "messages is a view that would run",
     ),
     "endless topics": (
-        ["ALTER TABLE topics RENAME TO t", f"CREATE VIEW topics AS {ENDLESS} SELECT i id, 'a' name, 'b' type, 'cdr' serialization_format FROM r"],
+        (NO_TOPICS, f"{TOPICS_VIEW} {ENDLESS} SELECT i id, 'a' name, {TOPIC} FROM r"),
         "topics is a view that would run",
     ),
     "random messages": (
-        ["ALTER TABLE messages RENAME TO m", f"CREATE VIEW messages AS {ENDLESS} SELECT i id, 1 topic_id, i timestamp, randomblob(8000000) data FROM r WHERE i < 100000"],
+        (
+            NO_MESSAGES,
+            f"{MESSAGES_VIEW} {ENDLESS} SELECT i id, 1 topic_id, i timestamp, randomblob(8000000) data FROM r"
+            " WHERE i < 100000",
+        ),
         "messages is a view that would run",
     ),
     "a long name": (
-        ["ALTER TABLE topics RENAME TO t", "CREATE VIEW topics AS SELECT 1 id, hex(zeroblob(250000000)) name, 'b' type, 'cdr' serialization_format"],
+        (NO_TOPICS, f"{TOPICS_VIEW} SELECT 1 id, hex(zeroblob(250000000)) name, {TOPIC}"),
         "topics is a view that would run",
     ),
     "a trigger": (
-        ["CREATE TRIGGER bang AFTER INSERT ON messages BEGIN DELETE FROM messages; END"],
+        ("CREATE TRIGGER bang AFTER INSERT ON messages BEGIN DELETE FROM messages; END",),
         "bang is a trigger that would run",
     ),
     "a computed column": (
-        ["ALTER TABLE messages ADD COLUMN more BLOB AS (zeroblob(800000000))"],
+        ("ALTER TABLE messages ADD COLUMN more BLOB AS (zeroblob(800000000))",),
         "messages has columns that would be computed",
     ),
     "a virtual table": (
-        ["CREATE VIRTUAL TABLE other USING fts5(words)"],
+        ("CREATE VIRTUAL TABLE other USING fts5(words)",),
         "other is a table that would run",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", HOSTILE)

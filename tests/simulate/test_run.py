@@ -62,7 +62,9 @@ def test_existing_files_are_refused_and_replaced_on_demand(scene, tmp_path):
     (tmp_path / "log.truth.parquet").write_text("mine")
     with pytest.raises(OutputError) as caught:
         simulate(scene, log)
-    assert str(caught.value) == f"{tmp_path}/log.truth.parquet: exists already; --overwrite replaces it"
+    assert str(caught.value) == (
+        f"{tmp_path}/log.truth.parquet exists; use --overwrite to replace it, or -o to write elsewhere"
+    )
     assert names(tmp_path) == ["log.truth.parquet", "small.toml"]
     simulate(scene, log, overwrite=True)
     first = log.read_bytes()
@@ -93,7 +95,7 @@ def test_nothing_is_left_when_it_fails_half_way(scene, tmp_path, monkeypatch):
     monkeypatch.setattr("lidarcli.simulate.truth.TruthWriter.write", broken)
     with pytest.raises(OutputError) as caught:
         simulate(scene, tmp_path / "log.mcap")
-    assert str(caught.value) == f"{tmp_path}/log.mcap: cannot write: No space left on device"
+    assert str(caught.value) == f"cannot write {tmp_path}/log.mcap: No space left on device"
     assert names(tmp_path) == ["small.toml"]
 
 
@@ -110,9 +112,11 @@ def test_bad_options(scene, tmp_path):
         assert str(caught.value) == message
     with pytest.raises(UnreadableError, match=r"nowhere\.toml: cannot read the scene"):
         simulate(tmp_path / "nowhere.toml", log)
-    with pytest.raises(OutputError, match=r"missing/log\.mcap: cannot write: No such file or directory$"):
-        simulate(scene, tmp_path / "missing" / "log.mcap")
+    with pytest.raises(OutputError, match=r"^cannot write below .*/small\.toml: it is not a folder$"):
+        simulate(scene, scene / "log.mcap")
     assert names(tmp_path) == ["small.toml"]
+    simulate(scene, tmp_path / "missing" / "log.mcap")
+    assert names(tmp_path / "missing") == ["log.mcap", "log.truth-beams.parquet", "log.truth.parquet"]
 
 
 def test_the_truth_stands_under_the_stem_of_the_log(tmp_path):

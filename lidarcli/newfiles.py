@@ -1,0 +1,259 @@
+"""Files that have their names only when they are whole, whoever else writes into the same folder at the same time."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import stat
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from lidarcli.errors import OutputError
+
+try:
+    import fcntl
+except (
+    ImportError
+):  # Windows has no such locks: runs into one folder are then told apart by their names alone.
+    fcntl = None  # type: ignore[assignment]
+
+LOCK_WAIT_S = 10.0
+"""Publishing takes milliseconds: a lock that is held for longer [s] is somebody else's and not waited for."""
+_SCRATCH = re.compile(r"\.lidarcli-[0-9a-f]{16}\.part")
+
+Identity = tuple[int, int, int, int]
+
+
+class NewFiles:
+    """Files of one folder that get their names together; leaving the context without `publish` leaves none.
+
+    Until then they stand in a folder of their own beside their final places, whose name nobody can foresee and which nobody
+    else may enter: no link that was planted is written through, and no other run writes the same file. What a killed run
+    left behind is cleared away by the next one.
+
+    Parameters
+    ----------
+    paths : where the files belong, all in one folder, which is made
+    overwrite : whether files that are there may be replaced
+    folders : whether folders may be replaced, too (a ROS 2 bag is one)
+    """
+
+    def __init__(self, paths: Sequence[Path], overwrite: bool = True, folders: bool = False) -> None:
+        self.paths = tuple(paths)
+        self._overwrite = overwrite
+        self._folders = folders
+        self._folder = self.paths[0].parent
+        self._scratch = self._folder / f".lidarcli-{os.urandom(8).hex()}.part"
+        self._before: list[Identity | None] = []
+        self._lock: int | None = None
+
+    def part(self, path: Path) -> Path:
+        """Where to write the file that will be `path`."""
+        return self._scratch / path.name
+
+    def open(self) -> None:
+        """Make the folder for the parts. Whoever calls this has seen to `close` before, for an interrupt comes any time.
+
+        Raises
+        ------
+        OutputError
+            A file is there that may not be replaced, or the folder cannot be written.
+        """
+        refuse(self.paths, self._overwrite, folders=self._folders)
+        self._before = [_identity(path) for path in self.paths]
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            with _locked(self._folder) as alone:
+                if alone:
+                    _clear(self._folder)
+                self._scratch.mkdir(mode=0o700)
+                self._lock = _lock(self._scratch)
+        except OSError as err:
+            raise unwritable(self._folder, err) from err
+
+    def publish(self) -> list[str]:
+        """Give all files their names at once; a line for each that another run has written meanwhile.
+
+        Raises
+        ------
+        OutputError
+            Another run has written a file that may not be replaced, or a name cannot be given.
+        """
+        notes = []
+        with _locked(self._folder):
+            for path, before in zip(self.paths, self._before, strict=True):
+                now = _identity(path)
+                if now is None or now == before:
+                    continue
+                if not self._overwrite:
+                    raise OutputError(
+                        f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
+                    )
+                notes.append(f"replaced {path}, which another run has written meanwhile")
+            for path in self.paths:
+                self._place(path)
+        return notes
+
+    def close(self) -> None:
+        """Remove what has not been published."""
+        with suppress(OSError):
+            shutil.rmtree(self._scratch)
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def __enter__(self) -> Self:
+        try:
+            self.open()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _place(self, path: Path) -> None:
+        part = self.part(path)
+        try:
+            # A folder takes the place of none but an empty one, and a file never that of a folder.
+            if path.is_dir() and not path.is_symlink():
+                path.rename(self._scratch / f"{path.name}.replaced")
+            elif part.is_dir() and os.path.lexists(path):
+                path.unlink()
+            part.replace(path)
+        except OSError as err:
+            raise unwritable(path, err) from err
+
+
+def write_whole(path: Path, data: bytes, overwrite: bool = True) -> list[str]:
+    """Write one file that has its name only when it is whole; notes as of `NewFiles.publish`."""
+    with NewFiles([path], overwrite) as files:
+        try:
+            files.part(path).write_bytes(data)
+        except OSError as err:
+            raise unwritable(path, err) from err
+        return files.publish()
+
+
+def refuse(
+    outputs: Iterable[Path], overwrite: bool, inputs: Iterable[str | Path] = (), folders: bool = False
+) -> None:
+    """Refuse outputs before any work is done for them; `folders` as of `NewFiles`.
+
+    Raises
+    ------
+    OutputError
+        One exists and may not be replaced, is one of the `inputs` (by whatever name), is no regular file, or stands where
+        nothing can be written.
+    """
+    sources = {(found.st_dev, found.st_ino): str(path) for path in inputs if (found := _stat(path))}
+    for path in outputs:
+        found = _stat(path)
+        if found is not None and (found.st_dev, found.st_ino) in sources:
+            source = sources[found.st_dev, found.st_ino]
+            raise OutputError(f"{path} is an input of this run ({source}); write elsewhere with -o")
+        if os.path.lexists(path) and not overwrite:
+            raise OutputError(f"{path} exists; use --overwrite to replace it, or -o to write elsewhere")
+        if found is not None and stat.S_ISDIR(found.st_mode) and not folders:
+            raise OutputError(f"{path} is a folder; it is not replaced")
+        if found is not None and not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
+            raise OutputError(f"{path} is a device or a pipe; it is not replaced")
+        _refuse_place(path.parent)
+
+
+def unwritable(path: Path | str, err: OSError) -> OutputError:
+    """The error of an output that the system refuses, as one line."""
+    # Arrow puts words of its own before those of the system.
+    reason = os.strerror(err.errno) if err.errno else err.strerror or str(err).splitlines()[0]
+    return OutputError(f"cannot write {path}: {reason}")
+
+
+def _refuse_place(folder: Path) -> None:
+    """Refuse a folder in which nothing can be made, or which cannot be made."""
+    there = folder
+    while not os.path.lexists(there) and there != there.parent:
+        there = there.parent
+    try:
+        is_folder = stat.S_ISDIR(there.stat().st_mode)
+    except OSError as err:
+        raise unwritable(folder, err) from err
+    if not is_folder:
+        raise OutputError(f"cannot write below {there}: it is not a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(f"cannot write {folder}: Permission denied")
+
+
+def _stat(path: str | Path) -> os.stat_result | None:
+    try:
+        return os.stat(path)  # noqa: PTH116 (names as they come)
+    except (OSError, ValueError):
+        return None
+
+
+def _identity(path: Path) -> Identity | None:
+    """What tells one file of a name from the next; None where there is none."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino, found.st_mtime_ns, found.st_size
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[bool]:
+    """Keep other runs from making and publishing files in this folder; whether that was possible."""
+    until = time.monotonic() + LOCK_WAIT_S
+    lock = None
+    while lock is None and time.monotonic() < until:
+        try:
+            lock = _lock(folder)
+            break
+        except BlockingIOError:
+            time.sleep(0.02)
+    try:
+        yield lock is not None
+    finally:
+        if lock is not None:
+            os.close(lock)
+
+
+def _lock(folder: Path) -> int | None:
+    """A handle of the folder with the lock on it; None where there are no locks (some network file systems).
+
+    Raises
+    ------
+    BlockingIOError
+        Another run has it.
+    """
+    if fcntl is None:
+        return None
+    handle = None
+    try:
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as err:
+        if handle is not None:
+            os.close(handle)
+        if isinstance(err, BlockingIOError):
+            raise
+        return None
+    return handle
+
+
+def _clear(folder: Path) -> None:
+    """Remove what killed runs have left: folders of our own on which nobody holds a lock."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        left = [Path(entry.path) for entry in entries if _SCRATCH.fullmatch(entry.name)]
+        for scratch in left:
+            found = scratch.lstat()
+            mine = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
+            with suppress(BlockingIOError):
+                if mine and (lock := _lock(scratch)) is not None:
+                    shutil.rmtree(scratch, ignore_errors=True)
+                    os.close(lock)

@@ -1,0 +1,304 @@
+"""Outputs: whole or not there, whoever else writes or has planted something, and never in the place of an input."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.csv
+import pyarrow.ipc
+import pyarrow.parquet as pq
+import pytest
+
+from lidarcli import newfiles
+from lidarcli.cli import run
+from lidarcli.errors import OutputError
+from lidarcli.newfiles import NewFiles, refuse, write_whole
+from lidarcli.simulate import simulate
+from tests.unprivileged import lidarcli
+
+ROOM = Path(__file__).parent.parent / "samples" / "room.mcap"
+SCENE = ROOM.with_suffix(".toml")
+DETECT = [sys.executable, "-m", "lidarcli", "-q", "detect"]
+
+
+def said(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    return capsys.readouterr().err.splitlines()
+
+
+def test_files_appear_together_and_nothing_is_left(tmp_path: Path) -> None:
+    paths = [tmp_path / "out" / name for name in ("a", "b")]
+    with NewFiles(paths) as new:
+        for path in paths:
+            new.part(path).write_text(path.name)
+        assert not any(path.exists() for path in paths)
+        (scratch,) = (tmp_path / "out").iterdir()
+        assert scratch.stat().st_mode & 0o777 == 0o700
+        assert new.publish() == []
+    assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {"a": "a", "b": "b"}
+
+
+def test_what_killed_runs_left_is_cleared_away_and_what_others_are_at_is_not(tmp_path: Path) -> None:
+    dead = tmp_path / ".lidarcli-0123456789abcdef.part"
+    dead.mkdir()
+    (dead / "table").write_text("half")
+    keepsake = tmp_path / "keepsake"
+    keepsake.mkdir()
+    planted = tmp_path / ".lidarcli-ffffffffffffffff.part"
+    planted.symlink_to(keepsake)
+    other_name = tmp_path / ".lidarcli-mine.part"
+    other_name.mkdir()
+    with NewFiles([tmp_path / "x"]) as one:
+        one.part(tmp_path / "x").write_text("1")
+        with NewFiles([tmp_path / "y"]) as two:
+            two.part(tmp_path / "y").write_text("2")
+            two.publish()
+        one.publish()
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        [planted.name, other_name.name, "keepsake", "x", "y"]
+    )
+    assert keepsake.is_dir()
+
+
+def test_of_two_runs_at_once_the_last_one_wins_and_says_so(tmp_path: Path) -> None:
+    paths = [tmp_path / "a", tmp_path / "b"]
+    with NewFiles(paths) as first, NewFiles(paths) as second:
+        for new, text in ((first, "first"), (second, "second")):
+            for path in paths:
+                new.part(path).write_text(text)
+        assert first.publish() == []
+        assert second.publish() == [
+            f"replaced {path}, which another run has written meanwhile" for path in paths
+        ]
+    assert [path.read_text() for path in paths] == ["second", "second"]
+
+
+def test_without_overwrite_the_first_one_stays(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    with NewFiles([path], overwrite=False) as first, NewFiles([path], overwrite=False) as second:
+        first.part(path).write_text("first")
+        second.part(path).write_text("second")
+        first.publish()
+        with pytest.raises(OutputError) as caught:
+            second.publish()
+    assert str(caught.value) == (
+        f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
+    )
+    assert path.read_text() == "first"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_without_locks_is_written_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As some network file systems are."""
+    monkeypatch.setattr(newfiles, "fcntl", None)
+    assert write_whole(tmp_path / "a", b"1") == []
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_lock_that_is_never_let_go_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(newfiles, "LOCK_WAIT_S", 0.1)
+    with newfiles._locked(tmp_path) as alone:
+        assert alone
+        assert write_whole(tmp_path / "a", b"1") == []
+    assert (tmp_path / "a").read_bytes() == b"1"
+
+
+def test_pairs_of_runs_leave_whole_tables_of_one_of_them(tmp_path: Path) -> None:
+    """With one temporary name for both, eight of ten pairs left tables that nobody can read."""
+    lengths = {"a": 700, "b": 500}
+    for name, sweeps in lengths.items():
+        (tmp_path / name).mkdir()
+        simulate(SCENE, tmp_path / name / "run.mcap", sweeps=sweeps)
+    out = tmp_path / "out"
+    for overwrite in (["--overwrite"], ["--overwrite"], []):
+        if not overwrite:
+            shutil.rmtree(out)
+        runs = [
+            subprocess.Popen(
+                [*DETECT, str(tmp_path / name / "run.mcap"), "-o", str(out), "--beams", *overwrite],
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            for name in lengths
+        ]
+        errors = [process.communicate(timeout=120)[1] for process in runs]
+        codes = [process.returncode for process in runs]
+        assert sorted(codes) == ([0, 0] if overwrite else [0, 5]), errors
+        rows = pq.read_table(out / "run.sweeps.parquet").num_rows
+        assert rows in lengths.values()
+        assert pq.read_table(out / "run.objects.parquet")["sweep"].to_numpy().max() == rows - 1
+        assert pq.read_table(out / "run.beams.parquet")["sweep"].to_numpy().max() == rows - 1
+        assert sorted(path.name for path in out.iterdir()) == [
+            f"run.{table}.parquet" for table in ("beams", "objects", "sweeps")
+        ]
+
+
+@pytest.mark.parametrize("name", [".run.objects.parquet.part", "room.objects.parquet"])
+def test_no_planted_link_is_written_through(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    thesis = tmp_path / "thesis.tex"
+    thesis.write_text("years of work")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).symlink_to(thesis)
+    # Somebody else's link of the final name is a file that exists.
+    code = run(["-q", "detect", str(ROOM), "-o", str(out)])
+    assert code == (0 if name.startswith(".") else 5)
+    assert run(["-q", "detect", str(ROOM), "-o", str(out), "--overwrite"]) == 0
+    assert run(["-q", "report", str(out), "-o", str(out / "r.html")]) == 0
+    assert thesis.read_text() == "years of work"
+    assert not (out / "room.objects.parquet").is_symlink()
+    capsys.readouterr()
+
+
+# Inputs.
+
+
+def inputs(folder: Path) -> Path:
+    log = folder / "run.mcap"
+    shutil.copy(ROOM, log)
+    shutil.copy(SCENE, folder / "s.toml")
+    assert run(["-q", "detect", str(log), "-o", str(folder)]) == 0
+    assert run(["-q", "background", "build", str(log), "-o", str(folder / "e.parquet")]) == 0
+    (folder / "linked.svg").symlink_to(log)
+    os.link(log, folder / "hard.pdf")
+    os.link(folder / "run.sweeps.parquet", folder / "hard.json")
+    os.link(folder / "e.parquet", folder / "x.objects.parquet")
+    shutil.copy(ROOM, folder / "x.mcap")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "output"),
+    [
+        ("background build run.mcap -o hard.pdf", "hard.pdf"),
+        ("background build run.mcap -o linked.svg", "linked.svg"),
+        ("background build run.mcap -o f.parquet --plot hard.pdf", "hard.pdf"),
+        ("plot run.mcap -o linked.svg", "linked.svg"),
+        ("plot run.mcap -o hard.pdf", "hard.pdf"),
+        ("report run.objects.parquet -o hard.json", "hard.json"),
+        ("report run.objects.parquet --log run.mcap -o hard.pdf --format html", "hard.pdf"),
+        ("detect x.mcap --background e.parquet -o .", "x.objects.parquet"),
+        ("detect x.mcap --background e.parquet -o e.parquet", "e.parquet"),
+        ("simulate s.toml -o s.toml --container csv", "s.toml"),
+    ],
+)
+def test_an_output_that_is_an_input_is_refused(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: str,
+    output: str,
+) -> None:
+    folder = inputs(tmp_path)
+    monkeypatch.chdir(folder)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    capsys.readouterr()
+    assert run(["-q", *arguments.split(), "--overwrite"]) == 5
+    (line,) = said(capsys)
+    assert f"{output} is an input of this run (" in line
+    assert line.endswith("); write elsewhere with -o")
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_background_has_no_name_of_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`build -o *.mcap`, with the name forgotten, would replace the first log by the background of the others."""
+    log = tmp_path / "a.mcap"
+    shutil.copy(ROOM, log)
+    assert run(["background", "build", str(ROOM), "-o", str(log), "--overwrite"]) == 2
+    assert f"'{log}' is the name of a log; a background is a .parquet." in capsys.readouterr().err
+    assert log.read_bytes() == ROOM.read_bytes()
+
+
+# Places where nothing can be written, found before the work.
+
+
+@pytest.mark.parametrize("command", ["detect", "background", "plot", "report", "simulate", "file"])
+def test_a_folder_that_cannot_be_written(tmp_path: Path, command: str) -> None:
+    shut = tmp_path / "shut"
+    shut.mkdir()
+    room = tmp_path / "room.mcap"
+    shutil.copy(ROOM, room)
+    run(["-q", "detect", str(room), "-o", str(tmp_path)])
+    arguments = {
+        "detect": ["detect", room, "-o", shut / "deeper"],
+        "file": ["detect", room, "-o", shut / "deeper" / "x.csv"],
+        "background": ["background", "build", room, "-o", shut / "deeper" / "x.parquet"],
+        "plot": ["plot", room, "-o", shut / "deeper" / "x.png"],
+        "report": ["report", tmp_path / "room.objects.parquet", "-o", shut / "deeper" / "x.html"],
+        "simulate": ["simulate", SCENE, "-o", shut / "deeper" / "x.mcap"],
+    }[command]
+    label = f"{room}: " if command == "detect" else ""
+    for mode in (0o000, 0o500):
+        shut.chmod(mode)
+        code, err = lidarcli(*arguments)
+        assert (code, err) == (5, f"lidarcli: {label}cannot write {shut / 'deeper'}: Permission denied\n")
+    shut.chmod(0o700)
+    assert list(shut.iterdir()) == []
+
+
+def test_devices_and_folders_are_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "folder.html").mkdir()
+    os.mkfifo(tmp_path / "pipe.html")
+    for name, what in (("folder.html", "a folder"), ("pipe.html", "a device or a pipe")):
+        with pytest.raises(OutputError) as caught:
+            refuse([tmp_path / name], overwrite=True)
+        assert str(caught.value) == f"{tmp_path / name} is {what}; it is not replaced"
+    with pytest.raises(OutputError, match=r"^/dev/null is a device or a pipe; it is not replaced$"):
+        write_whole(Path("/dev/null"), b"1")
+
+
+# One file for the objects.
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv", ".ndjson", ".jsonl", ".arrow", ".CSV"])
+def test_a_name_with_a_suffix_is_a_file(
+    tmp_path: Path, suffix: str, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    path = tmp_path / f"out{suffix}"
+    assert run(["detect", str(ROOM), "-o", str(path)]) == 0
+    err = capfdbinary.readouterr().err.decode()
+    assert f"  wrote    {path}\n" in err
+    kind = {"jsonl": "ndjson"}.get(suffix[1:].lower(), suffix[1:].lower())
+    assert run(["-q", "detect", str(ROOM), "-o", "-", "--format", kind]) == 0
+    assert path.read_bytes() == capfdbinary.readouterr().out
+    assert [item.name for item in tmp_path.iterdir()] == [path.name]
+    rows = {
+        "parquet": lambda: pq.read_table(path).num_rows,
+        "csv": lambda: pyarrow.csv.read_csv(path).num_rows,
+        "ndjson": lambda: len(path.read_text().splitlines()),
+        "arrow": lambda: pyarrow.ipc.open_stream(path).read_all().num_rows,
+    }[kind]()
+    assert rows == 499
+    # Once more is refused, and a folder of such a name stays a folder.
+    assert run(["-q", "detect", str(ROOM), "-o", str(path)]) == 5
+    folder = tmp_path / f"folder{suffix}"
+    folder.mkdir()
+    assert run(["-q", "detect", str(ROOM), "-o", str(folder)]) == 0
+    assert sorted(item.name for item in folder.iterdir()) == ["room.objects.parquet", "room.sweeps.parquet"]
+
+
+def test_several_logs_into_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, bad = tmp_path / "out.csv", tmp_path / "bad.mcap"
+    bad.write_bytes(ROOM.read_bytes()[:20])
+    logs = [str(ROOM), str(bad), str(ROOM.with_name("hall"))]
+    assert run(["-q", "detect", *logs, "-o", str(path)]) == 3
+    names = {line.split(",")[0] for line in path.read_text().splitlines()[1:]}
+    assert names == {"room", "hall"}
+    capsys.readouterr()
+
+
+def test_a_file_of_nothing_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(b"nothing")
+    assert run(["-q", "detect", str(bad), "-o", str(tmp_path / "out.csv")]) == 3
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.mcap"]
+    capsys.readouterr()
