@@ -8,8 +8,10 @@ import threading
 import lz4.frame
 import zstandard
 
+from lidarcli.logs.unpacking import CHUNK_RATIO, SMALL, Unpacking, too_much
+
 MAX_CHUNK = 1 << 30
-"""A chunk that declares more than 1 GiB is refused, compressed or not: the bound of this reader's memory."""
+"""A chunk that declares more than 1 GiB is refused, compressed or not: it is held as a whole."""
 
 _LZ4_RATIO = 255
 _STEP = 1 << 16
@@ -20,12 +22,17 @@ class CodecError(ValueError):
     """A chunk that cannot be decompressed."""
 
 
-def inflate(compression: str, data: bytes, size: int) -> bytes:
-    """The `size` bytes of a chunk; never more than was declared, and never more than `MAX_CHUNK`."""
+def inflate(compression: str, data: bytes, size: int, unpacking: Unpacking) -> bytes:
+    """The `size` bytes of a chunk; never more than was declared, nor than is believed of so little data."""
     if size > MAX_CHUNK:
         raise CodecError(f"it declares {size} bytes, more than the {MAX_CHUNK} that are believed")
     if compression == "":
         return data
+    if compression == "lz4" and size > _LZ4_RATIO * len(data):
+        raise CodecError(f"it declares {size} bytes, more than lz4 can make of {len(data)}")
+    if size > min(unpacking.room(len(data)), SMALL + CHUNK_RATIO * len(data)):
+        raise CodecError(too_much(size, len(data)))
+    unpacking.used(size)
     if size == 0 and not data:
         return b""
     if compression == "zstd":
@@ -58,8 +65,6 @@ def _decompressor() -> zstandard.ZstdDecompressor:
 
 
 def _lz4(data: bytes, size: int) -> bytes:
-    if size > _LZ4_RATIO * len(data):
-        raise CodecError(f"it declares {size} bytes, more than lz4 can make of {len(data)}")
     decompressor = lz4.frame.LZ4FrameDecompressor()
     try:
         inflated: bytes = decompressor.decompress(data, size + 1)
@@ -70,7 +75,7 @@ def _lz4(data: bytes, size: int) -> bytes:
 
 def inflate_start(compression: str, data: bytes, size: int) -> bytes:
     """As much of the beginning of a damaged chunk as can be decompressed."""
-    limit = min(size, MAX_CHUNK)
+    limit = min(size, SMALL + CHUNK_RATIO * len(data))
     if compression == "":
         return data[:limit]
     start = bytearray()

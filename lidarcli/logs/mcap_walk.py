@@ -29,10 +29,13 @@ from lidarcli.logs.mcap_records import (
     walk,
 )
 from lidarcli.logs.mcap_source import Source
+from lidarcli.logs.unpacking import Unpacking
 from lidarcli.sweeps import Int64
 
 WINDOW = 1 << 20
 """Bytes looked at together where messages stand outside chunks, or where a way past damage is sought."""
+RESCUED = 1 << 24
+"""Bytes of a damaged chunk in which channels are looked for."""
 MAX_RECORD = 1 << 40
 """A record of a pipe that declares more bytes than this is damaged; of a file, the file's size tells."""
 
@@ -73,6 +76,7 @@ class Walker:
     """Whether the end of the data was reached."""
     index_lies: bool = False
     """Whether a message index did not agree with its chunk."""
+    _unpacking: Unpacking = field(default_factory=Unpacking)
     _cut: bool = False
     _recovered: bool = False
     _chunks: int = 0
@@ -278,7 +282,7 @@ class Walker:
             if len(data) < head.data_length:
                 yield from self._read_cut(chunk, data)
                 return
-            content = inflate(head.compression, data, head.size)
+            content = inflate(head.compression, data, head.size, self._unpacking)
             if head.crc and zlib.crc32(content) != head.crc:
                 raise CodecError("its checksum does not hold")
         except (CodecError, OSError, MemoryError) as err:
@@ -305,7 +309,7 @@ class Walker:
 
     def _rescue_definitions(self, chunk: _Chunk, data: bytes) -> None:
         """Channels that a damaged chunk described are needed after it: taken where they still name a known type."""
-        start = inflate_start(chunk.head.compression, data, min(chunk.head.size, MAX_SMALL))
+        start = inflate_start(chunk.head.compression, data, min(chunk.head.size, RESCUED))
         doubtful = Catalogue()
         for opcode, first, end in walk(start, 0, len(start)).others:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):

@@ -11,8 +11,6 @@ INPUT = 1 << 20
 """Compressed bytes taken at a time."""
 CAREFUL_INPUT = 512
 """The same where the data is known to be broken, so that everything before the break comes out."""
-MAX_CHUNK = 1 << 30
-"""Most bytes that are unpacked from one chunk."""
 CODECS = {"bz2": b"BZh", "lz4": b"\x04\x22\x4d\x18"}
 """Known compressions and how their data begins."""
 
@@ -50,15 +48,15 @@ class FileFeed:
 
 
 class ChunkFeed:
-    """The unpacked bytes of a compressed chunk: as many as it declares, at most `MAX_CHUNK`.
+    """The unpacked bytes of a compressed chunk, at most `most`.
 
     A block of bz2 data comes out only after its checksum has been compared: from a broken block come plausible records of
     shuffled bytes.
     """
 
-    def __init__(self, file: BinaryIO, start: int, end: int, codec: str, size: int) -> None:
+    def __init__(self, file: BinaryIO, start: int, end: int, codec: str, most: int) -> None:
         self._file, self._start, self._end, self._codec = file, start, end, codec
-        self._limit = min(size, MAX_CHUNK)
+        self._limit = most
         self._step = INPUT
         self.error = ""
         """Why the data could not be unpacked to its end; empty where it could."""
@@ -76,6 +74,11 @@ class ChunkFeed:
     @property
     def left(self) -> int:
         return self._limit - self._given
+
+    @property
+    def unpacked(self) -> int:
+        """How many bytes have been unpacked."""
+        return self._unpacked
 
     @property
     def finished(self) -> bool:

@@ -8,10 +8,11 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarcli.logs.rosbag1_feeds import CODECS, MAX_CHUNK, ChunkFeed, FileFeed, read_at
+from lidarcli.logs.rosbag1_feeds import CODECS, ChunkFeed, FileFeed, read_at
 from lidarcli.logs.rosbag1_index import Connection, Index, State, connection_of
 from lidarcli.logs.rosbag1_records import MAGIC, MAX_HEADER, Op, Record, Search, parse
 from lidarcli.logs.rosbag1_run import WINDOW, Block, Run, Stop
+from lidarcli.logs.unpacking import Unpacking, too_much
 
 AHEAD = 1 << 16
 """Bytes read at once where small records may follow one another."""
@@ -35,6 +36,7 @@ class Pass:
         self._last: tuple[int, Record | None] = (-1, None)
         self._ahead_at, self._ahead = 0, b""
         self._cut = ""
+        self._unpacking = Unpacking()
 
     @property
     def read(self) -> int:
@@ -144,7 +146,11 @@ class Pass:
         place = f"chunk at byte {record.start}"
         sane = self._sane(record.end)
         size = record.number(b"size")
-        feed = ChunkFeed(self._file, record.data_start, record.end if sane else self._size, codec, size)
+        packed = min(record.end, self._size) - record.data_start
+        room = self._unpacking.room(packed)
+        feed = ChunkFeed(
+            self._file, record.data_start, record.end if sane else self._size, codec, min(size, room)
+        )
         run = Run(
             feed,
             self._search,
@@ -157,8 +163,9 @@ class Pass:
             yield self._take(block)
         feed.drain()
         read = self.counts.total() - before
-        if size > MAX_CHUNK and not feed.error:
-            feed.error = f"it declares {size:,} bytes, more than the {MAX_CHUNK:,} that are read"
+        self._unpacking.used(feed.unpacked)
+        if size > room and feed.unpacked >= room:
+            feed.error = too_much(size, packed)
         if record.end > self._size and not feed.finished:
             self._cut_off(record.start, f"inside a {codec} chunk, {read} messages of which were read")
             return

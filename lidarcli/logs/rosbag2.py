@@ -15,6 +15,7 @@ from lidarcli.logs.gather import Gather
 from lidarcli.logs.rosbag2_folder import METADATA, Folder, read_folder
 from lidarcli.logs.rosbag2_unpack import ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
 from lidarcli.logs.sqlite_bag import Row, SqliteBag, has_type
+from lidarcli.logs.unpacking import Unpacking
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ class Rosbag2Log:
         self._seen: set[tuple[str, str]] = set()
         self._unpacked: tuple[Path, tempfile.TemporaryDirectory[str], str] | None = None
         self._codecs: set[str] = set()
+        self._unpacking = Unpacking()
         where = Path(path)
         try:
             self._is_folder = where.is_dir()
@@ -81,6 +83,7 @@ class Rosbag2Log:
 
     def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
         """Blocks of sweeps in log order within each topic, file after file."""
+        self._unpacking = Unpacking()
         for number in range(len(self._files)):
             with self._storage(number) as storage:
                 if isinstance(storage, SqliteBag):
@@ -94,6 +97,7 @@ class Rosbag2Log:
 
     def messages(self, types: Collection[str]) -> Iterator[Message]:
         """Raw messages of the given types in log order."""
+        self._unpacking = Unpacking()
         for number in range(len(self._files)):
             with self._storage(number) as storage:
                 if isinstance(storage, SqliteBag):
@@ -229,7 +233,9 @@ class Rosbag2Log:
         if not present or not present[0].startswith(ZSTD_MAGIC):
             return present, times
         self._codecs.add("zstd")
-        unpacked = [(unpack_message(data), time) for data, time in zip(present, times, strict=True)]
+        unpacked = [
+            (unpack_message(data, self._unpacking), time) for data, time in zip(present, times, strict=True)
+        ]
         usable = [(data, time) for data, time in unpacked if data is not None]
         if len(usable) < len(unpacked):
             self.report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)

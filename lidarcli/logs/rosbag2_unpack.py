@@ -7,14 +7,13 @@ from pathlib import Path
 
 import zstandard
 
+from lidarcli.logs.unpacking import Unpacking
+
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 MAX_MESSAGE = 8 << 20
 """Longest message that is unpacked [bytes]; a sweep of the largest number of beams fits."""
-MAX_RATIO = 1000
-"""A storage file may unpack to this many times its size (and `SMALL` bytes); real logs stay below 50."""
-SMALL = 64 << 20
 DISK_SHARE = 0.9
-"""... and to this share of the free space of the temporary folder."""
+"""A storage file may unpack to this share of the free space of the temporary folder."""
 PIECE = 1 << 12
 """Packed bytes taken at a time: at zstd's highest ratio 128 MiB come out of them."""
 MAX_WINDOW = 1 << 27
@@ -29,7 +28,7 @@ def is_zstd(path: Path) -> bool:
 def unpack_file(source: Path, target: Path) -> str:
     """Unpack a storage file as far as it goes; why it ended early, or nothing."""
     room = int(shutil.disk_usage(target.parent).free * DISK_SHARE)
-    limit = min(room, source.stat().st_size * MAX_RATIO + SMALL)
+    limit = min(room, Unpacking().room(source.stat().st_size))
     size = 0
     with source.open("rb") as packed, target.open("wb") as out:
         try:
@@ -49,8 +48,16 @@ def unpack_file(source: Path, target: Path) -> str:
     return ""
 
 
-def unpack_message(data: bytes) -> bytes | None:
-    """One zstd message, None where it is broken or too long."""
+def unpack_message(data: bytes, unpacking: Unpacking) -> bytes | None:
+    """One zstd message, None where it is broken or too long, or where the bag has unpacked to too much."""
+    if unpacking.room(len(data)) < MAX_MESSAGE:
+        return None
+    message = _unpacked(data)
+    unpacking.used(len(message or b""))
+    return message
+
+
+def _unpacked(data: bytes) -> bytes | None:
     frame = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW)
     try:
         size = zstandard.frame_content_size(data)

@@ -255,11 +255,11 @@ def test_a_declared_size_beyond_everything(
 
 
 def test_a_bomb_of_an_mcap_chunk_stays_below_what_is_believed(tmp_path: Path) -> None:
-    """A chunk is held once; beyond a gibibyte only its start is looked at, for channels it describes."""
+    """Beyond what is believed of so little data only its start is looked at, for channels it describes."""
     plain = written("run.mcap", tmp_path, {"/scan": (LASERSCAN, [scan([1.0])] * 3)})
     data = plain.read_bytes()
     [(at, _)] = chunks(data)
-    for size, most in ((1 << 28, 300), ((1 << 30) + 1, 200)):
+    for size, most in ((1 << 28, 100), ((1 << 30) + 1, 100)):
         packer = zstandard.ZstdCompressor(level=1).compressobj(size=size)
         packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(size >> 20))
         packed += packer.compress(bytes(size & 1)) + packer.flush()

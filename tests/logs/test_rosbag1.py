@@ -17,7 +17,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import rosbag1_feeds, rosbag1_run
+from lidarcli.logs import rosbag1_run, unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag1 import Rosbag1Log
 from lidarcli.logs.rosbag1_feeds import ChunkFeed
@@ -438,7 +438,8 @@ def chunk_record(codec: bytes, size: int, data: bytes) -> bytes:
 def test_a_bomb_is_unpacked_to_its_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import bz2
 
-    monkeypatch.setattr(rosbag1_feeds, "MAX_CHUNK", 30_000)
+    monkeypatch.setattr(unpacking, "SMALL", 30_000)
+    monkeypatch.setattr(unpacking, "MAX_RATIO", 100)
     data = write_bag(tmp_path / "a.bag", 20)
     start = chunk_bounds(data)[0][0]
     bomb = bz2.compress(bytes(50_000_000))

@@ -18,12 +18,13 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import rosbag2_unpack, sqlite_bag
+from lidarcli.logs import rosbag2_unpack, sqlite_bag, unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.rosbag2_folder import natural, read_folder
 from lidarcli.logs.rosbag2_unpack import unpack_file, unpack_message
 from lidarcli.logs.sqlite_salvage import Salvage
+from lidarcli.logs.unpacking import Unpacking
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
@@ -613,7 +614,7 @@ def test_unpacking_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     packed.write_bytes(zstandard.compress(bytes(20_000_000)))
     assert unpack_file(packed, target) == ""
     assert target.stat().st_size == 20_000_000
-    monkeypatch.setattr(rosbag2_unpack, "SMALL", 1000)
+    monkeypatch.setattr(unpacking, "SMALL", 1000)
     assert "is not believed" in unpack_file(packed, target)
     frames = zstandard.compress(b"one") + zstandard.compress(b"two")
     packed.write_bytes(frames)
@@ -642,8 +643,8 @@ def test_unpack_message_bounds_undeclared_sizes() -> None:
     bomb = zstandard.ZstdCompressor().compressobj()
     data = bomb.compress(bytes(rosbag2_unpack.MAX_MESSAGE + 1)) + bomb.flush()
     assert zstandard.frame_content_size(data) == -1
-    assert unpack_message(data) is None
-    assert unpack_message(b"\x28\xb5\x2f\xfd" + bytes(3)) is None
+    assert unpack_message(data, Unpacking()) is None
+    assert unpack_message(b"\x28\xb5\x2f\xfd" + bytes(3), Unpacking()) is None
 
 
 # What is refused.
