@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 
@@ -12,6 +13,8 @@ from lidarcli.logs.base import SCAN_TYPES, Log
 from lidarcli.logs.laserscan import split_rows
 from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
 
+MAX_TOPICS = 1000
+"""LaserScan topics of a log that are read at once."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
 
@@ -43,13 +46,27 @@ def read_batches(log: Log, options: ReadOptions) -> Iterator[SweepBatch]:
     names = None if there is None or not options.topics else _resolve(log, options.topics, there)
     asked = _Asked(options.topics if names is None else None)
     lines: dict[str, _Line] = {}
+    beyond: Counter[str] = Counter()
     for block in log.scans(names):
         if block.topic not in asked:
             continue
-        line = lines.setdefault(block.topic, _Line(options))
+        line = lines.get(block.topic)
+        if line is None and len(lines) == MAX_TOPICS:
+            beyond[block.topic] += len(block)
+            continue
+        if line is None:
+            line = lines[block.topic] = _Line(options)
         yield from line.take(block)
-    for line in lines.values():
+    for topic, line in lines.items():
         yield from line.batches(final=True)
+        if (note := line.empty_window(topic)) is not None:
+            log.report.notes.append(note)
+    if beyond:
+        log.report.add_damage(
+            "topics",
+            f"{beyond.total():,} sweeps of {len(beyond):,} LaserScan topics are not read: the log has more than "
+            f"{MAX_TOPICS:,}; name some of them with --topic",
+        )
     if not lines and not there and not log.report.damage and not log.report.refused:
         raise _absent(log, options.topics or (), asked.others)
 
@@ -91,6 +108,9 @@ class _Line:
         self._options = options
         self._count = 0
         self._first_ns: dict[str, int] = {}
+        self._seconds = (np.inf, -np.inf)
+        """When the first and the last of all sweeps were taken, counted from the first sweep of their frame."""
+        self._taken = 0
         self._blocks: list[RawSweeps] = []
         self._sweeps: list[Int64] = []
 
@@ -101,6 +121,7 @@ class _Line:
         keep = self._kept(block, sweep)
         if not keep.all():
             block, sweep = block.rows(keep), sweep[keep]
+        self._taken += len(block)
         if len(block):
             self._blocks.append(block)
             self._sweeps.append(sweep)
@@ -117,11 +138,26 @@ class _Line:
         for code, row in zip(codes.tolist(), rows.tolist(), strict=True):
             first[code] = self._first_ns.setdefault(block.frame_ids[code], int(stamp_ns[row]))
         seconds = (stamp_ns - first[block.frame]) / 1e9
+        low, high = self._seconds
+        self._seconds = min(low, float(seconds.min())), max(high, float(seconds.max()))
         if start is not None:
             keep &= seconds >= start
         if end is not None:
             keep &= seconds < end
         return keep
+
+    def empty_window(self, topic: str) -> str | None:
+        """What to say where no sweep lies between the start and the end that were asked for, though there are some."""
+        start, end = self._options.start, self._options.end
+        if self._taken or (start is None and end is None) or not self._count:
+            return None
+        window = [*([f"from {start:g} s on"] if start is not None else [])]
+        window += [f"before {end:g} s"] if end is not None else []
+        low, high = self._seconds
+        return (
+            f"no sweep of {topic} {' and '.join(window)}: its sweeps lie between {low:.1f} and {high:.1f} s, counted "
+            "from the first one"
+        )
 
     def batches(self, final: bool = False) -> Iterator[SweepBatch]:
         """The full batches of what waits; in the end, all of it."""

@@ -56,6 +56,8 @@ class _Chunk:
     data: bytes | None
     """None where it can be read again (files)."""
     offsets: dict[int, Int64] = field(default_factory=dict)
+    entries: int = 0
+    """Messages that its indexes count."""
     sound: bool = True
     """Whether its indexes can be used."""
 
@@ -269,7 +271,8 @@ class Walker:
             chunk.sound = False
         elif chunk.sound:
             chunk.offsets[entries[0]] = entries[1]
-            chunk.sound = sum(map(len, chunk.offsets.values())) <= MAX_ENTRIES
+            chunk.entries += len(entries[1])
+            chunk.sound = chunk.entries <= MAX_ENTRIES
 
     def _read(self, chunk: _Chunk) -> Iterator[Messages]:
         """The messages of a chunk, unless it may be passed over."""

@@ -80,9 +80,10 @@ class Reading:
                 for _ in log.scans(frozenset(self._wanted) or None):
                     pass
                 raise nothing_read(self._damage(), err, self._wanted) from None
-            self._read = replace(options, topics=frozenset(chosen))
+            names = frozenset(chosen)
+            self._read = replace(options, topics=names)
             self.first = chosen[0]
-            counts = [topic.messages for topic in topics if topic.name in chosen]
+            counts = [topic.messages for topic in topics if topic.name in names]
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every

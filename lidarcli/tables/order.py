@@ -13,6 +13,11 @@ import pyarrow as pa
 from lidarcli.errors import OutputError
 from lidarcli.newfiles import unwritable
 
+MOST_BYTES = 32 << 20
+"""Rows that wait in memory before they are put on disk: thousands of topics with a few rows each never are."""
+BATCH_BYTES = 6 << 10
+"""What a batch takes beside its rows: its columns, each with a type, buffers and a dictionary."""
+
 _OPTIONS = pa.ipc.IpcWriteOptions(compression="lz4")
 
 
@@ -23,10 +28,10 @@ class RowSink(Protocol):
 
 
 class TopicOrder:
-    """Passes the rows of the first topic on at once and keeps those of the others on disk until `drain`.
+    """Passes the rows of the first topic on at once and keeps those of the others until `drain`.
 
-    `first` is the topic that sorts first where that is known; without it every topic waits. All wait in one file,
-    which has no name, so that nothing is left behind whatever happens to the process.
+    `first` is the topic that sorts first where that is known; without it every topic waits. What is more than `MOST_BYTES`
+    waits in one file, which has no name, so that nothing is left behind whatever happens to the process.
     """
 
     def __init__(self, sink: RowSink, schema: pa.Schema, first: str | None, folder: Path | None) -> None:
@@ -35,6 +40,8 @@ class TopicOrder:
         self._first = first
         self._folder = folder
         self._file: IO[bytes] | None = None
+        self._waiting: dict[str, list[pa.RecordBatch]] = {}
+        self._size = 0
         self._places: dict[str, list[int]] = {}
         """Where in the file the rows of a topic are, each part an Arrow stream of its own."""
 
@@ -43,29 +50,42 @@ class TopicOrder:
         if topic == self._first:
             self._sink.write(rows)
             return
-        try:
-            if self._file is None:
-                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
-            self._places.setdefault(topic, []).append(self._file.tell())
-            with pa.ipc.new_stream(self._file, self._schema, options=_OPTIONS) as stream:
-                stream.write_batch(rows)
-        except OSError as err:
-            raise self._full(err) from err
+        self._waiting.setdefault(topic, []).append(rows)
+        self._size += rows.nbytes + BATCH_BYTES
+        if self._size > MOST_BYTES:
+            self._put_away()
 
     def drain(self) -> None:
         """Pass on the rows that wait, by the name of their topic."""
-        if self._file is None:
-            return
         try:
-            self._file.flush()
+            if self._file is not None:
+                self._file.flush()
         except OSError as err:
             raise self._full(err) from err
-        for topic in sorted(self._places):
-            for place in self._places[topic]:
+        for topic in sorted({*self._places, *self._waiting}):
+            for place in self._places.pop(topic, ()):
+                assert self._file is not None
                 self._file.seek(place)
                 for rows in pa.ipc.open_stream(self._file):
                     self._sink.write(rows)
-        self._places.clear()
+            for rows in self._waiting.pop(topic, ()):
+                self._sink.write(rows)
+        self._size = 0
+
+    def _put_away(self) -> None:
+        """Write what waits in memory to the file."""
+        try:
+            if self._file is None:
+                self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
+            for topic, parts in self._waiting.items():
+                self._places.setdefault(topic, []).append(self._file.tell())
+                with pa.ipc.new_stream(self._file, self._schema, options=_OPTIONS) as stream:
+                    for rows in parts:
+                        stream.write_batch(rows)
+        except OSError as err:
+            raise self._full(err) from err
+        self._waiting.clear()
+        self._size = 0
 
     def _full(self, err: OSError) -> OutputError:
         return unwritable(f"a temporary file in {self._folder or tempfile.gettempdir()}", err)
