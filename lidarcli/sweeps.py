@@ -214,6 +214,8 @@ class SweepBatch:
     """(S,) `Closure`; derived from the geometry."""
     poses: SweepPoses | None = None
     """Where the sensor was, where that has been asked for and the log tells."""
+    log: str = ""
+    """Name of the log that it was read from, where that has been told."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

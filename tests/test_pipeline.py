@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +19,7 @@ import pytest
 import lidarcli
 from lidarcli.errors import NoScanError, OptionError, OutputError, UnreadableError
 from lidarcli.formalism import Parameters
+from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, CsvOptions, Message, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline import detecting, inspecting, workers
@@ -30,6 +33,7 @@ from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from lidarcli.tables import OBJECTS
 from tests.sweeping import START, STEP, raw_sweeps
+from tests.unprivileged import lidarcli as lidarcli_command
 
 
 def block(topic: str = "/scan", sweeps: int = 4, first: int = 0, beams: int = 360) -> RawSweeps:
@@ -583,8 +587,112 @@ def test_damage_is_a_warning_in_python(tmp_path: Path) -> None:
 
 def test_options_of_reading_need_a_path() -> None:
     batch = lidarcli.formalism.sweep(block().ranges, angle_increment=np.pi / 180)
-    with pytest.raises(TypeError, match="only a path can be read with every"):
+    with pytest.raises(TypeError, match=r"^only a log can be read with every$"):
         lidarcli.detect(batch, every=2)
+
+
+def test_what_may_not_be_looked_into_is_told(tmp_path: Path) -> None:
+    folder = logs_apart(tmp_path / "logs")
+    # Not a folder of its own name, so that its order among the logs shows.
+    shut = folder / "deep"
+    for mode, cause in ((0o000, "cannot be searched"), (0o400, "cannot be searched")):
+        shut.chmod(mode)
+        code, err = lidarcli_command("-q", "detect", folder, "-o", tmp_path / "out", "--overwrite")
+        place = shut if mode == 0 else shut / "c.bag"
+        assert (code, err) == (3, f"lidarcli: {place}: {cause}: Permission denied\n")
+        assert sorted(path.name for path in (tmp_path / "out").glob("*.sweeps.parquet")) == [
+            "drive.sweeps.parquet",
+            "run 1.sweeps.parquet",
+        ]
+        assert lidarcli_command("-q", "info", folder)[0] == 3
+        assert lidarcli_command("-q", "info", shut / "c.bag")[0] == 3
+    shut.chmod(0o700)
+    (folder / "drive.db3").chmod(0)
+    code, err = lidarcli_command("-q", "info", folder / "drive.db3")
+    assert (code, err) == (3, f"lidarcli: {folder}/drive.db3: cannot be opened: Permission denied\n")
+    folder.chmod(0)
+    assert lidarcli_command("-q", "info", folder) == (
+        3,
+        f"lidarcli: {folder}: cannot be searched: Permission denied\n",
+    )
+    folder.chmod(0o700)
+
+
+def logs_apart(folder: Path) -> Path:
+    """A folder of three unrelated logs, one of which knows where the sensor was."""
+    samples = Path(__file__).parent.parent / "samples"
+    (folder / "deep").mkdir(parents=True)
+    for name, place in (
+        ("drive.db3", "drive.db3"),
+        ("room.mcap", "run 1.mcap"),
+        ("corridor.bag", "deep/c.bag"),
+    ):
+        shutil.copy(samples / name, folder / place)
+    return folder
+
+
+def test_a_folder_of_logs_is_not_one_log_in_python(tmp_path: Path) -> None:
+    """They came as one log, with the poses of one of them for all."""
+    folder = logs_apart(tmp_path / "logs")
+    table = lidarcli.detect(folder)
+    rows = Counter(table["log"].to_pylist())
+    assert set(rows) == {"deep/c", "drive", "run 1"}
+    world = table["world_x"].is_null().to_pylist()
+    posed = {log for log, null in zip(table["log"].to_pylist(), world, strict=True) if not null}
+    assert posed == {"drive"}
+    assert [entry["name"] for entry in json.loads(table.schema.metadata[b"lidarcli.source"])] == [
+        "c.bag",
+        "drive.db3",
+        "run 1.mcap",
+    ]
+    batches = list(lidarcli.read(folder))
+    assert Counter(batch.log for batch in batches).keys() == rows.keys()
+    assert lidarcli.detect(batches)["log"].to_pylist() == table["log"].to_pylist()
+    one, two = folder / "drive.db3", folder / "run 1.mcap"
+    assert lidarcli.detect([one, two]).num_rows == rows["drive"] + rows["run 1"]
+    # What opens one log says so of a folder of several.
+    with pytest.raises(UnreadableError, match=r"logs: a folder of several logs; name one of them$"):
+        open_log(folder)
+
+
+def test_logs_of_one_name_stay_apart_in_python(tmp_path: Path) -> None:
+    paths = [tmp_path / name / "run.mcap" for name in "ab"]
+    for path in paths:
+        path.parent.mkdir()
+        write_log(path, [block()])
+    assert set(lidarcli.detect(paths)["log"].to_pylist()) == set(map(str, paths))
+
+
+def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    write_log(path, [block("/scan")])
+    assert lidarcli.detect(path, topics="/scan").num_rows == 4
+    assert lidarcli.detect(path, max_width=0.1).num_rows == 0
+    assert (
+        lidarcli.detect(path, profile="paper").schema.metadata[b"lidarcli.parameters"].count(b'"paper"') == 1
+    )
+    for call, error, words in (
+        (
+            lambda: lidarcli.detect(path, max_widht=1),
+            TypeError,
+            "detect() has no option 'max_widht'; did you mean 'max_width'?",
+        ),
+        (
+            lambda: lidarcli.detect(path, Parameters(), max_width=1),
+            TypeError,
+            "give either parameters or max_width",
+        ),
+        (lambda: lidarcli.detect([1]), TypeError, "a log is the path of a file or folder, not int"),
+        (lambda: lidarcli.read(tmp_path / "no"), UnreadableError, f"{tmp_path}/no: no such file or folder"),
+        (
+            lambda: lidarcli.detect([path, tmp_path / "no"]),
+            UnreadableError,
+            f"{tmp_path}/no: no such file or folder",
+        ),
+    ):
+        with pytest.raises(error) as caught:
+            call()
+        assert str(caught.value) == words
 
 
 def test_unknown_name_of_the_package() -> None:

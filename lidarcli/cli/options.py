@@ -120,7 +120,8 @@ class NoReturn(click.ParamType):  # type: ignore[type-arg]
 METRES = Number("METRES", least=0)
 SECONDS = Number("SECONDS", least=0)
 
-INPUTS = click.Path(allow_dash=True)
+# Whether they can be read is found out where they are opened, which says more than a usage error.
+INPUTS = click.Path(allow_dash=True, readable=False)
 LOGS = click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=INPUTS)
 
 RANGES = "Beams without a range"

@@ -13,7 +13,19 @@ from typing import BinaryIO, cast
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import CsvOptions, Log
-from lidarcli.logs.registry import FORMATS, GZIP, HEAD, MCAP, ROS1, SQLITE, ZSTD, Format, gunzip_start
+from lidarcli.logs.registry import (
+    BINARY_SUFFIXES,
+    FORMATS,
+    GZIP,
+    HEAD,
+    MCAP,
+    ROS1,
+    SQLITE,
+    ZSTD,
+    Format,
+    gunzip_start,
+    has_file,
+)
 
 PIPE_WAIT_S = 10.0
 """A named pipe that nobody writes to for so long is given up [s]."""
@@ -81,6 +93,8 @@ def _open_folder(path: Path, name: str, options: CsvOptions) -> Log:
     for known in FORMATS:
         if known.sniff_folder(path):
             return _read_by(known, path, options)
+    if has_file(path, BINARY_SUFFIXES):
+        raise UnreadableError(f"{name}: a folder of several logs; name one of them")
     raise UnreadableError(f"{name}: a folder without a log; lidarcli reads {_known()}")
 
 

@@ -9,6 +9,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from lidarcli.logs.rosbag2_folder import is_bag, is_storage
+
 HEAD = 4096
 """Bytes that a sniffer sees."""
 
@@ -19,7 +21,9 @@ MCAP = (b"\x89MCAP0\r\n", b"\x89MCAP0\n")
 ROS1 = (b"#ROSBAG V", b"#ROSRECORD")
 
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
-_CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
+BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
+"""How the names of logs end that are no text."""
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +55,9 @@ def _is_rosbag2(head: bytes) -> bool:
 
 
 def _is_rosbag2_folder(folder: Path) -> bool:
-    return has_file(folder, ("metadata.yaml",)) or has_file(
-        folder, (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
-    )
+    """Whether it is one bag: several storage files without metadata and of different names are logs of their own."""
+    names = [entry.name for entry in folder.iterdir() if entry.is_file()]
+    return is_bag(names) or sum(map(is_storage, names)) == 1
 
 
 def _is_csv(head: bytes) -> bool:
@@ -76,7 +80,7 @@ def _is_text(head: bytes) -> bool:
 
 
 def _is_csv_folder(folder: Path) -> bool:
-    return has_file(folder, _CSV_SUFFIXES)
+    return has_file(folder, TEXT_SUFFIXES) and not has_file(folder, BINARY_SUFFIXES)
 
 
 def gunzip_start(head: bytes) -> bytes:

@@ -18,6 +18,7 @@ _PATHS = re.compile(
 )
 _CONFLICT = re.compile(r"^(<{7,}|={7,}|>{7,})", re.MULTILINE)
 _STORAGE = re.compile(r"\.(db3|mcap)(\.(zstd|zst))?$", re.IGNORECASE)
+_PART = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
 _PACKED = re.compile(r"\.(zstd|zst)$", re.IGNORECASE)
 
 
@@ -34,6 +35,19 @@ class Folder:
 def is_storage(name: str) -> bool:
     """Whether a file's name is that of a storage file."""
     return _STORAGE.search(name) is not None
+
+
+def is_bag(names: Iterable[str]) -> bool:
+    """Whether the files of a folder are those of one bag, by their names.
+
+    A bag may have lost its metadata.yaml: then all its files are parts of one name, `NAME_0`, `NAME_1`, ...
+
+    >>> is_bag(["run_0.db3", "run_1.db3"]), is_bag(["monday.db3", "tuesday.db3"])
+    (True, False)
+    """
+    names = list(names)
+    parts = [match for match in map(_PART.fullmatch, names) if match]
+    return METADATA in names or len({part[1] for part in parts}) == 1
 
 
 def read_folder(folder: Path) -> Folder:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from difflib import get_close_matches
+from itertools import chain
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -12,8 +16,7 @@ import pyarrow as pa
 
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background import Background
-from lidarcli.logs import open_log
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.building import (
     STATION_ANGLE,
@@ -24,7 +27,8 @@ from lidarcli.pipeline.building import (
 )
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_stream
 from lidarcli.pipeline.finding import finder
-from lidarcli.pipeline.inputs import STDIN, Source, log_name
+from lidarcli.pipeline.inputs import Nothing, Source, find_logs
+from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.posing import Posing
 from lidarcli.pipeline.subtracting import BackgroundOptions
 from lidarcli.pipeline.summary import damage_lines
@@ -37,9 +41,9 @@ AnyPath = str | PathLike[str]
 
 
 def read(
-    path: AnyPath,
+    source: AnyPath | Iterable[AnyPath],
     *,
-    topics: Collection[str] | None = None,
+    topics: str | Collection[str] | None = None,
     start: float | None = None,
     end: float | None = None,
     every: int = 1,
@@ -47,29 +51,39 @@ def read(
     csv: CsvOptions | None = None,
     pose: str | None = None,
 ) -> Iterator[SweepBatch]:
-    """Batches of sweeps of a log in any format; a damaged part is warned of and left out.
+    """Batches of sweeps of one or more logs in any format, log after log; a damaged part is warned of and left out.
 
     Parameters
     ----------
-    path : file, ROS 2 bag folder, or `-` for standard input
-    topics : LaserScan topics to read, by default all
+    source : file, ROS 2 bag folder, folder to search, or `-` for standard input; or several of them
+    topics : LaserScan topic to read, or topics, by default all
     start, end : seconds from the first sweep
     every : take every n-th sweep
     rules : how ranges are judged
     csv : what a CSV file may need to be told
     pose : topic whose poses the batches get, `none` for no poses; by default the best there is
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, or no log in it.
+    NoScanError
+        There is no LaserScan in a log, or not the topic that was asked for.
     """
-    options = ReadOptions(
-        topics=frozenset(topics) if topics else None,
-        start=start,
-        end=end,
-        every=every,
-        rules=rules or RangeRules(),
-    )
-    with open_log(fspath(path), csv=csv or CsvOptions()) as log:
-        posing = Posing.of(log, pose)
-        yield from map(posing.attach, read_batches(log, options))
-        _warn(fspath(path), log.report)
+    options = _read_options(topics, start, end, every, rules)
+    return _batches(_sources(source), options, csv or CsvOptions(), pose)
+
+
+def _batches(
+    sources: Sequence[Source], options: ReadOptions, csv: CsvOptions, pose: str | None
+) -> Iterator[SweepBatch]:
+    for source in sources:
+        with open_source(source, csv) as log:
+            posing = Posing.of(log, pose)
+            for batch in read_batches(log, options):
+                yield replace(posing.attach(batch), log=source.name)
+            for line in damage_lines(log.report):
+                warnings.warn(f"{source.path}: {line}", stacklevel=2)
 
 
 def learn(
@@ -78,23 +92,34 @@ def learn(
     *,
     station_distance: float = STATION_DISTANCE,
     station_angle: float = STATION_ANGLE,
-    **reading: Any,
+    topics: str | Collection[str] | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    every: int = 1,
+    rules: RangeRules | None = None,
+    csv: CsvOptions | None = None,
+    pose: str | None = None,
 ) -> tuple[Background, ...]:
     """The background of every sensor of one or more logs of a scene without objects of interest.
 
     Parameters
     ----------
-    source : path of a log, or several
+    source : as of `read`
     output : background table to write, replaced where it exists; by default none
     station_distance, station_angle : how far apart sweeps of one place may be [m], [rad]
-    reading : what `read` takes
+    topics, start, end, every, rules, csv, pose : as of `read`
     """
-    options = BuildOptions(**_reading(reading), distance=station_distance, angle=station_angle)
+    options = BuildOptions(
+        read=_read_options(topics, start, end, every, rules),
+        csv=csv or CsvOptions(),
+        pose=pose,
+        distance=station_distance,
+        angle=station_angle,
+    )
     building = Building(options)
-    for path in [source] if isinstance(source, str | PathLike) else source:
-        summary = building.add(_source(fspath(path)))
-        for line in summary.damage:
-            warnings.warn(f"{fspath(path)}: {line}", stacklevel=2)
+    for log in _sources(source):
+        for line in building.add(log).damage:
+            warnings.warn(f"{log.path}: {line}", stacklevel=2)
     sensors = building.sensors()
     refuse_nothing(sensors)
     if output is not None:
@@ -104,39 +129,137 @@ def learn(
 
 
 def detect(
-    source: AnyPath | SweepBatch | Iterable[SweepBatch],
+    source: AnyPath | SweepBatch | Iterable[AnyPath] | Iterable[SweepBatch],
     parameters: Parameters | None = None,
     *,
     background: AnyPath | BackgroundOptions | Sequence[Background] | None = None,
-    **reading: Any,
+    topics: str | Collection[str] | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    every: int = 1,
+    rules: RangeRules | None = None,
+    csv: CsvOptions | None = None,
+    pose: str | None = None,
+    **objects: Any,
 ) -> pa.Table:
     """The objects of every sweep as an Arrow table with the schema `lidarcli.tables.OBJECTS`.
 
     Parameters
     ----------
-    source : path of a log, a batch, or batches (of one topic, or in order of topics)
+    source : logs as of `read`, each of which is a log of its own in the table; or a batch, or batches (of one topic, or in
+        order of topics)
     parameters : of the detection, by default those of profile `robust`; with a background no greatest width
     background : only what differs from it is an object: a background table, what `learn` returns, or with options
-    reading : what `read` takes; only with a path
+    topics, start, end, every, rules, csv, pose : as of `read`; only for logs
+    objects : single parameters (`max_width=1.0`, `profile="paper"`), instead of `parameters`
     """
-    if background is None:
-        subtracted = None
-    elif isinstance(background, BackgroundOptions):
-        subtracted = background
-    elif isinstance(background, str | PathLike):
-        subtracted = BackgroundOptions.of(fspath(background))
-    else:
-        subtracted = BackgroundOptions("", tuple(background))
-    parameters = parameters or (Parameters() if subtracted is None else Parameters(max_width=float("inf")))
-    if isinstance(source, str | PathLike):
-        return _detect_log(fspath(source), parameters, subtracted, reading)
-    if reading:
-        raise TypeError(f"only a path can be read with {', '.join(sorted(reading))}")
-    batches = [source] if isinstance(source, SweepBatch) else source
-    find = finder(parameters, subtracted)
-    rows = [objects_rows("", batch, find(batch, False)) for batch in batches]
-    told = {} if subtracted is None else {"background": subtracted.as_dict()}
-    metadata = table_metadata(parameters.as_dict() | told)
+    subtracted = _background(background)
+    parameters = _parameters(parameters, objects, subtracted is not None)
+    items: Iterator[Any] = iter([source] if isinstance(source, str | PathLike | SweepBatch) else source)
+    first = next(items, None)
+    if isinstance(first, SweepBatch):
+        reading = {"topics": topics, "start": start, "end": end, "rules": rules, "csv": csv, "pose": pose}
+        asked = [name for name, value in reading.items() if value is not None] + ["every"] * (every != 1)
+        if asked:
+            raise TypeError(f"only a log can be read with {', '.join(asked)}")
+        return _detect_batches(chain([first], items), parameters, subtracted)
+    options = DetectOptions(
+        parameters=parameters,
+        read=_read_options(topics, start, end, every, rules),
+        csv=csv or CsvOptions(),
+        pose=pose,
+        background=subtracted,
+    )
+    return _detect_logs(_sources([] if first is None else [first, *items]), options)
+
+
+def _read_options(
+    topics: str | Collection[str] | None,
+    start: float | None,
+    end: float | None,
+    every: int,
+    rules: RangeRules | None,
+) -> ReadOptions:
+    names = [topics] if isinstance(topics, str) else topics
+    return ReadOptions(
+        topics=frozenset(names) if names else None,
+        start=start,
+        end=end,
+        every=every,
+        rules=rules or RangeRules(),
+    )
+
+
+def _sources(source: Any) -> list[Source]:
+    """The logs that are meant, as the command line finds them: each with a name of its own."""
+    paths: list[Any] = [source] if isinstance(source, str | PathLike) else list(source)
+    for path in paths:
+        if not isinstance(path, str | PathLike):
+            raise TypeError(f"a log is the path of a file or folder, not {type(path).__name__}")
+    found = find_logs([fspath(path) for path in paths])
+    for each in found:
+        if isinstance(each, Nothing):
+            raise type(each.error)(f"{each.path}: {each.error}")
+    sources = [each for each in found if isinstance(each, Source)]
+    names = Counter(each.name for each in sources)
+    return [replace(each, name=each.path) if names[each.name] > 1 else each for each in sources]
+
+
+def _background(
+    background: AnyPath | BackgroundOptions | Sequence[Background] | None,
+) -> BackgroundOptions | None:
+    if background is None or isinstance(background, BackgroundOptions):
+        return background
+    if isinstance(background, str | PathLike):
+        return BackgroundOptions.of(fspath(background))
+    return BackgroundOptions("", tuple(background))
+
+
+def _parameters(parameters: Parameters | None, objects: Mapping[str, Any], subtracted: bool) -> Parameters:
+    """The parameters as such, or from single ones."""
+    if parameters is not None:
+        if objects:
+            raise TypeError(f"give either parameters or {', '.join(sorted(objects))}")
+        return parameters
+    known = [field.name for field in fields(Parameters)]
+    for name in objects:
+        if name not in known:
+            close = get_close_matches(name, [*known, *_OPTIONS], 1)
+            hint = (
+                f"; did you mean '{close[0]}'?" if close else f"; there are {', '.join([*_OPTIONS, *known])}"
+            )
+            raise TypeError(f"detect() has no option '{name}'{hint}")
+    # What differs from a background is no wall, however wide it is.
+    return Parameters.for_profile(**{"max_width": float("inf") if subtracted else None, **objects})
+
+
+_OPTIONS = ("background", "topics", "start", "end", "every", "rules", "csv", "pose")
+
+
+def _detect_batches(
+    batches: Iterable[SweepBatch], parameters: Parameters, background: BackgroundOptions | None
+) -> pa.Table:
+    find = finder(parameters, background)
+    rows = [objects_rows(batch.log, batch, find(batch, False)) for batch in batches]
+    told = {} if background is None else {"background": background.as_dict()}
+    return _table(rows, table_metadata(parameters.as_dict() | told))
+
+
+def _detect_logs(sources: Sequence[Source], options: DetectOptions) -> pa.Table:
+    collected = _Collected()
+    described: list[dict[str, Any]] = []
+    damage: list[str] = []
+    for source in sources:
+        summary, origin = detect_to_stream(source, collected, options)
+        described.append(origin)
+        damage += summary.damage
+        for line in summary.damage:
+            warnings.warn(f"{source.path}: {line}", stacklevel=3)
+    origins = described[0] if len(described) == 1 else described
+    return _table(collected.rows, table_metadata(options.as_dict(), origins, damage))
+
+
+def _table(rows: list[pa.RecordBatch], metadata: dict[bytes, bytes]) -> pa.Table:
     return pa.Table.from_batches(rows, OBJECTS).replace_schema_metadata(metadata).unify_dictionaries()
 
 
@@ -151,37 +274,3 @@ class _Collected:
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
         pass
-
-
-def _reading(reading: dict[str, Any]) -> dict[str, Any]:
-    """What `read` takes, as the options of the pipeline."""
-    left = dict(reading)
-    csv, rules = left.pop("csv", None) or CsvOptions(), left.pop("rules", None) or RangeRules()
-    topics, pose = left.pop("topics", None), left.pop("pose", None)
-    return {
-        "read": ReadOptions(topics=frozenset(topics) if topics else None, rules=rules, **left),
-        "csv": csv,
-        "pose": pose,
-    }
-
-
-def _source(path: str) -> Source:
-    return Source(path, "stdin" if path == STDIN else log_name(Path(path)))
-
-
-def _detect_log(
-    path: str, parameters: Parameters, background: BackgroundOptions | None, reading: dict[str, Any]
-) -> pa.Table:
-    options = DetectOptions(parameters=parameters, background=background, **_reading(reading))
-    collected = _Collected()
-    summary, described = detect_to_stream(_source(path), collected, options)
-    for line in summary.damage:
-        warnings.warn(f"{path}: {line}", stacklevel=3)
-    metadata = table_metadata(options.as_dict(), described, summary.damage)
-    table = pa.Table.from_batches(collected.rows, OBJECTS)
-    return table.replace_schema_metadata(metadata).unify_dictionaries()
-
-
-def _warn(path: str, report: ReadReport) -> None:
-    for line in damage_lines(report):
-        warnings.warn(f"{path}: {line}", stacklevel=3)

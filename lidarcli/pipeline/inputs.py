@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import glob
 import os
-import re
+import stat
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.logs.registry import BINARY_SUFFIXES, TEXT_SUFFIXES
+from lidarcli.logs.rosbag2_folder import is_bag
 from lidarcli.pipeline.opening import hold_one_sweep_each
 
 STDIN = "-"
@@ -19,9 +21,6 @@ SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd")
 
 _CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt")
 _WRAPPER = (".gz", ".zstd", ".active")
-_BINARY = (".mcap", ".bag", ".active", ".db3", ".zstd")
-_TEXT = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
-_PART_OF_BAG = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +73,12 @@ def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
         path = Path(text)
         if text == STDIN:
             found.append(Source(STDIN, "stdin"))
+        elif (denied := _denied(path)) is not None:
+            found.append(Nothing(text, UnreadableError(f"cannot be opened: {denied}")))
         elif not path.exists():
             found.extend(_pattern(text))
         elif path.is_dir() and not is_one_log(path):
-            below = [Source(str(log), _below(path, log)) for log in sorted(_search(path))]
+            below = _search(path)
             found.extend(below or [Nothing(text, UnreadableError(f"no log in this folder ({_known()})"))])
         else:
             found.append(Source(text, log_name(path)))
@@ -126,42 +127,70 @@ def log_name(path: Path) -> str:
 
 
 def is_one_log(folder: Path) -> bool:
-    """Whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each.
-
-    A bag may have lost its metadata.yaml: then all its files are parts of one name, `NAME_0`, `NAME_1`, ...
-    """
+    """Whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each."""
     try:
         names = sorted(item.name for item in folder.iterdir() if item.is_file())
     except OSError:
         return False
-    if "metadata.yaml" in names:
+    if is_bag(names):
         return True
-    parts = [match for match in map(_PART_OF_BAG.fullmatch, names) if match]
-    if parts:
-        return len({part[1] for part in parts}) == 1
-    if any(name.lower().endswith(_BINARY) for name in names):
+    if any(name.lower().endswith(BINARY_SUFFIXES) for name in names):
         return False
-    return hold_one_sweep_each([folder / name for name in names if name.lower().endswith(_TEXT)])
+    return hold_one_sweep_each([folder / name for name in names if name.lower().endswith(TEXT_SUFFIXES)])
 
 
-def _search(folder: Path) -> Iterator[Path]:
-    """Logs below a folder. Links are followed; a folder that was seen already is not entered again."""
+def _search(folder: Path) -> list[Source | Nothing]:
+    """Logs below a folder by path, and what could not be looked into.
+
+    Links are followed; a folder that was seen already is not entered again.
+    """
     seen: set[tuple[int, int]] = set()
-    for here, folders, files in os.walk(folder, followlinks=True):
+    found: dict[Path, Source | Nothing] = {}
+
+    def unreadable(err: OSError) -> None:
+        path = Path(os.fsdecode(err.filename))
+        found[path] = Nothing(str(path), UnreadableError(f"cannot be searched: {err.strerror}"))
+
+    def is_log(path: Path) -> bool:
+        try:
+            # Only regular files: a FIFO found by a search would wait for a writer for ever.
+            return stat.S_ISREG(path.stat().st_mode)
+        except FileNotFoundError:
+            return False
+        except OSError as err:
+            unreadable(err)
+            return False
+
+    for here, folders, files in os.walk(folder, followlinks=True, onerror=unreadable):
         at = Path(here)
-        stat = at.stat()
-        if (stat.st_dev, stat.st_ino) in seen:
+        try:
+            known = at.stat()
+        except OSError as err:
+            unreadable(err)
+            continue
+        if (known.st_dev, known.st_ino) in seen:
             folders.clear()
             continue
-        seen.add((stat.st_dev, stat.st_ino))
+        seen.add((known.st_dev, known.st_ino))
         # Hidden things are nobody's logs: macOS puts a `._run.bag` beside every `run.bag` on foreign disks.
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        files = [name for name in files if not name.startswith(".")]
-        bags = [name for name in folders if is_one_log(at / name)]
-        yield from (at / name for name in bags)
-        folders[:] = [name for name in folders if name not in bags]
-        # Only regular files: a FIFO found by a search would wait for a writer for ever.
-        yield from (at / name for name in files if name.lower().endswith(SUFFIXES) and (at / name).is_file())
+        logs = [at / name for name in folders if is_one_log(at / name)]
+        folders[:] = [name for name in folders if at / name not in logs]
+        names = (name for name in files if not name.startswith(".") and name.lower().endswith(SUFFIXES))
+        logs += filter(is_log, (at / name for name in names))
+        found |= {log: Source(str(log), _below(folder, log)) for log in logs}
+    return [found[path] for path in sorted(found)]
+
+
+def _denied(path: Path) -> str | None:
+    """Why nobody may even ask whether something is there."""
+    try:
+        path.stat()
+    except PermissionError as err:
+        return err.strerror
+    except (OSError, ValueError):
+        return None
+    return None
 
 
 def _below(folder: Path, log: Path) -> str:
