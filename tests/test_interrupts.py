@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -45,6 +46,22 @@ def test_it_waits_for_an_import(tmp_path: Path, number: str, raised: str) -> Non
         check=False,
     )
     assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} True\n", "", 0)
+
+
+def test_the_tests_of_interrupts_work_where_they_are_ignored() -> None:
+    """As below `nohup make test`: processes inherit it."""
+    test = f"{__file__}::{test_it_waits_for_an_import.__name__}"
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
+    ran = subprocess.run(
+        command,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stdout
+    assert "2 passed" in ran.stdout
 
 
 IMPATIENT = """

@@ -91,6 +91,19 @@ def two_publishers(sweeps: int = 12) -> RawSweeps:
     )
 
 
+def test_more_topics_than_any_robot_has(tmp_path: Path, detect: Callable[..., Any]) -> None:
+    path = tmp_path / "run.mcap"
+    write_log(path, [block(sweeps=1, beams=20, topic=f"/scan_{number}") for number in range(1030)])
+    code, err, rows = detect(path)
+    assert (code, len(rows), len({row["topic"] for row in rows})) == (3, 1000, 1000)
+    assert err == (
+        f"lidarcli: {path}: topics: 30 sweeps of 30 LaserScan topics are not read: the log has more than 1,000; "
+        "name some of them with --topic\n"
+    )
+    code, err, rows = detect(path, "--topic", "/scan_1029")
+    assert (code, err, [row["topic"] for row in rows]) == (0, "", ["/scan_1029"])
+
+
 @pytest.mark.parametrize("name", CONTAINERS)
 def test_two_publishers_on_one_topic(name: str, tmp_path: Path, detect: Any, info: Any) -> None:
     write_log(tmp_path / name, [two_publishers()])

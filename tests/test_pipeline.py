@@ -695,6 +695,23 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
         assert str(caught.value) == words
 
 
+@pytest.mark.parametrize(
+    ("start", "end", "window"),
+    [(100.0, None, "from 100 s on"), (7.0, 9.0, "from 7 s on and before 9 s"), (None, 0.0, "before 0 s")],
+)
+def test_a_window_beyond_the_log_is_told(
+    tmp_path: Path, start: float | None, end: float | None, window: str
+) -> None:
+    path = tmp_path / "run.mcap"
+    write_log(path, [block("/scan")])
+    options = DetectOptions(read=ReadOptions(start=start, end=end))
+    summary = detect_to_files(Source(str(path), "run"), tmp_path, options)
+    assert (summary.sweeps, summary.exit_code) == (0, 0)
+    assert summary.notes == [
+        f"no sweep of /scan {window}: its sweeps lie between 0.0 and 0.3 s, counted from the first one"
+    ]
+
+
 def test_unknown_name_of_the_package() -> None:
     with pytest.raises(AttributeError, match=r"^module 'lidarcli' has no attribute 'nonsense'$"):
         _ = lidarcli.nonsense

@@ -8,7 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli.logs import open_log
+from lidarcli.logs import (
+    base,
+    batches,
+    csv_source,
+    mcap_codec,
+    open_log,
+    rosbag1_run,
+    rosbag2_folder,
+    sqlite_bag,
+    sqlite_salvage,
+    unpacking,
+)
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv_layouts import LAYOUTS
 from tools.make_docs import ROOT
@@ -31,6 +42,34 @@ def test_every_row_of_damage_names_a_test() -> None:
     rows = [line for line in table.splitlines() if line.startswith("| ") and "**" not in line][1:]
     assert len(rows) > 20
     assert [row for row in rows if "::test_" not in row] == []
+
+
+def test_the_bounds_are_those_of_the_code() -> None:
+    table = PAGE.split("## Bounds")[1].split("\n## ")[0]
+    said = {
+        row.split(" | ")[0].removeprefix("| "): row.split(" | ")[1].rstrip(" |")
+        for row in table.splitlines()
+        if " | " in row
+    }
+    small, message = unpacking.SMALL >> 20, rosbag1_run.MAX_MESSAGE >> 20
+    assert said == {
+        "what": "bound",
+        "a sweep": f"{base.MAX_BEAMS:,} beams",
+        "LaserScan topics of a log": f"{batches.MAX_TOPICS:,} (`--topic` chooses among more)",
+        "what a log unpacks to, whatever its compression": f"{small} MiB, and {unpacking.MAX_RATIO:,} times what is packed",
+        "a chunk of an MCAP, which is held as a whole": (
+            f"{mcap_codec.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
+        ),
+        "a message of a ROS 1 bag; of a ROS 2 database": f"{message} MiB; {sqlite_salvage.MAX_BLOB >> 20} MiB",
+        "messages of a ROS 2 database together": "the bytes of its file",
+        "steps of SQLite for one statement": (
+            f"{sqlite_bag.STEPS:,}, and {sqlite_bag.STEPS_PER_BYTE} for each byte of the file"
+        ),
+        "a text in the schema and the topics of a database": f"{sqlite_bag.MAX_TEXT >> 10} KiB",
+        "`metadata.yaml`": f"{rosbag2_folder.MAX_METADATA >> 20} MiB",
+        "a line of a CSV": f"{csv_source.MAX_LINE >> 20} MiB",
+        "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
+    }
 
 
 def test_every_layout_has_an_example() -> None:
