@@ -121,7 +121,13 @@ def build(
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
     from lidarcli.logs.batches import ReadOptions
-    from lidarcli.pipeline.building import Building, BuildOptions, draw_background, refuse_nothing
+    from lidarcli.pipeline.building import (
+        Building,
+        BuildOptions,
+        draw_background,
+        refuse_nothing,
+        scene_notes,
+    )
     from lidarcli.pipeline.inputs import find_logs
     from lidarcli.pipeline.many import exit_code
     from lidarcli.pipeline.outputs import refuse
@@ -149,7 +155,7 @@ def build(
     if any(codes) and not sensors:
         return exit_code(codes)
     refuse_nothing(sensors)
-    for note in building.notes():
+    for note in [*building.notes(), *scene_notes(sensors)]:
         say.info(f"note: {note}")
     for line in learned_lines(sensors):
         say.info(line)

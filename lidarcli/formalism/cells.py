@@ -6,7 +6,7 @@ import numpy as np
 
 from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.records import record
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int64
 
 UNIT = 1e-4
 """[m] Ranges are counted in whole units, so that sums are exact in any order."""
@@ -14,6 +14,8 @@ BIN = 50
 """Units of a bin: 5 mm."""
 REACH = 20
 """Bins to either side of one that are the same surface: 10 cm."""
+DIFFUSE = 60
+"""Bins to either side that are one surface where none is narrower, as in foliage: 30 cm."""
 PEAK = 5
 """Bins to either side of the place where most of its ranges are."""
 CLIP = 2.5
@@ -24,6 +26,16 @@ LEAST_CLIP = 200
 """And these need not be fewer units than this: 2 cm."""
 SUPPORT = 0.35
 """Share of the observations of a beam that must back its background: people who pass have less."""
+NARROW = 10
+"""Bins to either side within which a surface that stands still repeats, whatever the noise: 5 cm."""
+BEFORE = 30
+"""Bins before such a surface, from which on nearly all ranges are its own: 15 cm."""
+REPEATED = 0.1
+"""Share of the observations that is enough for a surface that stands still behind people who nearly always hide it."""
+LEAST_REPEATED = 10
+"""And it takes so many observations: a few steps of passers-by fall into one place by chance."""
+SET_APART = 0.8
+"""Share of the ranges from there on that have to be its own: people and leaves come in all ranges, a surface in one."""
 OPEN = 0.5
 """A beam with this share of observations without a return is open, unless a surface has enough support."""
 
@@ -113,8 +125,15 @@ class Estimate:
 def estimate(cells: Cells, no_return: Int64) -> Estimate:
     """r_e of each beam: its farthest surface with enough support, because people stand before the background.
 
-    Ranges within 10 cm of one another are one surface. Where that is too narrow for any to have enough support (foliage,
-    a sensor that shakes), the width is doubled until one has.
+    Ranges within 10 cm of one another are one surface, and 35 % of the observations are enough support. Where no
+    surface has as much, one of these is the background, in this order:
+
+    1. what has 35 % within 30 cm, and 80 % of all ranges from there on: foliage, or a wall that a shaking sensor sees
+       at many ranges. Between people who come and go more shows of what is behind them;
+    2. what repeats within 5 cm though people hide it most of the time: at least 10 % of the observations and 10 of
+       them, no fewer than those without a return, and 80 % of all ranges from 15 cm before it on. What stands still
+       repeats exactly and nothing is behind it; people and leaves are spread;
+    3. nothing: the beam is open, and whatever returns is new.
 
     Parameters
     ----------
@@ -138,23 +157,49 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
     )
     need = SUPPORT * observed
     wanted = returns > 0
-    reach = REACH
-    while wanted.any():
-        begin, end, backing = _windows(cells, reach)
-        enough = np.flatnonzero((backing >= need[beam]) & wanted[beam])
-        if len(enough):
-            found, peak = _peaks(cells, enough, backing, reach)
-            _describe(result, cells, found, begin[peak], end[peak], observed)
-            result.r_near[found] = result.r_e[found]
-            found, peak = _peaks(cells, enough, backing, reach, nearest=True)
-            before = end[peak] <= begin[_peaks(cells, enough, backing, reach)[1]]
-            mean = _Surface(cells, begin[peak], end[peak])
-            result.r_near[found[before]] = ((mean.origin + mean.peak()) * UNIT)[before]
-            wanted[found] = False
-        # What returns less often than not may be people alone: no width turns them into a surface.
-        wanted &= no_return < OPEN * observed
-        reach *= 2
+    _, _, backing = _windows(cells, REACH)
+    _take(result, cells, wanted, backing >= need[beam], REACH, observed)
+    # What returns less often than not may be people alone: nothing but enough support makes them a surface.
+    wanted &= no_return < OPEN * observed
+    if wanted.any():
+        _take(result, cells, wanted, _set_apart(cells, DIFFUSE, DIFFUSE) >= need[beam], DIFFUSE, observed)
+        least = np.maximum(np.maximum(REPEATED * observed, no_return), LEAST_REPEATED)
+        _take(result, cells, wanted, _set_apart(cells, NARROW, BEFORE) >= least[beam], NARROW, observed)
     return result
+
+
+def _take(result: Estimate, cells: Cells, wanted: Bool, fitting: Bool, reach: int, observed: Int64) -> None:
+    """Fill in the wanted beams that have a surface `reach` bins wide to either side; they are wanted no more.
+
+    Parameters
+    ----------
+    wanted : (N,)
+    fitting : (C,) cells that may be the middle of a surface
+    observed : (N,) observations
+    """
+    enough = np.flatnonzero(fitting & wanted[cells.beam])
+    if not len(enough):
+        return
+    _, _, backing = _windows(cells, reach)
+    begin, end, _ = _windows(cells, max(reach, REACH))
+    found, peak = _peaks(cells, enough, backing, reach)
+    _describe(result, cells, found, begin[peak], end[peak], observed)
+    result.r_near[found] = result.r_e[found]
+    _, near = _peaks(cells, enough, backing, reach, nearest=True)
+    before = end[near] <= begin[peak]
+    mean = _Surface(cells, begin[near], end[near])
+    result.r_near[found[before]] = ((mean.origin + mean.peak()) * UNIT)[before]
+    wanted[found] = False
+
+
+def _set_apart(cells: Cells, reach: int, before: int) -> Int64:
+    """(C,) ranges within `reach` bins of each cell; 0 where too many others are within `before` bins of it or beyond."""
+    _, _, backing = _windows(cells, reach)
+    base = cells.beam << _BITS
+    until = offsets_of(cells.count)
+    start = np.searchsorted(cells.key, np.maximum(cells.key - before * BIN, base))
+    onwards = until[np.searchsorted(cells.key, base + _FAR, side="right")] - until[start]
+    return np.where(backing >= SET_APART * onwards, backing, 0)
 
 
 def _windows(cells: Cells, reach: int) -> tuple[Int64, Int64, Int64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.errors import NoScanError
-from lidarcli.formalism.background import Background
+from lidarcli.formalism.background import MAJORITY, Background
 from lidarcli.formalism.grid import Grid
 from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import CsvOptions
@@ -27,7 +28,7 @@ from lidarcli.tables.metadata import table_metadata
 
 STATION_DISTANCE = 0.25
 """[m]"""
-STATION_ANGLE = np.deg2rad(5.0)
+STATION_ANGLE = math.radians(5.0)
 """[rad]"""
 
 
@@ -119,6 +120,25 @@ class Building:
 def load(path: Path) -> tuple[list[Background], dict[str, Any]]:
     """The sensors of a background table, and what its metadata says (`UnreadableError` where it is none)."""
     return read_background(path)
+
+
+def scene_notes(sensors: Sequence[Background]) -> list[str]:
+    """What looks wrong in what was learned, a line each: a sensor that moved, beams whose background was hidden."""
+    lines = []
+    for sensor in sensors:
+        name = f"{sensor.topic} ({sensor.frame_id or 'no frame'})"
+        weak, beams = int(np.count_nonzero(sensor.weak)), sensor.weak.size
+        if sensor.seems_moved:
+            lines.append(
+                f"the sensor of {name} seems to have moved: {weak:,} of {beams:,} beams do not see the same range in "
+                "most sweeps; poses are needed (--pose TOPIC, docs/poses.md), or a log of a parked sensor"
+            )
+        elif weak:
+            lines.append(
+                f"support below {MAJORITY:.0%}: {weak:,} of {beams:,} beams of {name}; people or things hid their "
+                "background in most sweeps, --plot shows where"
+            )
+    return lines
 
 
 def draw_background(path: Path, sensors: Sequence[Background]) -> None:
