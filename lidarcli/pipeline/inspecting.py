@@ -15,7 +15,7 @@ from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, ReadReport, To
 from lidarcli.pipeline.clock import Clock, ClockInfo
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import FoundPoses, PoseInfo, find_poses, pose_infos
+from lidarcli.pipeline.posing import FoundPoses, PoseInfo, alike_note, find_poses, pose_infos
 from lidarcli.pipeline.summary import damage_lines
 from lidarcli.pipeline.topics import scan_topics
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
@@ -120,7 +120,7 @@ def inspect_log(
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
-            notes=(*report.notes, *(poses.notes if poses is not None else ()), *_not_shown(only_counted)),
+            notes=(*report.notes, *_pose_notes(poses, found), *_not_shown(only_counted)),
             damage=_damage(report, poses),
         )
 
@@ -136,6 +136,16 @@ def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
 def _pose(poses: FoundPoses | None, frame_id: str) -> str:
     way = poses.sources.way(frame_id) if poses is not None else None
     return f"{' and '.join(way.topics)} ({way.chain})" if way is not None else ""
+
+
+def _pose_notes(poses: FoundPoses | None, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
+    """What a user should know of the poses: frames for which nobody can choose, and what reading them has met."""
+    if poses is None:
+        return []
+    sources = poses.sources
+    unclear = [frame for frame in sorted({frame for _, frame in found}) if sources.alike(frame)]
+    notes = [alike_note(frame, sources.alike(frame), sources.alternatives(frame)) for frame in unclear]
+    return [*notes, *poses.notes]
 
 
 def _damage(report: ReadReport, poses: FoundPoses | None) -> tuple[str, ...]:

@@ -227,6 +227,8 @@ class Posing:
     def _frame_notes(self, frame: str, sources: PoseSources) -> list[str]:
         way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
         name = frame or "without a name"
+        if way is None and (alike := sources.alike(frame)):
+            return [alike_note(frame, alike, others)]
         if way is None:
             hint = f"; --pose may name {_some(others)}" if others else ""
             return [f"no pose for frame {name}: nothing leads from it to a fixed frame{hint}"]
@@ -244,6 +246,15 @@ class Posing:
                     "poses there may mix two runs"
                 )
         return lines
+
+
+def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
+    """Why no pose is taken for a frame, though several topics may be the right one."""
+    also = f"; also there: {_some(others)}" if others else ""
+    return (
+        f"no pose for frame {frame or 'without a name'}: {_some(alike)} are alike, and nothing tells which is that of the "
+        f"sensor (--pose TOPIC){also}"
+    )
 
 
 def _chosen(way: Way, others: Sequence[str]) -> str:

@@ -189,6 +189,55 @@ def test_of_several_odometries_the_mounted_one_then_odom_then_the_fullest() -> N
 
 
 @pytest.mark.parametrize(
+    "messages",
+    [
+        [*placed("map", "/robot_1"), *placed("map", "/robot_2")],
+        [*placed("map", "/robot_1"), *placed("other", "/robot_2"), *placed("map", "/mocap_pose")],
+        [*placed("map", "/robot_1/pose"), *placed("map", "/robot_2/pose")[:3]],
+        [*placed("map", "/vrpn/red/pose"), *placed("map", "/vrpn/blue/pose")],
+        [
+            *placed("map", "/a/amcl_pose", True),
+            *placed("map", "/b/amcl_pose", True),
+            *placed("map", "/ego_pose"),
+        ],
+        [*driven("odom", "a/base", "/a/odom"), *driven("odom", "b/base", "/b/odom")],
+    ],
+)
+def test_of_topics_that_are_alike_none_is_taken_unasked(messages: list[Message]) -> None:
+    """They may be those of several robots."""
+    found = sources(messages)
+    assert taken(messages) is None
+    topics = found.topics
+    assert set(found.alike("laser")) == set(topics[:2])
+    assert found.alternatives("laser") == topics[2:]
+    for topic in topics:
+        way = sources(messages, topic).way("laser")
+        assert way is not None
+        assert way.topics == (topic,)
+        assert sources(messages, topic).alike("laser") == ()
+
+
+@pytest.mark.parametrize("frame", ["robot_2/laser", "/robot_2/laser", "/robot_2/base/laser"])
+def test_the_name_of_the_frame_decides_between_topics_that_are_alike(frame: str) -> None:
+    poses = [*placed("map", "/robot_1/base/pose"), *placed("map", "/robot_2/base/pose")]
+    assert taken(poses, frame) == ("/robot_2/base/pose", "map")
+    odometry = [*driven("odom", "robot_1/base/link", "/one"), *driven("odom", "robot_2/base/link", "/two")]
+    assert taken(odometry, frame) == ("/two", "odom")
+
+
+def test_a_mount_or_the_tree_decides_between_topics_that_are_alike() -> None:
+    mount = static("b/base", "laser")
+    both = [*driven("odom", "a/base", "/a/odom"), *driven("odom", "b/base", "/b/odom")]
+    assert taken([*both, *mount]) == ("/b/odom", "odom")
+    assert taken([*both, *mount, *moving("odom", "b/base")]) == ("/tf", "odom")
+    # Two topics that tell of one frame are of one robot.
+    assert taken([*driven("odom", "base", "/a/odom"), *driven("odom", "base", "/b/odom")]) == (
+        "/a/odom",
+        "odom",
+    )
+
+
+@pytest.mark.parametrize(
     "topic",
     [
         "/move_base_simple/goal",
