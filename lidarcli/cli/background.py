@@ -98,6 +98,7 @@ def build(
     end: float | None,
     every: int,
     pose: str | None,
+    pose_delay: float,
     distance: float,
     angle: float,
     no_return: Any,
@@ -141,6 +142,7 @@ def build(
             ),
             csv=csv,
             pose=pose,
+            pose_delay=pose_delay,
             distance=distance,
             angle=math.radians(angle),
         )

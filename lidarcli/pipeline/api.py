@@ -46,6 +46,7 @@ def read(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
+    pose_delay: float = 0.0,
 ) -> Iterator[SweepBatch]:
     """Batches of sweeps of a log in any format; a damaged part is warned of and left out.
 
@@ -58,6 +59,7 @@ def read(
     rules : how ranges are judged
     csv : what a CSV file may need to be told
     pose : topic whose poses the batches get, `none` for no poses; by default the best there is
+    pose_delay : the pose of a sweep is that at its header stamp and this much later [s]
     """
     options = ReadOptions(
         topics=frozenset(topics) if topics else None,
@@ -67,7 +69,7 @@ def read(
         rules=rules or RangeRules(),
     )
     with open_log(fspath(path), csv=csv or CsvOptions()) as log:
-        posing = Posing.of(log, pose)
+        posing = Posing.of(log, pose, pose_delay)
         yield from map(posing.attach, read_batches(log, options))
         _warn(fspath(path), log.report)
 
@@ -157,10 +159,12 @@ def _reading(reading: dict[str, Any]) -> dict[str, Any]:
     left = dict(reading)
     csv, rules = left.pop("csv", None) or CsvOptions(), left.pop("rules", None) or RangeRules()
     topics, pose = left.pop("topics", None), left.pop("pose", None)
+    pose_delay = left.pop("pose_delay", 0.0)
     return {
         "read": ReadOptions(topics=frozenset(topics) if topics else None, rules=rules, **left),
         "csv": csv,
         "pose": pose,
+        "pose_delay": pose_delay,
     }
 
 

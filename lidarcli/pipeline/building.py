@@ -20,6 +20,7 @@ from lidarcli.pipeline.inputs import Nothing, Source
 from lidarcli.pipeline.many import Outcome, Report, outcome_of
 from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.outputs import write_whole
+from lidarcli.pipeline.posing import refuse_delay
 from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
@@ -40,15 +41,21 @@ class BuildOptions:
     csv: CsvOptions = field(default_factory=CsvOptions)
     pose: str | None = None
     """Topic whose poses to take, `none` for no poses; by default the best there is."""
+    pose_delay: float = 0.0
+    """The pose of a sweep is that at its header stamp and this much later [s]."""
     distance: float = STATION_DISTANCE
     """Sweeps up to this far from a station [m] belong to it …"""
     angle: float = STATION_ANGLE
     """… if their heading differs by no more than this [rad]."""
 
+    def __post_init__(self) -> None:
+        """Refuse what no log could be read with."""
+        refuse_delay(self.pose, self.pose_delay)
+
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the table's metadata."""
         stations = {"station_distance": self.distance, "station_angle": self.angle}
-        return reading_as_dict(self.read, self.csv, self.pose) | stations
+        return reading_as_dict(self.read, self.csv, self.pose, self.pose_delay) | stations
 
 
 class Building:
@@ -65,7 +72,7 @@ class Building:
         options = self._options
         with (
             open_source(source, options.csv) as log,
-            Reading(log, options.read, options.pose) as reading,
+            Reading(log, options.read, options.pose, options.pose_delay) as reading,
         ):
             for batch in reading.batches(progress):
                 self._take(batch)
