@@ -157,31 +157,61 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
     )
     need = SUPPORT * observed
     wanted = returns > 0
-    _, _, backing = _windows(cells, REACH)
-    _take(result, cells, wanted, backing >= need[beam], REACH, observed)
+    near = _windows(cells, REACH)
+    _take(result, cells, wanted, near, near.backing >= need[beam], REACH, observed)
     # What returns less often than not may be people alone: nothing but enough support makes them a surface.
     wanted &= no_return < OPEN * observed
     if wanted.any():
-        _take(result, cells, wanted, _set_apart(cells, DIFFUSE, DIFFUSE) >= need[beam], DIFFUSE, observed)
+        few = _of(cells, wanted)
+        wide = _windows(few, DIFFUSE)
+        diffuse = _set_apart(few, wide.backing, DIFFUSE) >= need[few.beam]
+        _take(result, few, wanted, wide, diffuse, DIFFUSE, observed)
+        near, narrow = _windows(few, REACH), _windows(few, NARROW)
         least = np.maximum(np.maximum(REPEATED * observed, no_return), LEAST_REPEATED)
-        _take(result, cells, wanted, _set_apart(cells, NARROW, BEFORE) >= least[beam], NARROW, observed)
+        repeats = _set_apart(few, narrow.backing, BEFORE) >= least[few.beam]
+        _take(result, few, wanted, _Windows(near.begin, near.end, narrow.backing), repeats, NARROW, observed)
     return result
 
 
-def _take(result: Estimate, cells: Cells, wanted: Bool, fitting: Bool, reach: int, observed: Int64) -> None:
+def _of(cells: Cells, beams: Bool) -> Cells:
+    """The cells of some beams (N,)."""
+    mine = beams[cells.beam]
+    return Cells(cells.key[mine], cells.count[mine], cells.total[mine], cells.squares[mine])
+
+
+@record
+class _Windows:
+    """The cells around each of C cells, and the ranges in them."""
+
+    begin: Int64
+    end: Int64
+    """(C,) the cells from `begin` to before `end`."""
+    backing: Int64
+    """(C,) ranges that speak for a surface at this cell."""
+
+
+def _take(
+    result: Estimate,
+    cells: Cells,
+    wanted: Bool,
+    windows: _Windows,
+    fitting: Bool,
+    reach: int,
+    observed: Int64,
+) -> None:
     """Fill in the wanted beams that have a surface `reach` bins wide to either side; they are wanted no more.
 
     Parameters
     ----------
     wanted : (N,)
+    windows : the cells that describe a surface at each cell, and its backing
     fitting : (C,) cells that may be the middle of a surface
     observed : (N,) observations
     """
     enough = np.flatnonzero(fitting & wanted[cells.beam])
     if not len(enough):
         return
-    _, _, backing = _windows(cells, reach)
-    begin, end, _ = _windows(cells, max(reach, REACH))
+    begin, end, backing = windows.begin, windows.end, windows.backing
     found, peak = _peaks(cells, enough, backing, reach)
     _describe(result, cells, found, begin[peak], end[peak], observed)
     result.r_near[found] = result.r_e[found]
@@ -192,9 +222,8 @@ def _take(result: Estimate, cells: Cells, wanted: Bool, fitting: Bool, reach: in
     wanted[found] = False
 
 
-def _set_apart(cells: Cells, reach: int, before: int) -> Int64:
-    """(C,) ranges within `reach` bins of each cell; 0 where too many others are within `before` bins of it or beyond."""
-    _, _, backing = _windows(cells, reach)
+def _set_apart(cells: Cells, backing: Int64, before: int) -> Int64:
+    """(C,) the backing of each cell; 0 where too many other ranges are within `before` bins before it or beyond."""
     base = cells.beam << _BITS
     until = offsets_of(cells.count)
     start = np.searchsorted(cells.key, np.maximum(cells.key - before * BIN, base))
@@ -202,14 +231,14 @@ def _set_apart(cells: Cells, reach: int, before: int) -> Int64:
     return np.where(backing >= SET_APART * onwards, backing, 0)
 
 
-def _windows(cells: Cells, reach: int) -> tuple[Int64, Int64, Int64]:
-    """The cells within `reach` bins of each cell, from `begin` to before `end`, and the ranges in them. (C,) each."""
+def _windows(cells: Cells, reach: int) -> _Windows:
+    """The cells within `reach` bins of each cell."""
     base = cells.beam << _BITS
     low = np.maximum(cells.key - reach * BIN, base)
     high = np.minimum(cells.key + reach * BIN, base + _FAR)
     begin, end = np.searchsorted(cells.key, low), np.searchsorted(cells.key, high, side="right")
     until = offsets_of(cells.count)
-    return begin, end, until[end] - until[begin]
+    return _Windows(begin, end, until[end] - until[begin])
 
 
 def _peaks(

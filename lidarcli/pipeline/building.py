@@ -142,8 +142,8 @@ def scene_notes(sensors: Sequence[Background]) -> list[str]:
             )
         elif weak:
             lines.append(
-                f"support below {MAJORITY:.0%}: {weak:,} of {beams:,} beams of {name}; people or things hid their "
-                "background in most sweeps, --plot shows where"
+                f"support below {MAJORITY:.0%}: {weak:,} of {beams:,} beams of {name}: most sweeps saw something "
+                "else there (--plot shows where)"
             )
     return lines
 
