@@ -16,6 +16,8 @@ LEAST_SWEEPS = 20
 """Fewer than these have not gone far enough to tell."""
 BEAMS = 120
 """Beams of each that are, at equal distances."""
+FARTHEST = 100.0
+"""[m] Ranges up to this one count: beyond it beams are too far apart to meet in a cell again."""
 STEP = 0.05
 """[m] From one of these sweeps to the next the sensor goes this far …"""
 TURN = 1.0
@@ -58,7 +60,8 @@ class DelaySample:
         rows = batch.rows(kept)
         self._stamps.append(rows.stamp_ns)
         stride = np.maximum(rows.beams // BEAMS, 1)[:, None]
-        row, beam = np.nonzero((rows.status == Status.VALID) & (np.arange(rows.width) % stride == 0))
+        usable = (rows.status == Status.VALID) & (rows.ranges < FARTHEST)
+        row, beam = np.nonzero(usable & (np.arange(rows.width) % stride == 0))
         bearing, ranges = rows.bearings()[row, beam], rows.ranges[row, beam].astype(np.float64)
         self._points.append((row + self._count, ranges * np.cos(bearing), ranges * np.sin(bearing)))
         self._count += len(kept)

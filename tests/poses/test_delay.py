@@ -233,3 +233,15 @@ def test_every_constant_is_documented_with_its_value() -> None:
     }
     for room, name, value in rows:
         assert getattr(modules[room], name) == float(value)
+
+
+def test_ranges_beyond_all_sensors_are_left_out(folder: Path) -> None:
+    """A driver may write anything that a float holds."""
+    sample = DelaySample(sample_of(folder / "late.mcap").way)
+    for batch in lidarcli.read(folder / "late.mcap", pose="none"):
+        ranges = batch.ranges.copy()
+        ranges[:, ::2] = np.finfo(np.float32).max
+        sample.add(replace(batch, ranges=ranges, status=np.zeros_like(batch.status)))
+    best = sample.best()
+    assert best is not None
+    assert best[0] == pytest.approx(0.2)
