@@ -98,6 +98,7 @@ def build(
     end: float | None,
     every: int,
     pose: str | None,
+    pose_delay: float,
     distance: float,
     angle: float,
     no_return: Any,
@@ -122,7 +123,13 @@ def build(
     from lidarcli.cli.summary import show_reading
     from lidarcli.logs.batches import ReadOptions
     from lidarcli.newfiles import refuse
-    from lidarcli.pipeline.building import Building, BuildOptions, draw_background, refuse_nothing
+    from lidarcli.pipeline.building import (
+        Building,
+        BuildOptions,
+        draw_background,
+        refuse_nothing,
+        scene_notes,
+    )
     from lidarcli.pipeline.inputs import SUFFIXES, files_of, find_logs
     from lidarcli.pipeline.many import exit_code
 
@@ -141,6 +148,7 @@ def build(
             ),
             csv=csv,
             pose=pose,
+            pose_delay=pose_delay,
             distance=distance,
             angle=math.radians(angle),
         )
@@ -154,7 +162,7 @@ def build(
     if any(codes) and not sensors:
         return exit_code(codes)
     refuse_nothing(sensors)
-    for note in building.notes():
+    for note in [*building.notes(), *scene_notes(sensors)]:
         say.info(f"note: {note}")
     for line in learned_lines(sensors):
         say.info(line)

@@ -28,11 +28,14 @@ def learned_lines(sensors: Sequence[Background]) -> list[str]:
 
 def as_text(file: str, sensors: Sequence[Background], metadata: Mapping[str, Any]) -> str:
     """Everything for people."""
+    from lidarcli.pipeline.building import scene_notes
+
     lines = [file, _line("version", metadata.get("lidarcli.version", ""))]
     for origin in _origins(metadata):
         lines.append(_line("from", f"{origin['name']} ({origin['format']})"))
     for damage in metadata.get("lidarcli.damage", []):
         lines.append(_line("damage", damage))
+    lines += [_line("note", note) for note in scene_notes(sensors)]
     for sensor in sensors:
         figures = _figures(sensor)
         view = sensor.grid.bearings()
@@ -77,6 +80,7 @@ def _sensor_json(sensor: Background) -> dict[str, Any]:
         "angle_increment": grid.angle_increment,
         "beams": grid.beams,
         "range_max": sensor.range_max if math.isfinite(sensor.range_max) else None,
+        "seems_moved": sensor.seems_moved,
         "stations": len(sensor),
         "posed": bool(sensor.posed.any()),
         "station_distance": sensor.distance,
@@ -95,6 +99,7 @@ def _figures(sensor: Background) -> dict[str, Any]:
         "surface": int(np.count_nonzero(some)),
         "open": int(np.count_nonzero(np.isinf(r_e))),
         "unknown": int(np.count_nonzero(np.isnan(r_e))),
+        "weak": int(np.count_nonzero(sensor.weak)),
         "r_e_min": float(r_e[some].min()) if any_range else None,
         "r_e_max": float(r_e[some].max()) if any_range else None,
         "spread": float(np.median(sensor.spread[some])) if any_range else None,

@@ -139,6 +139,15 @@ def reading_options(command: F) -> F:
             help="Topic that tells where the sensor was (docs/poses.md); none for no poses.  [default: the best there is]",
         ),
         option(
+            "--pose-delay",
+            heading=SELECT,
+            type=Number("SECONDS"),
+            default=0.0,
+            show_default="0",
+            help="Take the pose of a sweep this much after its header stamp; negative: before. `info` tells where another "
+            "than 0 fits better.",
+        ),
+        option(
             "--every",
             heading=SELECT,
             type=click.IntRange(min=1),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from lidarcli.formalism.grid import Grid
@@ -10,6 +12,9 @@ from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPose
 
 KNOWN_GAP = 0.05
 """Up to this share of sweeps without a return are lost beams of a surface that is there."""
+
+MAJORITY = 0.5
+"""Share of the observations: a background that fewer back was hidden most of the time, or is none."""
 
 LATERAL = 0.05
 """[m] A sensor beside a station sees things from another side: by so much they may look wider there."""
@@ -43,7 +48,7 @@ class Background:
     """(K,) places in the world frame, NaN where none is known."""
     distance: float = 0.25
     """Sweeps up to this far from a station [m] belong to it …"""
-    angle: float = np.deg2rad(5.0)
+    angle: float = math.radians(5.0)
     """… if their heading differs by no more than this [rad]."""
 
     def __len__(self) -> int:
@@ -53,6 +58,21 @@ class Background:
     def posed(self) -> Bool:
         """(K,) stations whose pose is known."""
         return ~np.isnan(self.poses.x)
+
+    @property
+    def weak(self) -> Bool:
+        """(K, B) beams whose background most observations do not back, be it a surface or that nothing returns."""
+        return ~np.isnan(self.r_e) & (self.support < MAJORITY)
+
+    @property
+    def seems_moved(self) -> bool:
+        """Whether the sensor seems to have moved without a pose: of the beams that return most have no background.
+
+        People hide a part of the scene, foliage and depth edges are few; a sensor that moves finds no range again.
+        """
+        returning = ~np.isnan(self.r_e) & (self.no_return < MAJORITY) & ~self.posed[:, None]
+        lost = np.count_nonzero(returning & self.weak)
+        return bool(lost > MAJORITY * np.count_nonzero(returning))
 
 
 @record

@@ -6,7 +6,7 @@ import numpy as np
 
 from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.records import record
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int64
 
 UNIT = 1e-4
 """[m] Ranges are counted in whole units, so that sums are exact in any order."""
@@ -14,6 +14,8 @@ BIN = 50
 """Units of a bin: 5 mm."""
 REACH = 20
 """Bins to either side of one that are the same surface: 10 cm."""
+DIFFUSE = 60
+"""Bins to either side that are one surface where none is narrower, as in foliage: 30 cm."""
 PEAK = 5
 """Bins to either side of the place where most of its ranges are."""
 CLIP = 2.5
@@ -24,6 +26,16 @@ LEAST_CLIP = 200
 """And these need not be fewer units than this: 2 cm."""
 SUPPORT = 0.35
 """Share of the observations of a beam that must back its background: people who pass have less."""
+NARROW = 10
+"""Bins to either side within which a surface that stands still repeats, whatever the noise: 5 cm."""
+BEFORE = 30
+"""Bins before such a surface, from which on nearly all ranges are its own: 15 cm."""
+REPEATED = 0.1
+"""Share of the observations that is enough for a surface that stands still behind people who nearly always hide it."""
+LEAST_REPEATED = 10
+"""And it takes so many observations: a few steps of passers-by fall into one place by chance."""
+SET_APART = 0.8
+"""Share of the ranges from there on that have to be its own: people and leaves come in all ranges, a surface in one."""
 OPEN = 0.5
 """A beam with this share of observations without a return is open, unless a surface has enough support."""
 
@@ -113,8 +125,15 @@ class Estimate:
 def estimate(cells: Cells, no_return: Int64) -> Estimate:
     """r_e of each beam: its farthest surface with enough support, because people stand before the background.
 
-    Ranges within 10 cm of one another are one surface. Where that is too narrow for any to have enough support (foliage,
-    a sensor that shakes), the width is doubled until one has.
+    Ranges within 10 cm of one another are one surface, and 35 % of the observations are enough support. Where no
+    surface has as much, one of these is the background, in this order:
+
+    1. what has 35 % within 30 cm, and 80 % of all ranges from there on: foliage, or a wall that a shaking sensor sees
+       at many ranges. Between people who come and go more shows of what is behind them;
+    2. what repeats within 5 cm though people hide it most of the time: at least 10 % of the observations and 10 of
+       them, no fewer than those without a return, and 80 % of all ranges from 15 cm before it on. What stands still
+       repeats exactly and nothing is behind it; people and leaves are spread;
+    3. nothing: the beam is open, and whatever returns is new.
 
     Parameters
     ----------
@@ -138,33 +157,88 @@ def estimate(cells: Cells, no_return: Int64) -> Estimate:
     )
     need = SUPPORT * observed
     wanted = returns > 0
-    reach = REACH
-    while wanted.any():
-        begin, end, backing = _windows(cells, reach)
-        enough = np.flatnonzero((backing >= need[beam]) & wanted[beam])
-        if len(enough):
-            found, peak = _peaks(cells, enough, backing, reach)
-            _describe(result, cells, found, begin[peak], end[peak], observed)
-            result.r_near[found] = result.r_e[found]
-            found, peak = _peaks(cells, enough, backing, reach, nearest=True)
-            before = end[peak] <= begin[_peaks(cells, enough, backing, reach)[1]]
-            mean = _Surface(cells, begin[peak], end[peak])
-            result.r_near[found[before]] = ((mean.origin + mean.peak()) * UNIT)[before]
-            wanted[found] = False
-        # What returns less often than not may be people alone: no width turns them into a surface.
-        wanted &= no_return < OPEN * observed
-        reach *= 2
+    near = _windows(cells, REACH)
+    _take(result, cells, wanted, near, near.backing >= need[beam], REACH, observed)
+    # What returns less often than not may be people alone: nothing but enough support makes them a surface.
+    wanted &= no_return < OPEN * observed
+    if wanted.any():
+        few = _of(cells, wanted)
+        wide = _windows(few, DIFFUSE)
+        diffuse = _set_apart(few, wide.backing, DIFFUSE) >= need[few.beam]
+        _take(result, few, wanted, wide, diffuse, DIFFUSE, observed)
+        near, narrow = _windows(few, REACH), _windows(few, NARROW)
+        least = np.maximum(np.maximum(REPEATED * observed, no_return), LEAST_REPEATED)
+        repeats = _set_apart(few, narrow.backing, BEFORE) >= least[few.beam]
+        _take(result, few, wanted, _Windows(near.begin, near.end, narrow.backing), repeats, NARROW, observed)
     return result
 
 
-def _windows(cells: Cells, reach: int) -> tuple[Int64, Int64, Int64]:
-    """The cells within `reach` bins of each cell, from `begin` to before `end`, and the ranges in them. (C,) each."""
+def _of(cells: Cells, beams: Bool) -> Cells:
+    """The cells of some beams (N,)."""
+    mine = beams[cells.beam]
+    return Cells(cells.key[mine], cells.count[mine], cells.total[mine], cells.squares[mine])
+
+
+@record
+class _Windows:
+    """The cells around each of C cells, and the ranges in them."""
+
+    begin: Int64
+    end: Int64
+    """(C,) the cells from `begin` to before `end`."""
+    backing: Int64
+    """(C,) ranges that speak for a surface at this cell."""
+
+
+def _take(
+    result: Estimate,
+    cells: Cells,
+    wanted: Bool,
+    windows: _Windows,
+    fitting: Bool,
+    reach: int,
+    observed: Int64,
+) -> None:
+    """Fill in the wanted beams that have a surface `reach` bins wide to either side; they are wanted no more.
+
+    Parameters
+    ----------
+    wanted : (N,)
+    windows : the cells that describe a surface at each cell, and its backing
+    fitting : (C,) cells that may be the middle of a surface
+    observed : (N,) observations
+    """
+    enough = np.flatnonzero(fitting & wanted[cells.beam])
+    if not len(enough):
+        return
+    begin, end, backing = windows.begin, windows.end, windows.backing
+    found, peak = _peaks(cells, enough, backing, reach)
+    _describe(result, cells, found, begin[peak], end[peak], observed)
+    result.r_near[found] = result.r_e[found]
+    _, near = _peaks(cells, enough, backing, reach, nearest=True)
+    before = end[near] <= begin[peak]
+    mean = _Surface(cells, begin[near], end[near])
+    result.r_near[found[before]] = ((mean.origin + mean.peak()) * UNIT)[before]
+    wanted[found] = False
+
+
+def _set_apart(cells: Cells, backing: Int64, before: int) -> Int64:
+    """(C,) the backing of each cell; 0 where too many other ranges are within `before` bins before it or beyond."""
+    base = cells.beam << _BITS
+    until = offsets_of(cells.count)
+    start = np.searchsorted(cells.key, np.maximum(cells.key - before * BIN, base))
+    onwards = until[np.searchsorted(cells.key, base + _FAR, side="right")] - until[start]
+    return np.where(backing >= SET_APART * onwards, backing, 0)
+
+
+def _windows(cells: Cells, reach: int) -> _Windows:
+    """The cells within `reach` bins of each cell."""
     base = cells.beam << _BITS
     low = np.maximum(cells.key - reach * BIN, base)
     high = np.minimum(cells.key + reach * BIN, base + _FAR)
     begin, end = np.searchsorted(cells.key, low), np.searchsorted(cells.key, high, side="right")
     until = offsets_of(cells.count)
-    return begin, end, until[end] - until[begin]
+    return _Windows(begin, end, until[end] - until[begin])
 
 
 def _peaks(

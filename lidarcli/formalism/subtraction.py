@@ -21,6 +21,11 @@ WEAK = 0.6
 """Beside beams that leave the background this share of the threshold is enough."""
 ALIGNED = 0.015
 """Error [m] of ranges that are seen from a station where the sensor was not."""
+BEHIND = 0.3
+"""[m] Ranges this far behind r_e see through where the background was: people cannot do that."""
+APART = 0.5
+"""Share of the ranges that differ from the background, before or behind it, from which on a note tells of it: in busy
+halls it is up to a fifth, with the background of another place or of a parked sensor that moves 0.6 and more."""
 
 
 @record

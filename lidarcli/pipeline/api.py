@@ -50,6 +50,7 @@ def read(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
+    pose_delay: float = 0.0,
 ) -> Iterator[SweepBatch]:
     """Batches of sweeps of one or more logs in any format, log after log; a damaged part is warned of and left out.
 
@@ -62,6 +63,7 @@ def read(
     rules : how ranges are judged
     csv : what a CSV file may need to be told
     pose : topic whose poses the batches get, `none` for no poses; by default the best there is
+    pose_delay : the pose of a sweep is that at its header stamp and this much later [s]
 
     Raises
     ------
@@ -71,15 +73,15 @@ def read(
         There is no LaserScan in a log, or not the topic that was asked for.
     """
     options = _read_options(topics, start, end, every, rules)
-    return _batches(_sources(source), options, csv or CsvOptions(), pose)
+    return _batches(_sources(source), options, csv or CsvOptions(), pose, pose_delay)
 
 
 def _batches(
-    sources: Sequence[Source], options: ReadOptions, csv: CsvOptions, pose: str | None
+    sources: Sequence[Source], options: ReadOptions, csv: CsvOptions, pose: str | None, delay: float
 ) -> Iterator[SweepBatch]:
     for source in sources:
         with open_source(source, csv) as log:
-            posing = Posing.of(log, pose)
+            posing = Posing.of(log, pose, delay)
             for batch in read_batches(log, options):
                 yield replace(posing.attach(batch), log=source.name)
             for line in damage_lines(log.report):
@@ -99,6 +101,7 @@ def learn(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
+    pose_delay: float = 0.0,
 ) -> tuple[Background, ...]:
     """The background of every sensor of one or more logs of a scene without objects of interest.
 
@@ -107,12 +110,13 @@ def learn(
     source : as of `read`
     output : background table to write, replaced where it exists; by default none
     station_distance, station_angle : how far apart sweeps of one place may be [m], [rad]
-    topics, start, end, every, rules, csv, pose : as of `read`
+    topics, start, end, every, rules, csv, pose, pose_delay : as of `read`
     """
     options = BuildOptions(
         read=_read_options(topics, start, end, every, rules),
         csv=csv or CsvOptions(),
         pose=pose,
+        pose_delay=pose_delay,
         distance=station_distance,
         angle=station_angle,
     )
@@ -140,6 +144,7 @@ def detect(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
+    pose_delay: float = 0.0,
     **objects: Any,
 ) -> pa.Table:
     """The objects of every sweep as an Arrow table with the schema `lidarcli.tables.OBJECTS`.
@@ -150,7 +155,7 @@ def detect(
         order of topics)
     parameters : of the detection, by default those of profile `robust`; with a background no greatest width
     background : only what differs from it is an object: a background table, what `learn` returns, or with options
-    topics, start, end, every, rules, csv, pose : as of `read`; only for logs
+    topics, start, end, every, rules, csv, pose, pose_delay : as of `read`; only for logs
     objects : single parameters (`max_width=1.0`, `profile="paper"`), instead of `parameters`
     """
     subtracted = _background(background)
@@ -159,7 +164,8 @@ def detect(
     first = next(items, None)
     if isinstance(first, SweepBatch):
         reading = {"topics": topics, "start": start, "end": end, "rules": rules, "csv": csv, "pose": pose}
-        asked = [name for name, value in reading.items() if value is not None] + ["every"] * (every != 1)
+        asked = [name for name, value in reading.items() if value is not None]
+        asked += ["every"] * (every != 1) + ["pose_delay"] * (pose_delay != 0)
         if asked:
             raise TypeError(f"only a log can be read with {', '.join(asked)}")
         return _detect_batches(chain([first], items), parameters, subtracted)
@@ -168,6 +174,7 @@ def detect(
         read=_read_options(topics, start, end, every, rules),
         csv=csv or CsvOptions(),
         pose=pose,
+        pose_delay=pose_delay,
         background=subtracted,
     )
     return _detect_logs(_sources([] if first is None else [first, *items]), options)
@@ -233,7 +240,7 @@ def _parameters(parameters: Parameters | None, objects: Mapping[str, Any], subtr
     return Parameters.for_profile(**{"max_width": float("inf") if subtracted else None, **objects})
 
 
-_OPTIONS = ("background", "topics", "start", "end", "every", "rules", "csv", "pose")
+_OPTIONS = ("background", "topics", "start", "end", "every", "rules", "csv", "pose", "pose_delay")
 
 
 def _detect_batches(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.errors import NoScanError
-from lidarcli.formalism.background import Background
+from lidarcli.formalism.background import MAJORITY, Background
 from lidarcli.formalism.grid import Grid
 from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import CsvOptions
@@ -19,6 +20,7 @@ from lidarcli.newfiles import write_whole
 from lidarcli.pipeline.inputs import Nothing, Source
 from lidarcli.pipeline.many import Outcome, Report, outcome_of
 from lidarcli.pipeline.opening import open_source
+from lidarcli.pipeline.posing import refuse_delay
 from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
@@ -27,7 +29,7 @@ from lidarcli.tables.metadata import table_metadata
 
 STATION_DISTANCE = 0.25
 """[m]"""
-STATION_ANGLE = np.deg2rad(5.0)
+STATION_ANGLE = math.radians(5.0)
 """[rad]"""
 
 
@@ -39,15 +41,21 @@ class BuildOptions:
     csv: CsvOptions = field(default_factory=CsvOptions)
     pose: str | None = None
     """Topic whose poses to take, `none` for no poses; by default the best there is."""
+    pose_delay: float = 0.0
+    """The pose of a sweep is that at its header stamp and this much later [s]."""
     distance: float = STATION_DISTANCE
     """Sweeps up to this far from a station [m] belong to it …"""
     angle: float = STATION_ANGLE
     """… if their heading differs by no more than this [rad]."""
 
+    def __post_init__(self) -> None:
+        """Refuse what no log could be read with."""
+        refuse_delay(self.pose, self.pose_delay)
+
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the table's metadata."""
         stations = {"station_distance": self.distance, "station_angle": self.angle}
-        return reading_as_dict(self.read, self.csv, self.pose) | stations
+        return reading_as_dict(self.read, self.csv, self.pose, self.pose_delay) | stations
 
 
 class Building:
@@ -64,7 +72,7 @@ class Building:
         options = self._options
         with (
             open_source(source, options.csv) as log,
-            Reading(log, options.read, options.pose) as reading,
+            Reading(log, options.read, options.pose, options.pose_delay) as reading,
         ):
             for batch in reading.batches(progress):
                 self._take(batch)
@@ -118,6 +126,25 @@ class Building:
 def load(path: Path) -> tuple[list[Background], dict[str, Any]]:
     """The sensors of a background table, and what its metadata says (`UnreadableError` where it is none)."""
     return read_background(path)
+
+
+def scene_notes(sensors: Sequence[Background]) -> list[str]:
+    """What looks wrong in what was learned, a line each: a sensor that moved, beams whose background was hidden."""
+    lines = []
+    for sensor in sensors:
+        name = f"{sensor.topic} ({sensor.frame_id or 'no frame'})"
+        weak, beams = int(np.count_nonzero(sensor.weak)), sensor.weak.size
+        if sensor.seems_moved:
+            lines.append(
+                f"the sensor of {name} seems to have moved: {weak:,} of {beams:,} beams do not see the same range in "
+                "most sweeps; poses are needed (--pose TOPIC, docs/poses.md), or a log of a parked sensor"
+            )
+        elif weak:
+            lines.append(
+                f"support below {MAJORITY:.0%}: {weak:,} of {beams:,} beams of {name}: most sweeps saw something "
+                "else there (--plot shows where)"
+            )
+    return lines
 
 
 def draw_background(path: Path, sensors: Sequence[Background], overwrite: bool) -> list[str]:

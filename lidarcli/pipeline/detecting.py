@@ -16,6 +16,7 @@ from lidarcli.pipeline.inputs import Nothing, Source, files_of
 from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.parts import Recipe
 from lidarcli.pipeline.parts_split import Splitting
+from lidarcli.pipeline.posing import refuse_delay
 from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.summary import RunSummary
 from lidarcli.tables.files import TableFiles, table_path
@@ -37,6 +38,8 @@ class DetectOptions:
     csv: CsvOptions = field(default_factory=CsvOptions)
     pose: str | None = None
     """Topic whose poses to take, `none` for no poses; by default the best there is."""
+    pose_delay: float = 0.0
+    """The pose of a sweep is that at its header stamp and this much later [s]."""
     background: BackgroundOptions | None = None
     """Only what differs from this background is an object."""
     beams: bool = False
@@ -46,6 +49,10 @@ class DetectOptions:
     """Processes to use at most, 0 for as many as pay; the result does not depend on it."""
     cores: int = field(default_factory=cores)
     """Processors that there are for them."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no log could be read with."""
+        refuse_delay(self.pose, self.pose_delay)
 
     @property
     def processes(self) -> int:
@@ -70,7 +77,7 @@ class DetectOptions:
         background = {} if self.background is None else {"background": self.background.as_dict()}
         return {
             **self.parameters.as_dict(),
-            **reading_as_dict(self.read, self.csv, self.pose),
+            **reading_as_dict(self.read, self.csv, self.pose, self.pose_delay),
             **background,
         }
 
@@ -83,7 +90,7 @@ def detect_to_files(
     refuse(outputs, options.overwrite, options.inputs([source]))
     with (
         open_source(source, options.csv) as log,
-        Reading(log, options.read, options.pose) as reading,
+        Reading(log, options.read, options.pose, options.pose_delay) as reading,
         TableFiles(folder, source.name, options.tables, reading.first, options.overwrite) as files,
         Splitting(reading, options.recipe(source, options.tables), options.processes, options.cores) as work,
     ):
@@ -104,7 +111,7 @@ def detect_to_stream(
     """Pass the objects of one log to `stream`, in the order of the table; also the description of the source."""
     with (
         open_source(source, options.csv) as log,
-        Reading(log, options.read, options.pose) as reading,
+        Reading(log, options.read, options.pose, options.pose_delay) as reading,
         TopicOrder(stream, OBJECTS, reading.first, None) as order,
         Splitting(reading, options.recipe(source, ("objects",)), options.processes, options.cores) as work,
     ):

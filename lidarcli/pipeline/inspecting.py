@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,16 @@ from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, ReadReport, To
 from lidarcli.pipeline.clock import Clock, ClockInfo
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import FoundPoses, PoseInfo, find_poses, pose_infos
+from lidarcli.pipeline.posing import FoundPoses, PoseInfo, alike_note, find_poses, pose_infos
 from lidarcli.pipeline.summary import damage_lines
 from lidarcli.pipeline.topics import scan_topics
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
 
+if TYPE_CHECKING:
+    from lidarcli.poses.delay import DelaySample
+
+MAX_DELAYS = 4
+"""Topics and frames of which the delay of the poses is looked for: 0.1 s and a megabyte each."""
 MAX_SCANS = 1000
 """Topics and frames that are told apart: a log may have a new name in every message."""
 
@@ -103,7 +108,9 @@ def inspect_log(
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MAX_SCANS:
-                    found.setdefault(key, _Scan()).add(block.rows(block.frame == code), rules)
+                    if key not in found:
+                        found[key] = _Scan(_delay_sample(poses, key[1], len(found)))
+                    found[key].add(block.rows(block.frame == code), rules)
                 else:
                     only_counted[block.topic] += int(sweeps)
             if progress is not None:
@@ -120,7 +127,7 @@ def inspect_log(
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
-            notes=(*report.notes, *(poses.notes if poses is not None else ()), *_not_shown(only_counted)),
+            notes=(*report.notes, *_pose_notes(poses, found), *_not_shown(only_counted)),
             damage=_damage(report, poses),
         )
 
@@ -138,6 +145,35 @@ def _pose(poses: FoundPoses | None, frame_id: str) -> str:
     return f"{' and '.join(way.topics)} ({way.chain})" if way is not None else ""
 
 
+def _pose_notes(poses: FoundPoses | None, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
+    """What a user should know of the poses: frames for which nobody can choose, and what reading them has met."""
+    if poses is None:
+        return []
+    sources = poses.sources
+    unclear = [frame for frame in sorted({frame for _, frame in found}) if sources.alike(frame)]
+    notes = [alike_note(frame, sources.alike(frame), sources.alternatives(frame)) for frame in unclear]
+    for (topic, _), scan in sorted(found.items()):
+        if scan.delay is not None and (best := scan.delay.best()) is not None:
+            delay, saved = best
+            side = "after" if delay > 0 else "before"
+            notes.append(
+                f"poses {abs(delay):.2f} s {side} the header stamps of {topic} fit better: its points fill "
+                f"{saved:.0%} fewer cells of the world (--pose-delay {delay:.2f})"
+            )
+    return [*notes, *poses.notes]
+
+
+def _delay_sample(poses: FoundPoses | None, frame_id: str, others: int) -> DelaySample | None:
+    """What finds the delay of the poses of a frame that has a moving pose, as long as there are not too many others."""
+    way = poses.sources.way(frame_id) if poses is not None and others < MAX_DELAYS else None
+    if way is None or way.span_ns is None:
+        return None
+    # Most logs have no poses and need not wait for the import.
+    from lidarcli.poses.delay import DelaySample
+
+    return DelaySample(way)
+
+
 def _damage(report: ReadReport, poses: FoundPoses | None) -> tuple[str, ...]:
     """Damaged parts that were met while reading the sweeps, and those that hold poses alone."""
     return (*damage_lines(report), *(poses.damage_lines(report) if poses is not None else ()))
@@ -146,8 +182,9 @@ def _damage(report: ReadReport, poses: FoundPoses | None) -> tuple[str, ...]:
 class _Scan:
     """Folds blocks of one topic and frame into `ScanInfo`."""
 
-    def __init__(self) -> None:
+    def __init__(self, delay: DelaySample | None) -> None:
         self.sweeps = 0
+        self.delay = delay
         self._spans = dict.fromkeys(
             ("beams", "view", "angle_min", "increment", "range_min", "range_max"), Span()
         )
@@ -174,6 +211,8 @@ class _Scan:
             self._spans[name] = self._spans[name].with_values(value)
         batch = normalise(block, np.arange(len(block)), rules)
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
+        if self.delay is not None:
+            self.delay.add(batch)
 
     def info(self, topic: str, frame_id: str, pose: str) -> ScanInfo:
         """The state so far."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidarcli.errors import NoScanError
+from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import POSE_TYPES, Damage, Log, ReadReport, Topic
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
@@ -20,9 +20,19 @@ NONE = "none"
 TILTED = np.deg2rad(10.0)
 """A sensor that leans more than this is worth a note."""
 SECOND = 1e-9
+MOST_DELAY = 3600.0
+"""Greatest `--pose-delay` [s], either way: what is more is another clock."""
 
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 _SHOWN = 4
+
+
+def refuse_delay(wanted: str | None, delay: float) -> None:
+    """Refuse a delay of the poses that is none, or that there are no poses for."""
+    if not abs(delay) <= MOST_DELAY:
+        raise OptionError(f"--pose-delay: {delay:g} s is not within {MOST_DELAY:,.0f} s")
+    if wanted == NONE and delay:
+        raise OptionError("--pose-delay is for poses, and --pose none leaves them out")
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,10 +161,9 @@ class _Seen:
     last_ns: int = np.iinfo(np.int64).min
     record_ns: tuple[int, int] = (np.iinfo(np.int64).max, np.iinfo(np.int64).min)
 
-    def add(self, batch: SweepBatch, rows: Int64) -> None:
-        """Take the times of some sweeps."""
-        stamps, records = batch.stamp_ns[rows], batch.record_ns[rows]
-        self.sweeps += len(rows)
+    def add(self, stamps: Int64, records: Int64) -> None:
+        """Take the times of some sweeps: those of their poses, and those of the recording."""
+        self.sweeps += len(stamps)
         self.first_ns, self.last_ns = (
             min(self.first_ns, int(stamps.min())),
             max(self.last_ns, int(stamps.max())),
@@ -170,15 +179,18 @@ class Posing:
     found: FoundPoses | None
     missed: str = ""
     """Why there are no poses though there may be some in the log."""
+    delay: float = 0.0
+    """The pose of a sweep is that at its header stamp and this much later [s]."""
     seen: dict[str, _Seen] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, log: Log, wanted: str | None = None) -> Posing:
+    def of(cls, log: Log, wanted: str | None = None, delay: float = 0.0) -> Posing:
         """The poses of a log, as far as it has some and can be read twice."""
+        refuse_delay(wanted, delay)
         pipe = (
             wanted != NONE and log.size is None and log.topics() is None and not log.format.startswith("csv")
         )
-        return cls(find_poses(log, wanted), _PIPE if pipe else "")
+        return cls(find_poses(log, wanted), _PIPE if pipe else "", delay)
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
         """The batch with its poses, if the log has poses at all."""
@@ -192,11 +204,12 @@ class Posing:
         for code in np.unique(batch.frame).tolist():
             rows = np.flatnonzero(batch.frame == code)
             seen = self.seen.setdefault(batch.frame_ids[code], _Seen())
-            seen.add(batch, rows)
+            at_ns = _later(batch.stamp_ns[rows], self.delay)
+            seen.add(at_ns, batch.record_ns[rows])
             way = self.found.sources.way(batch.frame_ids[code])
             if way is None:
                 continue
-            motion = way.at(batch.stamp_ns[rows])
+            motion = way.at(at_ns)
             here = planar(motion)
             poses.x[rows], poses.y[rows], poses.yaw[rows] = here.x, here.y, here.yaw
             poses.upside_down[rows] = here.upside_down
@@ -207,7 +220,8 @@ class Posing:
     def notes(self) -> list[str]:
         """The choice, its alternatives and its gaps, a line each."""
         if self.found is None:
-            return [self.missed] if self.missed else []
+            unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
+            return [line for line in (self.missed or unused,) if line]
         lines: list[str] = []
         for frame in sorted(self.seen):
             lines += self._frame_notes(frame, self.found.sources)
@@ -227,6 +241,8 @@ class Posing:
     def _frame_notes(self, frame: str, sources: PoseSources) -> list[str]:
         way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
         name = frame or "without a name"
+        if way is None and (alike := sources.alike(frame)):
+            return [alike_note(frame, alike, others)]
         if way is None:
             hint = f"; --pose may name {_some(others)}" if others else ""
             return [f"no pose for frame {name}: nothing leads from it to a fixed frame{hint}"]
@@ -244,6 +260,23 @@ class Posing:
                     "poses there may mix two runs"
                 )
         return lines
+
+
+def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
+    """Why no pose is taken for a frame, though several topics may be the right one."""
+    also = f"; also there: {_some(others)}" if others else ""
+    return (
+        f"no pose for frame {frame or 'without a name'}: {_some(alike)} are alike, and nothing tells which is that of the "
+        f"sensor (--pose TOPIC){also}"
+    )
+
+
+def _later(stamp_ns: Int64, delay: float) -> Int64:
+    """The stamps and a delay [s]; one at the end of its type stays there."""
+    by = round(delay / SECOND)
+    most = np.iinfo(np.int64).max - abs(by)
+    later: Int64 = np.clip(stamp_ns, -most, most) + by if by else stamp_ns
+    return later
 
 
 def _chosen(way: Way, others: Sequence[str]) -> str:

@@ -29,7 +29,9 @@ Progress = Callable[[int], None]
 """Called with the position in the source [bytes]."""
 
 
-def reading_as_dict(read: ReadOptions, csv: CsvOptions, pose: str | None) -> dict[str, Any]:
+def reading_as_dict(
+    read: ReadOptions, csv: CsvOptions, pose: str | None, pose_delay: float = 0.0
+) -> dict[str, Any]:
     """What of a log is read and how, as plain values, for the tables' metadata."""
     rules = read.rules
     geometry = {name: getattr(csv, name) for name in ("angle_min", "angle_increment", "fov", "range_max")}
@@ -45,6 +47,7 @@ def reading_as_dict(read: ReadOptions, csv: CsvOptions, pose: str | None) -> dic
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
         **({"csv": told} if told else {}),
         **({"pose": pose} if pose is not None else {}),
+        **({"pose_delay": pose_delay} if pose_delay else {}),
     }
 
 
@@ -60,7 +63,7 @@ class Reading:
     A file is read ahead by a thread of its own, which has gone when this context is left; until then the log is its alone.
     """
 
-    def __init__(self, log: Log, options: ReadOptions, pose: str | None) -> None:
+    def __init__(self, log: Log, options: ReadOptions, pose: str | None, pose_delay: float = 0.0) -> None:
         self._log = log
         self._wanted = sorted(options.topics or ())
         self.summary = RunSummary()
@@ -89,7 +92,7 @@ class Reading:
                 self._expected = sum(known) // options.every
         elif len(self._wanted) == 1:
             self.first = self._wanted[0]
-        self._posing = Posing.of(log, pose)
+        self._posing = Posing.of(log, pose, pose_delay)
         self._position = 0
         self._thread: Beside | None = None
 

@@ -15,6 +15,8 @@ from lidarcli.formalism.background import Background
 from lidarcli.formalism.changes import changes
 from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.formalism.subtraction import (
+    APART,
+    BEHIND,
     Difference,
     Subtraction,
     Tolerance,
@@ -73,6 +75,8 @@ class _Seen:
     ranges: int = 0
     without_background: int = 0
     """Ranges in directions of which the background knows nothing."""
+    differing: int = 0
+    """Ranges before the background, and behind it by `BEHIND`."""
 
     def plus(self, other: _Seen) -> _Seen:
         """Both together."""
@@ -83,6 +87,7 @@ class _Seen:
             min(self.nearest, other.nearest),
             self.ranges + other.ranges,
             self.without_background + other.without_background,
+            self.differing + other.differing,
         )
 
 
@@ -173,6 +178,12 @@ class Subtracting:
                     f"no background for {seen.without_background:,} of {seen.ranges:,} ranges ({share:.1%}) "
                     f"of frame {name}: they look where it does not"
                 )
+            compared = seen.ranges - seen.without_background
+            if seen.differing > APART * compared:
+                lines.append(
+                    f"{seen.differing / compared:.0%} of the ranges of frame {name} differ from {self._options.name}: "
+                    "it is of another place, or the sensor moved"
+                )
         return lines
 
     def _subtraction(self, batch: SweepBatch, frame: str) -> Subtraction:
@@ -195,6 +206,9 @@ class Subtracting:
         valid = (batch.status == Status.VALID) & ~lost[:, None]
         seen.ranges += int(np.count_nonzero(valid))
         seen.without_background += int(np.count_nonzero(valid & ~part.known))
+        with np.errstate(invalid="ignore"):
+            behind = np.isfinite(part.r_e) & (part.difference > BEHIND)
+        seen.differing += int(np.count_nonzero(valid & part.known & (part.appeared | behind)))
 
 
 def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:

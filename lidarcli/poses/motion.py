@@ -11,6 +11,8 @@ from lidarcli.sweeps import Float64, Int64, SweepPoses
 SMALL_TURN = 1e-4
 """Below this angle [rad] the arc between two rotations is as good as the straight line."""
 
+_STAMPS = np.iinfo(np.int64)
+
 
 class Motion(NamedTuple):
     """N poses of one frame in another; NaN where unknown."""
@@ -51,19 +53,26 @@ def rotate(rotation: Float64, vectors: Float64) -> Float64:
     return turned
 
 
-def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion) -> Motion:
+def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion, hold_ns: int = 0) -> Motion:
     """Poses at the times `at_ns` (S,) between those at `stamp_ns` (N, increasing), NaN outside their span.
+
+    The first and the last pose hold for `hold_ns` before and after it: what stands there is no motion made up.
 
     Positions go along the straight line, rotations along the shortest arc at constant rate: in the plane that is linear
     in x, y and, by the shorter way round, in yaw.
     """
     if not len(stamp_ns):
         return Motion(np.full((len(at_ns), 3), np.nan), np.full((len(at_ns), 4), np.nan))
+    first, last = int(stamp_ns[0]), int(stamp_ns[-1])
+    # A stamp may be as great as its type allows.
+    earliest, latest = max(first - hold_ns, _STAMPS.min), min(last + hold_ns, _STAMPS.max)
+    held = (at_ns >= earliest) & (at_ns <= latest)
+    at_ns = np.where(held, np.clip(at_ns, first, last), at_ns)
     before = np.clip(np.searchsorted(stamp_ns, at_ns, side="right") - 1, 0, max(len(stamp_ns) - 2, 0))
     after = np.minimum(before + 1, len(stamp_ns) - 1)
     step = np.maximum(stamp_ns[after] - stamp_ns[before], 1)
     share = ((at_ns - stamp_ns[before]) / step)[:, None]
-    share[(at_ns < stamp_ns[0]) | (at_ns > stamp_ns[-1])] = np.nan
+    share[(at_ns < first) | (at_ns > last)] = np.nan
     position = motion.position[before] * (1.0 - share) + motion.position[after] * share
     return Motion(position, _arc(motion.rotation[before], motion.rotation[after], share))
 

@@ -76,14 +76,15 @@ class PoseSources:
     """The tracks of a log, and the choice among them for each sensor frame.
 
     In the order of preference: the tree of frames where it leads to a fixed frame, Odometry,
-    PoseWithCovarianceStamped, and poses whose topic has the name of a robot's.
+    PoseWithCovarianceStamped, and poses whose topic has the name of a robot's. Of several topics that are alike none is
+    taken unasked: they may be those of several robots.
     """
 
     def __init__(self, tracks: Sequence[Track], wanted: str | None = None) -> None:
         self.tracks = tuple(tracks)
         self._wanted = wanted
         self._tree = FrameTree([track for track in tracks if track.is_link])
-        self._ways: dict[str, tuple[Way | None, tuple[str, ...]]] = {}
+        self._ways: dict[str, tuple[Way | None, tuple[str, ...], tuple[str, ...]]] = {}
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -98,28 +99,45 @@ class PoseSources:
         """Topics that could be chosen instead."""
         return self._choice(frame_id)[1]
 
-    def _choice(self, frame_id: str) -> tuple[Way | None, tuple[str, ...]]:
+    def alike(self, frame_id: str) -> tuple[str, ...]:
+        """Topics between which nothing decides, so that none is taken unasked."""
+        return self._choice(frame_id)[2]
+
+    def _choice(self, frame_id: str) -> tuple[Way | None, tuple[str, ...], tuple[str, ...]]:
         if frame_id not in self._ways:
             frame = frame_name(frame_id)
-            ways = self._all(frame) if self._wanted is None else self._told(frame, self._wanted)
-            chosen = ways[0] if ways else None
-            used = set(chosen.topics) if chosen else set()
+            alike: tuple[str, ...] = ()
+            if self._wanted is None:
+                chosen, alike = self._unasked(frame)
+            else:
+                chosen = next(iter(self._told(frame, self._wanted)), None)
+            used = {*chosen.topics} if chosen else {*alike}
             others = tuple(topic for topic in self.topics if topic not in used and self._told(frame, topic))
-            self._ways[frame_id] = chosen, others
+            self._ways[frame_id] = chosen, others, alike
         return self._ways[frame_id]
 
-    def _all(self, frame: str) -> list[Way]:
-        """Every way that may be taken unasked, the best first."""
-        found = [way] if (way := self._by_tree(frame, self._tree)) is not None else []
-        ranked = [(_rank(track), track) for track in self.tracks if not track.is_link]
-        usable = [(rank, track) for rank, track in ranked if rank is not None]
-        ways = [
-            (bool(way.assumption) and track.type == ODOMETRY, rank, -track.messages, track.topic, way)
-            for rank, track in usable
-            if (way := self._by_track(frame, track))
-        ]
-        ways.sort(key=lambda one: (one[1][0], one[0], *one[1:4]))
-        return found + [way for *_, way in ways]
+    def _unasked(self, frame: str) -> tuple[Way | None, tuple[str, ...]]:
+        """The way that may be taken unasked; where several topics are alike none, and these topics."""
+        if (way := self._by_tree(frame, self._tree)) is not None:
+            return way, ()
+        found = []
+        for track in self.tracks:
+            rank = None if track.is_link else _rank(track)
+            if rank is not None:
+                way = self._by_track(frame, track)
+                mountless = bool(way.assumption) and track.type == ODOMETRY
+                found.append(((rank[0], mountless, rank), -track.messages, track.topic, track, way))
+        if not found:
+            return None, ()
+        found.sort(key=lambda one: one[:3])
+        best = [one for one in found if one[0] == found[0][0]]
+        alike = _alike([track for *_, track, _ in best]) if best[0][-1].assumption else ()
+        if not alike:
+            return best[0][-1], ()
+        mine = [(track.topic, way) for *_, track, way in best if _same_robot(frame, track)]
+        if len({topic for topic, _ in mine}) == 1:
+            return mine[0][1], ()
+        return None, alike
 
     def _told(self, frame: str, topic: str) -> list[Way]:
         """The way by one topic, whatever its name; none where it does not lead to a fixed frame."""
@@ -155,6 +173,24 @@ class PoseSources:
         taken = f"the sensor {frame or 'without a frame name'} is taken to be at "
         taken += f"{track.child}: its mount is not in the log" if track.child else "the pose itself"
         return Way((track.topic,), frame, track.parent, (last,), taken)
+
+
+def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
+    """The topics of equally likely sources that may be those of several robots, by name; empty where they cannot.
+
+    Odometry of one child frame is of one robot, however many topics tell it.
+    """
+    told = {(track.topic, track.child if track.type == ODOMETRY else track.topic) for track in tracks}
+    robots = {robot for _, robot in told}
+    topics = tuple(sorted({topic for topic, _ in told}))
+    return topics if len(robots) > 1 and len(topics) > 1 else ()
+
+
+def _same_robot(frame: str, track: Track) -> bool:
+    """Whether the sensor's frame has the prefix of the topic or of the frame that it tells: robot_1/laser, /robot_1."""
+    prefix = frame.rpartition("/")[0]
+    names = (track.topic.strip("/"), track.child)
+    return bool(prefix) and any(name == prefix or name.startswith(f"{prefix}/") for name in names)
 
 
 def _rank(track: Track) -> tuple[int, int] | None:

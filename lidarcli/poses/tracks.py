@@ -29,6 +29,10 @@ NO_TURN = "its quaternion is zero"
 ENCODING = "its encoding is not read"
 
 SECOND_NS = 1_000_000_000
+HOLD_STEPS = 2
+"""The first and the last pose of a track hold for so many of its average steps outside of its span …"""
+HOLD_NS = 100_000_000
+"""… and this long [ns] at most: nobody gets far in a tenth of a second."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -69,12 +73,17 @@ class Track:
         """Whether it is part of the tree of frames."""
         return self.type in TRANSFORMS
 
+    @property
+    def hold_ns(self) -> int:
+        """How long its first and last pose hold outside of its span [ns]; 0 for a single pose."""
+        return min(round(HOLD_STEPS * SECOND_NS / self.rate), HOLD_NS) if self.rate else 0
+
     def at(self, stamp_ns: Int64) -> Motion:
         """The pose at each time, NaN where the track does not reach."""
         if self.static:
             last = np.full(len(stamp_ns), len(self.stamp_ns) - 1)
             return Motion(self.motion.position[last], self.motion.rotation[last])
-        return interpolate(stamp_ns, self.stamp_ns, self.motion)
+        return interpolate(stamp_ns, self.stamp_ns, self.motion, self.hold_ns)
 
 
 @dataclass(slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -130,6 +131,78 @@ def test_a_bad_log_does_not_stop_the_others(scene: Path, tmp_path: Path, lidarcl
     ran = lidarcli("background", "build", *inputs, "-o", tmp_path / "b.parquet")
     assert ran.code == 3
     assert pq.read_table(tmp_path / "b.parquet").num_rows == 360
+
+
+def crowd(count: int = 60) -> RawSweeps:
+    """The empty room with people before 40 of the beams in two sweeps of three, nowhere for long."""
+    room = empty_room(count)
+    room.ranges[count // 3 :, 100:140] = np.random.default_rng(1).uniform(0.5, 3.5, (count - count // 3, 40))
+    return room
+
+
+def drifting(count: int = 60) -> RawSweeps:
+    """The round room, seen by a sensor that goes from one of its sides to the other."""
+    bearing = np.arange(360) * 2 * np.pi / 360
+    place = np.linspace(-3.0, 3.0, count)[:, None]
+    way = -place * np.cos(bearing)
+    ranges = way + np.sqrt(way**2 - place**2 + 16.0)
+    return raw_sweeps(ranges.astype(np.float32), angle_increment=np.float32(2 * np.pi / 360))
+
+
+def test_weak_support_is_told(tmp_path: Path, lidarcli: Run) -> None:
+    write_log(tmp_path / "crowd.mcap", [crowd()])
+    file = tmp_path / "b.parquet"
+    ran = lidarcli("background", "build", tmp_path / "crowd.mcap", "-o", file)
+    told = (
+        "support below 50%: 40 of 360 beams of /scan (laser): most sweeps saw something else there (--plot "
+        "shows where)"
+    )
+    assert ran.code == 0
+    assert ran.err.splitlines()[1] == f"note: {told}"
+    r_e = np.array(pq.read_table(file)["r_e"].to_pylist())
+    assert r_e[100:140] == pytest.approx(4.0)
+    assert f"  note          {told}" in lidarcli("background", "info", file).out.splitlines()
+    (sensor,) = json.loads(lidarcli("background", "info", file, "--format", "json").out)["sensors"]
+    assert (sensor["weak"], sensor["seems_moved"]) == (40, False)
+
+
+def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run) -> None:
+    write_log(tmp_path / "moved.mcap", [drifting()])
+    file = tmp_path / "b.parquet"
+    ran = lidarcli("background", "build", tmp_path / "moved.mcap", "-o", file)
+    (note,) = [line for line in ran.err.splitlines() if line.startswith("note: ")]
+    assert ran.code == 0
+    assert note.startswith("note: the sensor of /scan (laser) seems to have moved: ")
+    assert note.endswith(
+        " of 360 beams do not see the same range in most sweeps; poses are needed (--pose TOPIC, docs/poses.md), "
+        "or a log of a parked sensor"
+    )
+    assert (
+        f"  note          {note.removeprefix('note: ')}"
+        in lidarcli("background", "info", file).out.splitlines()
+    )
+    (sensor,) = json.loads(lidarcli("background", "info", file, "--format", "json").out)["sensors"]
+    assert sensor["seems_moved"] is True
+
+
+def test_a_background_of_another_place_is_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
+    other = empty_room()
+    other.ranges[:, 20:] = 6.0
+    write_log(tmp_path / "other.mcap", [other])
+    write_log(tmp_path / "moved.mcap", [drifting()])
+    write_log(tmp_path / "crowd.mcap", [crowd()])
+    told = []
+    for name in ("other", "moved", "crowd", "../empty"):
+        log = scene / "empty.mcap" if name == "../empty" else tmp_path / f"{name}.mcap"
+        ran = lidarcli("detect", log, "--background", scene / "empty.parquet", "-o", "-", "--format", "csv")
+        assert ran.code == 0
+        told.append([note for note in notes(ran.err) if "differ from" in note])
+    assert told[0] == [
+        "95% of the ranges of frame laser differ from empty.parquet: it is of another place, or the sensor moved"
+    ]
+    assert len(told[1]) == 1
+    # A crowd is no other place.
+    assert told[2:] == [[], []]
 
 
 def test_nothing_to_learn_from_writes_nothing(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -427,6 +500,13 @@ def test_from_python(scene: Path, logs: Path) -> None:
     assert batches.drop_columns("log").equals(table.drop_columns("log"))
     with pytest.raises(NoScanError, match="no sweep to learn a background from"):
         package.learn(scene / "empty.mcap", start=60.0)
+
+
+def test_the_signature_shows_plain_numbers() -> None:
+    for name, value in (("station_distance", 0.25), ("station_angle", np.deg2rad(5.0))):
+        default = inspect.signature(package.learn).parameters[name].default
+        assert type(default) is float
+        assert default == value
 
 
 def test_the_samples(tmp_path: Path, lidarcli: Run) -> None:

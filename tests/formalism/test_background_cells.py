@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcli.formalism.cells import BIN, UNIT, Estimate, count_ranges, estimate, merge
+from lidarcli.sweeps import Float64
 
 Observed = st.lists(st.tuples(st.integers(0, 3), st.floats(0.02, 30.0)), max_size=60)
 
@@ -108,11 +109,80 @@ def test_the_farther_of_two_surfaces_is_the_background_and_the_nearer_is_known()
     assert found.support[0] == 0.4
 
 
-def test_a_surface_without_a_place_gets_as_wide_as_it_needs() -> None:
+def estimated_beams(ranges: Float64) -> Estimate:
+    """What beams with these ranges (observations, beams) are taken for; NaN: no return."""
+    seen = ~np.isnan(ranges)
+    beam = np.broadcast_to(np.arange(ranges.shape[1]), ranges.shape)[seen]
+    return estimate(count_ranges(beam, ranges[seen]), np.count_nonzero(~seen, axis=0))
+
+
+BEAMS = 200
+
+
+@pytest.mark.parametrize("observations", [20, 100, 400])
+@pytest.mark.parametrize("depth", [0.3, 0.45, 0.6, 0.8, 1.0])
+def test_foliage_is_a_surface(observations: int, depth: float) -> None:
+    """Leaves behind each other, another one in every sweep."""
     rng = np.random.default_rng(3)
-    found = estimated(rng.uniform(3.0, 5.0, 500).tolist())
-    assert 3.0 < found.r_e[0] < 5.0
-    assert found.spread[0] > 0.1
+    found = estimated_beams(rng.uniform(4.0, 4.0 + depth, (observations, BEAMS)))
+    assert ((found.r_e > 4.0) & (found.r_e < 4.0 + depth)).all()
+    assert np.median(found.spread) > 0.045
+
+
+def test_foliage_before_a_wall_that_shows_now_and_then_is_a_surface() -> None:
+    rng = np.random.default_rng(4)
+    leaves = rng.uniform(4.0, 4.5, (400, BEAMS))
+    found = estimated_beams(np.where(rng.random((400, BEAMS)) < 0.12, 6.0, leaves))
+    assert ((found.r_e > 4.0) & (found.r_e < 4.5)).all()
+
+
+@pytest.mark.parametrize("observations", [20, 100, 400])
+@pytest.mark.parametrize("swing", [0.2, 0.3, 0.4])
+@pytest.mark.parametrize("way", ["sine", "uniform"])
+def test_a_wall_that_a_shaking_sensor_sees_is_a_surface(observations: int, swing: float, way: str) -> None:
+    rng = np.random.default_rng(5)
+    if way == "sine":
+        shake = 0.5 * np.sin(rng.uniform(0, 2 * np.pi, (observations, BEAMS)))
+    else:
+        shake = rng.uniform(-0.5, 0.5, (observations, BEAMS))
+    ranges = 4.0 + swing * shake + 0.01 * rng.standard_normal((observations, BEAMS))
+    found = estimated_beams(ranges)
+    assert (np.abs(found.r_e - 4.0) < swing / 2 + 0.04).all()
+
+
+@pytest.mark.parametrize("hidden", [0.7, 0.8, 0.85])
+@pytest.mark.parametrize("sigma", [0.0, 0.01, 0.03])
+def test_a_wall_behind_people_who_hide_it_most_of_the_time_is_found(hidden: float, sigma: float) -> None:
+    """It is seen in fewer than 35 % of the sweeps, but always at the same range; people are everywhere before it."""
+    rng = np.random.default_rng(6)
+    wall = 5.0 + sigma * rng.standard_normal((400, BEAMS))
+    people = rng.uniform(1.0, 4.5, wall.shape)
+    found = estimated_beams(np.where(rng.random(wall.shape) < hidden, people, wall))
+    at_wall = np.abs(found.r_e - 5.0) < 0.03
+    assert at_wall.mean() > 0.97
+    # What is left is open: nobody is ever a surface.
+    assert np.isinf(found.r_e[~at_wall]).all()
+    assert found.support[at_wall] == pytest.approx(1 - hidden, abs=0.08)
+    assert found.r_near[at_wall] == pytest.approx(found.r_e[at_wall])
+
+
+@pytest.mark.parametrize("people", [(1.0, 4.0), (1.5, 3.0), (0.6, 8.0)])
+def test_people_before_nothing_are_no_surface(people: tuple[float, float]) -> None:
+    """They are there in 60 % of the sweeps, and each beam sees them at other ranges."""
+    rng = np.random.default_rng(7)
+    ranges = rng.uniform(*people, (400, BEAMS))
+    found = estimated_beams(np.where(rng.random(ranges.shape) < 0.6, ranges, np.nan))
+    assert np.isinf(found.r_e).all()
+    assert np.isnan(found.spread).all()
+    assert found.support == pytest.approx(0.4, abs=0.1)
+
+
+def test_two_steps_at_one_place_are_no_surface() -> None:
+    """Five of forty ranges agree, too few to be sure of."""
+    found = estimated([*np.linspace(1.0, 4.5, 35).tolist(), *[5.0] * 5])
+    assert found.r_e[0] == np.inf
+    found = estimated([*np.linspace(1.0, 4.5, 35).tolist(), *[5.0] * 10])
+    assert found.r_e[0] == pytest.approx(5.0)
 
 
 def test_a_beam_that_nobody_has_seen_is_not_known() -> None:

@@ -138,6 +138,36 @@ def test_sweeps_without_any_pose_are_one_station() -> None:
     assert state.unplaced == 0
 
 
+def test_a_parked_sensor_has_not_moved_whatever_hides_the_scene() -> None:
+    """A crowd before a third of the beams in most sweeps: their support says so, and that is all."""
+    rng = np.random.default_rng(9)
+    ranges = 4.0 + 0.01 * rng.standard_normal((200, 90))
+    ranges[80:, :30] = rng.uniform(0.5, 3.5, (120, 30))
+    background = learned(partial(ranges))
+    assert np.flatnonzero(background.weak[0]).tolist() == list(range(30))
+    assert not background.seems_moved
+
+
+def test_open_beams_are_not_weak_but_those_where_only_people_are() -> None:
+    rng = np.random.default_rng(10)
+    ranges = np.full((200, 3), np.inf)
+    ranges[:140, 1] = rng.uniform(0.5, 5.0, 140)
+    ranges[:, 2] = 3.0
+    background = learned(partial(ranges))
+    assert background.r_e[0].tolist() == [np.inf, np.inf, pytest.approx(3.0)]
+    assert background.weak[0].tolist() == [False, True, False]
+
+
+def test_a_sensor_that_moves_without_poses_seems_to_have_moved() -> None:
+    """Towards a wall, from 6 to 2 m."""
+    away = np.linspace(6.0, 2.0, 80)
+    batch = partial(away[:, None] / np.cos(np.deg2rad(np.arange(-30, 30))))
+    assert learned(batch).seems_moved
+    # With poses every place has a background of its own.
+    poses = np.column_stack([6.0 - away, np.zeros(80), np.zeros(80)])
+    assert not learned(with_poses(batch, poses)).seems_moved
+
+
 def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch, drive: SweepBatch) -> None:
     monkeypatch.setattr(module, "MOST_CELLS", 361 * 2)
     state = learning(drive, 5)

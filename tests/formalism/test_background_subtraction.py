@@ -571,3 +571,21 @@ def test_the_partition_of_every_sweep() -> None:
     assert np.array_equal(per_sweep, found.object_beams)
     assert np.array_equal((found.beam_object > 0).sum(axis=1), found.object_beams)
     assert np.array_equal(found.object_beams + found.noise_beams, batch.beams)
+
+
+@pytest.mark.parametrize("depth", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("gaps", [0.0, 0.12])
+def test_foliage_beside_a_wall_is_background(depth: float, gaps: float) -> None:
+    """A bush before a wall that shows through it now and then, another leaf in every sweep."""
+    rng = np.random.default_rng(8)
+
+    def bush(count: int) -> SweepBatch:
+        ranges = 4.0 + 0.01 * rng.standard_normal((count, 180))
+        leaves = rng.uniform(4.0, 4.0 + depth, (count, 40))
+        behind = 6.0 + 0.01 * rng.standard_normal(leaves.shape)
+        ranges[:, 60:100] = np.where(rng.random(leaves.shape) < gaps, behind, leaves)
+        return partial(ranges)
+
+    found = found_in(bush(200), learned(bush(400)))
+    assert found.beam_object is not None
+    assert (found.beam_object > 0).mean() < 0.01

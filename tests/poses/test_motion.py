@@ -92,6 +92,21 @@ def test_no_extrapolation() -> None:
     assert not poses.upside_down.any()
 
 
+def test_the_first_and_the_last_pose_hold_as_long_as_they_may() -> None:
+    stamps = np.array([10, 20])
+    at = np.array([4, 5, 9, 15, 21, 25, 26])
+    poses = planar(interpolate(at, stamps, flat((1, 1, 0), (2, 2, 0)), hold_ns=5))
+    np.testing.assert_array_equal(poses.x, [np.nan, 1, 1, 1.5, 2, 2, np.nan])
+
+
+def test_a_stamp_at_the_end_of_its_type_is_far_from_all() -> None:
+    ends = np.array([np.iinfo(np.int64).min, np.iinfo(np.int64).max])
+    poses = planar(interpolate(ends, np.array([-10, 10]), flat((1, 1, 0), (2, 2, 0)), hold_ns=5))
+    assert np.isnan(poses.x).all()
+    poses = planar(interpolate(ends, ends[1:] - np.array([3, 2]), flat((1, 1, 0), (2, 2, 0)), hold_ns=5))
+    np.testing.assert_array_equal(poses.x, [np.nan, 2])
+
+
 def test_a_single_pose_holds_at_its_stamp_alone() -> None:
     poses = planar(interpolate(np.array([4, 5, 6]), np.array([5]), flat((1, 2, 0.5))))
     np.testing.assert_array_equal(np.isnan(poses.x), [True, False, True])

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Collection, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -91,17 +92,18 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
     write_log(tmp_path / "run.mcap", scanned(scene), poses=rows)
     found = poses_of(tmp_path / "run.mcap")
     sweeps = START + np.arange(12) * 200_000_000
-    inside = (sweeps >= stamps[0]) & (sweeps <= stamps[-1])
-    assert inside.tolist() == [False] * 2 + [True] * 8 + [False] * 2
+    # 79 ms after the last pose it still holds; 150 ms before the first one nothing is known.
+    inside = (sweeps >= stamps[0]) & (sweeps <= stamps[-1] + 100_000_000)
+    assert inside.tolist() == [False] * 2 + [True] * 9 + [False]
     np.testing.assert_array_equal(np.isnan(found).all(axis=1), ~inside)
-    expected = truth(sweeps)[inside]
+    expected = truth(np.minimum(sweeps, stamps[-1]))[inside]
     np.testing.assert_allclose(found[inside, :2], expected[:, :2], atol=1e-9)
     np.testing.assert_allclose(np.cos(found[inside, 2] - expected[:, 2]), 1, atol=1e-12)
 
     summary = detect_to_files(Source(str(tmp_path / "run.mcap"), "run"), tmp_path, DetectOptions())
     assert summary.notes == [
         "poses by /tf and /tf_static (odom > base_link > laser); also there: /odom (--pose TOPIC)",
-        "without a pose: 4 of 12 sweeps of frame laser, whose stamps are outside the span of /tf",
+        "without a pose: 3 of 12 sweeps of frame laser, whose stamps are outside the span of /tf",
     ]
     assert summary.exit_code == 0
     sweeps_table = pq.read_table(tmp_path / "run.sweeps.parquet")
@@ -291,6 +293,21 @@ def test_a_frame_that_nothing_places() -> None:
     ]
 
 
+def test_between_topics_that_are_alike_the_user_chooses() -> None:
+    messages = [
+        pose_stamped(START + k * SECOND, "map", (0, 0, 0), topic)
+        for k in range(6)
+        for topic in ("/robot_1", "/robot_2", "/mocap_pose")
+    ]
+    poses, notes = posed(messages)
+    assert poses is not None
+    assert np.isnan(poses.x).all()
+    assert notes == [
+        "no pose for frame laser: /robot_1, /robot_2 are alike, and nothing tells which is that of the sensor "
+        "(--pose TOPIC); also there: /mocap_pose"
+    ]
+
+
 def test_a_leaning_sensor_and_a_clock_that_jumps_are_noted() -> None:
     lean = np.deg2rad(30)
     tilted = (0, 0, 0, np.sin(lean / 2), 0, 0, np.cos(lean / 2))
@@ -445,6 +462,23 @@ def test_info_lists_the_sources() -> None:
     assert told["/tf_static"].rate is None
     (scan,) = info.scans
     assert scan.pose == "/tf and /tf_static (odom > base_link > laser)"
+
+
+def test_info_says_between_which_topics_to_choose(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Scanned(FakeLog):
+        def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+            yield raw_sweeps(np.full((3, 8), 2.0, np.float32), frame_ids=("laser",))
+
+    messages = [pose_stamped(START, "map", (0, 0, 0), topic) for topic in ("/robot_1", "/robot_2")]
+    log = nullcontext(Scanned(messages))
+    monkeypatch.setattr("lidarcli.pipeline.inspecting.open_source", lambda source, csv: log)
+    info = inspect_log(Source("run.fake", "run"))
+    assert info.scans[0].pose == ""
+    assert info.notes == (
+        "no pose for frame laser: /robot_1, /robot_2 are alike, and nothing tells which is that of the sensor "
+        "(--pose TOPIC)",
+    )
+    assert info.exit_code == 0
 
 
 def test_info_as_json(capfd: pytest.CaptureFixture[str]) -> None:

@@ -62,7 +62,9 @@ def test_a_chain_with_a_static_mount() -> None:
     np.testing.assert_allclose(poses.x, 1 + 0.5 * np.cos(yaw))
     np.testing.assert_allclose(poses.y, 0.5 * np.sin(yaw), atol=1e-15)
     np.testing.assert_allclose(np.cos(poses.yaw - yaw - np.pi / 2), 1)
-    assert np.isnan(planar(way.at(np.array([-1, 101]))).x).all()
+    # Beyond its span a link holds for two of its steps.
+    np.testing.assert_array_equal(way.at(np.array([-40, 140])).position, way.at(np.array([0, 100])).position)
+    assert np.isnan(planar(way.at(np.array([-41, 141]))).x).all()
 
 
 def test_every_link_is_interpolated_on_its_own() -> None:
@@ -70,10 +72,10 @@ def test_every_link_is_interpolated_on_its_own() -> None:
     way = sources([*slow, *moving("odom", "laser")]).way("laser")
     assert way is not None
     assert way.span_ns == (0, 80)
-    poses = planar(way.at(np.array([10, 33, 80, 81])))
-    np.testing.assert_allclose(poses.x[:3], [10, 33, 80])
-    np.testing.assert_allclose(poses.y[:3], [10, 33, 80])
-    assert np.isnan(poses.x[3])
+    poses = planar(way.at(np.array([10, 33, 80, 81, 120, 121])))
+    np.testing.assert_allclose(poses.x[:5], [10, 33, 80, 81, 100])
+    np.testing.assert_allclose(poses.y[:5], [10, 33, 80, 80, 80])
+    assert np.isnan(poses.x[5])
 
 
 @pytest.mark.parametrize(
@@ -186,6 +188,55 @@ def test_of_several_odometries_the_mounted_one_then_odom_then_the_fullest() -> N
     )
     assert taken([*driven("w", "b", "/fused"), *driven("o", "b", "/x/odom")]) == ("/x/odom", "o")
     assert taken([*driven("w", "b", "/fused")[:3], *driven("o", "b", "/wheel")]) == ("/wheel", "o")
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [*placed("map", "/robot_1"), *placed("map", "/robot_2")],
+        [*placed("map", "/robot_1"), *placed("other", "/robot_2"), *placed("map", "/mocap_pose")],
+        [*placed("map", "/robot_1/pose"), *placed("map", "/robot_2/pose")[:3]],
+        [*placed("map", "/vrpn/red/pose"), *placed("map", "/vrpn/blue/pose")],
+        [
+            *placed("map", "/a/amcl_pose", True),
+            *placed("map", "/b/amcl_pose", True),
+            *placed("map", "/ego_pose"),
+        ],
+        [*driven("odom", "a/base", "/a/odom"), *driven("odom", "b/base", "/b/odom")],
+    ],
+)
+def test_of_topics_that_are_alike_none_is_taken_unasked(messages: list[Message]) -> None:
+    """They may be those of several robots."""
+    found = sources(messages)
+    assert taken(messages) is None
+    topics = found.topics
+    assert set(found.alike("laser")) == set(topics[:2])
+    assert found.alternatives("laser") == topics[2:]
+    for topic in topics:
+        way = sources(messages, topic).way("laser")
+        assert way is not None
+        assert way.topics == (topic,)
+        assert sources(messages, topic).alike("laser") == ()
+
+
+@pytest.mark.parametrize("frame", ["robot_2/laser", "/robot_2/laser", "/robot_2/base/laser"])
+def test_the_name_of_the_frame_decides_between_topics_that_are_alike(frame: str) -> None:
+    poses = [*placed("map", "/robot_1/base/pose"), *placed("map", "/robot_2/base/pose")]
+    assert taken(poses, frame) == ("/robot_2/base/pose", "map")
+    odometry = [*driven("odom", "robot_1/base/link", "/one"), *driven("odom", "robot_2/base/link", "/two")]
+    assert taken(odometry, frame) == ("/two", "odom")
+
+
+def test_a_mount_or_the_tree_decides_between_topics_that_are_alike() -> None:
+    mount = static("b/base", "laser")
+    both = [*driven("odom", "a/base", "/a/odom"), *driven("odom", "b/base", "/b/odom")]
+    assert taken([*both, *mount]) == ("/b/odom", "odom")
+    assert taken([*both, *mount, *moving("odom", "b/base")]) == ("/tf", "odom")
+    # Two topics that tell of one frame are of one robot.
+    assert taken([*driven("odom", "base", "/a/odom"), *driven("odom", "base", "/b/odom")]) == (
+        "/a/odom",
+        "odom",
+    )
 
 
 @pytest.mark.parametrize(

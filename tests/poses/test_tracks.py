@@ -8,7 +8,7 @@ import pytest
 from lidarcli.logs.base import Message
 from lidarcli.poses import tracks
 from lidarcli.poses.motion import planar
-from lidarcli.poses.tracks import Track, Tracks
+from lidarcli.poses.tracks import HOLD_NS, Track, Tracks
 from tests.poses.pose_messages import CDR, POSE, SECOND, TF, message, odometry, pose_stamped, tf
 
 
@@ -88,6 +88,10 @@ def test_rate_and_jumps_back() -> None:
     again = [pose_stamped(stamp + 1, "map", (stamp, 0, 0)) for stamp in (*stamps, *stamps[:10])]
     assert gathered(again)[0].jumps_back == 10
     assert gathered(again[:1])[0].rate is None
+    # Two steps of 20 ms; of slow poses a tenth of a second, of a single one nothing.
+    assert track.hold_ns == 40_000_000
+    assert gathered([pose_stamped(k * SECOND, "map", (k, 0, 0)) for k in range(3)])[0].hold_ns == HOLD_NS
+    assert gathered(again[:1])[0].hold_ns == 0
 
 
 def test_unusable_poses_are_counted() -> None:

@@ -1,0 +1,119 @@
+"""How long before or after its header stamp a sweep was really taken, from how sharp it draws the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lidarcli.poses.motion import planar
+from lidarcli.poses.sources import Way
+from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, SweepPoses
+
+SWEEPS = 200
+"""Sweeps that are looked at, the first ones of the way."""
+LEAST_SWEEPS = 20
+"""Fewer than these have not gone far enough to tell."""
+BEAMS = 120
+"""Beams of each that are, at equal distances."""
+FARTHEST = 100.0
+"""[m] Ranges up to this one count: beyond it beams are too far apart to meet in a cell again."""
+STEP = 0.05
+"""[m] From one of these sweeps to the next the sensor goes this far …"""
+TURN = 1.0
+"""[m/rad] … where a turn counts as the way of what is so far off."""
+CELL = 0.1
+"""[m] Side of the world's cells: the fewer the points fill, the sharper the world."""
+LONGEST = 0.5
+"""[s] Delays up to this one are tried, either way …"""
+FINENESS = 0.05
+"""[s] … in such steps."""
+CLEAR = 0.1
+"""Share of the cells that a delay has to save to be worth telling."""
+
+SECOND_NS = 1_000_000_000
+
+
+@dataclass(slots=True)
+class DelaySample:
+    """Points of the first sweeps along a way on which the sensor moves; a fold, whatever the batches."""
+
+    way: Way
+    _path: float = 0.0
+    """Length of the way so far [m]."""
+    _place: int = -1
+    """Steps of it from which there is a sweep."""
+    _last: tuple[float, float, float] | None = None
+    """x, y, yaw of the sweep before."""
+    _stamps: list[Int64] = field(default_factory=list)
+    _points: list[tuple[Int64, Float64, Float64]] = field(default_factory=list)
+    """Sweep in the sample, x, y in the sensor frame [m]; (K,) each."""
+    _count: int = 0
+
+    def add(self, batch: SweepBatch) -> None:
+        """Take sweeps of the sensor, in their order."""
+        if self._count >= SWEEPS:
+            return
+        kept = self._far_enough(planar(self.way.at(batch.stamp_ns)))[: SWEEPS - self._count]
+        if not len(kept):
+            return
+        rows = batch.rows(kept)
+        self._stamps.append(rows.stamp_ns)
+        stride = np.maximum(rows.beams // BEAMS, 1)[:, None]
+        usable = (rows.status == Status.VALID) & (rows.ranges < FARTHEST)
+        row, beam = np.nonzero(usable & (np.arange(rows.width) % stride == 0))
+        bearing, ranges = rows.bearings()[row, beam], rows.ranges[row, beam].astype(np.float64)
+        self._points.append((row + self._count, ranges * np.cos(bearing), ranges * np.sin(bearing)))
+        self._count += len(kept)
+
+    def best(self) -> tuple[float, float] | None:
+        """The delay [s] whose poses draw the sharpest world, and the share of filled cells that it saves.
+
+        None where the sensor did not move enough, or no delay is clearly better than none.
+        """
+        if self._count < LEAST_SWEEPS:
+            return None
+        stamps = np.concatenate(self._stamps)
+        row, x, y = (np.concatenate(values) for values in zip(*self._points, strict=True))
+        steps = round(LONGEST / FINENESS)
+        # The least delay first, so that it wins where two are as good.
+        order = sorted(range(-steps, steps + 1), key=lambda step: (abs(step), step))
+        delays = [round(step * FINENESS, 9) for step in order]
+        poses = [planar(self.way.at(stamps + round(delay * SECOND_NS))) for delay in delays]
+        # All delays are judged by the same points.
+        known: Bool = np.logical_and.reduce([~np.isnan(one.x) for one in poses])[row]
+        row, x, y = row[known], x[known], y[known]
+        if not len(row):
+            return None
+        filled = np.array([_cells(one, row, x, y) for one in poses])
+        sharpest = int(filled.argmin())
+        saved = 1.0 - float(filled[sharpest] / filled[0])
+        # At the end of what is tried a greater delay may be better yet, or the poses are those of something else.
+        if saved < CLEAR or abs(order[sharpest]) == steps:
+            return None
+        return delays[sharpest], saved
+
+    def _far_enough(self, poses: SweepPoses) -> Int64:
+        """The sweeps that are the first in their step of the way."""
+        known = np.flatnonzero(~np.isnan(poses.x))
+        if not len(known):
+            return known
+        here = np.column_stack([poses.x[known], poses.y[known], poses.yaw[known]])
+        before = np.vstack([here[:1] if self._last is None else np.array([self._last]), here[:-1]])
+        moved = here - before
+        turned = np.abs((moved[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+        # One by one from the path so far, so that the cut of the batches does not change a bit of the sum.
+        lengths = np.concatenate([[self._path], np.hypot(moved[:, 0], moved[:, 1]) + TURN * turned])
+        path = np.cumsum(lengths)[1:]
+        place = np.floor(path / STEP).astype(np.int64)
+        first = place > np.concatenate([[self._place], place[:-1]])
+        self._path, self._place = float(path[-1]), int(place[-1])
+        self._last = (float(here[-1, 0]), float(here[-1, 1]), float(here[-1, 2]))
+        return known[first]
+
+
+def _cells(poses: SweepPoses, row: Int64, x: Float64, y: Float64) -> int:
+    """Number of cells of the world that the points (K,) of sweeps `row` fill."""
+    world_x, world_y, _ = poses.to_world(row, x, y, np.zeros(len(row)))
+    column, line = (np.floor(value / CELL).astype(np.int64) for value in (world_x, world_y))
+    return len(np.unique(column * np.int64(1 << 32) + line))
