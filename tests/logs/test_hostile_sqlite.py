@@ -11,38 +11,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from numbered import indices, laser_scan, record_time
-from rosbags.typesys import Stores, get_typestore
+from numbered import indices
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.sqlite_journal import MAGIC, roll_back
-
-STORE = get_typestore(Stores.ROS2_HUMBLE)
-SCAN = "sensor_msgs/msg/LaserScan"
-PAGE = 4096
-MESSAGES = "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
-
-
-def scan(index: int) -> bytes:
-    return bytes(STORE.serialize_cdr(laser_scan(STORE.types, index), SCAN))
-
-
-def bag(path: Path, ids: list[int] | None = None, sweeps: int = 20) -> sqlite3.Connection:
-    """A database as ROS 2 writes it, with scans at the given row ids; open, each statement a transaction."""
-    database = sqlite3.connect(path, isolation_level=None)
-    database.execute(
-        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)"
-    )
-    database.execute(MESSAGES)
-    database.execute(f"INSERT INTO topics VALUES (1, '/scan', '{SCAN}', 'cdr')")
-    rows = [
-        (ids[index] if ids else index + 1, record_time(index), scan(index))
-        for index in range(len(ids or range(sweeps)))
-    ]
-    database.executemany("INSERT INTO messages VALUES (?, 1, ?, ?)", rows)
-    return database
+from tests.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
 
 
 def read(path: Path) -> tuple[list[int], list[str]]:
@@ -65,25 +40,6 @@ def content(folder: Path) -> dict[str, bytes]:
 
 
 # Rollback journals.
-
-
-def killed(folder: Path, first: int = 30, second: int = 400) -> Path:
-    """A database and its journal, left by a recorder that was killed amid a transaction with pages on the disk."""
-    work = folder / "work.db3"
-    database = bag(work, sweeps=first)
-    database.execute("PRAGMA journal_mode = delete")
-    database.execute("PRAGMA cache_size = 5")
-    database.execute("BEGIN")
-    database.execute("UPDATE messages SET data = zeroblob(200)")
-    for index in range(first, second):
-        values = (record_time(index), scan(index))
-        database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, ?, ?)", values)
-    target = folder / "run.db3"
-    shutil.copy(work, target)
-    shutil.copy(f"{work}-journal", f"{target}-journal")
-    database.close()
-    work.unlink()
-    return target
 
 
 def test_a_journal_brings_back_what_stood_before_the_transaction(tmp_path: Path) -> None:
@@ -114,14 +70,6 @@ def test_a_journal_is_applied_as_sqlite_does(tmp_path: Path, cut: int) -> None:
     theirs.execute("SELECT count(*) FROM sqlite_master").fetchone()
     theirs.close()
     assert ours.read_bytes() == path.read_bytes()
-
-
-def name_super_journal(journal: Path, name: str) -> None:
-    """The end of a journal that is a part of a transaction over several databases."""
-    encoded = name.encode()
-    with journal.open("ab") as file:
-        file.write(struct.pack(">I", (1 << 30) // PAGE + 1) + encoded)
-        file.write(struct.pack(">II", len(encoded), sum(encoded)) + MAGIC)
 
 
 @pytest.mark.parametrize("command", ["info", "detect"])
@@ -189,46 +137,6 @@ def test_a_write_ahead_log_cannot_make_the_copy_huge(tmp_path: Path) -> None:
 
 
 # Views, triggers, computed columns, virtual tables: SQL of the file's own.
-
-ENDLESS = "WITH RECURSIVE r(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM r)"
-MESSAGES_VIEW = "CREATE VIEW messages AS"
-TOPICS_VIEW = "CREATE VIEW topics AS"
-NO_MESSAGES, NO_TOPICS = "ALTER TABLE messages RENAME TO m", "ALTER TABLE topics RENAME TO t"
-TOPIC = "'b' type, 'cdr' serialization_format"
-HOSTILE: dict[str, tuple[tuple[str, ...], str]] = {
-    "endless messages": (
-        (NO_MESSAGES, f"{MESSAGES_VIEW} {ENDLESS} SELECT i id, 1 topic_id, i timestamp, x'00' data FROM r"),
-        "messages is a view that would run",
-    ),
-    "endless topics": (
-        (NO_TOPICS, f"{TOPICS_VIEW} {ENDLESS} SELECT i id, 'a' name, {TOPIC} FROM r"),
-        "topics is a view that would run",
-    ),
-    "random messages": (
-        (
-            NO_MESSAGES,
-            f"{MESSAGES_VIEW} {ENDLESS} SELECT i id, 1 topic_id, i timestamp, randomblob(8000000) data FROM r"
-            " WHERE i < 100000",
-        ),
-        "messages is a view that would run",
-    ),
-    "a long name": (
-        (NO_TOPICS, f"{TOPICS_VIEW} SELECT 1 id, hex(zeroblob(250000000)) name, {TOPIC}"),
-        "topics is a view that would run",
-    ),
-    "a trigger": (
-        ("CREATE TRIGGER bang AFTER INSERT ON messages BEGIN DELETE FROM messages; END",),
-        "bang is a trigger that would run",
-    ),
-    "a computed column": (
-        ("ALTER TABLE messages ADD COLUMN more BLOB AS (zeroblob(800000000))",),
-        "messages has columns that would be computed",
-    ),
-    "a virtual table": (
-        ("CREATE VIRTUAL TABLE other USING fts5(words)",),
-        "other is a table that would run",
-    ),
-}
 
 
 @pytest.mark.parametrize("kind", HOSTILE)
