@@ -26,7 +26,7 @@ POSE_TYPES = frozenset(
     }
 )
 
-MAX_BEAMS = 1_000_000
+MAX_BEAMS = 400_000
 """A sweep that declares more beams than this is refused: no 2D LiDAR comes near it."""
 
 

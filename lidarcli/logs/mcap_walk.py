@@ -34,6 +34,8 @@ from lidarcli.sweeps import Int64
 
 WINDOW = 1 << 20
 """Bytes looked at together where messages stand outside chunks, or where a way past damage is sought."""
+FREE_MESSAGES = 100_000
+"""So many messages are read of any log, and further ones as long as it has a byte for each: no packing saves more."""
 RESCUED = 1 << 24
 """Bytes of a damaged chunk in which channels are looked for."""
 MAX_RECORD = 1 << 40
@@ -78,6 +80,7 @@ class Walker:
     """Whether the end of the data was reached."""
     index_lies: bool = False
     """Whether a message index did not agree with its chunk."""
+    _messages: int = 0
     _unpacking: Unpacking = field(default_factory=Unpacking)
     _cut: bool = False
     _recovered: bool = False
@@ -279,6 +282,8 @@ class Walker:
         head, counts = chunk.head, {channel: len(offsets) for channel, offsets in chunk.offsets.items()}
         if chunk.sound and counts and not self._cut and self.skip(chunk.place, counts):
             return
+        if self._is_beyond_belief(chunk, 0):
+            return
         data = b""
         try:
             data = chunk.data if chunk.data is not None else self._data(chunk)
@@ -301,6 +306,9 @@ class Walker:
             self._define(found.others, content, f"chunk at byte {chunk.place}")
             yield found.messages
             seen, end = seen + len(found.messages), found.end
+            self._messages += len(found.messages)
+            if self._is_beyond_belief(chunk, seen):
+                return
         if end < len(content):
             self._damage(chunk.place, f"no record at byte {end} of its {len(content)}", "chunk at byte")
         if offsets is not None and len(offsets) != seen and not self.index_lies:
@@ -309,6 +317,14 @@ class Walker:
                 f"the message index of the chunk at byte {chunk.place} counts {len(offsets)} messages where "
                 f"{seen} are: the records are believed"
             )
+
+    def _is_beyond_belief(self, chunk: _Chunk, seen: int) -> bool:
+        """Whether there have been more messages than any packing can hide in the bytes so far."""
+        beyond = self._messages > FREE_MESSAGES + self.source.position
+        if beyond:
+            cause = f"more messages than bytes, which is not believed: {seen:,} of it are read, the rest is lost"
+            self._damage(chunk.place, cause, "chunk at byte")
+        return beyond
 
     def _rescue_definitions(self, chunk: _Chunk, data: bytes) -> None:
         """Channels that a damaged chunk described are needed after it: taken where they still name a known type."""

@@ -13,6 +13,7 @@ from lidarcli.logs import (
     batches,
     csv_source,
     mcap_codec,
+    mcap_walk,
     open_log,
     rosbag1_run,
     rosbag2_folder,
@@ -60,6 +61,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
         "a chunk of an MCAP, which is held as a whole": (
             f"{mcap_codec.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
         ),
+        "messages of an MCAP": f"{mcap_walk.FREE_MESSAGES:,}, and one for each byte of the file",
         "a message of a ROS 1 bag; of a ROS 2 database": f"{message} MiB; {sqlite_salvage.MAX_BLOB >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",
         "steps of SQLite for one statement": (
