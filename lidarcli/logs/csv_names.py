@@ -53,6 +53,11 @@ _ANGLE = re.compile(
 _RANGE = re.compile(
     r"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?(?:m|mm|cm|met[er]{2}s?)\)?)?"
 )
+_LAYER = re.compile(
+    r"(?:.*_)?(?:elevations?|inclination|vertical(?:_angle)?|layer|ring|channel|laser)"
+    r"(?:_?\(?(?:deg|degrees?|°|rad|radians?|id|index|idx|number|no|nr|num)\)?)?"
+)
+_SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?")
 _SWEEP = re.compile(
     r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id"
 )
@@ -101,7 +106,11 @@ class FieldIndex:
         self._starts: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
         """What stands before a field's name → column and the fields it may be, in the order of the columns."""
         seen: Counter[tuple[str, tuple[str, ...]]] = Counter()
+        again: Counter[str] = Counter()
         for column, name in enumerate(names):
+            again[name] += 1
+            if again[name] > len(_FIELDS):
+                continue
             for start, fields in _endings(canonical(name)):
                 # Columns of one kind beyond the number of fields they may be are never needed.
                 if seen[start, fields] < len(fields):
@@ -181,16 +190,40 @@ def find_bearings(names: Sequence[str]) -> tuple[Family, float, float] | None:
     return Family("", columns), float(values[0]), float(step)
 
 
+def _first_columns(names: Sequence[str]) -> dict[str, int]:
+    """Each canonical name once, and the first column that has it."""
+    columns: dict[str, int] = {}
+    for name, column in {name: column for column, name in reversed(list(enumerate(names)))}.items():
+        plain = canonical(name)
+        columns[plain] = min(column, columns.get(plain, column))
+    return dict(sorted(columns.items(), key=lambda item: item[1]))
+
+
 def find_long(names: Sequence[str]) -> LongColumns | None:
     """The columns of a table with one beam per row; None where it is none."""
-    plain = [canonical(name) for name in names]
-    angle = next(((i, m) for i, name in enumerate(plain) if (m := _ANGLE.fullmatch(name))), None)
-    distance = next((i for i, name in enumerate(plain) if _RANGE.fullmatch(name)), None)
+    columns = _first_columns(names)
+    angle = next(
+        (
+            (column, match)
+            for name, column in columns.items()
+            if (match := _ANGLE.fullmatch(name)) and not _LAYER.fullmatch(name)
+        ),
+        None,
+    )
+    distance = next((column for name, column in columns.items() if _RANGE.fullmatch(name)), None)
     if angle is None or distance is None:
         return None
     unit = angle[1]["unit"] or angle[1]["bare"]
-    sweep = next((i for i, name in enumerate(plain) if _SWEEP.fullmatch(name)), None)
+    sweep = next((column for name, column in columns.items() if _SWEEP.fullmatch(name)), None)
     return LongColumns(angle[0], distance, sweep, None if unit is None else not unit.startswith("rad"))
+
+
+def find_layers(names: Sequence[str]) -> list[int]:
+    """The columns that may tell the layers of a scan in space: an elevation, a ring, one of the angles of a sphere."""
+    columns = _first_columns(names)
+    sphere = {match[1]: column for name, column in columns.items() if (match := _SPHERE.fullmatch(name))}
+    layers = [column for name, column in columns.items() if _LAYER.fullmatch(name)]
+    return layers + ([max(sphere.values())] if len(sphere) == 2 else [])
 
 
 def list_column(names: Sequence[str], cells: Mapping[int, str]) -> tuple[int, str] | None:

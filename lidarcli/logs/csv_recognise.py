@@ -8,8 +8,10 @@ from contextlib import suppress
 
 import numpy as np
 
+from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv_bare import long, without_header
+from lidarcli.logs.csv_cells import say
 from lidarcli.logs.csv_dialect import csv_cells, empty_lists
 from lidarcli.logs.csv_head import Head, need_geometry, read_head, repeats, shown, units, unknown
 from lidarcli.logs.csv_layouts import (
@@ -28,12 +30,15 @@ from lidarcli.logs.csv_names import (
     canonical,
     find_bearings,
     find_families,
+    find_layers,
     find_long,
     list_column,
 )
 from lidarcli.logs.csv_times import time_unit
 from lidarcli.sweeps import TURN
 
+_SHOWN = 3
+"""Values of a column that a message names."""
 _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
 
@@ -168,7 +173,15 @@ def _list_units(head: Head, fields: dict[str, int], first: list[str]) -> dict[st
 
 
 def _long_layout(head: Head, columns: LongColumns) -> Layout:
-    """One beam per row, by the names of the columns."""
+    """One beam per row, by the names of the columns; UnreadableError where the beams lie in several layers."""
+    for column in find_layers(head.names):
+        values = list(dict.fromkeys(head.column(column)))
+        if len(values) > 1:
+            some = ", ".join(map(say, values[:_SHOWN])) + (", ..." if len(values) > _SHOWN else "")
+            raise UnreadableError(
+                f"{head.path}: one beam per row, in several layers (column {shown(head.names[column].encode())}"
+                f" holds {some}); lidarcli reads scans of one plane: keep the rows of one layer"
+            )
     fields = FieldIndex(head.names).find("")
     for taken in ("seq", "frame"):
         if fields.get(taken) == columns.sweep:
