@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.csv_head import Head, shown, value_of
+from lidarcli.logs.csv_others import TRAJECTORY
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 LEAST_NUMBERS = 8
@@ -40,6 +41,8 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
     """Raise UnreadableError where rows (the ranges from column `first` on) are not one sweep each."""
     width = Counter(map(len, rows)).most_common(1)[0][0]
     same = np.array([[value_of(cell) for cell in row] for row in rows if len(row) == width], np.float64)
+    if first and is_trajectory(same):
+        raise UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
     for column in range(min(width, 3)):
         if restarts(same[:, column]) and (width < LEAST_NUMBERS or is_turn(same[:, column])):
             raise UnreadableError(f"{head.path}: {_one_beam_per_row(same[:, column], column, width)}")
@@ -54,6 +57,15 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
             f"{head.path}: a table without column names in which not all numbers are ranges ({why}): name the"
             " columns in a first line, the ranges r0, r1, ..., or take the other columns out"
         )
+
+
+def is_trajectory(table: Float64) -> bool:
+    """Whether rows are a time, a place and a unit quaternion, as trajectories of TUM are."""
+    if table.shape[1] != 8:
+        return False
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
+    return bool((np.abs(length - 1) < 0.01).all())
 
 
 def restarts(values: Float64) -> bool:

@@ -347,7 +347,7 @@ def test_abbreviated_arrays_are_explained() -> None:
     with pytest.raises(UnreadableError) as error:
         CsvLog(io.BytesIO(f"{ROS2}1,2,...\n".encode()))
     assert str(error.value) == (
-        "standard input: CSV (ros2 topic echo --csv): the arrays are abbreviated ('...'):"
+        "-: CSV (ros2 topic echo --csv): the arrays are abbreviated ('...'):"
         " record again with `ros2 topic echo --csv --full-length`"
     )
 
