@@ -27,7 +27,7 @@ FAR_BEYOND = 100.0
 """A column before a scan whose median exceeds those of all other columns by this factor holds no ranges ..."""
 FAR_COLUMNS = 32
 """... where there are so many columns; a scan of fewer may see far in one direction alone."""
-UNLIKE = 3.0
+UNLIKE = 10.0
 """Neighbouring columns whose medians differ by more than this factor are unlike each other."""
 MOST_UNLIKE = 0.6
 """Share of unlike neighbours that no scan has."""
@@ -35,13 +35,26 @@ _FEW = 4
 """Columns side by side that may be something else; more of them are a part of the scan that differs."""
 _DISTINCT = 3
 """Distinct values that make a column vary, or go below zero; fewer may be markers of missing ranges."""
+_BELOW_ALONE = 10
+"""Distinct values below zero of a column that alone goes there."""
+_MANY = 4
+"""Columns of whole numbers that vary, for each of decimals, that make it another kind."""
+_COUNTS = 10
+"""Distinct values of a counter."""
+_WHOLE = 5
+"""Distinct values of a column of whole numbers among decimals."""
+_DECIMAL = 0.1
+"""Where this share of all numbers is whole, or less, the ranges are decimals."""
+_LEAST_PAIRS = 5
+"""Neighbours that are compared; of fewer nothing is concluded."""
 
 
 def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int) -> None:
     """Raise UnreadableError where rows (the ranges from column `first` on) are not one sweep each."""
     width = Counter(map(len, rows)).most_common(1)[0][0]
-    same = np.array([[value_of(cell) for cell in row] for row in rows if len(row) == width], np.float64)
-    if first and is_trajectory(same):
+    alike = [row for row in rows if len(row) == width]
+    same = _numbers(alike, LEAST_NUMBERS)
+    if first and width == LEAST_NUMBERS and is_trajectory(same):
         raise UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
     for column in range(min(width, 3)):
         if restarts(same[:, column]) and (width < LEAST_NUMBERS or is_turn(same[:, column])):
@@ -52,17 +65,20 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
             " short for a sweep each: name the columns in a first line (`angle,range` for one beam per row,"
             " `time,r0,r1,r2` for one sweep per row)"
         )
-    if len(same) >= LEAST_ROWS and (why := no_ranges(same[:, first:], first)):
+    if len(alike) >= LEAST_ROWS and (why := no_ranges(_numbers(alike, width)[:, first:], first)):
         raise UnreadableError(
             f"{head.path}: a table without column names in which not all numbers are ranges ({why}): name the"
             " columns in a first line, the ranges r0, r1, ..., or take the other columns out"
         )
 
 
+def _numbers(rows: Sequence[Sequence[bytes]], columns: int) -> Float64:
+    """(R, C) the numbers in the first columns; NaN where there is none."""
+    return np.array([[value_of(cell) for cell in row[:columns]] for row in rows], np.float64)
+
+
 def is_trajectory(table: Float64) -> bool:
-    """Whether rows are a time, a place and a unit quaternion, as trajectories of TUM are."""
-    if table.shape[1] != 8:
-        return False
+    """Whether rows of 8 are a time, a place and a unit quaternion, as trajectories of TUM are."""
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
     return bool((np.abs(length - 1) < 0.01).all())
@@ -104,7 +120,7 @@ def no_ranges(table: Float64, first: int) -> str:
     varying = _distinct(table) >= _DISTINCT
     below = np.where(np.isfinite(table) & (table < 0), table, np.nan)
     signed = _distinct(below) >= _DISTINCT
-    if signed.sum() > 1 or (_distinct(below) >= 10).any():
+    if signed.sum() > 1 or (_distinct(below) >= _BELOW_ALONE).any():
         return f"{_columns(signed, first)} below zero"
     for columns, words in (
         (_counters(table, varying), "rises from row to row"),
@@ -150,7 +166,7 @@ def _counters(table: Float64, varying: Bool) -> Bool:
         return np.zeros(table.shape[1], np.bool_)
     with np.errstate(invalid="ignore", over="ignore"):
         rising = (np.diff(table, axis=0) >= 0).all(axis=0) & (table == np.rint(table)).all(axis=0)
-    rising &= _distinct(table) >= 10
+    rising &= _distinct(table) >= _COUNTS
     around = np.concatenate([[False], varying & ~rising, [False]])
     few = _in_few(rising)
     edges = np.diff(np.concatenate([[False], rising, [False]]).astype(np.int8))
@@ -168,7 +184,8 @@ def _medians(table: Float64, chosen: Bool) -> Float64:
         values = table[:, column]
         values = values[np.isfinite(values) & (values > 0)]
         if len(values):
-            medians[column] = np.median(values)
+            with np.errstate(over="ignore"):
+                medians[column] = np.median(values)
     return medians
 
 
@@ -196,10 +213,12 @@ def _other_digits(table: Float64, varying: Bool) -> Bool:
     if cells.sum() == 0:
         return none
     share = whole.sum() / cells.sum()
-    if (fractional & varying).sum() <= _FEW and whole[:, ~fractional].sum() == cells[~fractional].sum():
+    # Whole numbers that hardly change are markers, among which a few beams may see something.
+    counted = (varying & ~fractional).sum() >= _MANY * fractional.sum()
+    if fractional.sum() <= _FEW and counted and whole[:, ~fractional].sum() == cells[~fractional].sum():
         return fractional & varying
-    if share < 0.1 and len(table) >= COUNTER_ROWS:
-        counts = (whole.sum(axis=0) == cells) & (_distinct(np.where(whole, table, np.nan)) >= 5)
+    if share < _DECIMAL and len(table) >= COUNTER_ROWS:
+        counts = (whole.sum(axis=0) == cells) & (_distinct(np.where(whole, table, np.nan)) >= _WHOLE)
         return _in_few(counts)
     return none
 
@@ -208,7 +227,7 @@ def _unlike(table: Float64, varying: Bool) -> bool:
     """Whether most neighbours among the columns that vary differ by far."""
     medians = _medians(table, varying)
     pairs: NDArray[np.float64] = medians[np.isfinite(medians)]
-    if len(pairs) < 6:
+    if len(pairs) <= _LEAST_PAIRS:
         return False
     with np.errstate(over="ignore"):
         ratio = pairs[1:] / pairs[:-1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -348,3 +349,21 @@ def test_layers_end_with_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixtu
     out, err = capsys.readouterr()
     assert err == f"lidarcli: {path}: topic /scan: 2 messages left out: {TURNS}\n"
     assert "360.00 deg from 0.00 deg" in out
+
+
+def test_numbers_beyond_all_bounds_are_no_reason_to_fail() -> None:
+    random = np.random.default_rng(11)
+    odd = np.array([np.nan, np.inf, -np.inf, 0.0, 1e308, -1e308, 5e-324, 65535.0, -1.0, 3.4e38])
+    for rows in (1, 2, 5, 40):
+        for _ in range(60):
+            table = np.where(random.random((rows, 40)) < 0.5, random.choice(odd, (rows, 40)), 2.5)
+            no_ranges(table, 0)
+            text = text_of([[repr(float(cell)) for cell in row] for row in table])
+            with suppress(UnreadableError), CsvLog(io.BytesIO(text), FOV) as log:
+                list(log.scans())
+
+
+def test_a_few_beams_that_see_something_are_of_the_same_kind() -> None:
+    ranges = np.full((60, 90), 30.0)
+    ranges[:, 20:24] = room(60, 90)[:, 20:24]
+    assert no_ranges(ranges, 0) == ""
