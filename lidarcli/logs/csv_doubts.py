@@ -121,15 +121,15 @@ def no_ranges(table: Float64, first: int) -> str:
     below = np.where(np.isfinite(table) & (table < 0), table, np.nan)
     signed = _distinct(below) >= _DISTINCT
     if signed.sum() > 1 or (_distinct(below) >= _BELOW_ALONE).any():
-        return f"{_columns(signed, first)} below zero"
+        return f"below zero: {_columns(signed, first)}"
     for columns, words in (
-        (_counters(table, varying), "rises from row to row"),
-        (_far_beyond(table, varying), "is far beyond the others"),
-        (_other_digits(table, varying), "has decimals or none, unlike the others"),
+        (_counters(table, varying), "counters"),
+        (_far_beyond(table, varying), "far beyond all others"),
+        (_other_digits(table, varying), "decimals among whole numbers, or the reverse"),
     ):
         if columns.any():
-            return f"{_columns(columns, first)}: {words}"
-    return "columns are unlike their neighbours" if _unlike(table, varying) else ""
+            return f"{words}: {_columns(columns, first)}"
+    return "columns far from their neighbours" if _unlike(table, varying) else ""
 
 
 def _columns(chosen: Bool, first: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import UnreadableError
+from lidarcli.logs import open_log
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv_doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, UNLIKE, no_ranges
 from lidarcli.logs.csv_log import CsvLog
@@ -182,15 +184,18 @@ def odometry(rows: int = 60) -> dict[str, tuple[np.ndarray, str]]:
     steps = np.arange(rows)
     turning = np.round(np.sin(steps / 9), 3)
     return {
-        "pose": (np.column_stack([steps * 0.1, turning, -turning]), "columns 3, 4 below zero"),
-        "yaw": (np.column_stack([turning]), "column 2 below zero"),
+        "pose": (np.column_stack([steps * 0.1, turning, -turning]), "below zero: columns 3, 4"),
+        "yaw": (np.column_stack([turning]), "below zero: column 2"),
         "ticks": (
             np.column_stack([np.zeros(rows), 7 * steps, 8 * steps, np.zeros(rows)]),
-            "columns 3, 4: rises",
+            "counters: columns 3, 4",
         ),
-        "speed": (np.column_stack([1 + 0.01 * steps]), "column 2: has decimals or none, unlike the others"),
-        "time": (np.column_stack([1e8 + 99_000 * steps + steps % 7]), "column 2: is far beyond the others"),
-        "battery": (np.column_stack([1e6 + 99_000 * (steps % 11)]), "column 2: is far beyond the others"),
+        "speed": (
+            np.column_stack([1 + 0.01 * steps]),
+            "decimals among whole numbers, or the reverse: column 2",
+        ),
+        "time": (np.column_stack([1e8 + 99_000 * steps + steps % 7]), "far beyond all others: column 2"),
+        "battery": (np.column_stack([1e6 + 99_000 * (steps % 11)]), "far beyond all others: column 2"),
     }
 
 
@@ -200,9 +205,9 @@ def test_odometry_before_the_ranges_is_no_beam(kind: str) -> None:
     ranges = room(len(before), 180, 1000.0)
     table = np.column_stack([np.arange(len(before)) * 100_000, before, ranges])
     message = refusal(text_of(whole(table), separator=" "))
-    assert message.startswith(f"a table without column names in which not all numbers are ranges ({why}")
+    assert message.startswith(f"a table without column names in which not all numbers are ranges ({why})")
     assert message.endswith(
-        "): name the columns in a first line, the ranges r0, r1, ..., or take the other columns out"
+        ": name the columns in a first line, the ranges r0, r1, ..., or take the other columns out"
     )
     names = [
         "time",
@@ -219,18 +224,18 @@ def test_odometry_before_the_ranges_is_no_beam(kind: str) -> None:
 def test_whole_numbers_among_ranges_in_metres() -> None:
     ranges = room(COUNTER_ROWS, 60)
     ranges[:, 20] = np.arange(COUNTER_ROWS) % 9 + 1
-    assert no_ranges(ranges, 1) == "column 22: has decimals or none, unlike the others"
+    assert no_ranges(ranges, 1) == "decimals among whole numbers, or the reverse: column 22"
 
 
 def test_a_table_of_measurements_is_no_scan() -> None:
     random = np.random.default_rng(9)
     size = np.array([0.3, 25.0, 1013.0, 4.2, 0.01, 300.0, 7.5, 0.2, 90.0])
     table = size * (1 + 0.05 * random.random((40, 9)))
-    assert no_ranges(table, 1) == "columns are unlike their neighbours"
+    assert no_ranges(table, 1) == "columns far from their neighbours"
     assert UNLIKE > 2
     assert MOST_UNLIKE > 0.5
     points = random.normal(0, 3, (40, 24))
-    assert no_ranges(points, 0) == "columns 1, 2, 3 and 21 more below zero"
+    assert no_ranges(points, 0) == "below zero: columns 1, 2, 3 and 21 more"
 
 
 @pytest.mark.parametrize(
@@ -367,3 +372,48 @@ def test_a_few_beams_that_see_something_are_of_the_same_kind() -> None:
     ranges = np.full((60, 90), 30.0)
     ranges[:, 20:24] = room(60, 90)[:, 20:24]
     assert no_ranges(ranges, 0) == ""
+
+
+@pytest.mark.parametrize("command", ["info", "detect"])
+def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from lidarcli.cli import run
+
+    path = tmp_path / "rplidar.txt"
+    path.write_bytes(text_of(turns(3), separator=" "))
+    output = ["-o", str(tmp_path / "tables")] if command == "detect" else []
+    assert run([command, str(path), *output, "--fov", "360", "--degrees"]) == 3
+    out, err = capsys.readouterr()
+    assert (out, err.splitlines()[0]) == (
+        "",
+        f"lidarcli: {path}: a table without column names that looks like one beam per row (column 1 runs from 0 to"
+        " 358.5 and starts over): name the columns in a first line, such as `angle,range,quality`",
+    )
+    assert list(tmp_path.rglob("*.parquet")) == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "turtlebot/topics.bag",
+        "pr2/mylaserdata.bag",
+        "leg_tracker/positive_2_extracted.bag",
+        "robots_ii/mylaserdata_20151128.bag",
+        "my_gazebo_tutorials/20_46_08",
+    ],
+)
+def test_sweeps_of_real_sensors_are_ranges(name: str) -> None:
+    folder = os.environ.get("LIDARCLI_REAL_LOGS")
+    if not folder:
+        pytest.skip("LIDARCLI_REAL_LOGS is not set")
+    with open_log(Path(folder) / name) as log:
+        ranges = concatenate(list(log.scans())).ranges.astype(np.float64)
+    judged = 0
+    for table in (ranges, np.where(np.isfinite(ranges), np.rint(ranges * 1000), ranges)):
+        for rows in (5, 30, len(ranges)):
+            for start in range(0, len(ranges) - rows + 1, 40):
+                for beams in (slice(None), slice(None, None, 5), slice(None, None, ranges.shape[1] // 16)):
+                    assert no_ranges(table[start : start + rows, beams], 1) == "", (start, rows, beams)
+                    judged += 1
+    assert judged >= 6
