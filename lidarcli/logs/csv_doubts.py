@@ -22,7 +22,7 @@ LEAST_NUMBERS = 8
 LEAST_ROWS = 5
 """Rows; with fewer, nothing is concluded from the numbers in the columns."""
 COUNTER_ROWS = 30
-"""Rows without a step back that make a column a counter."""
+"""Rows without a step back that make a column a counter; rows that show a bearing that starts over."""
 FAR_BEYOND = 100.0
 """A column before a scan whose median exceeds those of all other columns by this factor holds no ranges ..."""
 FAR_COLUMNS = 32
@@ -57,7 +57,9 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
     if first and width == LEAST_NUMBERS and is_trajectory(same):
         raise UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
     for column in range(min(width, 3)):
-        if restarts(same[:, column]) and (width < LEAST_NUMBERS or is_turn(same[:, column])):
+        # In few rows, a range may climb and fall back as well.
+        long_enough = width < LEAST_NUMBERS or (len(same) >= COUNTER_ROWS and is_turn(same[:, column]))
+        if long_enough and restarts(same[:, column]):
             raise UnreadableError(f"{head.path}: {_one_beam_per_row(same[:, column], column, width)}")
     if width < LEAST_NUMBERS:
         raise UnreadableError(
@@ -97,8 +99,11 @@ def restarts(values: Float64) -> bool:
 
 def is_turn(values: Float64) -> bool:
     """Whether a column covers a turn, in degrees or radians."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        view = float(np.ptp(values[np.isfinite(values)]))
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return False
+    with np.errstate(over="ignore"):
+        view = float(np.ptp(known))
     return any(0.9 * turn <= view <= 1.01 * turn for turn in (360.0, TURN))
 
 

@@ -166,6 +166,12 @@ def test_scans_stay_scans(rows: int, beams: int, scale: float) -> None:
     assert log.report.damage == []
 
 
+def test_a_range_that_climbs_and_falls_back_is_no_bearing() -> None:
+    rows = [[round(0.1 * n, 1), *[1 + 2.0 * (n % 4)] * 9] for n in range(4)] + [[0.4, *[1.0] * 9]]
+    got, _ = read(text_of(rows))
+    assert got.ranges[:, 0].tolist() == [1, 3, 5, 7, 1]
+
+
 def test_a_person_who_walks_away_in_the_open_is_no_counter() -> None:
     random = np.random.default_rng(5)
     for width in (1, 3, 8):
