@@ -13,6 +13,7 @@ from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, Topic
 from lidarcli.pipeline.clock import ClockInfo
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 from lidarcli.pipeline.posing import PoseInfo
+from lidarcli.sweeps import FARTHEST
 
 _OTHERS = 10
 """Topics without sweeps or poses that are shown."""
@@ -107,7 +108,7 @@ def _scan_lines(scan: ScanInfo) -> list[str]:
             4,
         ),
         _line("closure", "; ".join(_CLOSURES[name] for name in scan.closure), 4),
-        _line("limits", f"{_span(scan.range_min, '{:g}')} m to {_span(scan.range_max, '{:g}')} m", 4),
+        _line("limits", _limits(scan.range_min, scan.range_max), 4),
         _line("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
     ]
     if clock.start_ns is not None and clock.end_ns is not None:
@@ -120,6 +121,14 @@ def _scan_lines(scan: ScanInfo) -> list[str]:
         share = f"{count / total:.2%}" if total else "-"
         lines.append(_line(name.replace("_", " "), f"{count:,} beams ({share})", 4))
     return lines
+
+
+def _limits(least: Span, greatest: Span) -> str:
+    """The ranges that the sensor declares; one that has no greatest range writes 0, inf or 3.4e38."""
+    told = f"{_span(least, '{:g}')} m"
+    if not max(least.low, 0) < greatest.high <= FARTHEST:
+        return f"from {told}; the log tells no greatest range"
+    return f"{told} to {_span(greatest, '{:g}')} m"
 
 
 def _clock(clock: ClockInfo, sweeps: int) -> str:

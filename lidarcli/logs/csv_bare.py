@@ -6,10 +6,12 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
 from lidarcli.errors import UnreadableError
+from lidarcli.logs.csv_doubts import COUNTER_ROWS, is_turn, refuse_other_tables, restarts
 from lidarcli.logs.csv_head import Head, need_geometry, numeric, repeats, shown, units, unknown, value_of
 from lidarcli.logs.csv_layouts import (
     ABBREVIATED,
@@ -24,6 +26,11 @@ from lidarcli.logs.csv_layouts import (
 from lidarcli.logs.csv_names import DEFAULT_TOPIC
 from lidarcli.logs.csv_times import DATE, DATE_UNPADDED, S, time_unit
 from lidarcli.sweeps import TURN
+
+_SEQ_STEP = 10
+"""A sequence number rises by less from row to row ..."""
+_SEQ_STEP_MOST = 1000
+"""... or by less than this, where what follows is a time for sure."""
 
 
 def without_header(head: Head) -> Layout:
@@ -43,6 +50,7 @@ def without_header(head: Head) -> Layout:
     if width < 3:
         raise unknown(head, f"a table of {width} columns without names, such as {shown(head.lines[0])}")
     fields, first = _leading(rows)
+    refuse_other_tables(head, rows, first)
     words = [name for name, _ in sorted(fields.items(), key=lambda item: item[1])]
     need_geometry(head, WIDE)
     scan = Columns(DEFAULT_TOPIC, fields, units(head, fields), first=first, open_end=True)
@@ -96,12 +104,14 @@ def _bare_long(head: Head, width: int) -> Layout | None:
     steps = np.diff(angles)
     step = np.median(steps)
     even = step != 0 and np.mean(np.abs(steps - step) <= 0.25 * abs(step)) >= 0.6
-    if not even or len(angles) < 0.8 * len(values):
+    turning = width == 2 and restarts(angles) and is_turn(angles)
+    if not (even or turning) or len(angles) < 0.8 * len(values):
         return None
     if width == 2:
         return long(head, 0, 1, None, None, {})
     keys = head.column(0)
-    if not repeats(keys):
+    # A key that comes back is none: an angle or a layer.
+    if not repeats(keys) or len(set(keys)) < sum(1 for _ in groupby(keys)):
         return None
     counted = all(cell.isdigit() for cell in keys) and time_unit("", keys) == S
     return long(head, 1, 2, 0, None, {} if counted else {"record": 0})
@@ -126,10 +136,12 @@ def _leading(rows: Sequence[Sequence[bytes]]) -> tuple[dict[str, int], int]:
     counter = whole[0] and all(v is not None and abs(v) < 1e8 for v in columns[0])
     if counter and (rises(0) or not many):
         second_is_time = time_unit("", [row[1] for row in rows]) in (DATE, DATE_UNPADDED)
-        if second_is_time or (many and rises(1)):
-            return {"seq": 0, "record": 1}, 2
         others = [abs(value) for cell in rows[0][2:] if (value := value_of(cell)) is not None]
-        if not many and columns[1][0] is not None and columns[1][0] > 10 * max(others, default=0):
+        beyond = columns[1][0] is not None and columns[1][0] > 10 * max(others, default=0)
+        step = float(np.median(np.diff(np.array(columns[0], np.float64)))) if many else 0.0
+        # What rises in large steps is a time itself, and what rises behind it may be a range.
+        sure = step < _SEQ_STEP or (step < _SEQ_STEP_MOST and (beyond or len(rows) >= COUNTER_ROWS))
+        if second_is_time or (many and rises(1) and sure) or (not many and beyond):
             return {"seq": 0, "record": 1}, 2
     if not many or rises(0) or len({row[0] for row in rows}) == 1:
         return {"record": 0}, 1

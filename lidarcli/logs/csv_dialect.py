@@ -13,7 +13,10 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.csv_source import Block
 from lidarcli.sweeps import Int64
 
-_LISTS = re.compile(rb'\[[^\]]*\]|"[^"]*"')
+_QUOTED = re.compile(rb'"[^"]*"')
+# A bracket that nothing closes takes all that follows: to try each of many costs the square of their number.
+_LISTS = re.compile(rb"\[[^\]]*(?:\]|\Z)")
+_LISTS_AND_QUOTED = re.compile(rb'\[[^\]]*(?:\]|\Z)|"[^"]*"')
 _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
 _ENOUGH = 64 << 10
 """Bytes of a line that show how its cells are set apart."""
@@ -51,9 +54,9 @@ def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
     lines = lines[:12]
     if max(map(len, lines)) <= _ENOUGH:
         # A quoted cell may span lines.
-        bare = _LISTS.sub(b'"', b"\n".join(lines)).split(b"\n")
+        bare = _unlisted(b"\n".join(lines)).split(b"\n")
     else:
-        bare = [_LISTS.sub(b'"', line[:_ENOUGH]) for line in lines]
+        bare = [_unlisted(line[:_ENOUGH]) for line in lines]
     enough = max(1, (len(bare) + 1) // 2)
 
     def common(separator: bytes) -> bool:
@@ -77,6 +80,21 @@ def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
         for cell in line[:_ENOUGH].split(separator)
     )
     return Dialect(separator, comma, trailing)
+
+
+def empty_lists(text: bytes) -> bytes:
+    """The text with `[]` in place of each list in brackets."""
+    return _LISTS.sub(lambda match: b"[]" if match[0].endswith(b"]") else match[0], text)
+
+
+def _unlisted(text: bytes) -> bytes:
+    """The text with a mark in place of each list in brackets and each quoted cell."""
+
+    def mark(match: re.Match[bytes]) -> bytes:
+        whole = match[0].startswith(b'"') or match[0].endswith(b"]")
+        return b'"' if whole else _QUOTED.sub(b'"', match[0])
+
+    return _LISTS_AND_QUOTED.sub(mark, text)
 
 
 def split_line(line: bytes, dialect: Dialect) -> list[bytes]:

@@ -22,6 +22,7 @@ from lidarcli.logs.csv_folder import gather, in_order, stamp_of_name, sweep_file
 from lidarcli.logs.csv_layouts import PER_SWEEP, Layout
 from lidarcli.logs.csv_list import ListDecoder
 from lidarcli.logs.csv_long import LongDecoder
+from lidarcli.logs.csv_others import other_format
 from lidarcli.logs.csv_recognise import recognise
 from lidarcli.logs.csv_source import FIRST_BLOCK, MAX_LINE, Block, TextSource
 from lidarcli.logs.csv_times import time_notes
@@ -60,17 +61,16 @@ class CsvLog:
             self.path = os.fspath(self._files[0].parent) if self._files else ""
         else:
             self.path, self._stream, self._once = "-", source, True
-        label = "standard input" if self.path == "-" else self.path
         if self._files:
             self.size: int | None = sum(file.stat().st_size for file in self._files if file.is_file())
             self._layout, self.compression = self._sniff_files()
         else:
-            text, self.size = self._open(label)
+            text, self.size = self._open()
             self.compression = text.compression
             self._blocks = text.blocks()
             try:
                 self._head = _head(self._blocks)
-                self._layout = self._recognise(self._head, label)
+                self._layout = self._recognise(self._head)
             except UnreadableError:
                 self.close()
                 raise
@@ -134,7 +134,7 @@ class CsvLog:
             return ListDecoder(layout, self._options, self.report, topics)
         return WideDecoder(layout, self._options, self.report, topics)
 
-    def _open(self, label: str) -> tuple[TextSource, int | None]:
+    def _open(self) -> tuple[TextSource, int | None]:
         size = None
         try:
             if self._stream is None:
@@ -146,7 +146,7 @@ class CsvLog:
                     self._once = True
             return TextSource(self._stream, self.report, size), size
         except OSError as err:
-            raise UnreadableError(f"{label}: cannot be read: {err.strerror or err}") from err
+            raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
 
     def _start_over(self) -> Iterator[Block]:
         """The blocks from the first one on; a stream has them once."""
@@ -157,22 +157,24 @@ class CsvLog:
             raise UnreadableError(f"{self.path}: a stream can be read only once")
         self.close()
         self._forget()
-        return self._open(self.path)[0].blocks()
+        return self._open()[0].blocks()
 
     def _forget(self) -> None:
         self.report.damage.clear()
         self.report.refused.clear()
         self.report.damage_more = self.report.bytes_read = 0
 
-    def _recognise(self, head: Sequence[Block], label: str) -> Layout:
+    def _recognise(self, head: Sequence[Block]) -> Layout:
         if not head:
             if self.report.damage:
-                raise UnreadableError(f"{label}: {self.report.damage[0].cause}")
-            raise UnreadableError(f"{label}: empty file")
+                raise UnreadableError(f"{self.path}: {self.report.damage[0].cause}")
+            raise UnreadableError(f"{self.path}: empty file")
         text = b"".join(block.text for block in head)
+        if (other := other_format(text)) is not None:
+            raise UnreadableError(f"{self.path}: {other.refusal}")
         if _is_binary(text[:FIRST_BLOCK]):
-            raise UnreadableError(f"{label}: neither a known container nor text: not a log")
-        return recognise(text.split(b"\n")[:-1], self._options, label)
+            raise UnreadableError(f"{self.path}: neither a known container nor text: not a log")
+        return recognise(text.split(b"\n")[:-1], self._options, self.path)
 
     def _sniff_files(self) -> tuple[Layout, str]:
         """The layout of the first file that has one; that of a whole log is refused."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from string import whitespace
 
 import numpy as np
 
@@ -12,7 +14,12 @@ from lidarcli.sweeps import Int64
 
 DEFAULT_TOPIC = "/scan"
 
-_INDEXED = re.compile(r"(?P<stem>.*?)[\[\s._/-]*(?P<index>\d{1,7})\]?(?P<echo>[._/]echoes[\[._]?0\]?)?")
+_MARKS = re.compile(r"[./\[\]\s%#:]+")
+_DECIMAL = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
+_LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
+_INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
+_BEFORE_INDEX = "[._/-" + whitespace
+"""What may stand between a word and its index."""
 _RANGE_WORD = re.compile(
     r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$"
 )
@@ -36,6 +43,9 @@ _FIELDS = {
         "seq": r"(?:header_)?(?:seq|sequence|index|id)",
     }.items()
 }
+_ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in _FIELDS.values()))
+_LONGEST_FIELD = 40
+"""Characters that no name of a field exceeds, what stands before it left out."""
 _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi)s?(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?"
     r"|(?P<bare>deg|degrees?|rad|radians?)"
@@ -43,6 +53,11 @@ _ANGLE = re.compile(
 _RANGE = re.compile(
     r"(?:.*_)?(?:ranges?|r|rho|distance|dist|radius|depth)(?:_?\(?(?:m|mm|cm|met[er]{2}s?)\)?)?"
 )
+_LAYER = re.compile(
+    r"(?:.*_)?(?:elevations?|inclination|vertical(?:_angle)?|layer|ring|channel|laser)"
+    r"(?:_?\(?(?:deg|degrees?|°|rad|radians?|id|index|idx|number|no|nr|num)\)?)?"
+)
+_SPHERE = re.compile(r"(theta|phi)(?:_?\(?(?:deg|degrees?|°|rad|radians?)\)?)?")
 _SWEEP = re.compile(
     r"(?:sweep|scan|turn|revolution|rotation|seq|frame)(?:_?(?:id|index|idx|number|no|nr|num))?|id"
 )
@@ -81,37 +96,64 @@ def canonical(name: str) -> str:
     >>> canonical("%time"), canonical("field.header.frame_id"), canonical("Angle Min")
     ('time', 'field_header_frame_id', 'angle_min')
     """
-    return re.sub(r"[./\[\]\s%#:]+", "_", name.strip().lower()).strip("_")
+    return _MARKS.sub("_", name.strip().lower()).strip("_")
 
 
-def find_fields(names: Sequence[str], prefix: str) -> dict[str, int]:
-    """The columns of the fields of one scan: those with its prefix first, then those without any."""
-    fields: dict[str, int] = {}
-    start = canonical(prefix) + "_" if canonical(prefix) else ""
-    plain = [canonical(name) for name in names]
-    for begin in dict.fromkeys((start, "")):
-        for column, name in enumerate(plain):
-            if not name.startswith(begin):
+class FieldIndex:
+    """Where the fields of a scan may stand in a header: one look at each name serves every scan in it."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._starts: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
+        """What stands before a field's name → column and the fields it may be, in the order of the columns."""
+        seen: Counter[tuple[str, tuple[str, ...]]] = Counter()
+        again: Counter[str] = Counter()
+        for column, name in enumerate(names):
+            again[name] += 1
+            if again[name] > len(_FIELDS):
                 continue
-            for field, pattern in _FIELDS.items():
-                if field not in fields and pattern.fullmatch(name[len(begin) :]):
-                    fields[field] = column
-                    break
-    if not {"seconds", "nanoseconds"} <= fields.keys():
-        fields.pop("nanoseconds", None)
-        if "seconds" in fields:
-            fields.setdefault("record", fields.pop("seconds"))
-    return fields
+            for start, fields in _endings(canonical(name)):
+                # Columns of one kind beyond the number of fields they may be are never needed.
+                if seen[start, fields] < len(fields):
+                    seen[start, fields] += 1
+                    self._starts.setdefault(start, []).append((column, fields))
+
+    def find(self, prefix: str) -> dict[str, int]:
+        """The columns of the fields of one scan: those with its prefix first, then those without any."""
+        found: dict[str, int] = {}
+        start = canonical(prefix) + "_" if canonical(prefix) else ""
+        for begin in dict.fromkeys((start, "")):
+            for column, fields in self._starts.get(begin, ()):
+                for field in fields:
+                    if field not in found:
+                        found[field] = column
+                        break
+        if not {"seconds", "nanoseconds"} <= found.keys():
+            found.pop("nanoseconds", None)
+            if "seconds" in found:
+                found.setdefault("record", found.pop("seconds"))
+        return found
+
+
+def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Every way to read a canonical name as a prefix and a field: the prefix, and the fields it may be."""
+    for place in range(max(len(name) - _LONGEST_FIELD, 0), len(name)):
+        if (not place or name[place - 1] == "_") and _ANY_FIELD.fullmatch(name, place):
+            yield (
+                name[:place],
+                tuple(field for field, pattern in _FIELDS.items() if pattern.fullmatch(name, place)),
+            )
 
 
 def find_families(names: Sequence[str]) -> list[Family]:
     """The groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
     found: dict[str, dict[int, int]] = {}
     for column, name in enumerate(names):
-        match = _INDEXED.fullmatch(name.strip())
+        name = name.strip()
+        match = _INDEX.search(name)
         if match is None or "intens" in name.lower():
             continue
-        found.setdefault(match["stem"], {}).setdefault(int(match["index"]), column)
+        stem = name[: match.start()].rstrip(_BEFORE_INDEX)
+        found.setdefault(stem, {}).setdefault(int(match[1]), column)
     families = []
     for stem, columns in found.items():
         word = re.split(r"[./]", stem)[-1].strip(" _-").lower()
@@ -134,7 +176,7 @@ def find_bearings(names: Sequence[str]) -> tuple[Family, float, float] | None:
     numbers: dict[int, float] = {}
     for column, name in enumerate(names):
         text = name.strip().rstrip("°")
-        if re.fullmatch(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+", text):
+        if _DECIMAL.fullmatch(text):
             numbers[column] = float(text)
     columns = np.array(list(numbers), np.int64)
     values = np.array(list(numbers.values()))
@@ -148,23 +190,47 @@ def find_bearings(names: Sequence[str]) -> tuple[Family, float, float] | None:
     return Family("", columns), float(values[0]), float(step)
 
 
+def _first_columns(names: Sequence[str]) -> dict[str, int]:
+    """Each canonical name once, and the first column that has it."""
+    columns: dict[str, int] = {}
+    for name, column in {name: column for column, name in reversed(list(enumerate(names)))}.items():
+        plain = canonical(name)
+        columns[plain] = min(column, columns.get(plain, column))
+    return dict(sorted(columns.items(), key=lambda item: item[1]))
+
+
 def find_long(names: Sequence[str]) -> LongColumns | None:
     """The columns of a table with one beam per row; None where it is none."""
-    plain = [canonical(name) for name in names]
-    angle = next(((i, m) for i, name in enumerate(plain) if (m := _ANGLE.fullmatch(name))), None)
-    distance = next((i for i, name in enumerate(plain) if _RANGE.fullmatch(name)), None)
+    columns = _first_columns(names)
+    angle = next(
+        (
+            (column, match)
+            for name, column in columns.items()
+            if (match := _ANGLE.fullmatch(name)) and not _LAYER.fullmatch(name)
+        ),
+        None,
+    )
+    distance = next((column for name, column in columns.items() if _RANGE.fullmatch(name)), None)
     if angle is None or distance is None:
         return None
     unit = angle[1]["unit"] or angle[1]["bare"]
-    sweep = next((i for i, name in enumerate(plain) if _SWEEP.fullmatch(name)), None)
+    sweep = next((column for name, column in columns.items() if _SWEEP.fullmatch(name)), None)
     return LongColumns(angle[0], distance, sweep, None if unit is None else not unit.startswith("rad"))
+
+
+def find_layers(names: Sequence[str]) -> list[int]:
+    """The columns that may tell the layers of a scan in space: an elevation, a ring, one of the angles of a sphere."""
+    columns = _first_columns(names)
+    sphere = {match[1]: column for name, column in columns.items() if (match := _SPHERE.fullmatch(name))}
+    layers = [column for name, column in columns.items() if _LAYER.fullmatch(name)]
+    return layers + ([max(sphere.values())] if len(sphere) == 2 else [])
 
 
 def list_column(names: Sequence[str], cells: Mapping[int, str]) -> tuple[int, str] | None:
     """The column whose cell is a list of ranges, and the prefix of its name."""
     for column, cell in cells.items():
         text = cell.strip()
-        if not re.match(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(", text):
+        if not _LIST.match(text):
             continue
         name = names[column].strip()
         word = re.split(r"[./]", name)[-1].lower()

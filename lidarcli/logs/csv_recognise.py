@@ -8,9 +8,11 @@ from contextlib import suppress
 
 import numpy as np
 
+from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv_bare import long, without_header
-from lidarcli.logs.csv_dialect import csv_cells
+from lidarcli.logs.csv_cells import say
+from lidarcli.logs.csv_dialect import csv_cells, empty_lists
 from lidarcli.logs.csv_head import Head, need_geometry, read_head, repeats, shown, units, unknown
 from lidarcli.logs.csv_layouts import (
     BAGPY,
@@ -23,16 +25,20 @@ from lidarcli.logs.csv_layouts import (
 )
 from lidarcli.logs.csv_names import (
     Family,
+    FieldIndex,
+    LongColumns,
     canonical,
     find_bearings,
     find_families,
-    find_fields,
+    find_layers,
     find_long,
     list_column,
 )
 from lidarcli.logs.csv_times import time_unit
 from lidarcli.sweeps import TURN
 
+_SHOWN = 3
+"""Values of a column that a message names."""
 _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
 
@@ -55,8 +61,8 @@ def with_header(head: Head) -> Layout:
     bearings = find_bearings(names)
     families = [] if bearings else find_families(names)
     if not families and not bearings:
-        if find_long(names):
-            return _long_layout(head)
+        if columns := find_long(names):
+            return _long_layout(head, columns)
         name = _ros_name(names)
         if name != WIDE or _headed(names):
             return Layout(
@@ -64,18 +70,16 @@ def with_header(head: Head) -> Layout:
             )
         raise unknown(head, f"a table with the columns {shown(', '.join(names).encode())}")
     name = _ros_name(names)
+    index = FieldIndex(names)
     if bearings:
         family, first, step = bearings
         degrees = max(abs(first), abs(first + step * (len(family.columns) - 1))) > TURN + 0.1
         scale = np.pi / 180 if degrees else 1.0
-        scan = _columns(head, family, (first * scale, step * scale))
+        scans = [_columns(head, index, family, (first * scale, step * scale))]
         notes = ["bearings from the column names" + (", taken as degrees" if degrees else "")]
     else:
         notes = []
-        scans = [_columns(head, family, None) for family in families]
-        scan = scans[0]
-    if bearings or len(scans) == 1:
-        scans = [scan]
+        scans = [_columns(head, index, family) for family in families]
     for each in scans:
         if not {"angle_min", "angle_increment"} <= each.fields.keys() and each.geometry is None:
             need_geometry(head, name)
@@ -92,13 +96,15 @@ def with_header(head: Head) -> Layout:
     )
 
 
-def _columns(head: Head, family: Family, geometry: tuple[float, float] | None) -> Columns:
+def _columns(
+    head: Head, index: FieldIndex, family: Family, geometry: tuple[float, float] | None = None
+) -> Columns:
     """The fields around a family of range columns, and whether rows may be ragged."""
-    fields = find_fields(head.names, family.prefix)
+    fields = index.find(family.prefix)
     first, last = int(family.columns[0]), int(family.columns[-1])
     in_order = bool((np.diff(family.columns) == 1).all())
-    after = [name.lower() for name in head.names[last + 1 :]]
-    doubled = len(after) == len(family.columns) and all("intens" in name for name in after)
+    after = len(head.names) - last - 1
+    doubled = after == len(family.columns) and all("intens" in name.lower() for name in head.names[-after:])
     return Columns(
         family.topic,
         fields,
@@ -120,7 +126,7 @@ def _list_layout(head: Head) -> Layout | None:
     # Only names that speak of ranges are worth the look.
     if not any(re.search("range|scan|dist|data|value", name.lower()) for name in head.names):
         return None
-    text = re.sub(rb"\[[^\]]*\]", b"[]", b"\n".join(head.lines))[:_RECORD].decode("utf-8", "replace")
+    text = empty_lists(b"\n".join(head.lines))[:_RECORD].decode("utf-8", "replace")
     try:
         cells = csv_cells(text, head.dialect.separator.decode())
     except ValueError:
@@ -129,7 +135,7 @@ def _list_layout(head: Head) -> Layout | None:
     if found is None:
         return None
     listed, prefix = found
-    fields = find_fields(head.names, prefix)
+    fields = FieldIndex(head.names).find(prefix)
     found_units = _list_units(head, fields, cells)
     if not {"angle_min", "angle_increment"} <= fields.keys():
         need_geometry(head, LIST)
@@ -153,7 +159,7 @@ def _list_units(head: Head, fields: dict[str, int], first: list[str]) -> dict[st
     records = [first]
     for line in head.lines[1:]:
         with suppress(ValueError):
-            bare = re.sub(rb"\[[^\]]*\]", b"[]", line).decode("utf-8", "replace")
+            bare = empty_lists(line).decode("utf-8", "replace")
             records.append(csv_cells(bare, head.dialect.separator.decode()))
     found: dict[str, int] = {}
     for name in ("record", "stamp"):
@@ -166,12 +172,17 @@ def _list_units(head: Head, fields: dict[str, int], first: list[str]) -> dict[st
     return found
 
 
-def _long_layout(head: Head) -> Layout:
-    """One beam per row, by the names of the columns."""
-    columns = find_long(head.names)
-    if columns is None:
-        raise unknown(head, "a table")
-    fields = find_fields(head.names, "")
+def _long_layout(head: Head, columns: LongColumns) -> Layout:
+    """One beam per row, by the names of the columns; UnreadableError where the beams lie in several layers."""
+    for column in find_layers(head.names):
+        values = list(dict.fromkeys(head.column(column)))
+        if len(values) > 1:
+            some = ", ".join(map(say, values[:_SHOWN])) + (", ..." if len(values) > _SHOWN else "")
+            raise UnreadableError(
+                f"{head.path}: one beam per row, in several layers (column {shown(head.names[column].encode())}"
+                f" holds {some}); lidarcli reads scans of one plane: keep the rows of one layer"
+            )
+    fields = FieldIndex(head.names).find("")
     for taken in ("seq", "frame"):
         if fields.get(taken) == columns.sweep:
             fields.pop(taken, None)

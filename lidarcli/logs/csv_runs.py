@@ -8,10 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps import TURN, Float64, Int64
 
 ONE_BEAM = "a sweep of one beam, whose increment nobody knows"
 UNEVEN = "bearings without a common step"
+TURNS = "bearings over more than a turn in one sweep: several layers or sweeps under one key"
+BACK = "bearings start over within one sweep: several layers or sweeps under one key"
+DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under one key"
+MOST_VIEW = 1.1 * TURN
+"""Bearings of one sweep span no more than this [rad]; a turn whose start and end overlap does not reach it."""
+MOST_DOUBLED = 0.25
+"""Share of beams that may have the bearing of another."""
 JITTER = 0.25
 """Bearings may leave the even grid by this part of a step."""
 
@@ -79,7 +86,7 @@ def even_runs(runs: Runs) -> tuple[EvenRuns, list[str], bool]:
         step = (runs.angle[starts + lengths - 1] - first) / steps
         off = np.abs(angle - (np.repeat(first, lengths) + place * np.repeat(step, lengths)))
         even = np.maximum.reduceat(off, starts - begin) <= JITTER * np.abs(step)
-    even &= lengths > 1
+        even &= (lengths > 1) & (np.abs(step) * steps <= MOST_VIEW)
     first, step = snap(first, first, np.ones(len(first))), snap(step, first, steps)
     if even.all():
         return EvenRuns(runs.values[begin:end], lengths, first, step), [""] * len(starts), False
@@ -90,8 +97,8 @@ def even_runs(runs: Runs) -> tuple[EvenRuns, list[str], bool]:
         values = runs.values[at : at + count]
         if not even[run]:
             grid = _on_grid(runs.angle[at : at + count], values)
-            if grid is None:
-                causes[run] = ONE_BEAM if count == 1 else UNEVEN
+            if isinstance(grid, str):
+                causes[run] = grid
                 continue
             values, first[run], step[run] = grid
             beams[run] = len(values)
@@ -109,27 +116,32 @@ def snap(values: Float64, angles: Float64, steps: NDArray[np.floating]) -> Float
         return np.where(np.abs(values - single) <= slack, single, values)
 
 
-def _on_grid(
-    angle: Float64, values: NDArray[np.floating]
-) -> tuple[NDArray[np.floating], float, float] | None:
-    """One sweep of uneven bearings on a grid of their median step; beams that nothing falls on are NaN."""
+def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float] | str:
+    """One sweep of uneven bearings on a grid of their median step; beams that nothing falls on are NaN.
+
+    Why it is none where there is no such grid.
+    """
     known = np.isfinite(angle)
     if known.sum() < 2:
-        return None
+        return ONE_BEAM if len(angle) == 1 else UNEVEN
     turned = np.unwrap(angle[known])
+    if np.ptp(turned) > MOST_VIEW:
+        return TURNS
+    if len(cut_restarts(turned)) > 1:
+        return BACK
     values = values[known]
     steps = np.diff(turned)
     descending = np.median(steps) < 0
     order = np.argsort(turned, kind="stable")
     turned, values = turned[order], values[order]
     gaps = np.diff(turned)
+    if (gaps <= 1e-9).mean() > MOST_DOUBLED:
+        return DOUBLED
     gaps = gaps[gaps > 1e-9]
-    if not len(gaps):
-        return None
     step = float(np.median(gaps))
     place = np.rint((turned - turned[0]) / step)
     if place[-1] >= min(4 * len(turned) + 16, MAX_BEAMS):
-        return None
+        return UNEVEN
     step = float((turned[-1] - turned[0]) / place[-1])
     place = np.rint((turned - turned[0]) / step).astype(np.int64)
     grid = np.full(int(place[-1]) + 1, np.nan, values.dtype)

@@ -18,8 +18,17 @@ S_UNPADDED, DATE_UNPADDED = -1, -2
 """The same, but behind the point stand nanoseconds without leading zeros: `1.5` is 1 s 5 ns."""
 _NOTES = {
     (DATE, DATE_UNPADDED): "times without a zone are read as UTC",
+    (MS,): "times are milliseconds",
+    (US,): "times are microseconds",
     (S_UNPADDED, DATE_UNPADDED): "behind the point of times stand nanoseconds without leading zeros",
 }
+
+_STEPS = ((NS, 5_000_000), (US, 5_000), (MS, 10))
+"""Unit → the least step from sweep to sweep in it, of a clock whose unit nobody names: 5 ms, 5 ms, 10 ms."""
+_SINCE_1970 = 10**9
+"""Whole seconds as large are those since 1970, however rare the sweeps ..."""
+_HOUR = 3600
+"""... unless they come less often than this [s]."""
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
@@ -38,7 +47,8 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
     """Nanoseconds per unit of a time column (`DATE` for dates), from its name or the size of its values.
 
     None where most samples are no times. Seconds since 1970 have 10 digits before the point, milliseconds 13,
-    microseconds 16, nanoseconds 19: no clock that a robot carries comes near the next unit.
+    microseconds 16, nanoseconds 19: no clock that a robot carries comes near the next unit. Whole numbers of a clock
+    that starts with the robot tell by their steps: no LiDAR waits 10 s for its next sweep.
 
     >>> time_unit("time", [b"1714555596445048407"]), time_unit("t", [b"12.5"]), time_unit("t_ms", [b"5"])
     (1, 1000000000, 1000000)
@@ -56,7 +66,19 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
     for unit, least in ((NS, 10**17), (US, 10**14), (MS, 10**11)):
         if largest >= least:
             return unit
+    if all(cell.strip().isdigit() for cell in numbers):
+        return _unit_of_steps([int(cell) for cell in numbers])
     return S_UNPADDED if _is_unpadded(numbers, S, S_UNPADDED) else S
+
+
+def _unit_of_steps(counts: Sequence[int]) -> int:
+    """The unit of whole numbers below 1e11, in which the usual step from sweep to sweep is a likely one."""
+    steps = np.diff(np.array(counts, np.int64))
+    steps = steps[steps > 0]
+    step = np.median(steps) if len(steps) else 0
+    if min(counts) >= _SINCE_1970 and step < _HOUR:
+        return S
+    return next((unit for unit, least in _STEPS if step >= least), S)
 
 
 def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:

@@ -8,8 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from mcap.writer import Writer
+
+from lidarcli.simulate.writers import write_log
+from tests.sweeping import raw_sweeps
 
 Run = Callable[..., Any]
 
@@ -95,6 +99,23 @@ def test_range_options_change_the_status(logs: Path, lidarcli: Run) -> None:
     ran = lidarcli("info", logs / "run.mcap", "--range", "1.8", "3", "--no-return", "inf", "--format", "json")
     (scan,) = json.loads(ran.out)[0]["scans"]
     assert scan["beams_by_status"] == {"valid": 400, "no_return": 20, "too_close": 300, "invalid": 6480}
+
+
+@pytest.mark.parametrize("greatest", [0.0, 0.1, np.inf, 3.4e38, 1e7])
+def test_a_log_that_tells_no_greatest_range(greatest: float, tmp_path: Path, lidarcli: Run) -> None:
+    ranges = np.full((2, 30), 2.0)
+    write_log(tmp_path / "run.mcap", [raw_sweeps(ranges, range_min=0.15, range_max=greatest)])
+    ran = lidarcli("info", tmp_path / "run.mcap")
+    assert (ran.code, ran.err) == (0, "")
+    (line,) = [line for line in ran.out.splitlines() if "limits" in line]
+    assert line == "    limits    from 0.15 m; the log tells no greatest range"
+    assert "valid     60 beams (100.00%)" in ran.out
+
+
+def test_greatest_ranges_that_change(tmp_path: Path, lidarcli: Run) -> None:
+    raw = raw_sweeps(np.full((2, 30), 2.0), range_min=0.15, range_max=np.array([0, 30]))
+    write_log(tmp_path / "run.mcap", [raw])
+    assert "    limits    0.15 m to 0 .. 30 m\n" in lidarcli("info", tmp_path / "run.mcap").out
 
 
 def test_several_logs(logs: Path, lidarcli: Run) -> None:

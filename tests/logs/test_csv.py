@@ -311,9 +311,9 @@ def test_unit_in_the_name_of_the_time_column() -> None:
 
 
 def test_seconds_and_nanoseconds_without_a_header() -> None:
-    got, _ = read_text("1714555596,445048407,1.5,2.5,3.5\n1714555597,5,1.5,2.5,3.25\n")
+    got, _ = read_text("1714555596,445048407,1,2,3,4,1.5,2.5,3.5\n1714555597,5,1,2,3,4,1.5,2.5,3.25\n")
     assert got.stamp_ns.tolist() == [START, 1714555597000000005]
-    assert rows_of(got) == [[1.5, 2.5, 3.5], [1.5, 2.5, 3.25]]
+    assert rows_of(got) == [[1, 2, 3, 4, 1.5, 2.5, 3.5], [1, 2, 3, 4, 1.5, 2.5, 3.25]]
 
 
 def test_missing_cells_and_words() -> None:
@@ -327,9 +327,10 @@ def test_missing_cells_and_words() -> None:
 
 
 def test_short_rows_are_sweeps_of_fewer_beams() -> None:
-    got, log = read_text("1.0,5,6,7,8\n2.0,5,6\n3.0,5,6,7,8,9\n", CsvOptions(fov=np.pi))
-    assert rows_of(got) == [[5, 6, 7, 8], [5, 6], [5, 6, 7, 8, 9]]
-    np.testing.assert_array_equal(got.angle_increment, np.pi / np.array([3, 1, 4]))
+    text = "1.0,5,6,7,8,5,6,7,8\n2.0,5,6\n3.0,5,6,7,8,5,6,7,8,9\n"
+    got, log = read_text(text, CsvOptions(fov=np.pi))
+    assert rows_of(got) == [[5, 6, 7, 8, 5, 6, 7, 8], [5, 6], [5, 6, 7, 8, 5, 6, 7, 8, 9]]
+    np.testing.assert_array_equal(got.angle_increment, np.pi / np.array([7, 1, 8]))
     np.testing.assert_array_equal(got.angle_min, np.full(3, -np.pi / 2))
     assert log.report.damage == []
 
@@ -346,7 +347,7 @@ def test_abbreviated_arrays_are_explained() -> None:
     with pytest.raises(UnreadableError) as error:
         CsvLog(io.BytesIO(f"{ROS2}1,2,...\n".encode()))
     assert str(error.value) == (
-        "standard input: CSV (ros2 topic echo --csv): the arrays are abbreviated ('...'):"
+        "-: CSV (ros2 topic echo --csv): the arrays are abbreviated ('...'):"
         " record again with `ros2 topic echo --csv --full-length`"
     )
 
@@ -379,20 +380,20 @@ def test_millimetres() -> None:
     ("options", "first", "step"),
     [
         (CsvOptions(angle_min=-1.0, angle_increment=-0.5), -1.0, -0.5),
-        (CsvOptions(fov=3.0), -1.5, 1.0),
-        (CsvOptions(fov=2 * np.pi), -np.pi, np.pi / 2),
-        (CsvOptions(fov=3.0, angle_min=0.0), 0.0, 1.0),
+        (CsvOptions(fov=3.5), -1.75, 0.5),
+        (CsvOptions(fov=2 * np.pi), -np.pi, np.pi / 4),
+        (CsvOptions(fov=3.5, angle_min=0.0), 0.0, 0.5),
     ],
 )
 def test_given_geometry(options: CsvOptions, first: float, step: float) -> None:
-    got, _ = read_text("1.0,5,6,7,8\n2.0,5,6,7,9\n", options)
+    got, _ = read_text("1.0,5,6,7,8,5,6,7,8\n2.0,5,6,7,8,5,6,7,9\n", options)
     assert (got.angle_min[0], got.angle_increment[0], got.range_max[0]) == (first, step, np.inf)
 
 
 @pytest.mark.parametrize(
     "options", [CsvOptions(), CsvOptions(angle_min=0.0), CsvOptions(angle_increment=0.1)]
 )
-@pytest.mark.parametrize("text", ["1.0,5,6,7,8\n", "time,r0,r1,r2\n1,2,3,4\n"])
+@pytest.mark.parametrize("text", ["1.0,5,6,7,8,5,6,7,8\n", "time,r0,r1,r2\n1,2,3,4\n"])
 def test_missing_geometry_names_the_options(options: CsvOptions, text: str, tmp_path: Path) -> None:
     path = tmp_path / "x.csv"
     path.write_text(text)
@@ -421,11 +422,14 @@ def test_header_in_a_comment() -> None:
 
 
 def test_drow_columns_and_a_bare_matrix() -> None:
-    got, log = read_text("7,100.5,5.5,6,7\n8,100.6,5.5,6,8\n", CsvOptions(fov=1.0))
-    assert (rows_of(got), got.stamp_ns.tolist()) == ([[5.5, 6, 7], [5.5, 6, 8]], [100500000000, 100600000000])
+    ranges = [5.5, 6, 7, 5.5, 6, 7]
+    text = "7,100.5,5.5,6,7,5.5,6,7\n8,100.6,5.5,6,7,5.5,6,7\n"
+    got, log = read_text(text, CsvOptions(fov=1.0))
+    assert (rows_of(got), got.stamp_ns.tolist()) == ([ranges, ranges], [100500000000, 100600000000])
     assert log.report.notes == ["CSV layout: plain wide; no header; columns taken as seq, record, ranges"]
-    got, log = read_text("5.5,6,7,8\n5.25,6,8,8\n5.5,6,7,7\n", CsvOptions(fov=1.0))
-    assert (got.beams.tolist(), got.stamp_ns.tolist()) == ([4, 4, 4], [0, 0, 0])
+    text = "5.5,6,7,8,5.5,6,7,8\n5.25,6,8,8,5.5,6,7,8\n5.5,6,7,7,5.5,6,7,8\n"
+    got, log = read_text(text, CsvOptions(fov=1.0))
+    assert (got.beams.tolist(), got.stamp_ns.tolist()) == ([8, 8, 8], [0, 0, 0])
     assert "no time column: all stamps are 0" in log.report.notes[0]
 
 
@@ -679,7 +683,7 @@ def test_a_line_without_end_stays_within_bounds(fill: bytes) -> None:
 
 def test_rows_of_very_different_length_are_not_padded_to_one_width() -> None:
     long_row = "0.5," + ",".join(["1"] * 200_000)
-    text = "0.1,1,2,3\n" * 5000 + long_row + "\n" + "0.7,1,2,3\n" * 5000
+    text = "0.1,1,2,3,4,5,6,7\n" * 5000 + long_row + "\n" + "0.7,1,2,3,4,5,6,7\n" * 5000
     tracemalloc.start()
     with CsvLog(io.BytesIO(text.encode()), GEOMETRY) as log:
         assert sum(map(len, log.scans())) == 10_001

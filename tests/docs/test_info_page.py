@@ -1,0 +1,135 @@
+"""docs/info.md: every key of `info --format json` is there with its type, and no other."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from lidarcli.cli.info_text import as_json
+from lidarcli.logs.base import Topic
+from lidarcli.pipeline.clock import ClockInfo
+from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
+from lidarcli.pipeline.posing import PoseInfo
+from lidarcli.sweeps import Closure, Status
+from tools.make_docs import ROOT
+
+PAGE = (ROOT / "docs" / "info.md").read_text(encoding="utf-8")
+ROWS = [
+    tuple(cell.strip() for cell in match)
+    for match in re.findall(r"^\| `([\w.\[\]]+)` \|([^|]+)\|([^|]*)\|([^|]*)\|$", PAGE, re.MULTILINE)
+]
+"""(key, type, unit, meaning) of each row."""
+KINDS: dict[str, tuple[type, ...]] = {
+    "string": (str,),
+    "string or null": (str, type(None)),
+    "integer": (int,),
+    "integer or null": (int, type(None)),
+    "number": (int, float),
+    "number or null": (int, float, type(None)),
+    "boolean": (bool,),
+    "list": (list,),
+    "list of strings": (list,),
+    "pair": (list,),
+    "pair of integers": (list,),
+    "object": (dict,),
+}
+
+
+def info(unknown: bool = False) -> LogInfo:
+    """A log with something of everything; with all that may be unknown unknown."""
+    clock = (
+        ClockInfo(None, None, None, 0, 0.0, 2, None)
+        if unknown
+        else ClockInfo(5, 10**9, 10.0, 1, 0.5, 0, 0.25)
+    )
+    scan = ScanInfo(
+        topic="/scan",
+        frame_id="laser",
+        sweeps=2,
+        beams=Span(300, 360),
+        view=Span(5.0, 6.0),
+        angle_min=Span(-3.0, -2.0),
+        increment=Span(0.01, 0.02),
+        closure=tuple(item.name.lower() for item in Closure),
+        range_min=Span(0.1, 0.2),
+        range_max=Span(12.0, float("inf") if unknown else 30.0),
+        clock=clock,
+        by_status={status.name.lower(): 3 for status in Status if status != Status.PADDING},
+        pose="" if unknown else "/tf (map > laser)",
+    )
+    return LogInfo(
+        path="run.mcap",
+        format="mcap",
+        compression="zstd",
+        size=None if unknown else 99,
+        topics=(Topic("/scan", "sensor_msgs/msg/LaserScan", "cdr", None if unknown else 2),),
+        scans=(scan,),
+        pose_topics=("/tf",),
+        pose_sources=(
+            PoseInfo("/tf", "tf2_msgs/msg/TFMessage", 9, None if unknown else 2.0, 1, 2, (("map", "laser"),)),
+        ),
+        dropped=(("/scan", "angle_increment is zero", 1),),
+        notes=("a note",),
+        damage=("byte 5: cut off",),
+    )
+
+
+def keys(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Every key below a value as the page writes it, and what it holds."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            name = f"{path}.{key}" if path else key
+            yield name, item
+            yield from keys(item, name)
+    elif isinstance(value, list):
+        for item in value:
+            yield from keys(item, f"{path}[]")
+
+
+@pytest.mark.parametrize("unknown", [False, True])
+def test_every_key_is_described_and_no_other(unknown: bool) -> None:
+    (log,) = json.loads(as_json([info(unknown)]))
+    written = dict(keys(log))
+    described = {key: kind for key, kind, _, _ in ROWS}
+    assert len(described) == len(ROWS)
+    assert sorted(written) == sorted(described)
+    for key, value in written.items():
+        kind = described[key]
+        assert type(value) in KINDS[kind], key
+        if kind == "list of strings":
+            assert {type(item) for item in value} == {str}, key
+        if kind.startswith("pair"):
+            assert len(value) == 2, key
+
+
+def test_a_pair_is_the_least_and_the_most() -> None:
+    (log,) = json.loads(as_json([info()]))
+    (scan,) = log["scans"]
+    assert (scan["beams"], scan["range_max"]) == ([300, 360], [12.0, 30.0])
+    (log,) = json.loads(as_json([info(unknown=True)]))
+    assert log["scans"][0]["range_max"] == [12.0, None]
+
+
+def test_what_is_null_is_said_to_be() -> None:
+    (log,) = json.loads(as_json([info(unknown=True)]))
+    null = {key for key, value in keys(log) if value is None}
+    assert null == {key for key, kind, _, _ in ROWS if kind.endswith("or null")}
+
+
+def test_units_stand_where_numbers_do() -> None:
+    without = {
+        key for key, kind, unit, _ in ROWS if kind.startswith(("integer", "number", "pair")) and not unit
+    }
+    assert without == set()
+    for key, _, unit, _ in ROWS:
+        assert key.endswith("_ns") == (unit == "ns"), key
+    assert [key for key, _, _, meaning in ROWS if not meaning] == []
+
+
+def test_the_words_of_closure_are_explained() -> None:
+    (row,) = [meaning for key, _, _, meaning in ROWS if key == "scans[].closure"]
+    assert re.findall(r"`(\w+)`", row) == [item.name.lower() for item in Closure]

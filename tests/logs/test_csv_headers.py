@@ -1,0 +1,143 @@
+"""The names of CSV columns: found as a slow look at every name finds them, in time that grows with the header alone."""
+
+from __future__ import annotations
+
+import io
+import re
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from lidarcli.errors import LidarcliError
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.csv_dialect import _unlisted, empty_lists
+from lidarcli.logs.csv_log import CsvLog
+from lidarcli.logs.csv_names import _FIELDS, FieldIndex, canonical
+
+SECONDS = 5.0
+SIZE = 1_000_000
+"""Bytes of a header that nobody meant well."""
+FIELDS = (
+    "stamp secs nsecs frame_id angle_min angle_max angle_increment range_min range_max seq id t timestamp"
+)
+WORDS = f"{FIELDS} stamp_secs stamp_nsecs header header/stamp header.stamp.secs header.stamp.nanosecs x ranges[0] _".split()
+UNITS = [
+    "_",
+    "[",
+    "._",
+    "1",
+    "_" * 99 + ",",
+    "._" * 50 + "x,",
+    "t,",
+    "header_stamp_secs,",
+    '"',
+    '","',
+    "[,",
+    "(,",
+]
+UNITS += [" ", "angle_,", "angle_", "range", "_s)", "/echoes[0]", "ranges[", "a ,", "°", ",", "-"]
+
+
+def slow_fields(names: Sequence[str], prefix: str) -> dict[str, int]:
+    """Every name against every field, for one scan."""
+    fields: dict[str, int] = {}
+    start = canonical(prefix) + "_" if canonical(prefix) else ""
+    for begin in dict.fromkeys((start, "")):
+        for column, name in enumerate(map(canonical, names)):
+            if name.startswith(begin):
+                for field, pattern in _FIELDS.items():
+                    if field not in fields and pattern.fullmatch(name[len(begin) :]):
+                        fields[field] = column
+                        break
+    if not {"seconds", "nanoseconds"} <= fields.keys():
+        fields.pop("nanoseconds", None)
+        if "seconds" in fields:
+            fields.setdefault("record", fields.pop("seconds"))
+    return fields
+
+
+def test_the_fields_are_those_of_a_slow_look_at_every_name() -> None:
+    random = np.random.default_rng(3)
+    found = 0
+    for _ in range(400):
+        prefixes = random.choice(["", "/a/", "field.", "/a/b/", "/scan/"], 3)
+        names = [
+            random.choice(prefixes) + random.choice(["", "", "x_"]) + random.choice(WORDS)
+            for _ in range(random.integers(1, 25))
+        ]
+        index = FieldIndex(names)
+        for prefix in {*prefixes.tolist(), "/other/"}:
+            want = slow_fields(names, prefix)
+            assert index.find(prefix) == want, (names, prefix)
+            found += len(want)
+    assert found > 3000
+
+
+def test_no_field_has_a_name_longer_than_is_looked_for() -> None:
+    from lidarcli.logs.csv_names import _LONGEST_FIELD
+
+    longest = "rosbagtime_stamp_(nanosec)"
+    assert FieldIndex(["/" + "long/" * 30 + longest]).find("/" + "long/" * 30) == {"record": 0}
+    assert len(longest) <= _LONGEST_FIELD
+
+
+def test_lists_that_nothing_closes_stay() -> None:
+    texts = [b'a,[1,2],"x,y",[3', b'"a [1] b",[', b'[1, "2", 3', b"[[1]],[", b'["a"', b'[x"', b'"[",1,"']
+    lists, both = rb"\[[^\]]*\]", rb'\[[^\]]*\]|"[^"]*"'
+    for text in texts:
+        assert empty_lists(text) == re.sub(lists, b"[]", text)
+        assert _unlisted(text) == re.sub(both, b'"', text)
+
+
+def plotjuggler(topics: int, rows: int) -> bytes:
+    """An export of many scans of three beams."""
+    fields = [
+        "angle_min",
+        "angle_max",
+        "angle_increment",
+        "range_min",
+        "range_max",
+        "ranges[0]",
+        "ranges[1]",
+        "ranges[2]",
+    ]
+    names = ["__time", *(f"/robot{topic}/scan/{field}" for topic in range(topics) for field in fields)]
+    cells = ["-0.5,0.5,0.5,0.1,12.0,2.1,2.0,2.1"] * topics
+    lines = [",".join(names), *(",".join([f"{row}.5", *cells]) for row in range(rows))]
+    return "\n".join([*lines, ""]).encode()
+
+
+def test_thousands_of_scans_in_one_table() -> None:
+    data = plotjuggler(5000, 3)
+    started = time.monotonic()
+    with CsvLog(io.BytesIO(data)) as log:
+        blocks = list(log.scans())
+    assert time.monotonic() - started < SECONDS
+    assert [block.topic for block in blocks] == [f"/robot{topic}/scan" for topic in range(5000)]
+    assert all(block.stamp_ns.tolist() == [500_000_000, 1_500_000_000, 2_500_000_000] for block in blocks)
+    assert all((block.angle_min == -0.5).all() and (block.range_max == 12).all() for block in blocks)
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("begin", ["time,", "time,ranges", "angle,range,"])
+def test_a_header_of_a_megabyte_is_looked_at_quickly(begin: str, unit: str) -> None:
+    header = begin + unit * (SIZE // len(unit))
+    row = ",".join(["1"] * (header.count(",") + 1))
+    data = f"{header}\n{row}\n{row}\n".encode()
+    started = time.monotonic()
+    with suppress(LidarcliError):
+        CsvLog(io.BytesIO(data), CsvOptions(fov=1.0))
+    assert time.monotonic() - started < SECONDS
+
+
+def test_many_scans_beside_many_columns_of_time() -> None:
+    ranges = ",".join(f"{scan}/ranges{beam}" for scan in range(10_000) for beam in range(3))
+    header = f"time,{ranges}," + "t," * 200_000
+    row = ",".join(["1"] * (header.count(",") + 1))
+    started = time.monotonic()
+    with CsvLog(io.BytesIO(f"{header}\n{row}\n".encode()), CsvOptions(fov=1.0)) as log:
+        assert len(log.topics() or []) == 10_000
+    assert time.monotonic() - started < SECONDS

@@ -1,0 +1,125 @@
+"""Text that is no CSV is refused by its name, and CSV is never taken for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from lidarcli.cli import run
+from lidarcli.logs.csv_others import OTHERS, other_format
+from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
+from tests.logs.test_csv import sweeps
+
+BEAMS = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
+POSES = "it holds poses, no ranges"
+POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
+RECORD = (
+    "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
+)
+FLASER = "FLASER 3 1.1 1.2 1.3 0.0 0.0 0.1 0.0 0.0 0.1 12.5 host 12.6\n"
+TUM = "".join(f"{1000 + row}.5 {row} 0.5 0 0 0 0.6 0.8\n" for row in range(9))
+
+TEXTS = {
+    FLASER: ("a CARMEN log", BEAMS),
+    "# CARMEN Logfile\n# file format is one message per line\n\nPARAM robot_width 0.5 nohost 0\nSYNC log 0\n": (
+        "a CARMEN log",
+        BEAMS,
+    ),
+    "ODOM 0.1 0.2 0.3 0 0 0 1.0 host 1.0\n" + FLASER * 2: ("a CARMEN log", BEAMS),
+    "ROBOTLASER1 0 -1.57 3.14 0.017 81.9 0.01 0 3 1.0 2.0 3.0 0\n" * 3: ("a CARMEN log", BEAMS),
+    "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\n": (
+        "a point cloud (PCD)",
+        POINTS,
+    ),
+    "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\n": ("a point cloud (PCD)", POINTS),
+    "ply\nformat ascii 1.0\nelement vertex 3\n": ("a point cloud or mesh (PLY)", POINTS),
+    "ply\r\nformat binary_little_endian 1.0\r\nend_header\r\n\0\1\2\3": (
+        "a point cloud or mesh (PLY)",
+        POINTS,
+    ),
+    "# timestamp tx ty tz qx qy qz qw\n" + TUM: ("a trajectory (TUM)", POSES),
+    TUM: ("a trajectory (TUM)", POSES),
+    "VERTEX_SE2 0 0.0 0.0 0.0\nEDGE_SE2 0 1 1 0 0\n": ("a pose graph (g2o)", POSES),
+    "version https://git-lfs.github.com/spec/v1\noid sha256:ab\nsize 3\n": (
+        "a pointer of Git LFS, not the file itself",
+        "fetch it with `git lfs pull`",
+    ),
+    '{"ranges": [1.0, 2.0]}\n': ("JSON", BEAMS),
+    '[{"ranges": [1.0, 2.0]}]\n': ("JSON", BEAMS),
+    "[[1.0, 2.0],\n [1.0, 2.0]]\n": ("JSON", BEAMS),
+    "<?xml version='1.0'?>\n<scan/>\n": ("XML or HTML", "look whether a download has failed"),
+    "<!DOCTYPE html>\n<html>Not found</html>\n": ("XML or HTML", "look whether a download has failed"),
+    "header: \n  seq: 1\n  stamp: \n    secs: 5\nangle_min: -1.5\nranges: [1.0, 2.0]\n---\n": (
+        "YAML",
+        RECORD,
+    ),
+    "---\nheader:\n  stamp: 1\n": ("YAML", RECORD),
+    "angle_min: -1.5\nangle_max: 1.5\nranges:\n- 1.0\n- 2.0\n": ("YAML", RECORD),
+}
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_it_is_named_with_the_way_out(text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name, way_out = TEXTS[text]
+    path = tmp_path / "log.txt"
+    path.write_bytes(text.encode())
+    assert run(["info", str(path), "--fov", "180", "--degrees"]) == 3
+    message = f"lidarcli: {path}: {name}, which lidarcli does not read: {way_out}\n"
+    if "\0" not in text:
+        assert capsys.readouterr() == ("", message)
+    else:
+        # Binary data behind a head of text never gets as far as a reader of text.
+        assert capsys.readouterr().err.startswith(f"lidarcli: {path}: ")
+
+
+def test_every_format_has_a_text() -> None:
+    assert {name for name, _ in TEXTS.values()} == {other.name for other in OTHERS}
+
+
+@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
+def test_no_layout_of_ours_is_one(layout: str, tmp_path: Path) -> None:
+    write_csv(tmp_path / "run.csv", [sweeps(3, 9)], layout)
+    text = (tmp_path / "run.csv").read_bytes()
+    for start in (b"", b"# recorded by hand\n\n", b"\n"):
+        assert other_format(start + text) is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"sync,t,r0\n1,2,3\n",
+        b"PARAM\n1,2\n",
+        b"time: s,r0,r1\n1,2,3\n",
+        b"note: by hand\ntime,r0,r1,r2\n1,2,3,4\n",
+        b"12:30:01 1 2 3\n12:30:02 1 2 3\n",
+        b"[1.0, 2.0, 3.0]\n[1.0, 2.0, 3.0]\n",
+        b"ply,x\n1,2\n",
+        b"-1,2\n-1,3\n",
+        b"hello\n",
+    ],
+)
+def test_what_is_not_plain_is_left_to_the_readers_of_csv(text: bytes) -> None:
+    assert other_format(text) is None
+
+
+def test_the_name_of_an_input_stands_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import io
+    from types import SimpleNamespace
+
+    told = {
+        "hello\n": "text, but no table with columns: 'hello'",
+        FLASER: f"a CARMEN log, which lidarcli does not read: {BEAMS}",
+    }
+    for text, cause in told.items():
+        for command in (["info"], ["detect", "-o", str(tmp_path / "tables")]):
+            monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(text.encode())))
+            assert run([*command, "-"]) == 3
+            assert capsys.readouterr().err.splitlines()[0] == f"lidarcli: standard input: {cause}"
+        path = tmp_path / "a.csv"
+        path.write_text(text)
+        for name in (str(path), str(tmp_path / "*.csv")):
+            assert run(["info", name]) == 3
+            assert capsys.readouterr().err == f"lidarcli: {path}: {cause}\n"
