@@ -322,7 +322,9 @@ class Walker:
         """Whether there have been more messages than any packing can hide in the bytes so far."""
         beyond = self._messages > FREE_MESSAGES + self.source.position
         if beyond:
-            cause = f"more messages than bytes, which is not believed: {seen:,} of it are read, the rest is lost"
+            cause = (
+                f"more messages than bytes, which is not believed: {seen:,} of it are read, the rest is lost"
+            )
             self._damage(chunk.place, cause, "chunk at byte")
         return beyond
 
