@@ -76,7 +76,7 @@ def _checks(report: Report) -> list[str]:
         return []
     failed = sum(not verdict.holds for verdict in report.verdicts)
     total = len(report.verdicts)
-    words = f"{failed} of {total} checks do not hold" if failed else f"All {total} checks hold"
+    words = f"Checks: {failed} of {total} failed" if failed else f"Checks: {total} of {total} hold"
     rows = [
         ["holds" if one.holds else "**fails**", code(one.expression), one.words] for one in report.verdicts
     ]

@@ -127,7 +127,7 @@ def _checks(report: Report) -> Iterator[RenderableType]:
         return
     failed = sum(not verdict.holds for verdict in report.verdicts)
     total = len(report.verdicts)
-    words = f"Checks: {total} of {total} hold" if not failed else f"Checks: {failed} of {total} do not hold"
+    words = f"Checks: {total} of {total} hold" if not failed else f"Checks: {failed} of {total} failed"
     yield _heading(words)
     for verdict in report.verdicts:
         mark = "ok  " if verdict.holds else "FAIL"
