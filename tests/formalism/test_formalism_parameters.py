@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf, nan
 from typing import Any
 
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.formalism import Parameters
+from lidarcli.formalism import Parameters, detect, difference, sweep
 
 
 def test_defaults_of_both_profiles() -> None:
@@ -68,3 +69,18 @@ def test_parameters_are_judged_however_they_are_made() -> None:
     with pytest.raises(OptionError, match=r"^--max-gap: 1099511627776 is above 1,000,000$"):
         Parameters(max_gap=1 << 40)
     assert Parameters(max_width=inf, min_beams=1_000_000).as_dict()["max_width"] is None
+
+
+@pytest.mark.parametrize("name", ["angle_min", "angle_increment"])
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+@pytest.mark.parametrize("profile", ["robust", "paper"])
+def test_bearings_that_are_no_numbers_are_refused(name: str, value: float, profile: Any) -> None:
+    batch = sweep([[1.0, 2.0, 3.0]] * 3, angle_increment=0.1)
+    values = getattr(batch, name).copy()
+    values[1] = value
+    odd = replace(batch, **{name: values}, sweep=batch.sweep + 40)
+    for function in (lambda: detect(odd, Parameters.for_profile(profile)), lambda: difference(odd)):
+        with pytest.raises(ValueError, match=rf"^sweep 41 of /scan: {name} is {value}, not a finite angle$"):
+            function()
+    with pytest.raises(ValueError, match=r"is not a finite angle$"):
+        sweep([1.0, 2.0], **{"angle_increment": 0.1, name: value})
