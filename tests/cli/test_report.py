@@ -217,3 +217,21 @@ def test_colour(
     assert ran.code == 1
     assert ("\x1b[1;31mFAIL\x1b[0m" in ran.out) == ("\x1b" in ran.out) == coloured
     assert ran.err == "lidarcli: check does not hold: objects == 0: expected == 0, found 30\n"
+
+
+@pytest.mark.parametrize("form", ["text", "markdown"])
+def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path, form: str) -> None:
+    odd = {"topic": "/a\x1b[2J\x07\u202e", "log": "l\x1b]0;x\x07", "frame_id": "f\x9b2J"}
+    run = write_run(tmp_path, [sweep(0, 1, **odd)], [thing(0, 1)], damage=["\x1bc"])
+    ran = lidarcli(
+        "report",
+        run,
+        f"{tmp_path}/\x1b[2J",
+        "--format",
+        form,
+        "--check",
+        "objects where topic == '\x1bc' > 0",
+    )
+    assert ran.code == 3
+    assert all(line.isprintable() for line in ran.out.splitlines())
+    assert ran.out.replace("\\\\", "\\").replace("\\[", "[").count("/a\\x1b[2J\\x07\\u202e") == 2
