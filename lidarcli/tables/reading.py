@@ -7,6 +7,7 @@ in microseconds): what can be cast without loss is cast, and all else is one lin
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -77,7 +78,7 @@ def parsed(text: str) -> Any:
     {'every': 1}
     """
     try:
-        value = json.loads(text)
+        value = json.loads(text, parse_constant=_finite, parse_float=_finite)
     except RecursionError as err:
         raise ValueError("nested too deeply") from err
     level = [value]
@@ -91,6 +92,14 @@ def parsed(text: str) -> Any:
         if not level:
             return value
     raise ValueError("nested too deeply")
+
+
+def _finite(text: str) -> float:
+    """A number of JSON, which has no NaN and nothing infinite."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text} is no number of JSON")
+    return number
 
 
 @contextmanager
