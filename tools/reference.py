@@ -89,6 +89,33 @@ def exit_codes() -> dict[int, str]:
     return dict(sorted(codes.items()))
 
 
+DUCKDB = """
+## Stamps in DuckDB
+
+`stamp` counts nanoseconds, in UTC. DuckDB reads it as `TIMESTAMPTZ_NS`, which it compares with literals, but which
+`date_trunc`, `time_bucket`, `extract` and a difference of two do not take. `stamp::timestamptz` has microseconds and takes
+all of them (to fetch one in Python, `fetchall` wants the package pytz; `df()` and `pl()` do not). `epoch_ns(stamp)` is a
+whole number and exact.
+
+```sql
+-- Objects within 2 m, minute by minute.
+select date_trunc('minute', stamp::timestamptz) as minute, count(*) as objects
+from 'room.objects.parquet' where r_min < 2 group by all order by all;
+
+-- The same in steps of ten seconds, without a time zone.
+select time_bucket(interval 10 seconds, make_timestamp(epoch_ns(stamp) // 1000)) as start, count(*) as objects
+from 'room.objects.parquet' group by all order by all;
+
+-- Seconds since the first sweep.
+select sweep, (epoch_ns(stamp) - min(epoch_ns(stamp)) over ()) / 1e9 as seconds, objects
+from 'room.sweeps.parquet' order by sweep;
+
+-- What lies after a time.
+select count(*) as sweeps from 'room.sweeps.parquet' where stamp >= '2023-11-14 22:13:20.1+00';
+```
+"""
+
+
 def tables_page() -> str:
     """docs/tables.md."""
     lines = [
@@ -125,6 +152,8 @@ def tables_page() -> str:
         "`<log>.truth-beams.parquet`, written by `simulate`. One row per beam.",
         "",
         *_schema(TRUTH_BEAMS),
+        DUCKDB.strip(),
+        "",
     ]
     return _page(lines)
 

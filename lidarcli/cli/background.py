@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from lidarcli.cli.detect import detect
-from lidarcli.cli.messages import Messages
+from lidarcli.cli.messages import Messages, one_line
 from lidarcli.cli.options import (
     LOGS,
     GroupedCommand,
@@ -200,7 +200,12 @@ def info(file: str, kind: str) -> int:
     from lidarcli.pipeline.building import load
 
     sensors, metadata = load(Path(file))
-    click.echo(as_json(file, sensors, metadata) if kind == "json" else as_text(file, sensors, metadata))
+    if kind == "json":
+        words = as_json(file, sensors, metadata)
+    else:
+        # Names come from a log and may hold anything.
+        words = "\n".join(map(one_line, as_text(file, sensors, metadata).split("\n")))
+    click.echo(words.encode("utf-8", "backslashreplace"))
     return 0
 
 

@@ -32,7 +32,7 @@ def as_text(file: str, sensors: Sequence[Background], metadata: Mapping[str, Any
 
     lines = [file, _line("version", metadata.get("lidarcli.version", ""))]
     for origin in _origins(metadata):
-        lines.append(_line("from", f"{origin['name']} ({origin['format']})"))
+        lines.append(_line("from", f"{origin.get('name', '')} ({origin.get('format', 'unknown format')})"))
     for damage in metadata.get("lidarcli.damage", []):
         lines.append(_line("damage", damage))
     lines += [_line("note", note) for note in scene_notes(sensors)]

@@ -15,6 +15,7 @@ from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     LOGS,
+    MOST,
     GroupedCommand,
     Number,
     csv_geometry,
@@ -73,7 +74,7 @@ FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "n
 @option(
     "--jobs",
     heading=OUTPUT,
-    type=click.IntRange(min=1),
+    type=click.IntRange(min=1, max=MOST),
     metavar="N",
     help="Processes to use at most: long logs are split, many go side by side.  [default: as many as pay]",
 )

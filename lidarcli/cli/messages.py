@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,18 @@ def standard_output() -> TextIO:
     if sys.stdout is None:
         raise OutputError("cannot write standard output: it is closed")
     return sys.stdout
+
+
+def coloured(stream: TextIO) -> bool:
+    """Whether to colour what goes there: FORCE_COLOR says yes, NO_COLOR or TERM=dumb no, else a terminal is.
+
+    Errors are plain everywhere: they are read by programs as well.
+    """
+    if os.environ.get("FORCE_COLOR"):
+        return True
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return False
+    return stream.isatty()
 
 
 LONGEST = 1000

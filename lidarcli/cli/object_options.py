@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import click
 
-from lidarcli.cli.options import METRES, F, Number, Threshold, option
+from lidarcli.cli.options import METRES, MOST, F, Number, Threshold, option
 
 OBJECTS = "Objects"
 
@@ -35,7 +35,7 @@ def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:
                 option(
                     "--min-beams",
                     heading=OBJECTS,
-                    type=click.IntRange(min=1),
+                    type=click.IntRange(min=1, max=MOST),
                     metavar="N",
                     help="Fewer valid beams are noise.  [default: 3; paper: 1]",
                 ),
@@ -48,7 +48,7 @@ def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:
                 option(
                     "--max-gap",
                     heading=OBJECTS,
-                    type=click.IntRange(min=0),
+                    type=click.IntRange(min=0, max=MOST),
                     metavar="N",
                     help="Lost beams bridged inside one surface.  [default: 2; paper: 0]",
                 ),

@@ -13,6 +13,14 @@ if TYPE_CHECKING:
     from lidarcli.sweeps import RangeRules
 
 OTHER = "Other"
+GREATEST = 1e6
+"""A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`sweeps.FARTHEST`)."""
+LONGEST = 1e9
+"""A time of an option is no longer [s]: thirty years."""
+WIDEST = 4 * math.pi
+"""An angle of a sensor is no wider [rad]: two turns, as in a scene file."""
+MOST = 1_000_000
+"""A number of beams, of sweeps or of processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -49,14 +57,21 @@ def option(*names: str, **settings: Any) -> Callable[[F], F]:
 
 
 class Number(click.ParamType):  # type: ignore[type-arg]
-    """A finite number, not below `least`."""
+    """A finite number, not below `least`, and not farther from 0 than `most`."""
 
     name = "number"
 
-    def __init__(self, metavar: str, least: float | None = None, above: float | None = None) -> None:
+    def __init__(
+        self,
+        metavar: str,
+        least: float | None = None,
+        above: float | None = None,
+        most: float = GREATEST,
+    ) -> None:
         self.metavar = metavar
         self.least = least
         self.above = above
+        self.most = most
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         """The unit, as help shows it."""
@@ -74,6 +89,13 @@ class Number(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"{value} is below {self.least:g}.", param, ctx)
         if self.above is not None and number <= self.above:
             self.fail(f"{value} is not above {self.above:g}.", param, ctx)
+        if abs(number) > self.most:
+            below = number < 0
+            self.fail(
+                f"{value} is {'below' if below else 'above'} {-self.most if below else self.most:g}.",
+                param,
+                ctx,
+            )
         return number
 
 
@@ -112,13 +134,17 @@ class NoReturn(click.ParamType):  # type: ignore[type-arg]
         if not isinstance(value, str):
             return value
         try:
-            return parse_no_return(value)
+            words, markers = parse_no_return(value)
         except OptionError as err:
             self.fail(str(err).removeprefix("--no-return: ") + ".", param, ctx)
+        wrong = [marker for marker in markers if not abs(marker) <= GREATEST]
+        if wrong:
+            self.fail(f"{wrong[0]:g} is no range.", param, ctx)
+        return words, markers
 
 
 METRES = Number("METRES", least=0)
-SECONDS = Number("SECONDS", least=0)
+SECONDS = Number("SECONDS", least=0, most=LONGEST)
 
 # Whether they can be read is found out where they are opened, which says more than a usage error.
 INPUTS = click.Path(allow_dash=True, readable=False)
@@ -150,7 +176,7 @@ def reading_options(command: F) -> F:
         option(
             "--every",
             heading=SELECT,
-            type=click.IntRange(min=1),
+            type=click.IntRange(min=1, max=MOST),
             default=1,
             show_default=True,
             metavar="N",
@@ -266,13 +292,19 @@ def csv_geometry(
     if angle_increment == 0:
         raise click.BadParameter("0 is no step from beam to beam.", param_hint="'--angle-increment'")
 
-    def radians(angle: float | None) -> float | None:
-        return math.radians(angle) if degrees and angle is not None else angle
+    def radians(name: str, angle: float | None) -> float | None:
+        found = math.radians(angle) if degrees and angle is not None else angle
+        if found is not None and abs(found) > WIDEST:
+            raise click.BadParameter(
+                f"{angle:g} {'degrees' if degrees else 'radians'} are more than two turns.",
+                param_hint=f"'{name}'",
+            )
+        return found
 
     return CsvOptions(
-        angle_min=radians(angle_min),
-        angle_increment=radians(angle_increment),
-        fov=radians(fov),
+        angle_min=radians("--angle-min", angle_min),
+        angle_increment=radians("--angle-increment", angle_increment),
+        fov=radians("--fov", fov),
         range_max=range_max,
         range_scale=0.001 if range_unit == "mm" else 1.0,
     )

@@ -11,6 +11,7 @@ from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     INPUTS,
+    MOST,
     GroupedCommand,
     csv_geometry,
     csv_options,
@@ -21,6 +22,8 @@ from lidarcli.cli.options import (
 
 PICTURE = "Picture"
 STDOUT = "-"
+LAST = 1_000_000_000
+"""The number of a sweep in an option is no larger: three years at 10 Hz."""
 
 
 class Sweeps(click.ParamType):  # type: ignore[type-arg]
@@ -43,7 +46,9 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
             if min(numbers) < 0 or len(numbers) > 3 or (len(numbers) == 3 and not numbers[2]):
                 self.fail(f"'{part}' is no number of a sweep, nor a range of them.", param, ctx)
             more = range(*numbers) if len(numbers) > 1 else numbers
-            if len(more) > 1_000_000:
+            if max(numbers) > LAST:
+                self.fail(f"'{part[:40]}' goes beyond {LAST:,}.", param, ctx)
+            if len(found) + len(more) > MOST:
                 self.fail(f"'{part}' is too many sweeps.", param, ctx)
             found |= dict.fromkeys(more)
         if not found:
@@ -65,7 +70,11 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
 )
 @click.argument("log", metavar="LOG", type=INPUTS)
 @option(
-    "--sweep", heading=PICTURE, type=click.IntRange(min=0), metavar="N", help="Sweep to draw.  [default: 0]"
+    "--sweep",
+    heading=PICTURE,
+    type=click.IntRange(min=0, max=LAST),
+    metavar="N",
+    help="Sweep to draw.  [default: 0]",
 )
 @option(
     "--sweeps",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from lidarcli.cli.messages import Messages, standard_output
+from lidarcli.cli.messages import Messages, coloured, standard_output
 from lidarcli.cli.options import INPUTS, GroupedCommand, option
 
 OUTPUT, GATES = "Output", "Gates"
@@ -107,10 +107,10 @@ def report(
         say.error(problem)
     for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
         if name == STDOUT:
-            words = render(made, form, options, colour=standard_output().isatty())
-            standard_output().buffer.write(words.encode("utf-8", "replace"))
+            words = render(made, form, colour=coloured(standard_output()))
+            standard_output().buffer.write(_encoded(words))
         else:
-            notes = write_whole(Path(name), render(made, form, options).encode("utf-8", "replace"), overwrite)
+            notes = write_whole(Path(name), _encoded(render(made, form)), overwrite)
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")
@@ -120,6 +120,15 @@ def report(
                 f"check does not hold: {verdict.expression}: expected {verdict.expected}, found {verdict.words}"
             )
     return made.exit_code
+
+
+def _encoded(words: str) -> bytes:
+    r"""UTF-8; bytes of a file name that are none stand as escapes, which JSON, too, reads.
+
+    >>> _encoded("bad\udcff")
+    b'bad\\udcff'
+    """
+    return words.encode("utf-8", "backslashreplace")
 
 
 def _kind(name: str, kind: str | None, suffixes: dict[str, str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import click
 
 from lidarcli.cli.messages import Messages
@@ -63,7 +65,7 @@ RUN, LOG = "Run", "Log"
 @option(
     "--duration",
     heading=RUN,
-    type=Number("SECONDS", least=0),
+    type=Number("SECONDS", least=0, most=math.inf),
     help="Length of the run, instead of --sweeps.  [default: from the scene]",
 )
 @option(

@@ -49,6 +49,11 @@ def sweep(
     Returns
     -------
     SweepBatch
+
+    Raises
+    ------
+    ValueError
+        `angle_min` or `angle_increment` is NaN or infinite.
     """
     table = np.atleast_2d(np.asarray(ranges, np.float32))
     rows, width = table.shape
@@ -66,4 +71,6 @@ def sweep(
         beams=np.full(rows, width, np.int32),
         ranges=table,
     )
+    if not (np.isfinite(angle_min) and np.isfinite(angle_increment)):
+        raise ValueError(f"angle_min {angle_min} or angle_increment {angle_increment} is not a finite angle")
     return normalise(raw, np.arange(rows), RangeRules())

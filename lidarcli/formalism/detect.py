@@ -16,7 +16,7 @@ from lidarcli.formalism.fragments import bodies, torn
 from lidarcli.formalism.grouping import LEG_WIDTH, close_pairs, joined
 from lidarcli.formalism.objects import by_extent, chosen, fully_visible, pieces
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.formalism.points import collect
+from lidarcli.formalism.points import collect, refuse_geometry
 from lidarcli.formalism.runs import Runs, split
 from lidarcli.formalism.threshold import mean_difference, noise, noise_threshold
 from lidarcli.formalism.walls import chord, extent, on_wall_lines, reached, straightness, surveyed
@@ -46,6 +46,11 @@ def detect(
     -------
     Detection
 
+    Raises
+    ------
+    ValueError
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite.
+
     Examples
     --------
     >>> from lidarcli.formalism import sweep
@@ -55,6 +60,7 @@ def detect(
     ([20], [24])
     """
     parameters = parameters or Parameters()
+    refuse_geometry(batch)
     points = collect(batch)
     gap, size = gaps(points), steepness(points)
     sigma = noise(batch) if sigma is None else sigma

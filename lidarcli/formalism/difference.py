@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.formalism.points import NEVER, Points, collect
+from lidarcli.formalism.points import NEVER, Points, collect, refuse_geometry
 from lidarcli.kernels import compiled
 from lidarcli.records import record
 from lidarcli.sweeps import Float64, Int64, SweepBatch
@@ -147,6 +147,11 @@ def difference(batch: SweepBatch) -> Float64:
     has no range, and for the first beam of a partial view. On a full turn the predecessor of the first bearing is the
     last; a bearing that is measured twice counts once, its repetition is NaN.
 
+    Raises
+    ------
+    ValueError
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite.
+
     Examples
     --------
     >>> import numpy as np
@@ -154,6 +159,7 @@ def difference(batch: SweepBatch) -> Float64:
     >>> difference(sweep([2.0, 2.0, 1.0, 2.0], angle_min=0.0, angle_increment=np.pi / 2))
     array([[ 0.,  0., -1.,  1.]])
     """
+    refuse_geometry(batch)
     points = collect(batch)
     s = np.full(len(points.range), np.nan)
     np.subtract(points.range[1:], points.range[:-1], out=s[1:])

@@ -6,9 +6,12 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 from lidarcli.errors import OptionError
+from lidarcli.sweeps import FARTHEST
 
 Profile = Literal["robust", "paper"]
 PROFILES: tuple[Profile, ...] = ("robust", "paper")
+MOST_BEAMS = 1_000_000
+"""No number of beams is larger: no sweep has more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +50,10 @@ class Parameters:
         if profile == "paper":
             values.update(threshold="mean", min_beams=1, max_width=float("inf"), max_gap=0)
         values.update({name: value for name, value in overrides.items() if value is not None})
-        parameters = Parameters(**values)
-        parameters.validate()
-        return parameters
+        return Parameters(**values)
+
+    def __post_init__(self) -> None:
+        self.validate()
 
     def validate(self) -> None:
         """Refuse values without a meaning (`OptionError`)."""
@@ -58,12 +62,19 @@ class Parameters:
                 raise OptionError(
                     f"--threshold: '{self.threshold}' is not adaptive, mean or a number of metres"
                 )
-        elif not 0 <= self.threshold < float("inf"):
+        elif not 0 <= self.threshold <= FARTHEST:
             raise OptionError(f"--threshold: {self.threshold} m is not a distance")
-        for name, least in (("min_beams", 1), ("max_gap", 0), ("group_gap", 0)):
-            if not getattr(self, name) >= least:
-                raise OptionError(f"--{name.replace('_', '-')}: {getattr(self, name)} is below {least}")
-        if not self.max_width > 0:
+        for name, least, most in (
+            ("min_beams", 1, MOST_BEAMS),
+            ("max_gap", 0, MOST_BEAMS),
+            ("group_gap", 0, FARTHEST),
+        ):
+            value, option = getattr(self, name), name.replace("_", "-")
+            if not value >= least:
+                raise OptionError(f"--{option}: {value} is below {least}")
+            if value > most:
+                raise OptionError(f"--{option}: {value} is above {most:,.0f}")
+        if not (0 < self.max_width <= FARTHEST or self.max_width == float("inf")):
             raise OptionError(f"--max-width: {self.max_width} m is not a width")
 
     def as_dict(self) -> dict[str, Any]:

@@ -126,6 +126,24 @@ class Points:
         return out
 
 
+def refuse_geometry(batch: SweepBatch) -> None:
+    """Refuse sweeps whose bearings are no numbers; the readers of logs have done so before.
+
+    Raises
+    ------
+    ValueError
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite.
+    """
+    for name in ("angle_min", "angle_increment"):
+        values = getattr(batch, name)
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if len(wrong):
+            row = int(wrong[0])
+            raise ValueError(
+                f"sweep {int(batch.sweep[row])} of {batch.topic}: {name} is {values[row]}, not a finite angle"
+            )
+
+
 def collect(batch: SweepBatch) -> Points:
     """Lay out the valid beams of a batch (Def. 1: r on Θ_k), each bearing once.
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.tables_found import Pair, find_pairs, read_columns, read_source
+from lidarcli.pipeline.tables_found import Pair, find_pairs, read_table, source_of
 from lidarcli.reports.checks import Check, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Rows, Run, Source
 from lidarcli.reports.compare import compare
@@ -49,6 +50,8 @@ class Made:
     report: Report
     run: Run
     pairs: tuple[Pair, ...]
+    viewer: dict[str, Any] | None = None
+    """What the viewer of the HTML shows, where it was asked for."""
 
     @property
     def exit_code(self) -> int:
@@ -76,7 +79,8 @@ def make_report(options: ReportOptions, viewer: bool = False) -> Made:
     if not options.baseline:
         summary = summarise(run)
         verdicts = tuple(judge(check, summary.figures, run) for check in checks)
-        return Made(Report(summary, verdicts, None, problems), run, pairs)
+        made = Made(Report(summary, verdicts, None, problems), run, pairs)
+        return _with_viewer(made, options.logs) if viewer else made
     base_run, _, base_problems = _load(options.baseline, (), False)
     if base_problems:
         raise UnreadableError(f"baseline: {base_problems[0]}")
@@ -85,7 +89,17 @@ def make_report(options: ReportOptions, viewer: bool = False) -> Made:
     summary, baseline = summarise(run, edges), summarise(base_run, edges)
     comparison = compare(run, summary, base_run, baseline)
     verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
-    return Made(Report(summary, verdicts, comparison, problems), run, pairs)
+    made = Made(Report(summary, verdicts, comparison, problems), run, pairs)
+    return _with_viewer(made, options.logs) if viewer else made
+
+
+def _with_viewer(made: Made, logs: Sequence[str]) -> Made:
+    """The same with the data of the viewer; a beams table that cannot be read is one problem more."""
+    from lidarcli.pipeline.viewing import viewer_of
+
+    data, problems = viewer_of(made.run, made.report.summary, made.pairs, logs)
+    report = replace(made.report, problems=(*made.report.problems, *problems))
+    return replace(made, report=report, viewer=data)
 
 
 def _load(
@@ -98,24 +112,16 @@ def _load(
     read: list[tuple[Pair, Source, pa.Table, pa.Table]] = []
     for pair in pairs:
         try:
-            sweeps = read_columns(pair.sweeps, sweep_columns)
-            objects = read_columns(pair.objects, columns)
-            read.append((pair, _named(read_source(pair), sweeps), sweeps, objects))
+            sweeps = read_table(pair, "sweeps", sweep_columns)
+            objects = read_table(pair, "objects", columns)
+            read.append((pair, source_of(pair, sweeps), sweeps, objects))
         except UnreadableError as err:
             problems.append(err)
     if not read:
         raise _nothing(problems)
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
-    try:
-        run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables))
-    except pa.ArrowException as err:
-        raise UnreadableError(f"the tables do not fit together: {str(err).splitlines()[0]}") from err
+    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables))
     return run, kept, tuple(str(problem) for problem in problems)
-
-
-def _named(source: Source, sweeps: pa.Table) -> Source:
-    """The name of the log as its rows have it: with its place below the folder that was given."""
-    return replace(source, log=str(sweeps["log"][0].as_py())) if sweeps.num_rows else source
 
 
 def _nothing(problems: Sequence[UnreadableError]) -> LidarcliError:
@@ -125,8 +131,8 @@ def _nothing(problems: Sequence[UnreadableError]) -> LidarcliError:
     return UnreadableError(f"{problems[0]}{more}")
 
 
-def render(made: Made, kind: str, options: ReportOptions, colour: bool = False) -> str:
-    """The report in one of `FORMATS`."""
+def render(made: Made, kind: str, colour: bool = False) -> str:
+    """The report in one of `FORMATS`; for html it was made with `viewer`."""
     if kind == "text":
         from lidarcli.reports import text
 
@@ -143,7 +149,7 @@ def render(made: Made, kind: str, options: ReportOptions, colour: bool = False) 
         from lidarcli.reports import junit
 
         return junit.render(made.report)
-    from lidarcli.pipeline.viewing import viewer_of
     from lidarcli.reports import html
 
-    return html.render(made.report, viewer_of(made.run, made.report.summary, made.pairs, options.logs))
+    assert made.viewer is not None
+    return html.render(made.report, made.viewer)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import glob
-import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
 from lidarcli.reports.columns import Source
 from lidarcli.tables import metadata
+from lidarcli.tables.reading import notes_of, parsed, read_batches, read_columns
+from lidarcli.tables.schemas import SCHEMAS
 
 OBJECTS, SWEEPS, BEAMS = ".objects.parquet", ".sweeps.parquet", ".beams.parquet"
 
@@ -90,63 +90,42 @@ def _stem(path: Path) -> Path:
     raise UnreadableError(f"{path}: not a table of lidarcli detect (<log>{OBJECTS} or <log>{SWEEPS})")
 
 
-def read_columns(path: Path, columns: Iterable[str]) -> pa.Table:
-    """The columns of a table, or `UnreadableError` with one line."""
-    wanted = sorted(set(columns))
-    with _opened(path) as file:
-        missing = [name for name in wanted if name not in file.schema_arrow.names]
-        if missing:
-            raise UnreadableError(f"{path}: not a table of lidarcli detect: no column {', '.join(missing)}")
-        try:
-            return file.read(columns=wanted, use_threads=False)
-        except (OSError, pa.ArrowException) as err:
-            raise _unreadable(path, err) from err
-
-
-def read_source(pair: Pair) -> Source:
-    """What the tables say of their log."""
-    with _opened(pair.sweeps) as file:
-        notes = file.schema_arrow.metadata or {}
-    origin = _json(notes, metadata.SOURCE, dict)
-    size = origin.get("size")
-    return Source(
-        label=str(pair.objects),
-        log=pair.stem.name,
-        format=str(origin.get("format", "")),
-        size=size if isinstance(size, int) else None,
-        version=notes.get(metadata.VERSION.encode(), b"").decode("utf-8", "replace"),
-        parameters=_json(notes, metadata.PARAMETERS, dict),
-        damage=tuple(map(str, _json(notes, metadata.DAMAGE, list))),
-    )
-
-
-def batches(path: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
-    """The columns of a large table piece by piece."""
-    with _opened(path) as file:
-        try:
-            yield from file.iter_batches(columns=columns, use_threads=False)
-        except (OSError, pa.ArrowException) as err:
-            raise _unreadable(path, err) from err
-
-
-def _opened(path: Path) -> pq.ParquetFile:
+def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
+    """Columns of one of the tables of a log, or `UnreadableError` with one line."""
+    path = getattr(pair, kind)
     if not path.exists():
         raise UnreadableError(
             f"{path}: not there; a report needs both the objects and the sweeps table of a log"
         )
+    return read_columns(path, kind, SCHEMAS[kind], columns)
+
+
+def source_of(pair: Pair, sweeps: pa.Table) -> Source:
+    """What the sweeps table says of the log; another program that wrote it may have left that out."""
+    notes = notes_of(sweeps)
+    origin = _value(notes, metadata.SOURCE, dict)
+    size = origin.get("size")
+    # The name of the log as its rows have it: with its place below the folder that was given.
+    log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else pair.stem.name
+    return Source(
+        label=str(pair.objects),
+        log=log,
+        format=str(origin.get("format", "")),
+        size=size if isinstance(size, int) else None,
+        version=notes.get(metadata.VERSION, ""),
+        parameters=_value(notes, metadata.PARAMETERS, dict),
+        damage=tuple(map(str, _value(notes, metadata.DAMAGE, list))),
+    )
+
+
+def batches(pair: Pair, columns: list[str]) -> Iterator[pa.RecordBatch]:
+    """Columns of the beams table piece by piece: it may be large."""
+    return read_batches(pair.beams, "beams", SCHEMAS["beams"], columns)
+
+
+def _value(notes: dict[str, str], key: str, kind: type) -> Any:
     try:
-        return pq.ParquetFile(path)
-    except (OSError, pa.ArrowException) as err:
-        raise _unreadable(path, err) from err
-
-
-def _unreadable(path: Path, err: Exception) -> UnreadableError:
-    return UnreadableError(f"{path}: cannot be read as Parquet: {str(err).splitlines()[0]}")
-
-
-def _json(notes: dict[bytes, bytes], key: str, kind: type) -> Any:
-    try:
-        value = json.loads(notes.get(key.encode(), b"null"))
+        value = parsed(notes.get(key, "null"))
     except ValueError:
         value = None
     return value if isinstance(value, kind) else kind()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,22 +21,31 @@ from lidarcli.reports.columns import Run, Source
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.viewer import Choice, Raw, choose, pack
 from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
+from lidarcli.tables.reading import GREATEST
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
+MOST_CELLS = 50_000_000
+"""Most beams, those that are not there between two that are included, of the sweeps of a beams table that are shown."""
 
 
-def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]) -> dict[str, Any]:
-    """The data of the viewer, with a note on what is left out and on where the sweeps come from."""
+def viewer_of(
+    run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The data of the viewer with a note on what is left out, and a line for each beams table that cannot be read."""
     choice = choose(run, summary)
     wanted = _wanted(run, summary, choice)
     origins = _match(run.sources, logs)
     raw: dict[tuple[int, str], Raw] = {}
+    problems = []
     for source, topics in wanted.items():
         if source in origins:
             raw |= _from_log(source, origins[source], run.sources[source], topics)
         elif pairs[source].beams.exists():
-            raw |= _from_beams(source, pairs[source], topics)
-    return {**pack(run, summary, choice, raw), "note": choice.note}
+            try:
+                raw |= _from_beams(source, pairs[source], topics)
+            except UnreadableError as err:
+                problems.append(str(err))
+    return {**pack(run, summary, choice, raw), "note": choice.note}, tuple(problems)
 
 
 def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, Int64]]:
@@ -123,7 +133,7 @@ def _from_log(
 
 def _from_beams(number: int, pair: Pair, topics: dict[str, Int64]) -> dict[tuple[int, str], Raw]:
     parts: dict[str, list[tuple[Int64, Int64, Float64, Float64]]] = {}
-    for rows in batches(pair.beams, BEAM_COLUMNS):
+    for rows in batches(pair, BEAM_COLUMNS):
         names = rows["topic"].dictionary.to_pylist()
         code = rows["topic"].indices.to_numpy()
         columns = [
@@ -139,14 +149,19 @@ def _from_beams(number: int, pair: Pair, topics: dict[str, Int64]) -> dict[tuple
     for topic, pieces in parts.items():
         sweep, beam, theta, r = (np.concatenate(column) for column in zip(*pieces, strict=True))
         if len(sweep):
-            found[number, topic] = _table(sweep, beam, theta, r)
+            found[number, topic] = _table(pair.beams, sweep, beam, theta, r)
     return found
 
 
-def _table(sweep: Int64, beam: Int64, theta: Float64, r: Float64) -> Raw:
+def _table(path: Path, sweep: Int64, beam: Int64, theta: Float64, r: Float64) -> Raw:
     """Rows of the beams table as one row per sweep."""
     indices, row, beams = np.unique(sweep, return_inverse=True, return_counts=True)
-    ranges = np.full((len(indices), int(beam.max()) + 1), np.nan)
+    width = int(beam.max()) + 1
+    if width * len(indices) > MOST_CELLS:
+        raise UnreadableError(
+            f"{path}: column beam holds {width - 1:,}: {len(indices):,} sweeps of so many beams are too many to show"
+        )
+    ranges = np.full((len(indices), width), np.nan)
     ranges[row, beam] = r
     bearings = np.full_like(ranges, np.nan)
     bearings[row, beam] = theta
@@ -161,12 +176,11 @@ def _rules(parameters: dict[str, Any]) -> RangeRules:
     no_return = parameters.get("no_return")
     if not isinstance(no_return, list):
         return RangeRules()
+    known = isinstance(limits, list) and len(limits) == 2 and all(map(_is_number, limits))
     return RangeRules(
-        no_return=frozenset(word for word in no_return if word in NO_RETURN_WORDS),
-        markers=tuple(float(value) for value in no_return if isinstance(value, int | float)),
-        limits=(float(limits[0]), float(limits[1]))
-        if isinstance(limits, list) and len(limits) == 2
-        else None,
+        no_return=frozenset(word for word in NO_RETURN_WORDS if word in no_return),
+        markers=tuple(float(value) for value in no_return if _is_number(value)),
+        limits=(float(limits[0]), float(limits[1])) if known and limits else None,
     )
 
 
@@ -175,7 +189,12 @@ def _csv(parameters: dict[str, Any]) -> CsvOptions:
     told = parameters.get("csv")
     names = ("angle_min", "angle_increment", "fov", "range_max", "range_scale")
     return (
-        CsvOptions(**{name: float(told[name]) for name in names if name in told})
+        CsvOptions(**{name: float(told[name]) for name in names if _is_number(told.get(name))})
         if isinstance(told, dict)
         else CsvOptions()
     )
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value of the metadata, which anybody may have written, is a number to compute with."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST

@@ -14,6 +14,9 @@ from lidarcli.sweeps import Float64
 EIGHTHS = " ▁▂▃▄▅▆▇█"
 SHADES = " ░▒▓█"
 
+LEAST = 1e-300
+"""Values that differ by less are drawn as one: a share of their difference could not be computed."""
+
 
 def bar(part: float, width: int) -> str:
     """A bar of `width` cells for the whole.
@@ -36,7 +39,7 @@ def spark(values: Sequence[float] | NDArray[Any], low: float = 0.0) -> str:
     """
     numbers = np.asarray(values, float)
     top = np.nanmax(numbers) if np.isfinite(numbers).any() else 0.0
-    scale = 8 / (top - low) if top > low else 0.0
+    scale = 8 / (top - low) if top - low > LEAST else 0.0
     heights = np.clip(np.nan_to_num(np.ceil((numbers - low) * scale)), 1, 8).astype(int)
     return "".join(
         " " if not np.isfinite(value) else EIGHTHS[height]

@@ -159,10 +159,11 @@ def _kinds(axes: Axes, counts: dict[str, int]) -> None:
 def _horizontal(axes: Axes, rows: dict[str, int], colours: list[str], total: int) -> None:
     places = np.arange(len(rows))[::-1]
     values = np.array([*rows.values()], float) / max(total, 1)
-    axes.barh(places, values, color=colours, height=0.7)
+    axes.barh(places, np.minimum(values, 1.35), color=colours, height=0.7)
     axes.set_yticks(places, [*rows])
     for place, value, count in zip(places, values, rows.values(), strict=True):
-        axes.text(value + 0.01, place, f"{value:.1%}  {count:,}", va="center", fontsize=6.5)
+        # Counts that another program has changed may be more than there are.
+        axes.text(min(value, 1.0) + 0.01, place, f"{value:.1%}  {count:,}", va="center", fontsize=6.5)
     axes.set_xlim(0, 1.35)
     # A few bars do not fill the chart.
     axes.set_ylim(len(rows) - 0.4 - max(len(rows), 5), len(rows) - 0.4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +32,8 @@ VOCABULARY = {
     "visibility": VISIBILITIES,
     "change": ("appeared", "removed"),
 }
+DEEPEST = 50
+"""Most brackets that are open at once in a condition."""
 KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where"})
 
 Verdict = tuple[Bool, Bool]
@@ -56,30 +58,38 @@ def column_names(schema: pa.Schema) -> list[str]:
     return [field.name for field in schema if not pa.types.is_timestamp(field.type)]
 
 
-def parse_condition(tokens: Tokens, schema: pa.Schema) -> Condition:
-    """`term or term or ...`; stops where the condition ends."""
-    found = _term(tokens, schema)
+def parse_condition(tokens: Tokens, schema: pa.Schema, depth: int = 0) -> Condition:
+    """`term or term or ...`; stops where the condition ends. `depth` brackets are open."""
+    found = [_term(tokens, schema, depth)]
     while tokens.take_if("or"):
-        found = _either(found, _term(tokens, schema))
-    return found
+        found.append(_term(tokens, schema, depth))
+    return found[0] if len(found) == 1 else _any_of(found)
 
 
-def _term(tokens: Tokens, schema: pa.Schema) -> Condition:
-    found = _factor(tokens, schema)
+def _term(tokens: Tokens, schema: pa.Schema, depth: int) -> Condition:
+    found = [_factor(tokens, schema, depth)]
     while tokens.take_if("and"):
-        found = _both(found, _factor(tokens, schema))
+        found.append(_factor(tokens, schema, depth))
+    return found[0] if len(found) == 1 else _all_of(found)
+
+
+def _factor(tokens: Tokens, schema: pa.Schema, depth: int) -> Condition:
+    negated = False
+    while tokens.take_if("not"):
+        negated = not negated
+    found = _plain_factor(tokens, schema, depth)
+    return _negated(found) if negated else found
+
+
+def _plain_factor(tokens: Tokens, schema: pa.Schema, depth: int) -> Condition:
+    if not tokens.take_if("("):
+        return _comparison(tokens, schema)
+    if depth == DEEPEST:
+        raise tokens.error(f"more than {DEEPEST} brackets are open")
+    found = parse_condition(tokens, schema, depth + 1)
+    if not tokens.take_if(")"):
+        raise tokens.error("expected ')'")
     return found
-
-
-def _factor(tokens: Tokens, schema: pa.Schema) -> Condition:
-    if tokens.take_if("not"):
-        return _negated(_factor(tokens, schema))
-    if tokens.take_if("("):
-        found = parse_condition(tokens, schema)
-        if not tokens.take_if(")"):
-            raise tokens.error("expected ')'")
-        return found
-    return _comparison(tokens, schema)
 
 
 def _comparison(tokens: Tokens, schema: pa.Schema) -> Condition:
@@ -160,20 +170,36 @@ def _negated(one: Condition) -> Condition:
     return Condition(one.columns, judge)
 
 
-def _both(one: Condition, other: Condition) -> Condition:
+def _all_of(conditions: Sequence[Condition]) -> Condition:
+    """Known to be false where one is, known to be true where all are."""
+
     def judge(rows: Rows) -> Verdict:
-        (a, a_known), (b, b_known) = one.judge(rows), other.judge(rows)
-        return a & b, (a_known & b_known) | (a_known & ~a) | (b_known & ~b)
+        true, false = np.ones(len(rows), bool), np.zeros(len(rows), bool)
+        for condition in conditions:
+            value, known = condition.judge(rows)
+            true &= value & known
+            false |= ~value & known
+        return true, true | false
 
-    return Condition(one.columns | other.columns, judge)
+    return Condition(_columns(conditions), judge)
 
 
-def _either(one: Condition, other: Condition) -> Condition:
+def _any_of(conditions: Sequence[Condition]) -> Condition:
+    """Known to be true where one is, known to be false where all are."""
+
     def judge(rows: Rows) -> Verdict:
-        (a, a_known), (b, b_known) = one.judge(rows), other.judge(rows)
-        return (a & a_known) | (b & b_known), (a_known & b_known) | (a & a_known) | (b & b_known)
+        true, false = np.zeros(len(rows), bool), np.ones(len(rows), bool)
+        for condition in conditions:
+            value, known = condition.judge(rows)
+            true |= value & known
+            false &= ~value & known
+        return true, true | false
 
-    return Condition(one.columns | other.columns, judge)
+    return Condition(_columns(conditions), judge)
+
+
+def _columns(conditions: Sequence[Condition]) -> frozenset[str]:
+    return frozenset().union(*(condition.columns for condition in conditions))
 
 
 def number(tokens: Tokens) -> float:

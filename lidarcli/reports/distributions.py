@@ -12,6 +12,8 @@ from lidarcli.sweeps import TURN, Float64, Int64
 BINS = 24
 CELLS = 48
 """Most cells of the map along one side."""
+NARROW = 1e-9
+"""Values that differ by a smaller share of themselves are one value."""
 TAIL = 99.5
 """[%] What lies beyond goes into the last bin: one far point must not flatten all others."""
 
@@ -52,7 +54,9 @@ def nice_edges(values: Float64, bins: int = BINS) -> Float64:
     if not len(there):
         return np.array([0.0, 1.0])
     low, high = (float(value) for value in np.percentile(there, (100 - TAIL, TAIL)))
-    width = round_up((high - low) / bins) if high > low else round_up(max(abs(low), 1e-3) / bins)
+    # Bins far narrower than the values would have edges that are all the same number.
+    span = high - low if high - low > NARROW * max(abs(low), abs(high), NARROW) else max(abs(low), 1e-3)
+    width = round_up(span / bins)
     first = math.floor(low / width)
     last = max(math.floor(high / width) + 1, first + 1)
     edges: Float64 = np.arange(first, last + 1, dtype=np.float64) * width
@@ -96,7 +100,9 @@ def density(frame: str, x: Float64, y: Float64) -> Density | None:
     # The map ends at whole cells; what lies beyond the tail is outside.
     x0, y0 = math.floor(x_low / cell), math.floor(y_low / cell)
     nx, ny = math.floor(x_high / cell) + 1 - x0, math.floor(y_high / cell) + 1 - y0
-    ix, iy = np.floor(x / cell).astype(np.int64) - x0, np.floor(y / cell).astype(np.int64) - y0
+    ix, iy = np.floor(x / cell) - x0, np.floor(y / cell) - y0
     inside = (ix >= 0) & (ix < nx) & (iy >= 0) & (iy < ny)
-    counts = np.bincount(ix[inside] * ny + iy[inside], minlength=nx * ny).reshape(nx, ny)
+    # Far outside a cell has no number that fits.
+    place = (ix[inside] * ny + iy[inside]).astype(np.int64)
+    counts = np.bincount(place, minlength=nx * ny).reshape(nx, ny)
     return Density(frame, x0 * cell, y0 * cell, cell, counts.astype(np.int64))

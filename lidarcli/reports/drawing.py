@@ -22,6 +22,7 @@ IMAGES = (".png", ".svg", ".pdf")
 ANIMATIONS = (".gif", ".mp4")
 WIDE, NARROW = 7.2, 3.5
 """Widths of two columns and of one column of a paper [inch]."""
+NARROW_VIEWS = ("scene", "polar")
 FRAMES_PER_SECOND = 10
 
 
@@ -29,7 +30,8 @@ def draw(picture: Picture, view: str, suffix: str, limits: Limits | None = None)
     """The picture as a file of the kind of `suffix`."""
     with project_style():
         figure = _figure(view, picture)
-        _fill(figure, picture, view, limits or limits_of([picture.batch]))
+        drawn = _fill(figure, picture, view, limits or limits_of([picture.batch]))
+        _legend(figure, _entries(drawn), view)
         out = io.BytesIO()
         # No date in the file.
         dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
@@ -47,11 +49,17 @@ def animate(pictures: Sequence[Picture], view: str, path: Path) -> None:
     limits = limits_of([picture.batch for picture in pictures])
     with project_style():
         figure = _figure(view, pictures[0])
+        # The legend of every frame names what is in any of them, so that it does not jump.
+        entries: dict[str, Any] = {}
+        for picture in pictures:
+            figure.clear()
+            entries = _entries(_fill(figure, picture, view, limits)) | entries
         writer = kind(fps=FRAMES_PER_SECOND)
         with writer.saving(figure, str(path), 120):
             for picture in pictures:
                 figure.clear()
                 _fill(figure, picture, view, limits)
+                _legend(figure, entries, view)
                 writer.grab_frame()
 
 
@@ -81,7 +89,8 @@ def _figure(view: str, picture: Picture) -> Figure:
     return figure
 
 
-def _fill(figure: Figure, picture: Picture, view: str, limits: Limits) -> None:
+def _fill(figure: Figure, picture: Picture, view: str, limits: Limits) -> list[Axes]:
+    """Draw all but the legend; the axes."""
     drawn = _axes(figure, picture, view)
     for axes, panel in drawn:
         panel(axes, picture, limits)
@@ -89,11 +98,11 @@ def _fill(figure: Figure, picture: Picture, view: str, limits: Limits) -> None:
         axes.set_xlabel("")
         axes.tick_params(labelbottom=False)
     first, second = picture.title
-    narrow = view in ("scene", "polar")
+    narrow = view in NARROW_VIEWS
     if narrow:
         second = second.replace(", profile", "\nprofile")
     figure.suptitle(f"{first}\n{second}", x=0.01, ha="left", fontsize=7 if narrow else 8)
-    _legend(figure, [axes for axes, _ in drawn], 3 if narrow else 6)
+    return [axes for axes, _ in drawn]
 
 
 def _axes(figure: Figure, picture: Picture, view: str) -> list[tuple[Axes, Any]]:
@@ -118,18 +127,23 @@ def _axes(figure: Figure, picture: Picture, view: str) -> list[tuple[Axes, Any]]
     ]
 
 
-def _legend(figure: Figure, drawn: Sequence[Axes], columns: int) -> None:
+def _entries(drawn: Sequence[Axes]) -> dict[str, Any]:
+    """What the panels show: name → a mark of it, each once."""
     entries: dict[str, Any] = {}
     for axes in drawn:
         handles, labels = axes.get_legend_handles_labels()
         for label, handle in zip(labels, handles, strict=True):
             entries.setdefault(label, handle)
+    return entries
+
+
+def _legend(figure: Figure, entries: dict[str, Any], view: str) -> None:
     if entries:
         figure.legend(
             entries.values(),
             entries.keys(),
             loc="outside lower left",
-            ncols=columns,
+            ncols=3 if view in NARROW_VIEWS else 6,
             frameon=False,
             handlelength=1.6,
             columnspacing=1.2,

@@ -117,7 +117,7 @@ def _cards(report: Report) -> Iterator[tuple[str, str, str]]:
     )
     if report.verdicts:
         held = sum(verdict.holds for verdict in report.verdicts)
-        words = "all hold" if report.holds else f"{len(report.verdicts) - held} do not hold"
+        words = "all hold" if report.holds else f"{len(report.verdicts) - held} failed"
         yield "checks", f"{held} of {len(report.verdicts)}", words
     if figures["damage"]:
         yield (

@@ -20,25 +20,34 @@ def render(report: Report) -> str:
         "errors": str(len(report.problems)),
     }
     root = ET.Element("testsuites", {"name": "lidarcli report", **counts})
-    suite = ET.SubElement(root, "testsuite", {"name": clean(report.title), **counts, "skipped": "0"})
-    properties = ET.SubElement(suite, "properties")
+    suite = _part(root, "testsuite", name=report.title, **counts, skipped="0")
+    properties = _part(suite, "properties")
     figures = dict(report.summary.figures) | (report.comparison.figures if report.comparison else {})
     for name, value in figures.items():
         if value is not None:
-            ET.SubElement(properties, "property", {"name": name, "value": number(value, 6).replace(",", "")})
+            _part(properties, "property", name=name, value=number(value, 6).replace(",", ""))
     for verdict in report.verdicts:
-        case = ET.SubElement(suite, "testcase", {"classname": "lidarcli.report", "name": verdict.expression})
+        case = _part(suite, "testcase", classname="lidarcli.report", name=verdict.expression)
         if not verdict.holds:
             message = f"expected {verdict.expected}, found {verdict.words}"
-            failure = ET.SubElement(case, "failure", {"message": message, "type": "check"})
-            failure.text = f"{verdict.expression}\n{message}"
+            failure = _part(case, "failure", message=message, type="check")
+            failure.text = clean(f"{verdict.expression}\n{message}")
     for problem in report.problems:
-        case = ET.SubElement(suite, "testcase", {"classname": "lidarcli.report", "name": "read the tables"})
-        ET.SubElement(case, "error", {"message": clean(problem), "type": "unreadable"})
+        case = _part(suite, "testcase", classname="lidarcli.report", name="read the tables")
+        _part(case, "error", message=problem, type="unreadable")
     ET.indent(root, " ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
+def _part(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
+    """An element below another; the one place where texts of checks and logs come in."""
+    return ET.SubElement(parent, tag, {name: clean(text) for name, text in attributes.items()})
+
+
 def clean(text: str) -> str:
-    """Text without the characters that XML cannot hold."""
-    return _NOT_XML.sub("�", text)
+    r"""Text with escapes for the characters that XML cannot hold.
+
+    >>> clean("bad\udcff\x01")
+    'bad\\udcff\\x01'
+    """
+    return _NOT_XML.sub(lambda found: repr(found[0])[1:-1], text)

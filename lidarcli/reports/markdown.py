@@ -23,6 +23,7 @@ from lidarcli.reports.wording import (
     spread_name,
     spread_row,
     stamp,
+    visible,
 )
 
 SPARK = 60
@@ -52,7 +53,7 @@ def text(value: object) -> str:
     >>> text("a|b <script> `x`")
     'a\\\\|b &lt;script&gt; \\\\`x\\\\`'
     """
-    plain = " ".join(str(value).split())
+    plain = visible(" ".join(str(value).split()))
     plain = plain.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     for mark in "\\`*_[]|~#@!":
         plain = plain.replace(mark, "\\" + mark)
@@ -61,7 +62,7 @@ def text(value: object) -> str:
 
 def code(value: object) -> str:
     """Text as code: in a table a bar has to be escaped even there."""
-    plain = " ".join(str(value).split()).replace("`", "'")
+    plain = visible(" ".join(str(value).split())).replace("`", "'")
     return "`" + plain.replace("|", "\\|") + "`"
 
 
@@ -76,7 +77,7 @@ def _checks(report: Report) -> list[str]:
         return []
     failed = sum(not verdict.holds for verdict in report.verdicts)
     total = len(report.verdicts)
-    words = f"{failed} of {total} checks do not hold" if failed else f"All {total} checks hold"
+    words = f"Checks: {failed} of {total} failed" if failed else f"Checks: {total} of {total} hold"
     rows = [
         ["holds" if one.holds else "**fails**", code(one.expression), one.words] for one in report.verdicts
     ]

@@ -26,6 +26,7 @@ from lidarcli.reports.wording import (
     spread_name,
     spread_row,
     stamp,
+    visible,
 )
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequen
             no_wrap=not last and index != 0,
         )
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*(Text(visible(cell)) for cell in row))
     return table
 
 
@@ -122,17 +123,17 @@ def _checks(report: Report) -> Iterator[RenderableType]:
     from rich.text import Text
 
     for problem in report.problems:
-        yield Text(f"not read: {problem}", style="red")
+        yield Text(visible(f"not read: {problem}"), style="red")
     if not report.verdicts:
         return
     failed = sum(not verdict.holds for verdict in report.verdicts)
     total = len(report.verdicts)
-    words = f"Checks: {total} of {total} hold" if not failed else f"Checks: {failed} of {total} do not hold"
+    words = f"Checks: {total} of {total} hold" if not failed else f"Checks: {failed} of {total} failed"
     yield _heading(words)
     for verdict in report.verdicts:
         mark = "ok  " if verdict.holds else "FAIL"
         line = Text(mark, style="green" if verdict.holds else "bold red")
-        line.append(f"  {verdict.expression}  (found {verdict.words})", style="none")
+        line.append(visible(f"  {verdict.expression}  (found {verdict.words})"), style="none")
         yield line
 
 
@@ -186,7 +187,7 @@ def _streams(summary: Summary) -> Iterator[RenderableType]:
     streams = summary.streams.all
     yield _heading("Over time")
     for stream in streams[:STREAMS]:
-        yield Text(f"{stream.name}, {stream.sweeps:,} sweeps from {stamp(stream.start_ns)}")
+        yield Text(visible(f"{stream.name}, {stream.sweeps:,} sweeps from {stamp(stream.start_ns)}"))
         yield from _course(stream)
     if len(streams) > STREAMS:
         yield _grid([[f"and {len(streams) - STREAMS:,} more topics"]])

@@ -17,6 +17,8 @@ _TOKEN = re.compile(
     )""",
     re.VERBOSE,
 )
+LONGEST = 10_000
+"""Most characters of a check."""
 OPERATORS = ("==", "!=", "<=", ">=", "<", ">")
 
 
@@ -35,6 +37,11 @@ class Tokens:
 
     def __init__(self, expression: str) -> None:
         self.expression = expression
+        if len(expression) > LONGEST:
+            raise OptionError(
+                f"--check '{expression[:20]}...': {len(expression):,} characters are more than a check may have "
+                f"({LONGEST:,})"
+            )
         self._all = self._split()
         self._at = 0
 
@@ -68,8 +75,8 @@ class Tokens:
         return OptionError(f"--check '{self.expression}': {problem} {where}")
 
     def _split(self) -> list[Token]:
-        text, place, found = self.expression, 0, []
-        while text[place:].strip():
+        text, place, found = self.expression.rstrip(), 0, []
+        while place < len(text):
             match = _TOKEN.match(text, place)
             if match is None:
                 start = place + len(text[place:]) - len(text[place:].lstrip())
@@ -79,4 +86,4 @@ class Tokens:
                 Token("text" if kind in ("double", "single") else kind, match[kind], match.start(kind))
             )
             place = match.end()
-        return [*found, Token("end", "", len(text))]
+        return [*found, Token("end", "", len(self.expression))]

@@ -173,7 +173,7 @@ def _stream(
         "d_th": _base64(run.sweeps.numbers("d_th")[rows], np.float32),
         "offsets": _base64(offsets, np.int32),
         "scale": scale,
-        "object": _base64(columns["object"], np.uint16),
+        "object": _base64(np.minimum(columns["object"], LOST), np.uint16),
         "shape": _base64(objects.shape[members], np.uint8),
         "set": _base64(objects.set[members], np.uint8),
         **{
@@ -195,7 +195,7 @@ def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
     there = raw.sweep[at] == sweeps
     beams = np.where(there, raw.beams[at], 0)
     ranges = raw.ranges[at]
-    finite = np.isfinite(ranges)
+    finite = np.isfinite(ranges) & (ranges >= 0)
     scale = float(ranges[finite].max(initial=1.0)) / (LOST - 1)
     whole = np.where(finite, np.round(np.where(finite, ranges, 0.0) / scale), LOST).astype(np.uint16)
     inside = np.arange(ranges.shape[1]) < beams[:, None]

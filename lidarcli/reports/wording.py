@@ -30,6 +30,15 @@ SHOWN_SPREADS = (
 SHOWN_STATISTICS = ("mean", "min", "p05", "p50", "p95", "max")
 
 
+def visible(text: str) -> str:
+    r"""Text of a log with escapes for what would steer the terminal that it is shown on.
+
+    >>> visible("/scan\x1b[2J °")
+    '/scan\\x1b[2J °'
+    """
+    return "".join(mark if mark.isprintable() else repr(mark)[1:-1] for mark in text)
+
+
 def number(value: float | None, digits: int = 4, sign: bool = False) -> str:
     """A number of few digits, with thousands set apart.
 

@@ -9,6 +9,9 @@ from typing import NoReturn
 
 from lidarcli.errors import OptionError
 
+LARGEST = 1e6
+"""Most that a number of a scene may be from 0 [m], [m/s], [degrees] ...: no sensor reaches farther."""
+
 
 class Fields:
     """One table of a scene file. Every key must be taken by somebody before `done`."""
@@ -37,13 +40,17 @@ class Fields:
         low: float | None = None,
         high: float | None = None,
         above: float | None = None,
+        largest: float = LARGEST,
     ) -> float:
         """A finite number within the limits; without a default the key must be there."""
         value = self._take(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(key, f"must be a number, not {_kind(value)}")
-        if not isfinite(value):
+        # A whole number of TOML may have more digits than a float can take.
+        if not isinstance(value, int) and not isfinite(value):
             self.fail(key, f"must be finite, not {value}")
+        if abs(value) > largest and (high is None or high > largest):
+            self.fail(key, f"must be between {-largest:g} and {largest:g}, not {_short(value)}")
         if (
             (low is not None and value < low)
             or (high is not None and value > high)
@@ -58,12 +65,12 @@ class Fields:
                 )
                 if limit is not None
             ]
-            self.fail(key, f"must be {' and '.join(limits)}, not {value}")
+            self.fail(key, f"must be {' and '.join(limits)}, not {_short(value)}")
         return float(value)
 
     def whole(self, key: str, default: int | None = None, *, low: int, high: int) -> int:
         """A whole number within the limits."""
-        value = self.number(key, default, low=low, high=high)
+        value = self.number(key, default, low=low, high=high, largest=max(LARGEST, high))
         if value != int(value):
             self.fail(key, f"must be a whole number, not {value}")
         return int(value)
@@ -90,6 +97,7 @@ class Fields:
         numbers = _numbers(value)
         if numbers is None or len(numbers) != 2:
             self.fail(key, "must be two finite numbers, as [0.5, -1.0]")
+        self._refuse_large(key, [numbers])
         return numbers[0], numbers[1]
 
     def points(self, key: str, least: int) -> list[list[float]]:
@@ -99,6 +107,7 @@ class Fields:
         points = [row for row in rows if row is not None and len(row) == 2]
         if len(points) < max(least, len(rows), 1):
             self.fail(key, f"must be a list of at least {least} points, as [[0, 0], [2.5, 0]]")
+        self._refuse_large(key, points)
         return points
 
     def table(self, key: str) -> Fields:
@@ -113,6 +122,11 @@ class Fields:
                 hint = f"did you mean '{near[0]}'?" if near else f"known keys: {', '.join(self.asked)}"
                 raise OptionError(f"{self.file}: {self.place}: unknown key '{key}'; {hint}")
 
+    def _refuse_large(self, key: str, points: Sequence[Sequence[float]]) -> None:
+        largest = max((abs(value) for point in points for value in point), default=0.0)
+        if largest > LARGEST:
+            self.fail(key, f"must hold numbers between {-LARGEST:g} and {LARGEST:g}, not {_short(largest)}")
+
     def _take(self, key: str, default: object) -> object:
         self.asked.append(key)
         value = self.values.get(key, default)
@@ -125,11 +139,18 @@ def _numbers(value: object) -> list[float] | None:
     """The list as floats, None where it holds anything else."""
     if not isinstance(value, list):
         return None
-    if any(
-        isinstance(item, bool) or not isinstance(item, int | float) or not isfinite(item) for item in value
-    ):
+    if any(isinstance(item, bool) or not isinstance(item, int | float) for item in value):
         return None
-    return [float(item) for item in value]
+    try:
+        numbers = [float(item) for item in value]
+    except OverflowError:
+        return None
+    return numbers if all(map(isfinite, numbers)) else None
+
+
+def _short(value: float) -> str:
+    """A number as the file has it, one of very many digits by its length."""
+    return str(value) if abs(value) < 10**30 else f"{value:g}" if isinstance(value, float) else "a longer one"
 
 
 def _kind(value: object) -> str:

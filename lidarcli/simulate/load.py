@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Callable
 from math import degrees, hypot, radians
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.fields import Fields
 from lidarcli.simulate.scene import (
@@ -25,18 +26,32 @@ from lidarcli.simulate.scene import (
 )
 
 MAX_BEAMS = 100_000
+MAX_SWEEPS = 10_000_000
+"""Most sweeps of a log."""
+MAX_BYTES = 1_000_000
+"""Most bytes of a scene file."""
+MAX_DEPTH = 16
+"""Most levels of brackets, and of the parts of a dotted key, in a scene file."""
+MAX_SHAPES = 10_000
+"""Most straight sides and circles of all entities: each beam meets all of them."""
+LEAST_RATE = 1e-3
+"""Fewest sweeps per second."""
+LEAST_STEP = 1e-9
+"""Least angle from beam to beam [degrees]."""
+LEAST_COURSE = 1e-6
+"""Least length of a course that is driven [m]."""
+_TEXTS = re.compile(r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""")
+_BETWEEN_KEYS = re.compile(r"[^\w \t.-]")
 
 
 def load_scene(path: str | Path) -> Scene:
     """Read a scene file; whatever is wrong with it is one line that names the file and the key."""
     file = str(path)
+    text = _text(file)
+    _refuse_nested(file, text)
     try:
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as err:
-        raise UnreadableError(f"{file}: cannot read the scene: {err.strerror or err}") from err
-    except UnicodeDecodeError as err:
-        raise UnreadableError(f"{file}: byte {err.start}: not UTF-8 text; a scene is a TOML file") from err
-    except tomllib.TOMLDecodeError as err:
+        document = tomllib.loads(text)
+    except ValueError as err:
         raise UnreadableError(f"{file}: not valid TOML: {err}") from err
 
     top = Fields(file, "the scene", document)
@@ -52,18 +67,56 @@ def load_scene(path: str | Path) -> Scene:
             fields = Fields(file, f"[[{key}]] number {number}", item)
             found.append(_ENTITIES[key](fields))
             fields.done()
+    shapes = sum(len(entity.segments) + len(entity.circles) for entity in found)
+    if shapes > MAX_SHAPES:
+        raise OptionError(
+            f"{file}: {shapes:,} sides and circles are more than a scene may have ({MAX_SHAPES:,})"
+        )
     scene = Scene(
         name=head.text("name", Path(path).stem),
         sensor=sensor,
         entities=tuple(found),
         path=path_driven,
         odometry=odometry,
-        sweeps=head.whole("sweeps", 100, low=0, high=10_000_000),
+        sweeps=head.whole("sweeps", 100, low=0, high=MAX_SWEEPS),
     )
     head.done()
     top.asked = ["scene", "sensor", "robot", *_ENTITIES]
     top.done()
     return scene
+
+
+def _text(file: str) -> str:
+    """The text of a scene file."""
+    try:
+        with Path(file).open("rb") as opened:
+            data = opened.read(MAX_BYTES + 1)
+    except OSError as err:
+        raise UnreadableError(f"{file}: cannot read the scene: {err.strerror or err}") from err
+    if len(data) > MAX_BYTES:
+        raise UnreadableError(f"{file}: larger than a scene may be ({MAX_BYTES:,} bytes)")
+    try:
+        return data.decode("utf-8").replace("\r\n", "\n")
+    except UnicodeDecodeError as err:
+        raise UnreadableError(f"{file}: byte {err.start}: not UTF-8 text; a scene is a TOML file") from err
+
+
+def _refuse_nested(file: str, text: str) -> None:
+    """Refuse what would take the parser more memory than the scene is worth."""
+    for number, line in enumerate(_lines_without_texts(text), 1):
+        if any(part.count(".") > MAX_DEPTH for part in _BETWEEN_KEYS.split(line)):
+            raise UnreadableError(f"{file}: line {number}: a key of more than {MAX_DEPTH} parts")
+    depth = 0
+    for number, line in enumerate(_lines_without_texts(text), 1):
+        for mark in line:
+            depth += (mark in "[{") - (mark in "]}")
+            if depth > MAX_DEPTH:
+                raise UnreadableError(f"{file}: line {number}: more than {MAX_DEPTH} brackets are open")
+
+
+def _lines_without_texts(text: str) -> list[str]:
+    """Lines with a letter in place of each text, and without comments."""
+    return _TEXTS.sub("x", text).split("\n")
 
 
 def _sensor(fields: Fields) -> Sensor:
@@ -85,6 +138,8 @@ def _sensor(fields: Fields) -> Sensor:
                 "angle_max", "must be above angle_min; for a sensor turning clockwise set clockwise = true"
             )
         step = (last - first) / max(beams - 1, 1)
+    if beams > 1 and step < LEAST_STEP:
+        fields.fail("beams", f"leaves {step:g} degrees from beam to beam; the least is {LEAST_STEP:g}")
     if fields.flag("clockwise", False):
         first, step = first + step * (beams - 1), -step
     range_min = fields.number("range_min", default.range_min, low=0)
@@ -100,7 +155,7 @@ def _sensor(fields: Fields) -> Sensor:
         noise=fields.number("noise", 0.0, low=0),
         lost=fields.number("lost", 0.0, low=0, high=1),
         lost_as=lost_as,
-        rate=fields.number("rate", default.rate, above=0, high=1e6),
+        rate=fields.number("rate", default.rate, low=LEAST_RATE, high=1e6),
         topic=fields.text("topic", default.topic),
         frame_id=fields.text("frame_id", default.frame_id),
         beams_jitter=fields.whole("beams_jitter", 0, low=0, high=beams - 1),
@@ -123,10 +178,13 @@ def _robot(fields: Fields) -> tuple[Course, Odometry | None]:
     elif fields.has("super_ellipse"):
         course = fields.table("super_ellipse")
         a, b = course.number("a", above=0), course.number("b", above=0)
-        points = super_ellipse(a, b, course.number("exponent", 4.0, above=0)) + np.array([x, y])
+        points = super_ellipse(a, b, course.number("exponent", 4.0, low=0.01)) + np.array([x, y])
         course.done()
     if fields.has("waypoints", "super_ellipse") and speed == 0:
         fields.fail("speed", "must be above 0 for a robot that drives")
+    if speed and len(points) > 1 and np.ptp(points, axis=0).max() < LEAST_COURSE:
+        driven = "waypoints" if fields.has("waypoints") else "super_ellipse"
+        fields.fail(driven, f"must reach over {LEAST_COURSE:g} m at least: there is no way to drive")
     odometry = None
     if fields.has("odometry"):
         table = fields.table("odometry")

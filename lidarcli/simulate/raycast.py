@@ -87,16 +87,19 @@ def cast(primitives: Primitives, bearings: Float64) -> tuple[Float64, Int32]:
     ):
         if not len(owner):
             continue
-        step = max(1, _CELLS // max(1, beams * len(owner)))
+        # Many primitives leave room for some of the beams at a time; each is cast on its own.
+        across = max(1, min(beams, _CELLS // len(owner)))
+        step = max(1, _CELLS // (across * len(owner)))
         for first in range(0, sweeps, step):
-            part = slice(first, first + step)
-            angle = bearings[part]
-            distance = hits(shapes[part], np.cos(angle), np.sin(angle))
-            nearest = distance.argmin(axis=1)
-            found = np.take_along_axis(distance, nearest[:, None], axis=1)[:, 0]
-            nearer = found < ranges[part]
-            ranges[part] = np.where(nearer, found, ranges[part])
-            entity[part] = np.where(nearer, owner[nearest], entity[part])
+            for left in range(0, beams, across):
+                part = slice(first, first + step), slice(left, left + across)
+                angle = bearings[part]
+                distance = hits(shapes[part[0]], np.cos(angle), np.sin(angle))
+                nearest = distance.argmin(axis=1)
+                found = np.take_along_axis(distance, nearest[:, None], axis=1)[:, 0]
+                nearer = found < ranges[part]
+                ranges[part] = np.where(nearer, found, ranges[part])
+                entity[part] = np.where(nearer, owner[nearest], entity[part])
     return ranges, entity
 
 
@@ -117,7 +120,7 @@ def _hit_circles(circles: Float64, cos: Float64, sin: Float64) -> Float64:
     """(S, C, B) distance along each beam to the near side of each circle, inf where it misses."""
     x, y, radius = (circles[:, :, i, None] for i in range(3))
     cos, sin = cos[:, None, :], sin[:, None, :]
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         half = np.sqrt(radius**2 - (x * sin - y * cos) ** 2)
         distance = x * cos + y * sin - half
         hit = distance > 0

@@ -8,9 +8,12 @@ from pathlib import Path
 
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, unwritable
-from lidarcli.simulate.load import load_scene
+from lidarcli.simulate.load import MAX_SWEEPS, load_scene
 from lidarcli.sweeps import RawSweeps
 
+MAX_SECONDS = 400_000_000
+"""Longest log [s]: the seconds of a ROS 2 stamp end in 2038."""
+MAX_SEED = (1 << 63) - 1
 _SUFFIXES = (".csv.gz", ".mcap", ".bag", ".db3", ".csv")
 
 
@@ -54,18 +57,30 @@ def simulate(
 
     if sweeps is not None and duration is not None:
         raise OptionError("--sweeps and --duration exclude each other: leave one out")
-    if sweeps is not None and sweeps < 0:
-        raise OptionError(f"--sweeps must not be negative, not {sweeps}")
-    if duration is not None and not 0 <= duration < float("inf"):
-        raise OptionError(f"--duration must be a number of seconds, not {duration}")
-    if seed < 0:
-        raise OptionError(f"--seed must not be negative, not {seed}")
+    if sweeps is not None and not 0 <= sweeps <= MAX_SWEEPS:
+        raise OptionError(f"--sweeps must be at least 0 and at most {MAX_SWEEPS:,}, not {sweeps}")
+    if duration is not None and not 0 <= duration <= MAX_SECONDS:
+        raise OptionError(
+            f"--duration must be at least 0 and at most {MAX_SECONDS:,} seconds, not {duration:g}"
+        )
+    if not 0 <= seed <= MAX_SEED:
+        raise OptionError(f"--seed must be at least 0 and at most {MAX_SEED}, not {seed}")
     log = Path(out)
     check_options(log, container, compression, encoding, layout)
     scene = load_scene(scene_path)
     count = scene.sweeps if sweeps is None else sweeps
     if duration is not None:
         count = round(duration * scene.sensor.rate)
+        if count > MAX_SWEEPS:
+            raise OptionError(
+                f"--duration {duration:g}: {count:,} sweeps at {scene.sensor.rate:g} per second are more than a log "
+                f"may have ({MAX_SWEEPS:,})"
+            )
+    if count > MAX_SECONDS * scene.sensor.rate:
+        raise OptionError(
+            f"{scene_path}: {count:,} sweeps at {scene.sensor.rate:g} per second take longer than a log may "
+            f"({MAX_SECONDS:,} seconds)"
+        )
     result = Simulated(scene.name, count, log, *truth_paths(log))
     targets = [result.log, result.truth, result.truth_beams]
     refuse(targets, overwrite, [scene_path], folders=True)

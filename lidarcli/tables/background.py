@@ -9,22 +9,30 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.background import Background
-from lidarcli.formalism.grid import Grid
+from lidarcli.formalism.grid import SAME_BEAM, Grid
 from lidarcli.newfiles import NewFiles
 from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tables.arrays import codes, floats, plain
 from lidarcli.tables.metadata import DAMAGE, PARAMETERS, SOURCE, VERSION
 from lidarcli.tables.parquet import TableFile
+from lidarcli.tables.reading import GREATEST, notes_of, parsed, read_columns
 from lidarcli.tables.schemas import BACKGROUND
 
 GEOMETRY = "lidarcli.geometry"
 """Metadata key: what the columns do not hold of each sensor, as JSON."""
 
 _PER_BEAM = ("r_e", "r_near", "spread", "support", "no_return")
+NEAREST = 1e-9
+"""A range of a background is no smaller [m]: no sensor measures that near, and steps of bearings are divided by it."""
+LEAST_STEP = 1e-9
+"""The angle from beam to beam is no smaller [rad]."""
+MOST_BEAMS = 10_000_000
+"""Most beams of a sensor; sweeps have fewer."""
+SINGLE = 1e-6
+"""Relative precision of a bearing that has been kept in single precision."""
 
 
 def write_background(
@@ -67,21 +75,47 @@ def read_background(path: Path) -> tuple[list[Background], dict[str, Any]]:
     UnreadableError
         There is no such file, it is no Parquet file, no background, or not a whole one.
     """
+    table = read_columns(path, "background", BACKGROUND)
+    notes = notes_of(table)
+    if GEOMETRY not in notes:
+        raise UnreadableError(
+            f"{path}: no {GEOMETRY} in its metadata, which other programs leave out when they write a table; "
+            "build it again with lidarcli background build"
+        )
+    _refuse_ranges(path, table)
     try:
-        table = pq.read_table(path)
-    except FileNotFoundError as err:
-        raise UnreadableError(f"{path}: no such file") from err
-    except (OSError, pa.ArrowException) as err:
-        raise UnreadableError(f"{path}: no background: {str(err).splitlines()[0]}") from err
-    metadata = {key.decode(): value.decode() for key, value in (table.schema.metadata or {}).items()}
-    if GEOMETRY not in metadata or not set(BACKGROUND.names) <= set(table.column_names):
-        raise UnreadableError(f"{path}: no background; `lidarcli background build` makes one")
-    try:
-        sensors = _sensors(table, _parsed(metadata[GEOMETRY]))
-        told = {key: json.loads(metadata[key]) for key in (PARAMETERS, SOURCE, DAMAGE) if key in metadata}
-    except (ValueError, KeyError) as err:
+        sensors = _sensors(table, _parsed(notes[GEOMETRY]))
+    except ValueError as err:
         raise UnreadableError(f"{path}: its geometry and its rows do not agree; build it again") from err
-    return sensors, told | {VERSION: metadata.get(VERSION, "")}
+    return sensors, _told(notes) | {VERSION: notes.get(VERSION, "")}
+
+
+def _refuse_ranges(path: Path, table: pa.Table) -> None:
+    """Refuse ranges that are none: what is computed from them needs some length."""
+    for name in _PER_BEAM:
+        least = NEAREST if name.startswith("r_") else 0.0
+        wrong = (values := _values(table, name)) < least
+        if wrong.any():
+            raise UnreadableError(
+                f"{path}: column {name} holds {values[wrong][0]:g}; the least that it can be is {least:g}"
+            )
+
+
+def _told(notes: Mapping[str, str]) -> dict[str, Any]:
+    """What the metadata says of the making, as far as it can be understood."""
+    told: dict[str, Any] = {}
+    for key, kind in ((PARAMETERS, dict), (SOURCE, list), (DAMAGE, list)):
+        try:
+            value = parsed(notes[key])
+        except (KeyError, ValueError):
+            continue
+        if isinstance(value, kind):
+            told[key] = value
+    if SOURCE in told:
+        told[SOURCE] = [log for log in told[SOURCE] if isinstance(log, dict)]
+    if DAMAGE in told:
+        told[DAMAGE] = [str(line) for line in told[DAMAGE]]
+    return told
 
 
 def _geometry(sensor: Background) -> dict[str, Any]:
@@ -102,16 +136,37 @@ def _geometry(sensor: Background) -> dict[str, Any]:
 
 def _parsed(text: str) -> list[dict[str, Any]]:
     """The geometry of every sensor (`ValueError` where it is none)."""
-    numbers = dict.fromkeys(("angle_min", "angle_increment", "station_distance", "station_angle"), float)
-    kinds = {"topic": str, "frame_id": str, "beams": int, "period": int, "stations": int, **numbers}
+    entries = parsed(text)
+    if not isinstance(entries, list):
+        raise ValueError("no geometry")
+    return [_entry(entry) for entry in entries]
+
+
+def _entry(entry: Any) -> dict[str, Any]:
+    """The geometry of one sensor; the table may come from anybody."""
+    kinds = {
+        **dict.fromkeys(("topic", "frame_id"), str),
+        **dict.fromkeys(("beams", "period", "stations"), int),
+        **dict.fromkeys(("angle_min", "angle_increment", "station_distance", "station_angle"), float),
+    }
     try:
-        return [
-            {name: kind(entry[name]) for name, kind in kinds.items()}
-            | {"range_max": np.inf if entry["range_max"] is None else float(entry["range_max"])}
-            for entry in json.loads(text)
-        ]
-    except TypeError as err:
+        found: dict[str, Any] = {name: kind(entry[name]) for name, kind in kinds.items()}
+        limit = entry["range_max"]
+        found["range_max"] = np.inf if limit is None else float(limit)
+    except (TypeError, KeyError, OverflowError) as err:
         raise ValueError("no geometry") from err
+    angles = abs(found["angle_min"]), abs(found["angle_increment"])
+    stations = found["station_distance"], found["station_angle"]
+    if (
+        not (0 <= found["beams"] <= MOST_BEAMS and 0 <= found["period"] <= found["beams"])
+        or found["stations"] < 0
+        or not max(*angles, *stations) <= GREATEST
+        or (found["beams"] > 1 and angles[1] < LEAST_STEP)
+        or not min(stations) > 0
+        or not found["range_max"] > 0
+    ):
+        raise ValueError("no geometry of a sensor")
+    return found
 
 
 def _sensors(table: pa.Table, geometries: list[dict[str, Any]]) -> list[Background]:
@@ -125,11 +180,16 @@ def _sensors(table: pa.Table, geometries: list[dict[str, Any]]) -> list[Backgrou
     ]
 
 
+def _values(table: pa.Table, name: str) -> Float64:
+    """A column as double precision, NaN for null."""
+    return np.asarray(table[name].to_numpy(), np.float64)
+
+
 def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
     shape = entry["stations"], entry["beams"]
 
     def values(name: str) -> Float64:
-        return np.asarray(table[name].to_numpy(), np.float64).reshape(shape)
+        return _values(table, name).reshape(shape)
 
     first = slice(None), slice(0, 1)
 
@@ -137,8 +197,13 @@ def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
         return np.asarray(values(name)[first].reshape(-1))
 
     grid = Grid(entry["angle_min"], entry["angle_increment"], entry["beams"], entry["period"])
-    if not np.array_equal(values("theta"), np.tile(grid.bearings(), (shape[0], 1))):
+    # Other programs may keep single precision.
+    off = np.abs(values("theta") - grid.bearings()) if shape[0] else np.zeros(0)
+    if not (off <= SAME_BEAM * abs(grid.angle_increment) + SINGLE * abs(grid.angle_min)).all():
         raise ValueError("bearings of another sensor")
+    station, beam = np.indices(shape)
+    if not (np.array_equal(values("station"), station) and np.array_equal(values("beam"), beam)):
+        raise ValueError("rows in another order")
     return Background(
         topic=entry["topic"],
         frame_id=entry["frame_id"],

@@ -155,3 +155,13 @@ BACKGROUND = pa.schema(
 
 SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "beams": BEAMS}
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
+
+NULLABLE = {
+    "objects": frozenset({"change", "track"}),
+    "sweeps": frozenset({"station"}),
+    "beams": frozenset({"object"}),
+    "background": frozenset[str](),
+}
+"""Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
+INFINITE = frozenset({"r_e", "r_near"})
+"""Columns that may be infinite: in these directions the scene is open."""

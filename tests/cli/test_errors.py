@@ -156,13 +156,31 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
         ("--threshold", "-1", "-1 is not above 0."),
         ("--threshold", "nan", "'nan' is not a finite number."),
         ("--profile", "fast", "'fast' is not one of 'robust', 'paper'."),
-        ("--min-beams", "0", "0 is not in the range x>=1."),
+        ("--min-beams", "0", "0 is not in the range 1<=x<=1000000."),
         ("--max-width", "0", "0 is not above 0."),
-        ("--max-gap", "-1", "-1 is not in the range x>=0."),
+        ("--max-gap", "-1", "-1 is not in the range 0<=x<=1000000."),
         ("--group-gap", "-0.1", "-0.1 is below 0."),
-        ("--every", "0", "0 is not in the range x>=1."),
+        ("--every", "0", "0 is not in the range 1<=x<=1000000."),
         ("--jobs", "0", "0 is not in the range x>=1."),
         ("--start", "-1", "-1 is below 0."),
+        *(
+            (option, value, f"{value} is not in the range {least}<=x<=1000000.")
+            for option, least in (("--min-beams", 1), ("--max-gap", 0), ("--every", 1))
+            for value in ("1000001", "1099511627776", "99999999999999999999")
+        ),
+        ("--threshold", "1e300", "1e300 is above 1e+06."),
+        ("--max-width", "1e308", "1e308 is above 1e+06."),
+        ("--group-gap", "1e7", "1e7 is above 1e+06."),
+        ("--station-distance", "1e308", "1e308 is above 1e+06."),
+        ("--range-max", "1e308", "1e308 is above 1e+06."),
+        ("--start", "1e300", "1e300 is above 1e+09."),
+        ("--no-return", "zero,1e308", "1e+308 is no range."),
+        ("--no-return", "nan,1e999", "inf is no range."),
+        ("--fov", "1e9", "1e9 is above 1e+06."),
+        ("--fov", "12.6", "12.6 radians are more than two turns."),
+        ("--angle-increment", "1e300", "1e300 is above 1e+06."),
+        ("--angle-min", "-13", "-13 radians are more than two turns."),
+        ("--angle-min", "-1e300", "-1e300 is below -1e+06."),
         ("--end", "soon", "'soon' is not a number."),
         (
             "--no-return",
@@ -188,6 +206,8 @@ def test_unknown_option_value(lidarcli: Run, option: str, value: str, message: s
     ("arguments", "message"),
     [
         (("--range", "5", "1"), "Invalid value for '--range': 5 is not below 1."),
+        (("--range", "0", "1e308"), "Invalid value for '--range': 1e308 is above 1e+06."),
+        (("--fov", "721", "--degrees"), "Invalid value for '--fov': 721 degrees are more than two turns."),
         (("-o", "-", "--beams"), "--beams writes a file: give -o DIR"),
         (("--format", "csv"), "--format is for the stream of -o -; tables are Parquet"),
         (("--start", "5", "--end", "5"), "--start 5 is not before --end 5"),

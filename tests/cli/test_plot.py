@@ -96,7 +96,7 @@ def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     ("arguments", "code", "words"),
     [
         (("--sweep", 20, "-o", "a.png"), 2, "no sweep 20 of /scan: the last one is 19"),
-        (("--sweep", -1, "-o", "a.png"), 2, "-1 is not in the range x>=0"),
+        (("--sweep", -1, "-o", "a.png"), 2, "-1 is not in the range 0<=x<=1000000000"),
         (("--sweeps", "1,x", "-o", "a.png"), 2, "'x' is neither a number nor START:STOP"),
         (("--sweeps", "5:5", "-o", "a.png"), 2, "'5:5' holds no sweep"),
         (("--sweeps", "0:9:0", "-o", "a.png"), 2, "'0:9:0' is no number of a sweep"),

@@ -61,7 +61,7 @@ def test_checks_decide_the_exit_code(lidarcli: Run, run: Path) -> None:
     ran = lidarcli("report", run, "--check", "sweeps >= 20", "--check", "objects_per_sweep.max < 2")
     assert ran.code == 1
     assert ran.out.startswith(
-        "Checks: 1 of 2 do not hold\nok    sweeps >= 20  (found 20)\nFAIL  objects_per_sweep.max < 2  (found 2)\n"
+        "Checks: 1 of 2 failed\nok    sweeps >= 20  (found 20)\nFAIL  objects_per_sweep.max < 2  (found 2)\n"
     )
     assert ran.err == ("lidarcli: check does not hold: objects_per_sweep.max < 2: expected < 2, found 2\n")
 
@@ -86,6 +86,29 @@ def test_junit_has_a_case_per_check(lidarcli: Run, run: Path, tmp_path: Path) ->
     assert [[child.get("message") for child in case] for case in cases] == [[], ["expected < 5, found 10"]]
     properties = {item.get("name"): item.get("value") for item in suite.iter("property")}
     assert properties["objects"] == "30"
+
+
+@pytest.mark.parametrize("odd", ["\x01", "\udcff", "]]>", "<&\x1b2J", "\ufffe", "\t"])
+def test_junit_is_well_formed_whatever_the_texts(lidarcli: Run, tmp_path: Path, odd: str) -> None:
+    run = write_run(tmp_path, [sweep(0, log=odd.encode("utf-8", "replace").decode())])
+    check = f"objects where topic == '{odd}' > 0"
+    ran = lidarcli("report", run, f"{odd}.sweeps.parquet", "--check", check, "--format", "junit")
+    assert ran.code == 3
+    shown = (
+        odd
+        if odd in ("]]>", "\t")
+        else odd.translate({ord(c): repr(c)[1:-1] for c in "\x01\udcff\x1b\ufffe"})
+    )
+    suite = ET.fromstring(ran.out.encode()).find("testsuite")
+    assert suite is not None
+    cases = suite.findall("testcase")
+    assert cases[0].get("name") == f"objects where topic == '{shown}' > 0"
+    failure = cases[0].find("failure")
+    assert failure is not None
+    assert failure.text == f"objects where topic == '{shown}' > 0\nexpected > 0, found 0"
+    error = cases[1].find("error")
+    assert error is not None
+    assert error.get("message") == f"{shown}.sweeps.parquet: no such file or folder"
 
 
 def test_several_outputs_at_once(lidarcli: Run, run: Path, tmp_path: Path) -> None:
@@ -163,3 +186,54 @@ def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path
     run = write_run(tmp_path, [])
     for kind in ("text", "markdown", "json", "junit"):
         assert lidarcli("report", run, "--format", kind).code == 0
+
+
+@pytest.mark.parametrize(
+    ("environment", "terminal", "coloured"),
+    [
+        ({}, True, True),
+        ({}, False, False),
+        ({"TERM": "dumb"}, True, False),
+        ({"NO_COLOR": "1"}, True, False),
+        ({"NO_COLOR": ""}, True, True),
+        ({"FORCE_COLOR": "1"}, False, True),
+        ({"FORCE_COLOR": "1", "NO_COLOR": "1", "TERM": "dumb"}, False, True),
+        ({"FORCE_COLOR": ""}, False, False),
+    ],
+)
+def test_colour(
+    lidarcli: Run,
+    run: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    environment: dict[str, str],
+    terminal: bool,
+    coloured: bool,
+) -> None:
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: terminal)
+    ran = lidarcli("report", run, "--check", "objects == 0")
+    assert ran.code == 1
+    assert ("\x1b[1;31mFAIL\x1b[0m" in ran.out) == ("\x1b" in ran.out) == coloured
+    assert ran.err == "lidarcli: check does not hold: objects == 0: expected == 0, found 30\n"
+
+
+@pytest.mark.parametrize("form", ["text", "markdown"])
+def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path, form: str) -> None:
+    odd = {"topic": "/a\x1b[2J\x07\u202e", "log": "l\x1b]0;x\x07", "frame_id": "f\x9b2J"}
+    run = write_run(tmp_path, [sweep(0, 1, **odd)], [thing(0, 1)], damage=["\x1bc"])
+    ran = lidarcli(
+        "report",
+        run,
+        f"{tmp_path}/\x1b[2J",
+        "--format",
+        form,
+        "--check",
+        "objects where topic == '\x1bc' > 0",
+    )
+    assert ran.code == 3
+    assert all(line.isprintable() for line in ran.out.splitlines())
+    assert ran.out.replace("\\\\", "\\").replace("\\[", "[").count("/a\\x1b[2J\\x07\\u202e") == 2

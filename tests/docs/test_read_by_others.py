@@ -65,3 +65,19 @@ def test_stamps_and_nested_columns_survive(folder: Path) -> None:
     assert [[vertex["kind"] for vertex in vertices] for vertices in in_polars] == kinds
     in_pandas = pd.read_parquet(objects)["vertices"]
     assert [[vertex["kind"] for vertex in vertices] for vertices in in_pandas] == kinds
+
+
+def test_the_queries_of_stamps(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (SCENE.parent.parent / "docs" / "tables.md").read_text("utf-8")
+    script = page.split("## Stamps in DuckDB")[1].split("```sql\n")[1].split("```")[0]
+    queries = [query for query in script.split(";") if query.strip()]
+    monkeypatch.chdir(folder)
+    minutes, buckets, seconds, after = (duckdb.sql(query).pl() for query in queries)
+    frame = pd.read_parquet("room.objects.parquet")
+    near, objects = int((frame.r_min < 2).sum()), len(frame)
+    assert minutes["objects"].to_list() == ([near] if near else [])
+    assert buckets["objects"].to_list() == ([objects] if objects else [])
+    assert minutes["minute"].dt.epoch("s").to_list() == ([START_NS // 10**9 // 60 * 60] if near else [])
+    assert buckets["start"].dt.epoch("s").to_list() == ([START_NS // 10**9] if objects else [])
+    assert seconds["seconds"].to_list() == [0.0, 0.1, 0.2]
+    assert after["sweeps"].to_list() == [2]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf, nan
 from typing import Any
 
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.formalism import Parameters
+from lidarcli.formalism import Parameters, detect, difference, sweep
 
 
 def test_defaults_of_both_profiles() -> None:
@@ -49,6 +50,11 @@ def test_plain_values_for_the_metadata() -> None:
         ("robust", {"min_beams": 0}, "--min-beams: 0 is below 1"),
         ("robust", {"max_gap": -1}, "--max-gap: -1 is below 0"),
         ("robust", {"max_width": 0.0}, "--max-width: 0.0 m is not a width"),
+        ("robust", {"max_gap": 1 << 40}, "--max-gap: 1099511627776 is above 1,000,000"),
+        ("robust", {"min_beams": 10**20}, "--min-beams: 100000000000000000000 is above 1,000,000"),
+        ("paper", {"group_gap": inf}, "--group-gap: inf is above 1,000,000"),
+        ("robust", {"threshold": 1e300}, "--threshold: 1e+300 m is not a distance"),
+        ("robust", {"max_width": 1e308}, "--max-width: 1e+308 m is not a width"),
         ("robust", {"max_width": nan}, "--max-width: nan m is not a width"),
     ],
 )
@@ -57,3 +63,24 @@ def test_values_without_a_meaning_are_refused(profile: Any, overrides: dict[str,
         Parameters.for_profile(profile, **overrides)
     assert str(caught.value) == message
     assert caught.value.exit_code == 2
+
+
+def test_parameters_are_judged_however_they_are_made() -> None:
+    with pytest.raises(OptionError, match=r"^--max-gap: 1099511627776 is above 1,000,000$"):
+        Parameters(max_gap=1 << 40)
+    assert Parameters(max_width=inf, min_beams=1_000_000).as_dict()["max_width"] is None
+
+
+@pytest.mark.parametrize("name", ["angle_min", "angle_increment"])
+@pytest.mark.parametrize("value", [nan, inf, -inf])
+@pytest.mark.parametrize("profile", ["robust", "paper"])
+def test_bearings_that_are_no_numbers_are_refused(name: str, value: float, profile: Any) -> None:
+    batch = sweep([[1.0, 2.0, 3.0]] * 3, angle_increment=0.1)
+    values = getattr(batch, name).copy()
+    values[1] = value
+    odd = replace(batch, **{name: values}, sweep=batch.sweep + 40)
+    for function in (lambda: detect(odd, Parameters.for_profile(profile)), lambda: difference(odd)):
+        with pytest.raises(ValueError, match=rf"^sweep 41 of /scan: {name} is {value}, not a finite angle$"):
+            function()
+    with pytest.raises(ValueError, match=r"is not a finite angle$"):
+        sweep([1.0, 2.0], **{"angle_increment": 0.1, name: value})

@@ -7,6 +7,7 @@ import pytest
 from lidarcli.errors import OptionError
 from lidarcli.reports.checks import columns_needed, judge, parse_check
 from lidarcli.reports.columns import Run
+from lidarcli.reports.conditions import DEEPEST
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import run_of, sweep, thing
 
@@ -164,3 +165,42 @@ def test_only_the_columns_that_are_looked_at_are_read() -> None:
     checks = [parse_check("objects where width > 1 or not track is null == 0"), parse_check("sweeps > 3")]
     assert columns_needed(checks, "objects") == {"width", "track"}
     assert columns_needed(checks, "sweeps") == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("expression", "found"),
+    [
+        ("objects where " + "(" * 50 + "width > 0.5" + ")" * 50 + " == 2", 2),
+        ("objects where " + "not " * 2_000 + "width > 0.5 == 2", 2),
+        ("objects where " + "not " * 2_001 + "width > 0.5 == 1", 1),
+        ("objects where " + "width > 1 or " * 700 + "width > 0.5 == 2", 2),
+        ("objects where " + "width > 0 and " * 700 + "width > 0.5 == 2", 2),
+        ("objects where difference < 0 or difference is null == 3", 3),
+        ("objects where difference < 0 and width > 0 == 1", 1),
+        ("objects where not (difference < 0 and width < 0) == 3", 3),
+        ("objects where not (difference < 0 or width > 0) == 0", 0),
+    ],
+)
+def test_long_conditions(run: Run, expression: str, found: int) -> None:
+    verdict = judge(parse_check(expression), summarise(run).figures, run)
+    assert (verdict.found, verdict.holds) == (found, True)
+
+
+@pytest.mark.parametrize(
+    ("expression", "problem"),
+    [
+        (
+            "objects where " + "(" * 3_000,
+            f"--check 'objects where {'(' * 3_000}': more than {DEEPEST} brackets are open at '(', column 66",
+        ),
+        (
+            "objects where " + "not " * 5_000 + "width > 1 == 0",
+            "--check 'objects where not no...': 20,028 characters are more than a check may have (10,000)",
+        ),
+    ],
+)
+def test_checks_have_bounds(expression: str, problem: str) -> None:
+    with pytest.raises(OptionError) as error:
+        parse_check(expression)
+    assert str(error.value) == problem
+    assert error.value.exit_code == 2

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from matplotlib.figure import Figure
 
 from lidarcli.formalism import Parameters, detect, sweep
 from lidarcli.reports import panels
-from lidarcli.reports.drawing import VIEWS, draw
+from lidarcli.reports.drawing import VIEWS, animate, draw
 from lidarcli.reports.picture import Picture, limits_of, printable
 from lidarcli.sweeps import Float64
 
@@ -127,3 +129,26 @@ def test_every_view_in_every_format_is_the_same_each_time(view: str, suffix: str
 def test_sweeps_with_hardly_anything_in_them(ranges: list[float]) -> None:
     one = picture(ranges, np.array(ranges), log="日本\x00語.csv")
     assert draw(one, "all", ".png").startswith(b"\x89PNG")
+
+
+def test_the_legend_of_an_animation_is_the_same_in_every_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    legends: list[list[str]] = []
+    drawn = Figure.legend
+
+    def legend(figure: Figure, handles: Any, labels: Any, **settings: Any) -> Any:
+        legends.append([*labels])
+        return drawn(figure, handles, labels, **settings)
+
+    monkeypatch.setattr(Figure, "legend", legend)
+    pictures = [picture(room()), picture(room(b10_14=2.0)), picture(room())]
+    for one in pictures:
+        draw(one, "scene", ".png")
+    assert legends[0] == legends[2] != legends[1]
+    united = {*legends[0], *legends[1]}
+    legends.clear()
+    animate(pictures, "scene", tmp_path / "a.gif")
+    assert len(legends) == 3
+    assert all(one == legends[0] for one in legends)
+    assert {*legends[0]} == united

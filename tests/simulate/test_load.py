@@ -188,3 +188,93 @@ def test_the_rooms_differ_in_their_objects_alone():
     assert full.sensor == empty.sensor
     assert [e.kind for e in full.entities] == ["wall", "box", "box", "box", "ladder", "plant"]
     assert np.array_equal(full.entities[0].segments, empty.entities[0].segments)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a=" + "[" * 100_000, "line 1: more than 16 brackets are open"),
+        ("\na=" + "{b=" * 100_000, "line 2: more than 16 brackets are open"),
+        ("a=[\n" * 17, "line 17: more than 16 brackets are open"),
+        (".".join("a" * 50_000) + "=1", "line 1: a key of more than 16 parts"),
+        ("[" + " . ".join("a" * 50_000) + "]", "line 1: a key of more than 16 parts"),
+        ("x=1\n" + ".".join(["'a'"] * 20_000) + "=1", "line 2: a key of more than 16 parts"),
+        ("#" * 1_000_001, "larger than a scene may be (1,000,000 bytes)"),
+        ("x = " + "9" * 5_000, "not valid TOML: Exceeds the limit"),
+        ("x = " + '"' + '\\"' * 100_000, "not valid TOML: "),
+    ],
+    ids=lambda text: text[:20],
+)
+def test_what_a_parser_would_choke_on_is_refused_first(load, text, message):
+    with pytest.raises(UnreadableError) as caught:
+        load(text)
+    assert str(caught.value).startswith(f"scene.toml: {message}")
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_code == 3
+
+
+def test_brackets_and_dots_of_texts_and_comments_do_not_count(load):
+    marks = "[" * 30 + ".a" * 30
+    text = f'# {marks} it\'s\n[scene]\nname = \'{marks}\'\n[sensor]\ntopic = "\\"{marks}" # "\n[[wall]]\n'
+    text += "points = [[0.5,\n1.5], [2, 3]]"
+    scene = load(text)
+    assert (scene.name, scene.sensor.topic) == (marks, f'"{marks}')
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "[sensor]\nrate = 1e-300",
+            "[sensor]: 'rate' must be at least 0.001 and at most 1000000.0, not 1e-300",
+        ),
+        ("[sensor]\nnoise = 1e308", "[sensor]: 'noise' must be between -1e+06 and 1e+06, not 1e+308"),
+        (
+            "[sensor]\nfov = 1e-300",
+            "[sensor]: 'beams' leaves 2.77778e-303 degrees from beam to beam; the least is 1e-09",
+        ),
+        ("[robot]\nx = 1e7", "[robot]: 'x' must be between -1e+06 and 1e+06, not 10000000.0"),
+        (f"[robot]\nx = {10**400}", "[robot]: 'x' must be between -1e+06 and 1e+06, not a longer one"),
+        (
+            "[robot]\nspeed = 1\nwaypoints = [[2, 3], [2, 3]]",
+            "[robot]: 'waypoints' must reach over 1e-06 m at least: there is no way to drive",
+        ),
+        (
+            "[robot]\nspeed = 1\nsuper_ellipse = { a = 1e-300, b = 1e-300 }",
+            "[robot]: 'super_ellipse' must reach over 1e-06 m at least: there is no way to drive",
+        ),
+        (
+            "[robot]\nspeed = 1\nsuper_ellipse = { a = 1, b = 1, exponent = 1e-300 }",
+            "[robot.super_ellipse]: 'exponent' must be at least 0.01, not 1e-300",
+        ),
+        (
+            "[[wall]]\npoints = [[0, 0], [1e308, 1]]",
+            "[[wall]] number 1: 'points' must hold numbers between -1e+06 and 1e+06, not 1e+308",
+        ),
+        (
+            f"[[wall]]\npoints = [[0, 0], [{10**400}, 1]]",
+            "[[wall]] number 1: 'points' must be a list of at least 2 points, as [[0, 0], [2.5, 0]]",
+        ),
+        (
+            "[[person]]\nx = 0\ny = 0\nvelocity = [1, -1e9]",
+            "[[person]] number 1: 'velocity' must hold numbers between -1e+06 and 1e+06, not 1000000000.0",
+        ),
+        (
+            "[[person]]\nx = 0\ny = 0\nvelocity = [1, 0]\nstride = 1e-300",
+            "[[person]] number 1: 'cadence' must be between -1e+06 and 1e+06, not 5e+299",
+        ),
+        (
+            "[[wall]]\npoints = [" + "[0, 1], " * 12_001 + "]",
+            "12,000 sides and circles are more than a scene may have (10,000)",
+        ),
+        (
+            "[scene]\nsweeps = 10000001",
+            "[scene]: 'sweeps' must be at least 0 and at most 10000000, not 10000001",
+        ),
+    ],
+    ids=lambda text: text[:30],
+)
+def test_numbers_have_bounds(load, text, message):
+    with pytest.raises(OptionError) as caught:
+        load(text)
+    assert str(caught.value) == f"scene.toml: {message}"

@@ -103,9 +103,12 @@ def test_bad_options(scene, tmp_path):
     log = tmp_path / "log.mcap"
     for options, message in [
         ({"sweeps": 1, "duration": 1.0}, "--sweeps and --duration exclude each other: leave one out"),
-        ({"sweeps": -1}, "--sweeps must not be negative, not -1"),
-        ({"duration": float("nan")}, "--duration must be a number of seconds, not nan"),
-        ({"seed": -1}, "--seed must not be negative, not -1"),
+        ({"sweeps": -1}, "--sweeps must be at least 0 and at most 10,000,000, not -1"),
+        (
+            {"duration": float("nan")},
+            "--duration must be at least 0 and at most 400,000,000 seconds, not nan",
+        ),
+        ({"seed": -1}, "--seed must be at least 0 and at most 9223372036854775807, not -1"),
     ]:
         with pytest.raises(OptionError) as caught:
             simulate(scene, log, **options)
