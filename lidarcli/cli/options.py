@@ -20,7 +20,7 @@ LONGEST = 1e9
 WIDEST = 4 * math.pi
 """An angle of a sensor is no wider [rad]: two turns, as in a scene file."""
 MOST = 1_000_000
-"""A number of beams, of sweeps or of processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
+"""A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 

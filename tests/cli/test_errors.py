@@ -161,7 +161,7 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
         ("--max-gap", "-1", "-1 is not in the range 0<=x<=1000000."),
         ("--group-gap", "-0.1", "-0.1 is below 0."),
         ("--every", "0", "0 is not in the range 1<=x<=1000000."),
-        ("--jobs", "0", "0 is not in the range x>=1."),
+        ("--jobs", "0", "0 is not in the range 1<=x<=1000000."),
         ("--start", "-1", "-1 is below 0."),
         *(
             (option, value, f"{value} is not in the range {least}<=x<=1000000.")
