@@ -59,7 +59,7 @@ bench-compare: $(VENV)/installed-dev ## today's detect against that of another c
 accuracy: $(VENV)/installed-dev ## how right the detection is; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks.accuracy $(ACCURACY)
 
-fuzz: $(VENV)/installed-dev ## mutated logs of every container; more with FUZZ="--seconds 3600"
+fuzz: $(VENV)/installed-dev ## inputs of every kind, mutated or made to harm; more with FUZZ="--seconds 3600"
 	$(BIN)/python -m tools.fuzz $(FUZZ)
 
 clean: ## remove the environment and everything that was built
