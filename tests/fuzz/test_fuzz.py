@@ -48,7 +48,7 @@ def test_every_target_is_in_a_group() -> None:
 
 
 @pytest.mark.parametrize("group", GROUPS)
-def test_any_input_ends_in_outputs_or_one_line(group: str) -> None:
+def test_any_mutation_ends_in_tables_or_one_line(group: str) -> None:
     """No error but the project's own, no hang, no memory beyond the bound, no file touched or left (judge.py)."""
     names, cases = GROUPS[group]
     done, failures = fuzz(Plan(names, seed=1, cases=cases))
