@@ -51,7 +51,7 @@ def write(place: Place, number: int, random: Random) -> None:
     """Sound tables, and one check or two."""
     put(place)
     if number < len(KNOWN):
-        formats, given = list(FORMATS), [KNOWN[number]]
+        formats, given = ["text", "html", "junit"], [KNOWN[number]]
     else:
         given = [_expression(random) for _ in range(int(random.integers(1, 3)))]
         formats = [FORMATS[int(random.integers(len(FORMATS)))]]
