@@ -9,7 +9,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format samples golden docs bench bench-full bench-compare accuracy fuzz clean
+.PHONY: help demo test check format samples golden docs bench bench-full bench-compare accuracy fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -59,8 +59,11 @@ bench-compare: $(VENV)/installed-dev ## today's detect against that of another c
 accuracy: $(VENV)/installed-dev ## how right the detection is; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks.accuracy $(ACCURACY)
 
-fuzz: $(VENV)/installed-dev ## mutated logs of every container; more with FUZZ="--seconds 3600"
+fuzz: $(VENV)/installed-dev ## inputs of every kind, mutated or made to harm; more with FUZZ="--seconds 3600"
 	$(BIN)/python -m tools.fuzz $(FUZZ)
+
+bounds: $(VENV)/installed-dev ## kernels with bounds checked, in a copy: random batches, samples, real logs
+	$(BIN)/python -m tools.bounds
 
 clean: ## remove the environment and everything that was built
 	rm -rf lidarcli/kernels/*.so $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis

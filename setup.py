@@ -17,16 +17,20 @@ FLAGS = (
     else ["-O3", "-g0", "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
 )
 
+# For those who look for a wild index; `make bounds` sets it, in a copy of the tree.
+BOUNDS = bool(os.environ.get("LIDARCLI_BOUNDS"))
+
 kernels = cythonize(
     [
         Extension(f"lidarcli.kernels.{path.stem}", [str(path)], extra_compile_args=FLAGS)
         for path in sorted(Path("lidarcli/kernels").glob("*.pyx"))
     ],
-    build_dir="build",
+    # C files count as up to date whatever they were made with: each kind has a folder of its own.
+    build_dir="build/bounds" if BOUNDS else "build",
+    force=BOUNDS,
     language_level=3,
     compiler_directives={
-        # For those who look for a wild index: LIDARCLI_BOUNDS=1 pip install --editable .
-        "boundscheck": bool(os.environ.get("LIDARCLI_BOUNDS")),
+        "boundscheck": BOUNDS,
         "wraparound": False,
         "cdivision": True,
         "initializedcheck": False,
@@ -36,4 +40,4 @@ for kernel in kernels:
     # Said here, as Cython makes extensions of its own, which forget it.
     kernel.optional = True
 
-setup(ext_modules=kernels, options={"build_ext": {"parallel": os.cpu_count() or 1}})
+setup(ext_modules=kernels, options={"build_ext": {"parallel": os.cpu_count() or 1, "force": BOUNDS}})

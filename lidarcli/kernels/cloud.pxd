@@ -28,7 +28,11 @@ cdef inline Sight sight_of(cloud):
     cdef const double[::1] first = cloud.geometry.first
     cdef const double[::1] step = cloud.geometry.step
     cdef Sight sight
-    sight.cell, sight.beyond, sight.first, sight.step = &cell[0], &beyond[0], &first[0], &step[0]
+    # An empty array has no first element, of which a build with bounds checked would say so.
+    sight.cell = &cell[0] if cell.shape[0] else NULL
+    sight.beyond = &beyond[0] if beyond.shape[0] else NULL
+    sight.first = &first[0] if first.shape[0] else NULL
+    sight.step = &step[0] if step.shape[0] else NULL
     sight.points, sight.stride = len(cloud.grid), cloud.grid.stride
     return sight
 

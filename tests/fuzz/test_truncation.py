@@ -20,7 +20,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from tools.fuzz.containers import CONTAINERS, SWEEPS, Sample, sample_of
-from tools.fuzz.judge import CSV
+from tools.fuzz.logs import CSV
 
 CUTS = 45
 

@@ -1,1 +1,1 @@
-"""A seeded mutator for every container: whatever is done to a log, reading it ends in tables and a report."""
+"""Seeded cases for everything that reads files: whatever is done to an input, it ends in outputs or in one line."""

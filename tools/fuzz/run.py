@@ -1,53 +1,68 @@
-"""Cases one after the other in a child process, which may die or hang: then the case that did it is known."""
+"""Cases one after the other in child processes, which may die or hang: then the case that did it is known."""
 
 from __future__ import annotations
 
 import json
+import os
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import count
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from queue import Empty, Queue
-from threading import Thread
+from threading import Lock, Thread
 
 import numpy as np
 
-from tools.fuzz.containers import CONTAINERS, sample_of
+from tools.fuzz.place import Place
+from tools.fuzz.target import Random
+from tools.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parent.parent.parent
-SILENCE = 60.0
-"""A child that says nothing for so long hangs [s]; the judge counts processor time and is stricter."""
+WALL = 20.0
+"""A case that takes longer hangs [s]; the judge counts processor time and is stricter."""
+SETUP = 120.0
+"""Time for a child to start, and to make a case [s]."""
+CASES_PER_CHILD = 2000
+"""Then a fresh child goes on, so that one that grows is not taken for a hungry case."""
 CHILD = ("-m", "tools.fuzz.run")
-ADDRESS_SPACE = 6 << 30
-"""A child that asks for more gets a MemoryError."""
+ADDRESS_SPACE = 4 << 30
+"""A child that asks for more gets a MemoryError [bytes]."""
+MEMORY = Path("/dev/shm")
+"""A folder in memory, where the system has one: no case has to wait for a disk."""
+ROOM = 1 << 30
+"""Room that has to be free there [bytes]."""
+FILE_SIZE = 256 << 20
+"""A child that writes more into one file gets an OSError [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One mutated log: all of it follows from these."""
+    """One input: all of it follows from these."""
 
-    container: str
+    target: str
     seed: int
     number: int
 
-    def write(self, folder: Path) -> Path:
-        """Make the log in a folder; the path to open."""
-        sample = sample_of(self.container)
-        random = np.random.default_rng([CONTAINERS.index(self.container), self.seed, self.number])
-        for name, data in sample.mutated(random).items():
-            path = folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
-        return folder / sample.log
+    def write(self, place: Place) -> None:
+        """Make the input in an empty place."""
+        place.prepare()
+        TARGETS[self.target].write(place, self.number, self.random)
+
+    @property
+    def random(self) -> Random:
+        """The generator of this case alone."""
+        return np.random.default_rng([zlib.crc32(self.target.encode()), self.seed, self.number])
 
     def __str__(self) -> str:
-        return f"{self.container} --seed {self.seed} --first {self.number} --cases 1"
+        return f"{self.target} --seed {self.seed} --first {self.number} --cases 1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,64 +73,102 @@ class Failure:
     problem: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Plan:
-    """Which cases to run: containers take turns, each with the numbers from `first` on."""
+    """Which cases to run: targets take turns, each with the numbers from `first` on."""
 
-    containers: tuple[str, ...]
+    targets: tuple[str, ...]
     seed: int
     first: int = 0
     cases: int | None = None
-    """Of each container; None: until the time is over."""
+    """Of each target, whatever its weight."""
+    total: int | None = None
+    """Of all targets together, by weight; where neither is given it goes on until the time is over."""
     seconds: float | None = None
 
     def case(self, index: int) -> Case:
         """The case at a place in the order of the run."""
-        turn, which = divmod(index, len(self.containers))
-        return Case(self.containers[which], self.seed, self.first + turn)
+        turn, place = divmod(index, len(self._round))
+        target, number, many = self._round[place]
+        return Case(target, self.seed, self.first + turn * many + number)
 
     @property
     def length(self) -> float:
         """How many cases there are at most."""
-        return float("inf") if self.cases is None else self.cases * len(self.containers)
+        if self.cases is not None:
+            return self.cases * len(self.targets)
+        return float("inf") if self.total is None else self.total
+
+    @cached_property
+    def _round(self) -> list[tuple[str, int, int]]:
+        """One round: target, the how many-eth of its turns, and how many it has. Heavy ones are spread evenly."""
+        weights = {name: 1 if self.cases is not None else TARGETS[name].weight for name in self.targets}
+        turns = [
+            ((turn + 0.5) / many, name, turn, many) for name, many in weights.items() for turn in range(many)
+        ]
+        return [(name, turn, many) for _, name, turn, many in sorted(turns, key=lambda it: it[0])]
 
 
-def fuzz(plan: Plan, tell: Callable[[Failure], None] = lambda failure: None) -> tuple[int, list[Failure]]:
-    """Run the plan; how many cases ran, and what failed, which is also told at once."""
+def fuzz(
+    plan: Plan, tell: Callable[[Failure], None] = lambda failure: None, jobs: int = 1
+) -> tuple[int, list[Failure]]:
+    """Run the plan, `jobs` children beside each other; how many cases ran, and what failed, which is also told at once."""
     over = None if plan.seconds is None else time.monotonic() + plan.seconds
-    failures: list[Failure] = []
-    index = 0
-    while index < plan.length and (over is None or time.monotonic() < over):
-        for problems in _child(plan, index, over):
-            for problem in problems:
-                failures.append(Failure(plan.case(index), problem))
-                tell(failures[-1])
-            index += 1
-    return index, failures
+    failed: list[tuple[int, Failure]] = []
+    done: list[int] = []
+    lock = Lock()
+
+    def lane(index: int) -> None:
+        while index < plan.length and (over is None or time.monotonic() < over):
+            for problems in islice(_child(plan, index, jobs, over), CASES_PER_CHILD):
+                with lock:
+                    done.append(index)
+                    for problem in problems:
+                        failed.append((index, Failure(plan.case(index), problem)))
+                        tell(failed[-1][1])
+                index += jobs
+
+    lanes = [Thread(target=lane, args=(number,), daemon=True) for number in range(jobs)]
+    for thread in lanes:
+        thread.start()
+    for thread in lanes:
+        thread.join()
+    return len(done), [failure for _, failure in sorted(failed, key=lambda it: it[0])]
 
 
-def _child(plan: Plan, index: int, over: float | None) -> Iterator[list[str]]:
-    """The problems of each case from `index` on; ends after a case that killed the child."""
-    with tempfile.TemporaryDirectory(prefix="lidarcli-fuzz-") as folder, tempfile.TemporaryFile("w+") as err:
-        task = json.dumps([plan.containers, plan.seed, plan.first, index, folder])
+def _child(plan: Plan, index: int, stride: int, over: float | None) -> Iterator[list[str]]:
+    """The problems of every `stride`-th case from `index` on; ends after a case that failed, whose peak of memory
+    and open files must not be blamed on the next."""
+    with (
+        tempfile.TemporaryDirectory(prefix="lidarcli-fuzz-", dir=_fast()) as folder,
+        tempfile.TemporaryFile("w+") as err,
+    ):
+        task = json.dumps({"plan": asdict(plan), "index": index, "stride": stride, "folder": folder})
         command = [sys.executable, "-W", "error", *CHILD, task]
-        child = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=err, text=True)
+        child = subprocess.Popen(
+            command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=err, text=True
+        )
         said: Queue[str] = Queue()
         listener = Thread(target=_listen, args=(child, said), daemon=True)
         listener.start()
+
+        def killed() -> str:
+            err.seek(0)
+            return f"killed the process, exit code {child.wait()}: {err.read()[-2000:]}"
+
         try:
             while index < plan.length and (over is None or time.monotonic() < over):
-                index += 1
+                index += stride
+                # First that the case is written, then what its judge says.
                 try:
-                    line = said.get(timeout=SILENCE)
+                    line = said.get(timeout=SETUP) and said.get(timeout=WALL)
                 except Empty:
-                    yield [f"hangs: nothing for {SILENCE:g} s"]
+                    yield [f"hangs: nothing for {WALL:g} s"]
                     return
-                if not line:
-                    err.seek(0)
-                    yield [f"killed the process, exit code {child.wait()}: {err.read()[-2000:]}"]
+                problems = json.loads(line) if line else [killed()]
+                yield problems
+                if problems:
                     return
-                yield json.loads(line)
         finally:
             child.kill()
             child.wait()
@@ -124,28 +177,46 @@ def _child(plan: Plan, index: int, over: float | None) -> Iterator[list[str]]:
                 child.stdout.close()
 
 
+def _fast() -> Path | None:
+    """Where to put cases, None for the usual place: TMPDIR, where it is set, counts first."""
+    if "TMPDIR" in os.environ or not os.access(MEMORY, os.W_OK) or shutil.disk_usage(MEMORY).free < ROOM:
+        return None
+    return MEMORY
+
+
 def _listen(child: subprocess.Popen[str], said: Queue[str]) -> None:
     if child.stdout is None:
         raise RuntimeError("the child has no pipe")
     for line in child.stdout:
         said.put(line)
     said.put("")
+    said.put("")
 
 
-def run_cases(containers: Sequence[str], seed: int, first: int, index: int, folder: str) -> None:
+def run_cases(task: str) -> None:
     """What the child does: case after case, until it is killed."""
     from tools.fuzz.judge import judge
 
+    given = json.loads(task)
+    plan = Plan(**given["plan"])
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
-    plan = Plan(tuple(containers), seed, first)
-    here, scratch = Path(folder) / "log", Path(folder) / "scratch"
-    tempfile.tempdir = str(scratch)
-    for place in count(index):
-        for path in (here, scratch):
-            shutil.rmtree(path, ignore_errors=True)
-            path.mkdir()
-        print(json.dumps(judge(plan.case(place).write(here), scratch)), flush=True)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_SIZE, FILE_SIZE))
+    place = Place(Path(given["folder"]) / "case")
+    place.prepare()
+    # Command lines name files from here on, and what is imported later is found all the same.
+    sys.path.insert(0, str(ROOT))
+    os.chdir(place.root)
+    tempfile.tempdir = str(place.scratch)
+    # A command may close or replace the streams of the process: the answers have one of their own.
+    with os.fdopen(os.dup(1), "w") as answers:
+        index = given["index"]
+        while True:
+            case = plan.case(index)
+            case.write(place)
+            print("written", file=answers, flush=True)
+            print(json.dumps(judge(TARGETS[case.target], place)), file=answers, flush=True)
+            index += given["stride"]
 
 
 if __name__ == "__main__":
-    run_cases(*json.loads(sys.argv[1]))
+    run_cases(sys.argv[1])
