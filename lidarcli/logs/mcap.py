@@ -24,6 +24,8 @@ from lidarcli.logs.mcap_catalogue import MAGIC, Catalogue, Summary, index_is_com
 from lidarcli.logs.mcap_records import Messages
 from lidarcli.logs.mcap_source import Source
 from lidarcli.logs.mcap_walk import Walker
+from lidarcli.logs.rosbag2_unpack import PACKED_CAUSE, ZSTD_MAGIC, unpack_message
+from lidarcli.logs.unpacking import Unpacking
 from lidarcli.sweeps import RawSweeps
 
 STRIPPED_MAGIC = b"\x89MCAP0\n"
@@ -41,12 +43,18 @@ class _Columns:
 
     gather: Gather
 
+    unpacking: Unpacking = field(default_factory=Unpacking)
+
     def decode(self, rows: Messages) -> Iterator[RawSweeps]:
-        if len(rows) >= TOGETHER:
+        packed = _are_packed(rows)
+        if len(rows) >= TOGETHER and not packed:
             yield from self.gather.decode(rows.data, rows.start, rows.length, rows.log_ns)
             return
         for data, log_ns in _payloads(rows):
-            if self.gather.add(data, log_ns):
+            plain = unpack_message(data, self.unpacking) if packed else data
+            if plain is None:
+                self.gather.report.refused[(self.gather.topic, PACKED_CAUSE)] += 1
+            elif self.gather.add(plain, log_ns):
                 yield from self.gather.flush()
 
     def flush(self) -> Iterator[RawSweeps]:
@@ -70,6 +78,14 @@ class _OneByOne:
     def flush(self) -> Iterator[RawSweeps]:
         waiting, self.waiting = self.waiting, []
         yield from foxglove.decode(self.topic, waiting, self.decoder, self.report)
+
+
+def _are_packed(rows: Messages) -> bool:
+    """Whether a ROS 2 bag has packed its messages one by one: all or none; plain ones never begin as zstd does."""
+    if not len(rows):
+        return False
+    start = int(rows.start[0])
+    return rows.data[start : start + min(len(ZSTD_MAGIC), int(rows.length[0]))].tobytes() == ZSTD_MAGIC
 
 
 def _payloads(rows: Messages) -> Iterator[tuple[bytes, int]]:
@@ -215,8 +231,11 @@ class McapLog:
                 key: (known.channels[key].topic, known.type(key), known.channels[key].message_encoding)
                 for key in np.unique(rows.channel).tolist()
             }
+            packed, unpacking = _are_packed(rows), Unpacking()
             for key, (data, log_ns) in zip(rows.channel.tolist(), _payloads(rows), strict=True):
-                yield Message(*kinds[key], log_ns, data)
+                plain = unpack_message(data, unpacking) if packed else data
+                if plain is not None:
+                    yield Message(*kinds[key], log_ns, plain)
 
     def _decoder(self, key: int) -> _Columns | _OneByOne | None:
         """What decodes a channel's messages; None, with a note where one is due, if they are no sweeps."""

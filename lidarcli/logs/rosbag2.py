@@ -13,7 +13,7 @@ from lidarcli.errors import LidarcliError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Log, Message, ReadReport, Topic, ros_type
 from lidarcli.logs.gather import Gather
 from lidarcli.logs.rosbag2_folder import METADATA, Folder, read_folder
-from lidarcli.logs.rosbag2_unpack import ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
+from lidarcli.logs.rosbag2_unpack import PACKED_CAUSE, ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
 from lidarcli.logs.sqlite_bag import Row, SqliteBag, has_type
 from lidarcli.logs.unpacking import Unpacking
 from lidarcli.sweeps import RawSweeps
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from lidarcli.logs.mcap import McapLog
 
 SCANS = (LASERSCAN, MULTI_ECHO)
-PACKED_CAUSE = "zstd message that is broken or too long"
 NO_DATA = "no data, or more than a sweep can have"
 
 

@@ -7,15 +7,14 @@ import stat
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import takewhile
 from pathlib import Path, PureWindowsPath
 
 METADATA = "metadata.yaml"
 MAX_METADATA = 16 << 20
 """Longest metadata.yaml that is read [bytes]."""
 
-_PATHS = re.compile(
-    r"^[ \t]*relative_file_paths:[ \t]*(\[[^\]]*\])?[^\n]*\n((?:[ \t]*-[ \t][^\n]*\n?)*)", re.MULTILINE
-)
+_PATHS = "relative_file_paths:"
 _CONFLICT = re.compile(r"^(<{7,}|={7,}|>{7,})", re.MULTILINE)
 _STORAGE = re.compile(r"\.(db3|mcap)(\.(zstd|zst))?$", re.IGNORECASE)
 _PART = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
@@ -76,6 +75,21 @@ def natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
+def _listed(text: str) -> list[str]:
+    """The items of the list of files: within brackets, or one in a line each."""
+    lines = iter(text.split("\n"))
+    for line in lines:
+        if line.strip().startswith(_PATHS):
+            rest = line.strip().removeprefix(_PATHS).strip()
+            if rest.startswith("["):
+                # Brackets may be closed lines later.
+                inside, closed, _ = "\n".join([rest, *lines]).partition("]")
+                return inside.strip("[").split(",") if closed else []
+            items = takewhile(lambda item: item.strip().startswith(("- ", "-\t")), lines)
+            return [item.strip()[2:] for item in items]
+    return []
+
+
 def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None], list[str]]:
     """The files that the metadata names, in its order, and the names to which there is none.
 
@@ -127,9 +141,7 @@ def _named_files(path: Path) -> tuple[list[str], str]:
         return [], f"{METADATA} cannot be read ({err.strerror}), {without}"
     if _CONFLICT.search(text):
         return [], f"{METADATA} holds an unresolved merge conflict, {without}"
-    found = _PATHS.search(text)
-    items = [] if found is None else (found[1] or "").strip("[]").split(",") + found[2].splitlines()
-    names = [item.strip().removeprefix("- ").strip().strip("\"'") for item in items]
+    names = [item.strip().strip("\"'") for item in _listed(text)]
     # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
     names = [PureWindowsPath(name).name for name in names if name]
     return names, "" if names else f"{METADATA} lists no files, {without}"

@@ -10,6 +10,8 @@ import zstandard
 from lidarcli.logs.unpacking import Unpacking
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+PACKED_CAUSE = "zstd message that is broken or too long"
+"""Why a packed message is left out."""
 MAX_MESSAGE = 8 << 20
 """Longest message that is unpacked [bytes]; a sweep of the largest number of beams fits."""
 DISK_SHARE = 0.9

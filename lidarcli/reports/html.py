@@ -11,6 +11,7 @@ from typing import Any
 
 from lidarcli import __version__
 from lidarcli.reports.charts import charts
+from lidarcli.reports.junit import clean
 from lidarcli.reports.report import Report
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.text import COMPARED
@@ -38,6 +39,7 @@ def render(report: Report, viewer: dict[str, Any]) -> str:
     environment = Environment(
         loader=PackageLoader("lidarcli.reports"),
         autoescape=True,
+        finalize=lambda value: clean(value) if type(value) is str else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

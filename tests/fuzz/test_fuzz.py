@@ -83,15 +83,7 @@ def test_cheap_targets_have_more_turns_and_every_number_once() -> None:
         assert sorted(numbers) == list(range(7, 7 + 2 * weight))
 
 
-PACKED_ONE_BY_ONE = pytest.param(
-    "ros2-by-rosbags-9-mcap-message",
-    marks=pytest.mark.xfail(reason="messages packed one by one are refused where the storage is MCAP"),
-)
-
-
-@pytest.mark.parametrize(
-    "name", [*(it for it in LIBRARY_LOGS if it not in PACKED_ONE_BY_ONE.values), PACKED_ONE_BY_ONE]
-)
+@pytest.mark.parametrize("name", LIBRARY_LOGS)
 def test_logs_of_libraries_are_read_whole_as_they_are(name: str, tmp_path: Path) -> None:
     sample = library_sample(name)
     for file, data in sample.files.items():
@@ -130,7 +122,7 @@ def test_a_journal_that_names_a_victim_makes_sqlite_delete_it(tmp_path: Path) ->
     assert not (place.victims / "thesis").exists()
 
 
-def _burn() -> None:
+def _burn(_place: Place) -> None:
     end = time.process_time() + 1.0
     while time.process_time() < end:
         pass
@@ -157,7 +149,7 @@ _KEPT: list[IO[str]] = []
         (lambda place: (place.scratch / "left").mkdir(), "left temporary files: left"),
         (_keep_open, "left open: "),
         (lambda place: b"x" * 600_000_000, "took "),
-        (lambda place: _burn(), "took 1."),
+        (_burn, "took 1."),
     ],
 )
 def test_whatever_must_not_happen_is_told(
@@ -169,7 +161,8 @@ def test_whatever_must_not_happen_is_told(
         act(place)
         return []
 
-    monkeypatch.setattr(judge, "SECONDS", 0.9)
+    # Memory, too, takes its time where the machine is busy.
+    monkeypatch.setattr(judge, "SECONDS", 0.9 if act is _burn else 60.0)
     problems = judge.judge(Target("sabotaged", _write, sabotaged), place)
     while _KEPT:
         _KEPT.pop().close()
