@@ -136,7 +136,7 @@ class SqliteBag:
         if self._database is not None:
             try:
                 (newest,) = self._ask(self._database, _NEWEST).fetchone()
-                self._newest = newest or 0
+                self._newest = newest if isinstance(newest, int) else 0
                 sql = _ROWS.format(", ".join(map(str, topics)))
                 cursor = self._ask(self._database, sql)
                 left = self._size
@@ -235,7 +235,7 @@ class SqliteBag:
             return path
         try:
             merge(copy, path)
-        except sqlite3.Error as err:
+        except SQLITE_ERRORS as err:
             self._cause = _cause(err)
         most = sum(file.stat().st_size for file in [path, *sidecars])
         if copy.stat().st_size > most:
@@ -336,8 +336,10 @@ def _bounded(rows: Iterable[tuple[int, str, str, str]], most: int) -> Iterator[t
         yield row
 
 
-def _ascending(ids: Sequence[int]) -> bool:
-    return all(before < after for before, after in pairwise(ids))
+def _ascending(ids: Sequence[object]) -> bool:
+    """Whether values are whole numbers, each above the one before."""
+    whole = [value for value in ids if isinstance(value, int)]
+    return len(whole) == len(ids) and all(before < after for before, after in pairwise(whole))
 
 
 def _cause(err: Exception) -> str:

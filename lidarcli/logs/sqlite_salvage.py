@@ -126,7 +126,7 @@ class Salvage:
         head = self._at(0, HEADER)
         size = int.from_bytes(head[16:18], "big")
         size = 65536 if size == 1 else size
-        if not head.startswith(MAGIC) or size < 512 or size & (size - 1):
+        if len(head) < HEADER or not head.startswith(MAGIC) or size < 512 or size & (size - 1):
             return 4096, 4096
         return size, size - head[20]
 
@@ -170,10 +170,11 @@ class Salvage:
         types = _serial_types(local)
         if types is None:
             return False
-        if len(types) == 4 and types[0] == 0 and types[1] in _INT_BYTES and types[2] in _INT_BYTES:
+        # The first column is the id: NULL, as it is the row's own number, but where a table keeps it beside that.
+        if len(types) == 4 and types[1] in _INT_BYTES and types[2] in _INT_BYTES:
             blob = types[3]
             if blob >= 12 and blob % 2 == 0:
-                head = _varint(local, 0)[0]
+                head = _varint(local, 0)[0] + _width(types[0])
                 width = _INT_BYTES[types[1]]
                 topic = types[1] - 8 if types[1] > 6 else _integer(local[head : head + width])
                 found.rowids.append(cell.rowid)
@@ -206,7 +207,7 @@ class Salvage:
         types = _serial_types(row)
         if types is None or len(types) != 4:
             return None
-        at, numbers = _varint(row, 0)[0], []
+        at, numbers = _varint(row, 0)[0] + _width(types[0]), []
         for serial in types[1:3]:
             width = _INT_BYTES.get(serial, 0)
             numbers.append(serial - 8 if serial > 6 else _integer(row[at : at + width]))
@@ -238,6 +239,11 @@ class Salvage:
             size -= len(part)
         # The last page of a chain has none behind it.
         return b"".join(parts) if page == 0 else None
+
+
+def _width(serial: int) -> int:
+    """Bytes of a value of this serial type."""
+    return _INT_BYTES.get(serial, 8 if serial == 7 else max(0, (serial - 12) // 2))
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:

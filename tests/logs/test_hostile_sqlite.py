@@ -136,6 +136,22 @@ def test_a_write_ahead_log_cannot_make_the_copy_huge(tmp_path: Path) -> None:
     assert damage != []
 
 
+def test_a_write_ahead_log_beside_a_schema_that_is_no_text(tmp_path: Path) -> None:
+    """What SQLite says of it quotes bytes that are no text either."""
+    work, path = tmp_path / "work.db3", tmp_path / "run.db3"
+    database = bag(work)
+    database.execute("PRAGMA journal_mode = wal")
+    database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES (1, 5, x'00')")
+    for suffix in ("", "-wal"):
+        shutil.copy(f"{work}{suffix}", f"{path}{suffix}")
+    database.close()
+    data = path.read_bytes().replace(b"CREATE TABLE messages(id", b"CREATE TABLE (essages id")
+    path.write_bytes(data.replace(b"tablemessages", b"tablem\x94ssages"))
+    found, damage = read(path)
+    assert found == list(range(20))
+    assert damage[0].startswith("database: SQLite says: malformed database schema; read page by page: ")
+
+
 # Views, triggers, computed columns, virtual tables: SQL of the file's own.
 
 
@@ -242,7 +258,31 @@ def test_overflow_pages_that_name_themselves(tmp_path: Path) -> None:
     assert damage != []
 
 
+@pytest.mark.parametrize("size", [1, 15, 16, 17, 20, 99, 100, 101, 512])
+def test_a_database_of_a_few_bytes(tmp_path: Path, size: int) -> None:
+    path = tmp_path / "run.db3"
+    bag(path).close()
+    path.write_bytes(path.read_bytes()[:size])
+    with pytest.raises(UnreadableError, match=r"run\.db3: holds no ROS 2 messages \(.*\)$"):
+        Rosbag2Log(str(path))
+
+
 # Row ids.
+
+
+@pytest.mark.parametrize("wrong", ["NULL", "'seven'", "1.5", "x'00'"])
+def test_row_ids_that_are_no_whole_numbers(tmp_path: Path, wrong: str) -> None:
+    path = tmp_path / "run.db3"
+    database = bag(path)
+    database.execute("ALTER TABLE messages RENAME TO m")
+    database.execute(MESSAGES.replace("INTEGER PRIMARY KEY", "BLOB"))
+    database.execute("INSERT INTO messages SELECT * FROM m")
+    database.execute(f"UPDATE messages SET id = {wrong} WHERE id = 7")
+    database.execute("DROP TABLE m")
+    database.close()
+    found, damage = read(path)
+    assert found == list(range(20))
+    assert damage == ["database: row numbers are out of order; read page by page: 20 messages recovered"]
 
 
 @pytest.mark.parametrize("damaged", [False, True])
