@@ -64,7 +64,11 @@ def main() -> None:
         failure.case.write(Place(place.root.absolute()))
         print(f"\n{place.input}: {failure.problem}\nagain: python -m tools.fuzz {failure.case}", flush=True)
 
-    done, failures = fuzz(plan, tell, arguments.jobs)
+    def count(done: int) -> None:
+        print(f"{done:,} cases in {time.monotonic() - started:,.0f} s", flush=True)
+
+    started = time.monotonic()
+    done, failures = fuzz(plan, tell, arguments.jobs, count)
     print(f"{done:,} cases, {len(failures)} failures")
     sys.exit(bool(failures))
 

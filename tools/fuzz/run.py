@@ -30,6 +30,8 @@ WALL = 20.0
 """A case that takes longer hangs [s]; the judge counts processor time and is stricter."""
 SETUP = 120.0
 """Time for a child to start, and to make a case [s]."""
+COUNTED = 5_000
+"""Cases from one word of progress to the next."""
 CASES_PER_CHILD = 2000
 """Then a fresh child goes on, so that one that grows is not taken for a hungry case."""
 CHILD = ("-m", "tools.fuzz.run")
@@ -110,9 +112,15 @@ class Plan:
 
 
 def fuzz(
-    plan: Plan, tell: Callable[[Failure], None] = lambda failure: None, jobs: int = 1
+    plan: Plan,
+    tell: Callable[[Failure], None] = lambda failure: None,
+    jobs: int = 1,
+    count: Callable[[int], None] = lambda done: None,
 ) -> tuple[int, list[Failure]]:
-    """Run the plan, `jobs` children beside each other; how many cases ran, and what failed, which is also told at once."""
+    """Run the plan, `jobs` children beside each other; how many cases ran, and what failed, which is also told at once.
+
+    `count` is told of every `COUNTED` cases.
+    """
     over = None if plan.seconds is None else time.monotonic() + plan.seconds
     failed: list[tuple[int, Failure]] = []
     done: list[int] = []
@@ -123,6 +131,8 @@ def fuzz(
             for problems in islice(_child(plan, index, jobs, over), CASES_PER_CHILD):
                 with lock:
                     done.append(index)
+                    if len(done) % COUNTED == 0:
+                        count(len(done))
                     for problem in problems:
                         failed.append((index, Failure(plan.case(index), problem)))
                         tell(failed[-1][1])
