@@ -7,6 +7,7 @@ import re
 import shutil
 import stat
 import time
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,7 +25,9 @@ except (
 
 LOCK_WAIT_S = 10.0
 """Publishing takes milliseconds: a lock that is held for longer [s] is somebody else's and not waited for."""
-_SCRATCH = re.compile(r"\.lidarcli-[0-9a-f]{16}\.part")
+_HOST = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else b''):08x}"
+"""Locks of a shared folder may not reach from host to host: each clears away what is its own."""
+_SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
 
 Identity = tuple[int, int, int, int]
 
@@ -48,7 +51,7 @@ class NewFiles:
         self._overwrite = overwrite
         self._folders = folders
         self._folder = self.paths[0].parent
-        self._scratch = self._folder / f".lidarcli-{os.urandom(8).hex()}.part"
+        self._scratch = self._folder / f".lidarcli-{_HOST}-{os.urandom(8).hex()}.part"
         self._before: list[Identity | None] = []
         self._lock: int | None = None
 

@@ -42,15 +42,20 @@ def test_files_appear_together_and_nothing_is_left(tmp_path: Path) -> None:
 
 
 def test_what_killed_runs_left_is_cleared_away_and_what_others_are_at_is_not(tmp_path: Path) -> None:
-    dead = tmp_path / ".lidarcli-0123456789abcdef.part"
+    mine = f".lidarcli-{newfiles._HOST}"
+    dead = tmp_path / f"{mine}-0123456789abcdef.part"
     dead.mkdir()
     (dead / "table").write_text("half")
     keepsake = tmp_path / "keepsake"
     keepsake.mkdir()
-    planted = tmp_path / ".lidarcli-ffffffffffffffff.part"
+    planted = tmp_path / f"{mine}-ffffffffffffffff.part"
     planted.symlink_to(keepsake)
-    other_name = tmp_path / ".lidarcli-mine.part"
-    other_name.mkdir()
+    other_name, other_host = (
+        tmp_path / ".lidarcli-mine.part",
+        tmp_path / ".lidarcli-00000000-0123456789abcdef.part",
+    )
+    for other in (other_name, other_host):
+        other.mkdir()
     with NewFiles([tmp_path / "x"]) as one:
         one.part(tmp_path / "x").write_text("1")
         with NewFiles([tmp_path / "y"]) as two:
@@ -58,7 +63,7 @@ def test_what_killed_runs_left_is_cleared_away_and_what_others_are_at_is_not(tmp
             two.publish()
         one.publish()
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
-        [planted.name, other_name.name, "keepsake", "x", "y"]
+        [planted.name, other_name.name, other_host.name, "keepsake", "x", "y"]
     )
     assert keepsake.is_dir()
 

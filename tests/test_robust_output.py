@@ -24,7 +24,7 @@ from tests.sweeping import raw_sweeps
 SWEEPS = 4000
 TABLES = ("beams", "objects", "sweeps")
 FINAL = [f"run.{table}.parquet" for table in TABLES]
-SCRATCH = re.compile(r"\.lidarcli-[0-9a-f]{16}\.part")
+SCRATCH = re.compile(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part")
 
 
 @pytest.fixture(scope="module")

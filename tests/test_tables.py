@@ -408,7 +408,7 @@ def test_kill_leaves_no_final_name_and_a_rerun_works(tmp_path: Path) -> None:
     killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False)
     assert killed.returncode == -signal.SIGKILL
     (left,) = tmp_path.iterdir()
-    assert re.fullmatch(r"\.lidarcli-[0-9a-f]{16}\.part", left.name)
+    assert re.fullmatch(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part", left.name)
     with TableFiles(tmp_path, "run", ("objects", "sweeps"), None) as files:
         files.publish(METADATA)
     assert {path.name for path in tmp_path.iterdir()} == {"run.objects.parquet", "run.sweeps.parquet"}

@@ -121,7 +121,8 @@ def test_writing_changes_the_outputs_alone(tmp_path: Path) -> None:
     assert code == 0
     assert {name for name in touched if not name.startswith(str(out))} == set()
     names = {
-        re.sub(r"\.lidarcli-[0-9a-f]{16}\.part", "PART", name).removeprefix(str(out)) for name in touched
+        re.sub(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part", "PART", name).removeprefix(str(out))
+        for name in touched
     }
     tables = {"room.objects.parquet", "room.sweeps.parquet"}
     assert names == {"", "/PART", *(f"/PART/{name}" for name in tables), *(f"/{name}" for name in tables)}

@@ -109,7 +109,7 @@ class SqliteBag:
     @property
     def progress(self) -> float:
         """How much of the file has been read, from 0 to 1."""
-        return self._last / self._newest if self._newest > 0 else 0.0
+        return max(0.0, self._last / self._newest) if self._newest > 0 else 0.0
 
     def counts(self) -> dict[int, int]:
         """Topic id → messages."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import struct
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -68,32 +69,40 @@ def is_needed(database: Path, suffix: str) -> bool:
 def roll_back(database: Path, journal: Path) -> None:
     """Put the pages back that a transaction had changed before it was broken off, as far as their checksums hold."""
     with journal.open("rb") as pages, database.open("r+b") as target:
-        size, place = pages.seek(0, 2), 0
-        most = target.seek(0, 2) + size
-        first = head = _head(pages, 0)
+        first = _head(pages, 0)
+        if first is None:
+            return
+        most = pages.seek(0, 2) + target.seek(0, 2)
         restored: set[int] = set()
-        while head is not None and first is not None:
-            place += first.sector
-            record = first.page + 2 * _NUMBER.size
-            left = (size - place) // record
-            count = left if head.records == _TO_THE_END else head.records
-            for _ in range(min(count, left)):
-                number, page = _record(pages, place, first.page, head.nonce)
-                if not number:
-                    break
-                end = number * first.page
-                if number not in restored and number <= head.pages and end <= most:
-                    restored.add(number)
-                    target.seek(end - first.page)
-                    target.write(page)
-                place += record
-            else:
-                place = -(-place // first.sector) * first.sector
-                head = _head(pages, place) if count <= left else None
-                continue
-            break
-        if first is not None and target.seek(0, 2) > first.pages * first.page:
+        for number, page in _pages(pages, first):
+            end = number * first.page
+            if number not in restored and end <= most:
+                restored.add(number)
+                target.seek(end - first.page)
+                target.write(page)
+        if target.seek(0, 2) > first.pages * first.page:
             target.truncate(first.pages * first.page)
+
+
+def _pages(journal: BinaryIO, first: _Head) -> Iterator[tuple[int, bytes]]:
+    """Number and content of each page that a journal holds, up to the first record that was not written whole."""
+    size, place, head = journal.seek(0, 2), 0, _head(journal, 0)
+    record = first.page + 2 * _NUMBER.size
+    while head is not None:
+        place += first.sector
+        left = (size - place) // record
+        count = left if head.records == _TO_THE_END else head.records
+        for _ in range(min(count, left)):
+            number, page = _record(journal, place, first.page, head.nonce)
+            if not number:
+                return
+            if number <= head.pages:
+                yield number, page
+            place += record
+        if count > left:
+            return
+        place = -(-place // first.sector) * first.sector
+        head = _head(journal, place)
 
 
 def _head(journal: BinaryIO, place: int) -> _Head | None:
