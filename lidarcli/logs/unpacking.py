@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 SMALL = 64 << 20
 """So many bytes may always come out."""
-MAX_RATIO = 300
-"""And of a whole log so many times what went in: real logs stay below 50, a sensor without any return below 250."""
+MAX_RATIO = 1000
+"""And of a whole log so many times what went in. Most logs stay below 50; 1,081 beams without any return, and as many
+intensities, reach 530 as MCAP and 690 as bz2."""
 CHUNK_RATIO = 64
 """And so many times of a part that has to be held in memory as a whole."""
 
