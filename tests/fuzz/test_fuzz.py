@@ -296,3 +296,14 @@ def test_the_command_tells_failures_and_keeps_what_caused_them(tmp_path: Path) -
     assert ran.stdout == f"seed 1, 1 targets\n{told}2 cases, 1 failures\n"
     assert ran.returncode == 1
     assert (tmp_path / "db3-1-1" / "victims" / "thesis").exists()
+
+
+def test_a_fuzzer_that_breaks_says_so() -> None:
+    """It must not look like one that found nothing."""
+
+    def count(done: int) -> None:
+        raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match=r"^broken$"), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tools.fuzz.run.COUNTED", 2)
+        fuzz(Plan(("checks",), 1, 0, 3, None, None), count=count)

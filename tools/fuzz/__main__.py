@@ -61,8 +61,8 @@ def main() -> None:
 
     def tell(failure: Failure) -> None:
         place = Place(arguments.keep / f"{failure.case.target}-{seed}-{failure.case.number}")
-        failure.case.write(Place(place.root.absolute()))
         print(f"\n{place.input}: {failure.problem}\nagain: python -m tools.fuzz {failure.case}", flush=True)
+        failure.case.write(Place(place.root.absolute()))
 
     def count(done: int) -> None:
         print(f"{done:,} cases in {time.monotonic() - started:,.0f} s", flush=True)

@@ -125,6 +125,14 @@ def fuzz(
     failed: list[tuple[int, Failure]] = []
     done: list[int] = []
     lock = Lock()
+    broken: list[BaseException] = []
+
+    def guarded(index: int) -> None:
+        try:
+            lane(index)
+        except BaseException as err:
+            # A lane that ends early must not look like one that found nothing.
+            broken.append(err)
 
     def lane(index: int) -> None:
         while index < plan.length and (over is None or time.monotonic() < over):
@@ -138,11 +146,13 @@ def fuzz(
                         tell(failed[-1][1])
                 index += jobs
 
-    lanes = [Thread(target=lane, args=(number,), daemon=True) for number in range(jobs)]
+    lanes = [Thread(target=guarded, args=(number,), daemon=True) for number in range(jobs)]
     for thread in lanes:
         thread.start()
     for thread in lanes:
         thread.join()
+    if broken:
+        raise broken[0]
     return len(done), [failure for _, failure in sorted(failed, key=lambda it: it[0])]
 
 
