@@ -298,12 +298,12 @@ def test_the_command_tells_failures_and_keeps_what_caused_them(tmp_path: Path) -
     assert (tmp_path / "db3-1-1" / "victims" / "thesis").exists()
 
 
-def test_a_fuzzer_that_breaks_says_so() -> None:
+def test_a_fuzzer_that_breaks_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """It must not look like one that found nothing."""
 
     def count(done: int) -> None:
         raise RuntimeError("broken")
 
-    with pytest.raises(RuntimeError, match=r"^broken$"), pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tools.fuzz.run.COUNTED", 2)
+    monkeypatch.setattr("tools.fuzz.run.COUNTED", 2)
+    with pytest.raises(RuntimeError, match=r"^broken$"):
         fuzz(Plan(("checks",), 1, 0, 3, None, None), count=count)
