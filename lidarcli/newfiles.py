@@ -23,8 +23,10 @@ except (
 ):  # Windows has no such locks: runs into one folder are then told apart by their names alone.
     fcntl = None  # type: ignore[assignment]
 
-LOCK_WAIT_S = 10.0
-"""Publishing takes milliseconds: a lock that is held for longer [s] is somebody else's and not waited for."""
+LOCK_WAIT_S = 1.0
+"""Publishing takes milliseconds: a lock that is held for longer [s] is somebody else's and not waited for again."""
+_TAKEN: set[str] = set()
+"""Folders whose lock is somebody else's: `flock DIR lidarcli ... -o DIR` holds it all the time."""
 _HOST = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else b''):08x}"
 """Locks of a shared folder may not reach from host to host: each clears away what is its own."""
 _SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
@@ -213,11 +215,13 @@ def _locked(folder: Path) -> Iterator[bool]:
     """Keep other runs from making and publishing files in this folder; whether that was possible."""
     until = time.monotonic() + LOCK_WAIT_S
     lock = None
-    while lock is None and time.monotonic() < until:
+    while str(folder) not in _TAKEN:
         try:
             lock = _lock(folder)
             break
         except BlockingIOError:
+            if time.monotonic() > until:
+                _TAKEN.add(str(folder))
             time.sleep(0.02)
     try:
         yield lock is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -13,9 +14,10 @@ import pyarrow.ipc
 import pyarrow.parquet as pq
 import pytest
 
+import lidarcli as lidarcli_package
 from lidarcli import newfiles
 from lidarcli.cli import run
-from lidarcli.errors import OutputError
+from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, write_whole
 from lidarcli.simulate import simulate
 from tests.unprivileged import lidarcli
@@ -219,7 +221,14 @@ def test_a_background_has_no_name_of_a_log(tmp_path: Path, capsys: pytest.Captur
     log = tmp_path / "a.mcap"
     shutil.copy(ROOM, log)
     assert run(["background", "build", str(ROOM), "-o", str(log), "--overwrite"]) == 2
-    assert f"'{log}' is the name of a log; a background is a .parquet." in capsys.readouterr().err
+    words = f"{log} is the name of a log; a background is a .parquet"
+    assert capsys.readouterr().err == f"lidarcli: {words}\n"
+    with pytest.raises(OptionError, match=f"^{re.escape(words)}$"):
+        lidarcli_package.learn(ROOM, log)
+    linked = tmp_path / "linked.parquet"
+    linked.symlink_to(log)
+    with pytest.raises(OutputError, match="is an input of this run"):
+        lidarcli_package.learn(log, linked)
     assert log.read_bytes() == ROOM.read_bytes()
 
 

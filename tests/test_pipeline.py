@@ -581,6 +581,8 @@ def test_damage_is_a_warning_in_python(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match=re.escape(f"{path}: byte ")):
         table = lidarcli.detect(path)
     assert 0 < table.num_rows < 400
+    with pytest.warns(UserWarning, match="no sweep of /scan from 100 s on"):
+        lidarcli.detect(Path(__file__).parent.parent / "samples" / "room.mcap", start=100)
     with pytest.warns(UserWarning, match=re.escape(f"{path}: byte ")):
         assert sum(len(batch) for batch in lidarcli.read(path)) == table.num_rows
 
@@ -595,7 +597,7 @@ def test_what_may_not_be_looked_into_is_told(tmp_path: Path) -> None:
     folder = logs_apart(tmp_path / "logs")
     # Not a folder of its own name, so that its order among the logs shows.
     shut = folder / "deep"
-    for mode, cause in ((0o000, "cannot be searched"), (0o400, "cannot be searched")):
+    for mode, cause in ((0o000, "cannot be searched"), (0o400, "cannot be opened")):
         shut.chmod(mode)
         code, err = lidarcli_command("-q", "detect", folder, "-o", tmp_path / "out", "--overwrite")
         place = shut if mode == 0 else shut / "c.bag"
@@ -655,6 +657,36 @@ def test_a_folder_of_logs_is_not_one_log_in_python(tmp_path: Path) -> None:
         open_log(folder)
 
 
+def test_a_part_of_a_bag_among_other_logs_makes_no_bag(tmp_path: Path) -> None:
+    """One file `NAME_0.db3` made one bag of all databases in its folder, and the other logs were not mentioned."""
+    folder = logs_apart(tmp_path / "logs")
+    (folder / "drive.db3").rename(folder / "drive_0.db3")
+    assert [source.name for source in find_logs([str(folder)])] == ["deep/c", "drive_0", "run 1"]
+    assert set(lidarcli.detect(folder)["log"].to_pylist()) == {"deep/c", "drive_0", "run 1"}
+    # Beside a metadata.yaml it is a bag, and what is no part of it is told.
+    bag = tmp_path / "bag"
+    shutil.copytree(Path(__file__).parent.parent / "samples" / "hall", bag)
+    for name in ("c.bag", "t.csv"):
+        (bag / name).touch()
+    with open_log(bag) as log:
+        assert log.report.notes == ["no part of this bag, and not read: c.bag, t.csv"]
+
+
+def test_one_bad_log_of_several_is_warned_of_in_python(tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    write_log(folder / "run.mcap", [block()])
+    (folder / "cut.mcap").write_bytes(b"\0\1\2nothing")
+    (folder / "link.mcap").symlink_to(folder / "gone")
+    words = rf"^{re.escape(str(folder))}/(cut\.mcap: not a log lidarcli knows|link\.mcap: cannot be opened: No such file)"
+    for read in (lidarcli.detect, lambda path: list(lidarcli.read(path))):
+        with pytest.warns(UserWarning, match=words) as caught:
+            assert len(read(folder)) > 0
+        assert len(caught) == 2
+    with pytest.raises(UnreadableError, match=r"cut\.mcap: not a log lidarcli knows"):
+        lidarcli.detect(folder / "cut.mcap")
+
+
 def test_logs_of_one_name_stay_apart_in_python(tmp_path: Path) -> None:
     paths = [tmp_path / name / "run.mcap" for name in "ab"]
     for path in paths:
@@ -683,6 +715,28 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
             "give either parameters or max_width",
         ),
         (lambda: lidarcli.detect([1]), TypeError, "a log is the path of a file or folder, not int"),
+        (lambda: lidarcli.detect(path, path), TypeError, "parameters have to be Parameters, not PosixPath"),
+        (
+            lambda: lidarcli.read(path, every=0),
+            OptionError,
+            "--every: 0 is no whole number from 1 to 1,000,000",
+        ),
+        (
+            lambda: lidarcli.read(path, every=2.5),
+            OptionError,
+            "--every: 2.5 is no whole number from 1 to 1,000,000",
+        ),
+        (
+            lambda: lidarcli.read(path, start=float("nan")),
+            OptionError,
+            "--start: nan is no number of seconds",
+        ),
+        (lambda: lidarcli.read(path, start=5, end=1), OptionError, "--start 5 is not before --end 1"),
+        (
+            lambda: lidarcli.detect(path, background=[]),
+            OptionError,
+            "a background of no sensor: nothing can be compared with it",
+        ),
         (lambda: lidarcli.read(tmp_path / "no"), UnreadableError, f"{tmp_path}/no: no such file or folder"),
         (
             lambda: lidarcli.detect([path, tmp_path / "no"]),

@@ -122,25 +122,20 @@ def build(
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
     from lidarcli.logs.batches import ReadOptions
-    from lidarcli.newfiles import refuse
     from lidarcli.pipeline.building import (
         Building,
         BuildOptions,
         draw_background,
         refuse_nothing,
+        refuse_output,
         scene_notes,
     )
-    from lidarcli.pipeline.inputs import SUFFIXES, files_of, find_logs
+    from lidarcli.pipeline.inputs import find_logs
     from lidarcli.pipeline.many import exit_code
 
     path = Path(output)
-    if path.name.lower().endswith(SUFFIXES):
-        # `-o *.mcap` names the first of the logs.
-        raise click.BadParameter(
-            f"'{output}' is the name of a log; a background is a .parquet.", param_hint="'-o'"
-        )
     sources = find_logs(logs)
-    refuse([path, *([Path(figure)] if figure else [])], overwrite, files_of(sources))
+    refuse_output(path, sources, overwrite, [Path(figure)] if figure else [])
     building = Building(
         BuildOptions(
             read=ReadOptions(

@@ -34,6 +34,8 @@ OUTPUT, BACKGROUND = "Output", "Background"
 STDOUT = "-"
 FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
 """Suffix of an output that is a file → its format."""
+OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db", ".sqlite", ".html", ".png")
+"""Suffixes of files that nobody means as the name of a folder."""
 
 
 @click.command(
@@ -142,7 +144,7 @@ def detect(
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. A log found below a folder keeps its place below DIR.
     """
-    one_file = None if os.path.isdir(output) else FILES.get(Path(output).suffix.lower())  # noqa: PTH112 (never raises)
+    one_file = _one_file(output)
     if (output == STDOUT or one_file) and beams:
         raise click.UsageError("--beams writes a file: give -o DIR")
     if output != STDOUT and kind is not None:
@@ -187,6 +189,18 @@ def detect(
         jobs=jobs or 0,
     )
     return _detect(say, logs, output, kind or one_file or ("ndjson" if output == STDOUT else None), options)
+
+
+def _one_file(output: str) -> str | None:
+    """The format of an output that is a file; None where it is a folder, or standard output."""
+    if os.path.isdir(output) or output.endswith(os.sep):  # noqa: PTH112 (never raises)
+        return None
+    suffix = Path(output).suffix.lower()
+    if suffix in OTHER_FILES:
+        raise click.UsageError(
+            f"{output}: objects are written as {', '.join(FILES)}; a folder of such a name ends with {os.sep}"
+        )
+    return FILES.get(suffix)
 
 
 def _detect(

@@ -26,6 +26,10 @@ POSE_TYPES = frozenset(
     }
 )
 
+BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
+"""How the names of logs end that are no text."""
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
+
 MAX_BEAMS = 400_000
 """A sweep that declares more beams than this is refused: no 2D LiDAR comes near it."""
 

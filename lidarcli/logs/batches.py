@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.errors import NoScanError
+from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import SCAN_TYPES, Log
 from lidarcli.logs.laserscan import split_rows
 from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
 
+MOST_EVERY = 1_000_000
+"""`every` is no larger."""
 MAX_TOPICS = 1000
 """LaserScan topics of a log that are read at once."""
 BATCH_VALUES = 3 << 17
@@ -33,6 +36,17 @@ class ReadOptions:
     """Of each topic's sweeps only those whose index is a multiple of this."""
     batch_size: int = 768
     rules: RangeRules = field(default_factory=RangeRules)
+
+    def __post_init__(self) -> None:
+        """Refuse values without a meaning (`OptionError`)."""
+        if not isinstance(self.every, int) or not 1 <= self.every <= MOST_EVERY:
+            raise OptionError(f"--every: {self.every} is no whole number from 1 to {MOST_EVERY:,}")
+        for name in ("start", "end"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise OptionError(f"--{name}: {value} is no number of seconds")
+        if self.start is not None and self.end is not None and not self.start < self.end:
+            raise OptionError(f"--start {self.start:g} is not before --end {self.end:g}")
 
 
 def read_batches(log: Log, options: ReadOptions) -> Iterator[SweepBatch]:

@@ -43,7 +43,8 @@ class _Columns:
 
     gather: Gather
 
-    unpacking: Unpacking = field(default_factory=Unpacking)
+    unpacking: Unpacking
+    """That of the whole log."""
 
     def decode(self, rows: Messages) -> Iterator[RawSweeps]:
         packed = _are_packed(rows)
@@ -123,6 +124,8 @@ class McapLog:
         self.compression = "none"
         self.size: int | None = None
         self._used = False
+        self._unpacking = Unpacking()
+        """What messages that are packed one by one may still unpack to."""
         self._topics: list[Topic] | None = None
         if isinstance(source, str | Path):
             self.path = name or str(source)
@@ -231,9 +234,9 @@ class McapLog:
                 key: (known.channels[key].topic, known.type(key), known.channels[key].message_encoding)
                 for key in np.unique(rows.channel).tolist()
             }
-            packed, unpacking = _are_packed(rows), Unpacking()
+            packed = _are_packed(rows)
             for key, (data, log_ns) in zip(rows.channel.tolist(), _payloads(rows), strict=True):
-                plain = unpack_message(data, unpacking) if packed else data
+                plain = unpack_message(data, self._unpacking) if packed else data
                 if plain is not None:
                     yield Message(*kinds[key], log_ns, plain)
 
@@ -248,7 +251,7 @@ class McapLog:
             text = definition.data.decode("utf-8", "replace")
             different = schema.differs(type_name, definition.encoding, text)
             if different is None:
-                return _Columns(Gather(channel.topic, type_name, encoding, self.report))
+                return _Columns(Gather(channel.topic, type_name, encoding, self.report), self._unpacking)
             problem = f"its definition is not the standard one: {different}"
         elif type_name == FOXGLOVE_SCAN and encoding == "json":
             return _OneByOne(channel.topic, foxglove.decode_json, self.report)
@@ -265,6 +268,7 @@ class McapLog:
 
     def _pass(self, choose: Callable[[int], int]) -> Iterator[tuple[int, Messages]]:
         """Go through the log once and hand out messages with the group that `choose` gave their channel."""
+        self._unpacking = Unpacking()
         wanted = _Wanted(self._catalogue, choose)
         places = frozenset[int]() if self._summary is None else self._summary.chunk_places
         trusted: bool | None = None

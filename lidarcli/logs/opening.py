@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.base import BINARY_SUFFIXES, CsvOptions, Log
 from lidarcli.logs.registry import (
-    BINARY_SUFFIXES,
     FORMATS,
     GZIP,
     HEAD,

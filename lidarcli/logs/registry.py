@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2_folder import is_bag, is_storage
 
 HEAD = 4096
@@ -21,9 +22,6 @@ MCAP = (b"\x89MCAP0\r\n", b"\x89MCAP0\n")
 ROS1 = (b"#ROSBAG V", b"#ROSRECORD")
 
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
-BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
-"""How the names of logs end that are no text."""
-TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 
 
 @dataclass(frozen=True, slots=True)

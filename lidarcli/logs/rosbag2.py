@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 SCANS = (LASERSCAN, MULTI_ECHO)
 NO_DATA = "no data, or more than a sweep can have"
+NO_TIME = "no time that is a number"
 
 
 class Rosbag2Log:
@@ -214,26 +215,28 @@ class Rosbag2Log:
             for batch in bag.batches(wanted):
                 for _, topic_id, timestamp, data in batch:
                     topic = wanted[topic_id]
-                    for message in self._usable(topic.name, [timestamp], [data])[0]:
-                        yield Message(topic.name, ros_type(topic.type), "cdr", timestamp, message)
+                    for message, time in zip(*self._usable(topic.name, [timestamp], [data]), strict=True):
+                        yield Message(topic.name, ros_type(topic.type), "cdr", time, message)
         self._progress(number, 1.0)
 
     def _usable(
-        self, topic: str, times: Sequence[int], messages: Sequence[bytes | None]
+        self, topic: str, times: Sequence[int | None], messages: Sequence[bytes | None]
     ) -> tuple[Sequence[bytes], Sequence[int]]:
         """The messages that there are and their times, unpacked if they are packed.
 
         A bag packs all its messages or none; plain CDR never begins as zstd does.
         """
-        present = [data for data in messages if data is not None]
-        if len(present) < len(messages):
-            self.report.refused[(topic, NO_DATA)] += len(messages) - len(present)
-            times = [time for time, data in zip(times, messages, strict=True) if data is not None]
+        with_data = [(time, data) for time, data in zip(times, messages, strict=True) if data is not None]
+        rows = [(time, data) for time, data in with_data if time is not None]
+        for cause, lost in ((NO_DATA, len(messages) - len(with_data)), (NO_TIME, len(with_data) - len(rows))):
+            if lost:
+                self.report.refused[(topic, cause)] += lost
+        at, present = [time for time, _ in rows], [data for _, data in rows]
         if not present or not present[0].startswith(ZSTD_MAGIC):
-            return present, times
+            return present, at
         self._codecs.add("zstd")
         unpacked = [
-            (unpack_message(data, self._unpacking), time) for data, time in zip(present, times, strict=True)
+            (unpack_message(data, self._unpacking), time) for data, time in zip(present, at, strict=True)
         ]
         usable = [(data, time) for data, time in unpacked if data is not None]
         if len(usable) < len(unpacked):
@@ -284,7 +287,7 @@ def _sqlite_topics(bag: SqliteBag) -> list[Topic]:
     ]
 
 
-def _by_topic(batch: list[Row]) -> Iterator[tuple[int, Sequence[int], Sequence[bytes | None]]]:
+def _by_topic(batch: list[Row]) -> Iterator[tuple[int, Sequence[int | None], Sequence[bytes | None]]]:
     """Topic id, times and messages of a batch, for each of its topics."""
     _, topic_ids, times, messages = zip(*batch, strict=True)
     present = set(topic_ids)

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path, PureWindowsPath
 
+from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
+
 METADATA = "metadata.yaml"
 MAX_METADATA = 16 << 20
 """Longest metadata.yaml that is read [bytes]."""
@@ -39,14 +41,15 @@ def is_storage(name: str) -> bool:
 def is_bag(names: Iterable[str]) -> bool:
     """Whether the files of a folder are those of one bag, by their names.
 
-    A bag may have lost its metadata.yaml: then all its files are parts of one name, `NAME_0`, `NAME_1`, ...
+    A bag may have lost its metadata.yaml: then all logs in the folder are parts of one name, `NAME_0`, `NAME_1`, ...
 
-    >>> is_bag(["run_0.db3", "run_1.db3"]), is_bag(["monday.db3", "tuesday.db3"])
+    >>> is_bag(["run_0.db3", "run_1.db3"]), is_bag(["monday.db3", "run_0.db3"])
     (True, False)
     """
     names = list(names)
-    parts = [match for match in map(_PART.fullmatch, names) if match]
-    return METADATA in names or len({part[1] for part in parts}) == 1
+    logs = [_PART.fullmatch(name) for name in names if name.lower().endswith(BINARY_SUFFIXES)]
+    stems = {part[1] if part else None for part in logs}
+    return METADATA in names or (len(stems) == 1 and None not in stems)
 
 
 def read_folder(folder: Path) -> Folder:
@@ -62,8 +65,19 @@ def read_folder(folder: Path) -> Folder:
     unnamed = [it for it in there if it not in ordered and it not in twins]
     if unnamed and named:
         notes.append(f"{METADATA} does not name {', '.join(sorted(unnamed, key=natural))}: read as well")
+    others = [
+        it.name
+        for it in sorted(folder.iterdir())
+        if it.name not in there and _is_log(it.name) and it.is_file()
+    ]
+    if others:
+        notes.append(f"no part of this bag, and not read: {', '.join(others)}")
     names = sorted([*ordered, *unnamed], key=natural) if unnamed else [*ordered]
     return Folder([there[name] for name in names], notes, missing)
+
+
+def _is_log(name: str) -> bool:
+    return name.lower().endswith((*BINARY_SUFFIXES, *TEXT_SUFFIXES))
 
 
 def natural(name: str) -> list[tuple[int, str]]:

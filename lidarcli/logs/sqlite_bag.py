@@ -63,12 +63,14 @@ _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
 _TYPES = (int, str, str, str)
 _NEWEST = "SELECT max(id) FROM messages"
 _COUNTED = (
-    "SELECT CASE WHEN typeof(topic_id) = 'integer' THEN topic_id ELSE typeof(topic_id) END FROM messages"
+    "SELECT CASE WHEN CAST(topic_id AS INTEGER) = topic_id THEN CAST(topic_id AS INTEGER) ELSE typeof(topic_id) END"
+    " FROM messages"
 )
 _ROWS = (
-    "SELECT id, topic_id, timestamp,"
+    "SELECT id, CAST(topic_id AS INTEGER), CASE WHEN typeof(timestamp) IN ('integer', 'real') THEN"
+    " CAST(timestamp AS INTEGER) END,"
     f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_BLOB} THEN data END"
-    " FROM messages NOT INDEXED WHERE typeof(timestamp) = 'integer' AND topic_id IN ({})"
+    " FROM messages NOT INDEXED WHERE topic_id IN ({})"
 )
 _ALLOWED = {
     sqlite3.SQLITE_SELECT: None,
@@ -78,7 +80,7 @@ _ALLOWED = {
 }
 """What statements may do, and with which of its objects."""
 
-Row = tuple[int, int, int, bytes | None]
+Row = tuple[int, int, int | None, bytes | None]
 """Row id, topic id, time [ns] and message; None where it has none that can be used."""
 
 

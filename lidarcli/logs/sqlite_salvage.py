@@ -91,6 +91,8 @@ class Salvage:
         self._file = file
         self._size = file.seek(0, 2)
         self._page, self._usable = self._page_size()
+        self._wasted = 0
+        """Bytes of chains that came to nothing: pages may lead to one another for ever."""
 
     def find(self, progress: Callable[[int], None] = lambda _: None) -> Found:
         """Go through all pages once; `progress` is told the position [bytes]."""
@@ -117,7 +119,7 @@ class Salvage:
             rowid = found.rowids[index]
             if rowid <= after or found.topic_ids[index] not in topics:
                 continue
-            row = self._message(found.places[index]) if left > 0 else None
+            row = self._message(found.places[index]) if left > 0 and self._wasted <= self._size else None
             left -= len(row.data) if row is not None else 0
             yield row or rowid
 
@@ -223,22 +225,26 @@ class Salvage:
         if size > self._size // self._page * each:
             return None
         parts: list[bytes] = []
-        span, first = b"", 0
+        span, first, ahead = b"", 0, 1
         while size > 0:
-            if page == 0:
-                return None
             offset = (page - first) * self._page
             if not first or not 0 <= offset < len(span):
+                # Twice as many pages each time that one stands behind the other; one where they lie scattered.
+                ahead = 2 * ahead if first and offset == len(span) else 1
                 first, offset = page, 0
-                span = self._at((page - 1) * self._page, min(PIECE, (size // each + 1) * self._page))
+                most = min(PIECE, (size // each + 1) * self._page)
+                span = self._at((page - 1) * self._page, min(ahead * self._page, most)) if page else b""
             part = span[offset + 4 : offset + 4 + min(size, each)]
             if len(part) < min(size, each):
-                return None
+                break
             parts.append(part)
             page = int.from_bytes(span[offset : offset + 4], "big")
             size -= len(part)
         # The last page of a chain has none behind it.
-        return b"".join(parts) if page == 0 else None
+        if size == 0 and page == 0:
+            return b"".join(parts)
+        self._wasted += sum(map(len, parts))
+        return None
 
 
 def _width(serial: int) -> int:

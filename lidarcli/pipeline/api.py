@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, replace
 from difflib import get_close_matches
 from itertools import chain
@@ -14,6 +15,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from lidarcli.errors import LidarcliError, OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background import Background
 from lidarcli.logs.base import CsvOptions
@@ -24,6 +26,7 @@ from lidarcli.pipeline.building import (
     Building,
     BuildOptions,
     refuse_nothing,
+    refuse_output,
 )
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_stream
 from lidarcli.pipeline.finding import finder
@@ -79,13 +82,15 @@ def read(
 def _batches(
     sources: Sequence[Source], options: ReadOptions, csv: CsvOptions, pose: str | None, delay: float
 ) -> Iterator[SweepBatch]:
+    failed = _Failed(len(sources))
     for source in sources:
-        with open_source(source, csv) as log:
+        with failed.noted(source), open_source(source, csv) as log:
             posing = Posing.of(log, pose, delay)
             for batch in read_batches(log, options):
                 yield replace(posing.attach(batch), log=source.name)
             for line in damage_lines(log.report):
                 warnings.warn(f"{source.path}: {line}", stacklevel=2)
+    failed.conclude()
 
 
 def learn(
@@ -120,8 +125,11 @@ def learn(
         distance=station_distance,
         angle=station_angle,
     )
+    sources = _sources(source)
+    if output is not None:
+        refuse_output(Path(output), sources, overwrite=True)
     building = Building(options)
-    for log in _sources(source):
+    for log in sources:
         for line in building.add(log).damage:
             warnings.warn(f"{log.path}: {line}", stacklevel=2)
     sensors = building.sensors()
@@ -187,7 +195,7 @@ def _read_options(
     every: int,
     rules: RangeRules | None,
 ) -> ReadOptions:
-    names = [topics] if isinstance(topics, str) else topics
+    names = ([topics] if topics else None) if isinstance(topics, str) else topics
     return ReadOptions(
         topics=frozenset(names) if names else None,
         start=start,
@@ -204,9 +212,14 @@ def _sources(source: Any) -> list[Source]:
         if not isinstance(path, str | PathLike):
             raise TypeError(f"a log is the path of a file or folder, not {type(path).__name__}")
     found = find_logs([fspath(path) for path in paths])
+    named = set(map(str, map(fspath, paths)))
     for each in found:
         if isinstance(each, Nothing):
-            raise type(each.error)(f"{each.path}: {each.error}")
+            error = type(each.error)(f"{each.path}: {each.error}")
+            # What was asked for has to be there; of a folder the rest is read.
+            if each.path in named:
+                raise error
+            warnings.warn(str(error), stacklevel=3)
     sources = [each for each in found if isinstance(each, Source)]
     names = Counter(each.name for each in sources)
     return [replace(each, name=each.path) if names[each.name] > 1 else each for each in sources]
@@ -219,12 +232,16 @@ def _background(
         return background
     if isinstance(background, str | PathLike):
         return BackgroundOptions.of(fspath(background))
-    return BackgroundOptions("", tuple(background))
+    if not background:
+        raise OptionError("a background of no sensor: nothing can be compared with it")
+    return BackgroundOptions("the background", tuple(background))
 
 
 def _parameters(parameters: Parameters | None, objects: Mapping[str, Any], subtracted: bool) -> Parameters:
     """The parameters as such, or from single ones."""
     if parameters is not None:
+        if not isinstance(parameters, Parameters):
+            raise TypeError(f"parameters have to be Parameters, not {type(parameters).__name__}")
         if objects:
             raise TypeError(f"give either parameters or {', '.join(sorted(objects))}")
         return parameters
@@ -256,18 +273,47 @@ def _detect_logs(sources: Sequence[Source], options: DetectOptions) -> pa.Table:
     collected = _Collected()
     described: list[dict[str, Any]] = []
     damage: list[str] = []
+    failed = _Failed(len(sources))
     for source in sources:
-        summary, origin = detect_to_stream(source, collected, options)
-        described.append(origin)
-        damage += summary.damage
-        for line in summary.damage:
-            warnings.warn(f"{source.path}: {line}", stacklevel=3)
+        with failed.noted(source):
+            summary, origin = detect_to_stream(source, collected, options)
+            described.append(origin)
+            damage += summary.damage
+            # Notes are for reading, but a table without a sweep needs its reason.
+            for line in [*summary.damage, *(summary.notes if not summary.sweeps else [])]:
+                warnings.warn(f"{source.path}: {line}", stacklevel=3)
+    failed.conclude()
     origins = described[0] if len(described) == 1 else described
     return _table(collected.rows, table_metadata(options.as_dict(), origins, damage))
 
 
 def _table(rows: list[pa.RecordBatch], metadata: dict[bytes, bytes]) -> pa.Table:
     return pa.Table.from_batches(rows, OBJECTS).replace_schema_metadata(metadata).unify_dictionaries()
+
+
+class _Failed:
+    """Logs of several that cannot be read: each is warned of, and the first one's error raised where none can."""
+
+    def __init__(self, logs: int) -> None:
+        self._logs = logs
+        self._errors: list[LidarcliError] = []
+
+    @contextmanager
+    def noted(self, source: Source) -> Iterator[None]:
+        """What befalls one log; errors name it."""
+        try:
+            yield
+        except LidarcliError as err:
+            named = type(err)(f"{source.path}: {str(err).removeprefix(f'{source.path}: ')}")
+            self._errors.append(named)
+            if self._logs == 1:
+                raise named from err
+            warnings.warn(str(named), stacklevel=4)
+
+    def conclude(self) -> None:
+        """Raise where every log failed."""
+        if self._errors and len(self._errors) == self._logs:
+            raise self._errors[0]
 
 
 class _Collected:

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.errors import NoScanError
+from lidarcli.errors import NoScanError, OptionError
 from lidarcli.formalism.background import MAJORITY, Background
 from lidarcli.formalism.grid import Grid
 from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.newfiles import write_whole
-from lidarcli.pipeline.inputs import Nothing, Source
+from lidarcli.newfiles import refuse, write_whole
+from lidarcli.pipeline.inputs import SUFFIXES, Nothing, Source, files_of
 from lidarcli.pipeline.many import Outcome, Report, outcome_of
 from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.posing import refuse_delay
@@ -121,6 +121,23 @@ class Building:
                 grid = Grid.of(mine, 0)
                 self._learning[key] = Learning(*key, grid, options.distance, options.angle)
             self._learning[key].add(mine)
+
+
+def refuse_output(
+    path: Path, sources: Sequence[Source | Nothing], overwrite: bool, others: Sequence[Path] = ()
+) -> None:
+    """Refuse a background table that cannot be written, or that would replace one of the logs, before any work.
+
+    Raises
+    ------
+    OptionError
+        The name is that of a log: `-o *.mcap`, or two logs given to `learn`, would replace one by the background.
+    OutputError
+        As of `newfiles.refuse`.
+    """
+    if path.name.lower().endswith(SUFFIXES):
+        raise OptionError(f"{path} is the name of a log; a background is a .parquet")
+    refuse([path, *others], overwrite, files_of(sources))
 
 
 def load(path: Path) -> tuple[list[Background], dict[str, Any]]:

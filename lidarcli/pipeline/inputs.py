@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.registry import BINARY_SUFFIXES, TEXT_SUFFIXES
+from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2_folder import is_bag
 from lidarcli.pipeline.opening import hold_one_sweep_each
 
@@ -147,18 +147,17 @@ def _search(folder: Path) -> list[Source | Nothing]:
     seen: set[tuple[int, int]] = set()
     found: dict[Path, Source | Nothing] = {}
 
-    def unreadable(err: OSError) -> None:
+    def unreadable(err: OSError, cannot: str = "cannot be searched") -> None:
         path = Path(os.fsdecode(err.filename))
-        found[path] = Nothing(str(path), UnreadableError(f"cannot be searched: {err.strerror}"))
+        found[path] = Nothing(str(path), UnreadableError(f"{cannot}: {err.strerror}"))
 
     def is_log(path: Path) -> bool:
         try:
             # Only regular files: a FIFO found by a search would wait for a writer for ever.
             return stat.S_ISREG(path.stat().st_mode)
-        except FileNotFoundError:
-            return False
         except OSError as err:
-            unreadable(err)
+            if not isinstance(err, FileNotFoundError) or path.is_symlink():
+                unreadable(err, "cannot be opened")
             return False
 
     for here, folders, files in os.walk(folder, followlinks=True, onerror=unreadable):

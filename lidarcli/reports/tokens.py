@@ -19,6 +19,8 @@ _TOKEN = re.compile(
 )
 LONGEST = 10_000
 """Most characters of a check."""
+SHOWN = 200
+"""Most characters of it that an error repeats."""
 OPERATORS = ("==", "!=", "<=", ">=", "<", ">")
 
 
@@ -72,7 +74,8 @@ class Tokens:
         """The error of this check at the next word, or at the one given."""
         at = token or self.next
         where = "at the end" if at.kind == "end" else f"at '{at.text}', column {at.place + 1}"
-        return OptionError(f"--check '{self.expression}': {problem} {where}")
+        shown = self.expression if len(self.expression) <= SHOWN else f"{self.expression[:SHOWN]}..."
+        return OptionError(f"--check '{shown}': {problem} {where}")
 
     def _split(self) -> list[Token]:
         text, place, found = self.expression.rstrip(), 0, []

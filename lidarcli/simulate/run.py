@@ -121,6 +121,7 @@ def truth_paths(log: Path) -> tuple[Path, Path]:
 
 
 def _is_bag(folder: Path) -> bool:
-    """True for an empty folder and for one that holds the files of a ROS 2 bag alone."""
+    """True for an empty folder and for one that holds one ROS 2 bag alone: several logs are somebody's recordings."""
     names = [entry.name for entry in folder.iterdir()]
-    return all(name == "metadata.yaml" or name.endswith((".db3", ".mcap", ".zstd")) for name in names)
+    storage = [name for name in names if name.endswith((".db3", ".mcap", ".zstd"))]
+    return not names or ("metadata.yaml" in names and len(storage) == len(names) - 1)

@@ -17,6 +17,7 @@ from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.sqlite_journal import MAGIC, roll_back
+from lidarcli.logs.sqlite_salvage import Salvage
 from tests.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
 
 
@@ -230,32 +231,57 @@ def test_a_page_that_names_itself_many_times_ends(tmp_path: Path, wanted: str) -
     assert damage != []
 
 
-def test_overflow_pages_that_name_themselves(tmp_path: Path) -> None:
-    """5,000 rows of 8 MB in a file of 700 kB, for SQLite and for the salvage alike."""
-    path = tmp_path / "run.db3"
+def large_rows(path: Path, rows: int, follow: Callable[[int, int], tuple[int, int]]) -> None:
+    """A database whose rows of 8 MB all go on at one overflow page; `follow` says which pages that and another one name."""
     database = bag(path, sweeps=3)
-    size = 8_000_000
-    database.execute(f"INSERT INTO messages VALUES (100, 1, 1, zeroblob({size}))")
+    database.execute("PRAGMA user_version = 1")
     database.close()
-    data = path.read_bytes()
-    # The leaf page of the large row, its overflow page made to follow itself, and copies of that leaf with other row ids.
-    pages = [data[at : at + PAGE] for at in range(0, len(data), PAGE)]
-    row = struct.pack(">I", size + 8)
-    leaf = next(n for n, page in enumerate(pages) if page[0] == 13 and row[1:] and b"\x64" in page and n > 1)
-    small = bytearray(b"".join(pages[: leaf + 2]))
-    page = small[leaf * PAGE : (leaf + 1) * PAGE]
-    start = struct.unpack(">H", page[8:10])[0]
-    last = page.rfind(struct.pack(">I", leaf + 2))
-    assert start
-    assert last > 0
-    follow = leaf + 2
-    small[(follow - 1) * PAGE : (follow - 1) * PAGE + 4] = struct.pack(">I", follow)
-    small += page * 150
-    small[28:32] = struct.pack(">I", len(small) // PAGE)
-    path.write_bytes(small)
-    found, damage = read(path)
-    assert set(found) <= {0, 1, 2}
-    assert damage != []
+    pages = [path.read_bytes()[at : at + PAGE] for at in range(0, path.stat().st_size, PAGE)]
+    # How many of its bytes stand in its leaf page, as the file format says.
+    size, local = 8_000_000, 489 + (8_000_000 - 489) % (PAGE - 4)
+    local = local if local <= PAGE - 35 else 489
+    count = len(pages) + rows
+    first, second = count + 1, count + 1100
+    for row in range(rows):
+        record = bytes([8, 0, 9, 6]) + varint(12 + 2 * (size - 16)) + struct.pack(">q", row)
+        cell = varint(size) + varint(1000 + row) + record.ljust(local, b"\0") + struct.pack(">I", first)
+        page = bytearray(PAGE)
+        page[0], page[3:5] = 13, struct.pack(">H", 1)
+        page[8:10] = struct.pack(">H", PAGE - len(cell))
+        page[PAGE - len(cell) :] = cell
+        pages.append(bytes(page))
+    pages += [bytes(PAGE)] * (second - count)
+    for number, named in zip((first, second), follow(first, second), strict=True):
+        pages[number - 1] = struct.pack(">I", named).ljust(PAGE, b"\0")
+    path.write_bytes(b"".join(pages))
+
+
+def varint(number: int) -> bytes:
+    parts = [number & 0x7F]
+    while number := number >> 7:
+        parts.append(0x80 | number & 0x7F)
+    return bytes(reversed(parts))
+
+
+@pytest.mark.parametrize(
+    "follow", [lambda one, other: (one, one), lambda one, other: (other, one)], ids=["itself", "each other"]
+)
+def test_overflow_pages_that_lead_to_themselves(
+    tmp_path: Path, follow: Callable[[int, int], tuple[int, int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every row would be 8 MB; what is read for them is bounded by the file, which is read a few times over."""
+    path = tmp_path / "run.db3"
+    large_rows(path, 1500, follow)
+    taken: list[int] = []
+    at = Salvage._at
+    monkeypatch.setattr(Salvage, "_at", lambda self, place, size: taken.append(size) or at(self, place, size))
+    with Rosbag2Log(str(path)) as log:
+        assert [round(float(block.ranges[row, 0])) for block in log.scans() for row in range(len(block))][
+            :3
+        ] == [0, 1, 2]
+        (damage,) = log.report.damage
+    assert "; read page by page: 3 messages recovered, 1,500 not whole" in damage.cause
+    assert sum(taken) < 20 * path.stat().st_size
 
 
 @pytest.mark.parametrize("size", [1, 15, 16, 17, 20, 99, 100, 101, 512])
@@ -296,6 +322,39 @@ def test_row_ids_at_the_ends_of_the_integers(tmp_path: Path, damaged: bool) -> N
     found, damage = read(path)
     assert found == list(range(8))
     assert len(damage) == damaged
+
+
+@pytest.mark.parametrize("declared", ["TEXT", "BLOB", "REAL", "NUMERIC"])
+def test_topic_ids_of_another_type(tmp_path: Path, declared: str) -> None:
+    path = tmp_path / "run.db3"
+    database = bag(path)
+    database.execute("ALTER TABLE messages RENAME TO m")
+    database.execute(MESSAGES.replace("topic_id INTEGER", f"topic_id {declared}"))
+    database.execute("INSERT INTO messages SELECT * FROM m")
+    database.execute("DROP TABLE m")
+    database.close()
+    assert read(path) == (list(range(20)), [])
+
+
+def test_times_that_are_no_whole_numbers(tmp_path: Path) -> None:
+    """They were left out without a word."""
+    path = tmp_path / "run.db3"
+    database = bag(path)
+    database.execute("UPDATE messages SET timestamp = NULL WHERE id IN (3, 5)")
+    database.execute("UPDATE messages SET timestamp = 'noon' WHERE id = 7")
+    database.close()
+    with Rosbag2Log(str(path)) as log:
+        assert indices(log) == [index for index in range(20) if index not in (2, 4, 6)]
+        assert dict(log.report.refused) == {("/scan", "no time that is a number"): 3}
+    database = sqlite3.connect(path, isolation_level=None)
+    database.execute("ALTER TABLE messages RENAME TO m")
+    database.execute(MESSAGES.replace("timestamp INTEGER", "timestamp REAL"))
+    database.execute("INSERT INTO messages SELECT * FROM m")
+    database.execute("DROP TABLE m")
+    database.close()
+    with Rosbag2Log(str(path)) as log:
+        assert sum(len(block) for block in log.scans()) == 17
+        assert dict(log.report.refused) == {("/scan", "no time that is a number"): 3}
 
 
 def test_names_and_messages_of_megabytes(tmp_path: Path) -> None:
