@@ -191,7 +191,7 @@ def test_long_conditions(run: Run, expression: str, found: int) -> None:
     [
         (
             "objects where " + "(" * 3_000,
-            f"--check 'objects where {'(' * 3_000}': more than {DEEPEST} brackets are open at '(', column 66",
+            f"--check 'objects where {'(' * 186}...': more than {DEEPEST} brackets are open at '(', column 66",
         ),
         (
             "objects where " + "not " * 5_000 + "width > 1 == 0",
