@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from lidarcli.logs.rosbag2 import Rosbag2Log
 
 EPOCH = 1_700_000_000
 
@@ -52,3 +55,10 @@ def indices(log: Any, **options: Any) -> list[int]:
             assert block.frame_ids[block.frame[row]] == "laser"
             found.append(index)
     return found
+
+
+def read_bag(path: Path) -> tuple[list[int], list[str]]:
+    """Indices of the sweeps of a ROS 2 bag, and its damage."""
+    with Rosbag2Log(str(path)) as log:
+        found = indices(log)
+        return found, [f"{item.place}: {item.cause}" for item in log.report.damage]

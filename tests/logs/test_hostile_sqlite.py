@@ -7,11 +7,12 @@ import random
 import shutil
 import sqlite3
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from numbered import indices
+from numbered import read_bag as read
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
@@ -20,20 +21,7 @@ from lidarcli.logs.sqlite_journal import MAGIC, roll_back
 from lidarcli.logs.sqlite_salvage import Salvage
 from tests.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
 
-
-def read(path: Path) -> tuple[list[int], list[str]]:
-    with Rosbag2Log(str(path)) as log:
-        found = indices(log)
-        return found, [f"{item.place}: {item.cause}" for item in log.report.damage]
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    folder = tmp_path / "temporary"
-    folder.mkdir()
-    monkeypatch.setattr("tempfile.tempdir", str(folder))
-    yield
-    assert list(folder.iterdir()) == []
+pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 
 
 def content(folder: Path) -> dict[str, bytes]:

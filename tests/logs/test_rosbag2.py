@@ -7,13 +7,13 @@ import random
 import re
 import shutil
 import sqlite3
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zstandard
 from numbered import indices, laser_scan, ranges_of, record_time
+from numbered import read_bag as read
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -62,21 +62,7 @@ def write_bag(
     return file
 
 
-def read(path: Path) -> tuple[list[int], list[str]]:
-    """Indices of the sweeps of a log, and its damage."""
-    with Rosbag2Log(str(path)) as log:
-        found = indices(log)
-        return found, [f"{item.place}: {item.cause}" for item in log.report.damage]
-
-
-@pytest.fixture(autouse=True)
-def _nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Temporary files go to a folder of their own, which is empty afterwards."""
-    folder = tmp_path / "temporary"
-    folder.mkdir()
-    monkeypatch.setattr("tempfile.tempdir", str(folder))
-    yield
-    assert list(folder.iterdir()) == []
+pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 
 
 @pytest.mark.parametrize(
