@@ -18,9 +18,8 @@ from lidarcli.errors import OutputError
 
 try:
     import fcntl
-except (
-    ImportError
-):  # Windows has no such locks: runs into one folder are then told apart by their names alone.
+except ImportError:
+    # Windows has no such locks: runs into one folder are then told apart by their names alone.
     fcntl = None  # type: ignore[assignment]
 
 LOCK_WAIT_S = 1.0

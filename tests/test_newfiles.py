@@ -115,6 +115,8 @@ def test_a_lock_that_is_never_let_go_is_not_waited_for(
         assert alone
         assert write_whole(tmp_path / "a", b"1") == []
     assert (tmp_path / "a").read_bytes() == b"1"
+    # Whoever holds it all the time is waited for once, not with every log.
+    assert str(tmp_path) in newfiles._TAKEN
 
 
 def test_pairs_of_runs_leave_whole_tables_of_one_of_them(tmp_path: Path) -> None:
@@ -298,6 +300,19 @@ def test_a_name_with_a_suffix_is_a_file(
     folder.mkdir()
     assert run(["-q", "detect", str(ROOM), "-o", str(folder)]) == 0
     assert sorted(item.name for item in folder.iterdir()) == ["room.objects.parquet", "room.sweeps.parquet"]
+
+
+@pytest.mark.parametrize("name", ["out.json", "out.csv.gz", "out.TXT"])
+def test_a_name_of_another_kind_of_file_is_refused(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["detect", str(ROOM), "-o", str(tmp_path / name)]) == 2
+    assert (
+        f"{name}: objects are written as .parquet, .csv, .ndjson, .jsonl, .arrow;" in capsys.readouterr().err
+    )
+    assert list(tmp_path.iterdir()) == []
+    assert run(["-q", "detect", str(ROOM), "-o", f"{tmp_path / name}/"]) == 0
+    assert (tmp_path / name / "room.objects.parquet").is_file()
 
 
 def test_several_logs_into_one_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -211,8 +211,8 @@ def _sources(source: Any) -> list[Source]:
     for path in paths:
         if not isinstance(path, str | PathLike):
             raise TypeError(f"a log is the path of a file or folder, not {type(path).__name__}")
-    found = find_logs([fspath(path) for path in paths])
-    named = set(map(str, map(fspath, paths)))
+    named = [fspath(path) for path in paths]
+    found = find_logs(named)
     for each in found:
         if isinstance(each, Nothing):
             error = type(each.error)(f"{each.path}: {each.error}")

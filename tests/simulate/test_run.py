@@ -88,6 +88,17 @@ def test_a_bag_folder_is_replaced_and_any_other_folder_is_not(scene, tmp_path):
     assert (bag / "thesis.tex").read_text() == "mine"
 
 
+def test_a_folder_of_several_logs_is_not_taken_for_a_bag(scene, tmp_path):
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for name in ("monday.mcap", "tuesday.mcap", "drive.db3"):
+        (folder / name).write_text("mine")
+    for container in ("db3", "ros2"):
+        with pytest.raises(OutputError, match="is a folder that holds more than a ROS 2 bag"):
+            simulate(scene, folder, container=container, overwrite=True)
+    assert names(folder) == ["drive.db3", "monday.mcap", "tuesday.mcap"]
+
+
 def test_nothing_is_left_when_it_fails_half_way(scene, tmp_path, monkeypatch):
     def broken(*args, **options):
         raise OSError(28, "No space left on device")
