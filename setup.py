@@ -1,4 +1,7 @@
-"""The compiled kernels, which are optional: where no compiler is at hand the package installs without them."""
+"""The compiled core, which is optional: where no compiler is at hand the same files run as plain Python.
+
+Every module of the package that has a `.pxd` file beside it is compiled.
+"""
 
 from __future__ import annotations
 
@@ -9,35 +12,37 @@ from pathlib import Path
 from Cython.Build import cythonize
 from setuptools import Extension, setup
 
-# No fused multiply-add: it would round differently from numpy, whose results the kernels repeat bit for bit. Exception
-# flags and errno, which nobody asks for, keep compilers from using vector instructions.
+# No fused multiply-add, so that every machine gives the same bits. Exception flags and errno, which nobody asks for,
+# keep compilers from using vector instructions.
 FLAGS = (
     ["/O2"]
     if sys.platform == "win32"
     else ["-O3", "-g0", "-ffp-contract=off", "-fno-trapping-math", "-fno-math-errno"]
 )
 
-# For those who look for a wild index; `make bounds` sets it, in a copy of the tree.
-BOUNDS = bool(os.environ.get("LIDARCLI_BOUNDS"))
-
-kernels = cythonize(
+sources = [
+    path.with_suffix(".py")
+    for path in sorted(Path("lidarcli/formalism").rglob("*.pxd"))
+    if path.stem != "native"
+]
+modules = cythonize(
     [
-        Extension(f"lidarcli.kernels.{path.stem}", [str(path)], extra_compile_args=FLAGS)
-        for path in sorted(Path("lidarcli/kernels").glob("*.pyx"))
+        Extension(".".join(path.with_suffix("").parts), [str(path)], extra_compile_args=FLAGS)
+        for path in sources
     ],
-    # C files count as up to date whatever they were made with: each kind has a folder of its own.
-    build_dir="build/bounds" if BOUNDS else "build",
-    force=BOUNDS,
+    build_dir="build",
     language_level=3,
     compiler_directives={
-        "boundscheck": BOUNDS,
+        # The types stand in the .pxd files: annotations are for readers and for the type checker.
+        "annotation_typing": False,
+        "infer_types": True,
+        "boundscheck": False,
         "wraparound": False,
         "cdivision": True,
-        "initializedcheck": False,
     },
 )
-for kernel in kernels:
+for module in modules:
     # Said here, as Cython makes extensions of its own, which forget it.
-    kernel.optional = True
+    module.optional = True
 
-setup(ext_modules=kernels, options={"build_ext": {"parallel": os.cpu_count() or 1, "force": BOUNDS}})
+setup(ext_modules=modules, options={"build_ext": {"parallel": os.cpu_count() or 1}})

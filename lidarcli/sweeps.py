@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError
-from lidarcli.kernels import compiled
 from lidarcli.records import record
 
 Float32 = NDArray[np.float32]
@@ -314,7 +313,6 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     )
 
 
-@compiled
 def judge(
     ranges: Float32, beams: Int32, low: Float32, high: Float32, words: frozenset[str]
 ) -> tuple[Float32, UInt8]:
@@ -383,7 +381,6 @@ def _status_without_range(value: Float32, low: Float32, high: Float32, words: fr
     return status
 
 
-@compiled
 def count_statuses(status: UInt8) -> Int32:
     """(5, S) beams of each row of (S, B) by `Status`."""
     rows, width = status.shape

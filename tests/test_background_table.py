@@ -16,10 +16,10 @@ import pytest
 
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism import sweep
-from lidarcli.formalism.background import Background
-from lidarcli.formalism.cells import Estimate
-from lidarcli.formalism.grid import Grid
-from lidarcli.formalism.learning import Learning
+from lidarcli.formalism.background.cells import Estimate
+from lidarcli.formalism.background.grid import Grid
+from lidarcli.formalism.background.learning import Learning
+from lidarcli.formalism.background.model import Background
 from lidarcli.sweeps import SweepPoses
 from lidarcli.tables.background import GEOMETRY, background_rows, read_background, write_background
 from lidarcli.tables.metadata import PARAMETERS, SOURCE, VERSION, table_metadata

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.background import Background
+    from lidarcli.formalism.background.model import Background
 
 
 def learned_lines(sensors: Sequence[Background]) -> list[str]:

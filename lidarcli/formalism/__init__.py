@@ -10,9 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidarcli.formalism.detect import detect
+from lidarcli import compiled
+
+if not compiled.is_wanted():
+    compiled.use_source()
+
+from lidarcli.formalism.detect import detect, difference, noise
 from lidarcli.formalism.detection import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
-from lidarcli.formalism.difference import difference
 from lidarcli.formalism.parameters import PROFILES, Parameters
 from lidarcli.sweeps import Float32, RangeRules, RawSweeps, SweepBatch, normalise
 
@@ -26,6 +30,7 @@ __all__ = [
     "Parameters",
     "detect",
     "difference",
+    "noise",
     "sweep",
 ]
 

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import numpy as np
+from functools import lru_cache
+from typing import Any
 
-from lidarcli.formalism import mask, vertices
-from lidarcli.formalism.carving import carve, cut_out, of_parts
-from lidarcli.formalism.corners import locate, settled_faces
-from lidarcli.formalism.describe import Segmentation, describe
-from lidarcli.formalism.detection import Detection
-from lidarcli.formalism.difference import gaps, steepness, steps
-from lidarcli.formalism.discontinuity import jumps, one_sided_jumps
-from lidarcli.formalism.faces import faces_between, straight_faces
-from lidarcli.formalism.fragments import bodies, torn
-from lidarcli.formalism.grouping import LEG_WIDTH, close_pairs, joined
-from lidarcli.formalism.objects import by_extent, chosen, fully_visible, pieces
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.core import Core
+from lidarcli.formalism.description import columns as tables
+from lidarcli.formalism.description.columns import Columns
+from lidarcli.formalism.detection import NOISE, OBJECT, Detection
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.formalism.points import collect, refuse_geometry
-from lidarcli.formalism.runs import Runs, split
-from lidarcli.formalism.threshold import mean_difference, noise, noise_threshold
-from lidarcli.formalism.walls import chord, extent, on_wall_lines, reached, straightness, surveyed
-from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
+from lidarcli.formalism.sweep.points import Scans
+from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
+
+OBJECTS_AT_FIRST, VERTICES_AT_FIRST = 16, 3
+"""Room for so many objects per sweep, and vertices per object, before it is known how many there are."""
 
 
 def detect(
@@ -59,105 +56,145 @@ def detect(
     >>> found.beam_i.tolist(), found.beam_f.tolist()
     ([20], [24])
     """
-    parameters = parameters or Parameters()
+    core = Core(scans(batch, within, sigma), parameters or Parameters())
+    arrays, columns, row = _room(batch, per_beam), Columns(), 0
+    columns.attach(arrays, per_beam)
+    while (row := core.detect(columns, row)) < len(batch):
+        _enlarge(arrays, columns, len(batch) / max(row, 1))
+        columns.attach(arrays, per_beam)
+    _shorten(arrays, columns)
+    more: dict[str, Any] = {}
+    if per_beam:
+        more["beam_set"] = np.where(arrays["beam_object"] > 0, OBJECT, NOISE).astype(np.uint8)
+    return Detection(
+        agents=np.zeros(len(batch), np.int32),
+        agent_beams=np.zeros(len(batch), np.int32),
+        noise_beams=batch.beams - arrays["object_beams"],
+        **arrays,
+        **more,
+    )
+
+
+def noise(batch: SweepBatch) -> Float64:
+    """Standard deviation σ of the ranges of each sweep [m], from the median of second differences. (S,)"""
+    sigma = np.empty(len(batch))
+    Core(scans(batch), Parameters()).measure_noise(sigma)
+    return sigma
+
+
+def difference(batch: SweepBatch) -> Float64:
+    """The difference function s of every beam (Def. 2), in the log's own beam order.
+
+    Parameters
+    ----------
+    batch : SweepBatch, S sweeps of up to B beams
+
+    Returns
+    -------
+    (S, B) signed differences [m] towards the neighbour at the next smaller bearing. NaN where the beam or that neighbour
+    has no range, and for the first beam of a partial view. On a full turn the predecessor of the first bearing is the
+    last; a bearing that is measured twice counts once, its repetition is NaN.
+
+    Raises
+    ------
+    ValueError
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidarcli.formalism import sweep
+    >>> difference(sweep([2.0, 2.0, 1.0, 2.0], angle_min=0.0, angle_increment=np.pi / 2))
+    array([[ 0.,  0., -1.,  1.]])
+    """
+    s = np.empty(batch.ranges.shape)
+    Core(scans(batch), Parameters()).measure_differences(s)
+    return s
+
+
+def scans(batch: SweepBatch, within: Bool | None = None, sigma: Float64 | None = None) -> Scans:
+    """The columns of a batch as the loops over one sweep read them; `ValueError` where its bearings are no numbers."""
     refuse_geometry(batch)
-    points = collect(batch)
-    gap, size = gaps(points), steepness(points)
-    sigma = noise(batch) if sigma is None else sigma
-    d_mean = mean_difference(points, gap, size)
-    sweep_d_th = _sweep_threshold(d_mean, sigma, parameters)
-    adaptive = parameters.threshold == "adaptive"
-    inside = None if within is None else mask.lay_out(points, within)
-    candidates = steps(
-        points, gap, size if inside is None else mask.bordered(points, size, inside), sweep_d_th
+    return Scans(batch, _directions(batch), within, sigma)
+
+
+def refuse_geometry(batch: SweepBatch) -> None:
+    """Refuse sweeps whose bearings are no numbers; the readers of logs have done so before.
+
+    Raises
+    ------
+    ValueError
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite.
+    """
+    for name in ("angle_min", "angle_increment"):
+        values = getattr(batch, name)
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if len(wrong):
+            row = int(wrong[0])
+            raise ValueError(
+                f"sweep {int(batch.sweep[row])} of {batch.topic}: {name} is {values[row]}, not a finite angle"
+            )
+
+
+def _directions(batch: SweepBatch) -> tuple[Float64, Float64, Int64]:
+    """cos θ and sin θ by increasing bearing, once per distinct geometry of the batch, (D, B); which of them, (S,)."""
+    shared = batch.closure == Closure.SHARED.value
+    last = np.where(batch.angle_increment < 0, batch.beams - shared - 1, 0)
+    rows = np.stack([batch.angle_min, batch.angle_increment, last], axis=1)
+    if len(batch) and (rows == rows[0]).all():
+        cos, sin = _row_directions(*rows[0].tolist(), batch.width)
+        return cos, sin, np.zeros(len(batch), np.int64)
+    number: dict[tuple[float, ...], int] = {}
+    code = np.array([number.setdefault(tuple(row), len(number)) for row in rows.tolist()], np.int64)
+    tables = np.empty((2, len(number), batch.width))
+    for row, k in number.items():
+        tables[:, k] = _row_directions(*row, batch.width)
+    return tables[0], tables[1], code
+
+
+@lru_cache(maxsize=64)
+def _row_directions(start: float, increment: float, last: float, width: int) -> tuple[Float64, Float64]:
+    """cos θ and sin θ of one sweep. Sensors seldom have more geometries than these, batch after batch."""
+    position = np.arange(width)
+    theta = start + increment * (last - position if increment < 0 else position)
+    cos, sin = np.cos(theta), np.sin(theta)
+    cos.flags.writeable = sin.flags.writeable = False
+    return cos, sin
+
+
+def _room(batch: SweepBatch, per_beam: bool) -> dict[str, NDArray[Any]]:
+    """Columns for as many objects as sweeps mostly have."""
+    rows, width = batch.ranges.shape
+    objects = OBJECTS_AT_FIRST * rows + width
+    sizes = (
+        (tables.OBJECT, objects),
+        (tables.OFFSETS, objects + 1),
+        (tables.VERTEX, VERTICES_AT_FIRST * objects + 2 * width),
+        (tables.FACE, VERTICES_AT_FIRST * objects + width),
+        (tables.SWEEP, rows),
     )
-    jump = (
-        one_sided_jumps(points, candidates, gap, sigma, parameters.max_gap)
-        if adaptive
-        else jumps(candidates.s, sweep_d_th[candidates.row])
+    arrays = {name: np.empty(size, kind) for group, size in sizes for name, kind in group.items()}
+    arrays["vertex_offsets"][0] = arrays["face_offsets"][0] = 0
+    if per_beam:
+        arrays |= {name: np.zeros((rows, width), kind) for name, kind in tables.BEAM.items()}
+    return arrays
+
+
+def _enlarge(arrays: dict[str, NDArray[Any]], columns: Columns, more: float) -> None:
+    """Make the columns so many times as long, or twice."""
+    for group in (tables.OBJECT, tables.OFFSETS, tables.VERTEX, tables.FACE):
+        for name in group:
+            arrays[name].resize(int(max(more, 2.0) * len(arrays[name])) + 1, refcheck=False)
+
+
+def _shorten(arrays: dict[str, NDArray[Any]], columns: Columns) -> None:
+    """Keep of the columns what is filled."""
+    sizes = (
+        (tables.OBJECT, columns.objects),
+        (tables.OFFSETS, columns.objects + 1),
+        (tables.VERTEX, columns.vertices),
+        (tables.FACE, columns.faces),
     )
-    if inside is not None:
-        jump |= mask.crossing(candidates, inside)
-    runs = split(batch, points, candidates, jump, parameters.max_gap)
-    known = None if inside is None else mask.of_runs(runs, inside)
-    if parameters.profile == "paper":
-        segmentation = _literal(runs, sweep_d_th, parameters, known)
-    elif known is not None:
-        segmentation = _known(runs, sigma, parameters, known)
-    else:
-        runs, segmentation = _robust(runs, sigma, parameters)
-    return describe(batch, runs, segmentation, d_mean, sweep_d_th, adaptive, sigma, per_beam)
-
-
-def _sweep_threshold(d_mean: Float64, sigma: Float64, parameters: Parameters) -> Float64:
-    """(S,) d_th of each sweep [m]; with `adaptive` the part of it that does not grow with range."""
-    if parameters.threshold == "adaptive":
-        return noise_threshold(sigma)
-    if parameters.threshold == "mean":
-        return d_mean
-    return np.full(len(d_mean), float(parameters.threshold))
-
-
-def _literal(runs: Runs, d_th: Float64, parameters: Parameters, known: Bool | None) -> Segmentation:
-    """Profile `paper`: Definitions 5 to 7 as printed; `known` (R,) tells the objects in place of their edges."""
-    extremum, corner = vertices.literal(runs, d_th)
-    faces = faces_between(runs, extremum | corner)
-    small = extent(runs, faces) <= parameters.max_width
-    enough = runs.size >= parameters.min_beams
-    visible = fully_visible(runs) if known is None else known
-    is_object = visible & small & enough
-    return Segmentation(
-        faces=faces,
-        extremum=extremum,
-        is_object=is_object,
-        is_wall=~(visible & small) & enough & parameters.walls,
-        label=_grouped(runs, is_object, parameters),
-    )
-
-
-def _grouped(runs: Runs, is_object: Bool, parameters: Parameters, label: Int64 | None = None) -> Int64 | None:
-    """(R,) label of the thing that each object is a part of, where things of several parts are asked for."""
-    if parameters.group_gap <= 0:
-        return label
-    legs = np.flatnonzero(is_object & (chord(runs) <= LEG_WIDTH))
-    a, b = close_pairs(runs, legs, parameters.group_gap)
-    if label is not None:
-        a, b = np.append(a, np.arange(len(runs))), np.append(b, label)
-    return joined(len(runs), a, b)
-
-
-def _known(runs: Runs, sigma: Float64, parameters: Parameters, known: Bool) -> Segmentation:
-    """Profile `robust` where the runs (R,) that belong to objects are known: no walls to look for."""
-    tolerance = straightness(runs, sigma)
-    reach = extent(runs, straight_faces(runs, np.where(known, runs.size, 0), tolerance))
-    body = bodies(runs, reach, *torn(runs, known, reach))
-    is_object = known & (body.size >= parameters.min_beams) & (body.reach <= parameters.max_width)
-    group = _grouped(runs, is_object, parameters, body.label)
-    faces = settled_faces(runs, is_object, tolerance)
-    corners = locate(runs.points, faces, tolerance)
-    extremum, is_wall = np.zeros(len(runs.points), bool), np.zeros(len(runs), bool)
-    return Segmentation(faces, extremum, is_object, is_wall, group, body.label, corners)
-
-
-def _robust(runs: Runs, sigma: Float64, parameters: Parameters) -> tuple[Runs, Segmentation]:
-    """Profile `robust`: the same definitions with the estimates a real sensor needs."""
-    least, most = parameters.min_beams, parameters.max_width
-    ends, tolerance, looked_at = surveyed(runs, sigma, least, most)
-    faces = straight_faces(runs, looked_at, tolerance)
-    carved = carve(runs, faces, runs.size >= least, sigma)
-    runs, origin, thing = cut_out(runs, carved)
-    if thing.any():
-        faces = of_parts(faces, runs)
-        ends, tolerance = chord(runs), tolerance[origin]
-    reach = reached(runs, faces, ends)
-    wall, candidate, partial, bend = by_extent(runs, faces, reach, thing, least, most)
-    wall |= on_wall_lines(runs, faces, wall, candidate, partial, sigma, most)
-    piece = pieces(runs, ends, wall, thing, most)
-    body = bodies(runs, reach, *torn(runs, piece, reach))
-    is_object = chosen(runs, wall, piece, thing, body, bend, least, most)
-    is_wall = wall & parameters.walls
-    group = _grouped(runs, is_object, parameters, body.label)
-    faces = settled_faces(runs, is_object | is_wall, tolerance)
-    corners = locate(runs.points, faces, tolerance)
-    extremum = np.zeros(len(runs.points), bool)
-    return runs, Segmentation(faces, extremum, is_object, is_wall, group, body.label, corners)
+    for group, size in sizes:
+        for name in group:
+            arrays[name].resize(size, refcheck=False)

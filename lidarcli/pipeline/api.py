@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError
 from lidarcli.formalism import Parameters
-from lidarcli.formalism.background import Background
+from lidarcli.formalism.background.model import Background
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.building import (

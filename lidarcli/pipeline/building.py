@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.formalism.background import MAJORITY, Background
-from lidarcli.formalism.grid import Grid
-from lidarcli.formalism.learning import Learning
+from lidarcli.formalism.background.grid import Grid
+from lidarcli.formalism.background.learning import Learning
+from lidarcli.formalism.background.model import MAJORITY, Background
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole

@@ -10,7 +10,7 @@ import numpy as np
 
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
-from lidarcli.formalism.threshold import noise
+from lidarcli.formalism.detect import noise
 from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.newfiles import NewFiles, unwritable, write_whole

@@ -11,10 +11,9 @@ import numpy as np
 
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Detection, Parameters
-from lidarcli.formalism.background import Background
-from lidarcli.formalism.changes import changes
-from lidarcli.formalism.detection import APPEARED, REMOVED
-from lidarcli.formalism.subtraction import (
+from lidarcli.formalism.background.changes import changes
+from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background.subtraction import (
     APART,
     BEHIND,
     Difference,
@@ -23,7 +22,8 @@ from lidarcli.formalism.subtraction import (
     assemble,
     nothing_known,
 )
-from lidarcli.formalism.threshold import noise
+from lidarcli.formalism.detect import noise
+from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.sweeps import Int64, Status, SweepBatch
 from lidarcli.tables.background import read_background
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarcli.formalism.background import Background
+from lidarcli.formalism.background.model import Background
 from lidarcli.reports import palette
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.picture import printable

@@ -15,8 +15,6 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from lidarcli.kernels import compiled
-
 
 def plain(values: NDArray[Any], kind: pa.DataType | None = None) -> pa.Array:
     """Values without nulls; `kind` may give a type of the same size another meaning (a stamp)."""
@@ -62,14 +60,12 @@ def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
     return pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(text))
 
 
-@compiled
 def any_nan(values: NDArray[np.float64]) -> bool:
     """Whether any of the (K,) values is NaN."""
     # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.
     return math.isnan(np.minimum.reduce(values, initial=0.0))
 
 
-@compiled
 def spelled(
     codes: NDArray[np.uint8], names: tuple[bytes, ...]
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:

@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
-from lidarcli.formalism.background import Background
-from lidarcli.formalism.grid import SAME_BEAM, Grid
+from lidarcli.formalism.background.grid import SAME_BEAM, Grid
+from lidarcli.formalism.background.model import Background
 from lidarcli.newfiles import NewFiles
 from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tables.arrays import codes, floats, plain

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from benchmarks.accuracy.cells import WALL, Truth, judged
 from benchmarks.accuracy.scoring import assign
 from lidarcli.formalism import Detection, Parameters, sweep
-from lidarcli.formalism.background import Background
-from lidarcli.formalism.changes import changes
+from lidarcli.formalism.background.changes import changes
+from lidarcli.formalism.background.grid import Grid
+from lidarcli.formalism.background.learning import Learning
+from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background.subtraction import Subtraction, Tolerance
+from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED
-from lidarcli.formalism.grid import Grid
-from lidarcli.formalism.learning import Learning
-from lidarcli.formalism.subtraction import Subtraction, Tolerance
-from lidarcli.formalism.threshold import noise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Scene
 from lidarcli.sweeps import SweepBatch, SweepPoses

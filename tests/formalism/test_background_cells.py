@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarcli.formalism.cells import BIN, UNIT, Estimate, count_ranges, estimate, merge
+from lidarcli.formalism.background.cells import BIN, UNIT, Estimate, count_ranges, estimate, merge
 from lidarcli.sweeps import Float64
 
 Observed = st.lists(st.tuples(st.integers(0, 3), st.floats(0.02, 30.0)), max_size=60)

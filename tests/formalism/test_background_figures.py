@@ -9,8 +9,8 @@ import pytest
 from backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 from numpy.typing import NDArray
 
+from lidarcli.formalism.background.subtraction import Tolerance
 from lidarcli.formalism.detection import APPEARED, REMOVED
-from lidarcli.formalism.subtraction import Tolerance
 from lidarcli.simulate.entities import box, cylinder, plant, wall
 from lidarcli.simulate.random_scenes import KINDS, SENSORS, Kind, random_scene, sensor_with
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor, super_ellipse

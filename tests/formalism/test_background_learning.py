@@ -9,13 +9,13 @@ import pytest
 from backgrounds import STEP, learned, learning, partial, simulated, with_poses
 from numpy.typing import NDArray
 
-from lidarcli.formalism import learning as module
 from lidarcli.formalism import sweep
-from lidarcli.formalism.alignment import align, lines
-from lidarcli.formalism.background import Background
-from lidarcli.formalism.cells import Estimate
-from lidarcli.formalism.grid import Grid, beam_at, expected, project
-from lidarcli.formalism.stations import Shift, gather, nearest, shift
+from lidarcli.formalism.background import learning as module
+from lidarcli.formalism.background.alignment import align, lines
+from lidarcli.formalism.background.cells import Estimate
+from lidarcli.formalism.background.grid import Grid, beam_at, expected, project
+from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background.stations import Shift, gather, nearest, shift
 from lidarcli.simulate.random_scenes import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidarcli.formalism import Detection, Parameters, detect, sweep
-from lidarcli.formalism.background import surroundings
-from lidarcli.formalism.changes import changes
-from lidarcli.formalism.combine import combine, select
+from lidarcli.formalism.background.changes import changes
+from lidarcli.formalism.background.combine import combine, select
+from lidarcli.formalism.background.model import surroundings
+from lidarcli.formalism.background.subtraction import WEAK, Difference, Subtraction, Tolerance, _runs
+from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED, SHAPES, VISIBILITIES
-from lidarcli.formalism.subtraction import WEAK, Difference, Subtraction, Tolerance, _runs
-from lidarcli.formalism.threshold import noise
 from lidarcli.sweeps import TURN, Status, SweepBatch
 
 GONE = Tolerance(removed=True)

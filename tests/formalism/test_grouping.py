@@ -7,10 +7,10 @@ from math import hypot
 import numpy as np
 import pytest
 from batches import batch_of
+from lidarcli.formalism.grouping import joined
 from reference import EACH_BEARING_ONCE, Sweep
 
 from lidarcli.formalism import SHAPES, VISIBILITIES, Detection, Parameters, detect
-from lidarcli.formalism.grouping import joined
 from lidarcli.formalism.parameters import PROFILES, Profile
 
 STEP = 2 * np.pi / 720

@@ -1,0 +1,106 @@
+"""Two detections on the same sweeps as one."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.background.ragged import offsets_of, spans
+from lidarcli.formalism.detection import OBJECT, WALL, Detection
+from lidarcli.sweeps import Bool, Int32, Int64
+
+_SWEEP_FIELDS = {
+    *("d_mean", "sweep_d_th", "noise", "objects", "agents", "object_beams", "agent_beams", "noise_beams"),
+    *("beam_set", "beam_object", "beam_s", "beam_difference", "station"),
+}
+_VERTEX_FIELDS = ("vertex_theta", "vertex_r", "vertex_kind")
+_FACE_FIELDS = ("face_theta_i", "face_theta_f", "face_length", "face_rms")
+_OBJECT_FIELDS = [
+    field.name
+    for field in fields(Detection)
+    if field.name
+    not in {*_SWEEP_FIELDS, *_VERTEX_FIELDS, *_FACE_FIELDS, "object", "vertex_offsets", "face_offsets"}
+]
+
+
+def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
+    """The objects of both, numbered anew by increasing theta_i, walls last; the first tells of the sweeps.
+
+    Parameters
+    ----------
+    first : detection on S sweeps
+    second : detection on some of them; its objects hold beams that no object of the first holds
+    rows : rows of `first` that the rows of `second` are
+    """
+    second = replace(second, row=rows[second.row])
+    keys = ("theta_i", "shape", "row")
+    theta, shape, row = (_joined(first, second, name) for name in keys)
+    order = np.lexsort((theta, shape == WALL, row))
+    values = {name: _joined(first, second, name)[order] for name in _OBJECT_FIELDS}
+    counts = np.bincount(values["row"], minlength=len(first.objects))
+    number = np.arange(len(order)) - offsets_of(counts)[values["row"]] + 1
+    values |= _lists(first, second, "vertex_offsets", _VERTEX_FIELDS, order)
+    values |= _lists(first, second, "face_offsets", _FACE_FIELDS, order)
+    object_beams, objects = first.object_beams.copy(), first.objects.copy()
+    object_beams[rows] += second.object_beams
+    objects[rows] += second.objects
+    noise_beams = first.noise_beams - (object_beams - first.object_beams)
+    result = replace(
+        first,
+        **values,
+        object=number.astype(np.int32),
+        objects=objects,
+        object_beams=object_beams,
+        noise_beams=noise_beams,
+    )
+    if first.beam_object is None or second.beam_object is None or first.beam_set is None:
+        return result
+    new = np.empty(len(order), np.int32)
+    new[order] = number
+    beam_object = _renumbered(first.beam_object, first.row, new[: len(first)])
+    added = _renumbered(second.beam_object, np.searchsorted(rows, second.row), new[len(first) :])
+    beam_object[rows] = np.where(added > 0, added, beam_object[rows])
+    beam_set = first.beam_set.copy()
+    beam_set[beam_object > 0] = OBJECT
+    return replace(result, beam_object=beam_object, beam_set=beam_set)
+
+
+def select(found: Detection, chosen: Bool) -> Detection:
+    """The objects (K,) that are chosen, which keep their numbers; what is counted per sweep stays as it is."""
+    index = np.flatnonzero(chosen)
+    values: dict[str, Any] = {
+        name: None if getattr(found, name) is None else getattr(found, name)[index]
+        for name in (*_OBJECT_FIELDS, "object")
+    }
+    for offsets, names in (("vertex_offsets", _VERTEX_FIELDS), ("face_offsets", _FACE_FIELDS)):
+        starts = getattr(found, offsets).astype(np.int64)
+        item, _, joined = spans(starts[index], np.diff(starts)[index])
+        values |= {offsets: joined.astype(np.int32)} | {name: getattr(found, name)[item] for name in names}
+    return replace(found, **values)
+
+
+def _joined(first: Detection, second: Detection, name: str) -> NDArray[Any]:
+    return np.concatenate([getattr(first, name), getattr(second, name)])
+
+
+def _lists(
+    first: Detection, second: Detection, offsets: str, names: tuple[str, ...], order: Int64
+) -> dict[str, NDArray[Any]]:
+    """Lists of the objects in a new order."""
+    starts = np.concatenate(
+        [getattr(first, offsets)[:-1], getattr(second, offsets)[:-1] + getattr(first, offsets)[-1]]
+    )
+    sizes = np.concatenate([np.diff(getattr(first, offsets)), np.diff(getattr(second, offsets))])
+    index, _, joined = spans(starts[order].astype(np.int64), sizes[order].astype(np.int64))
+    return {offsets: joined.astype(np.int32)} | {name: _joined(first, second, name)[index] for name in names}
+
+
+def _renumbered(beam_object: Int32, row: Int64, new: Int32) -> Int32:
+    """(S, B) the numbers of the beams' objects, `new` (K,) in place of 1, 2, ... in each sweep."""
+    table = np.append(new, 0)
+    index = offsets_of(np.bincount(row, minlength=len(beam_object)))[:-1, None] + beam_object - 1
+    result: Int32 = np.where(beam_object > 0, table[np.where(beam_object > 0, index, -1)], 0).astype(np.int32)
+    return result

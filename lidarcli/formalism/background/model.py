@@ -1,0 +1,149 @@
+"""§3: r_e, the sweep of the scene without the objects of interest, at every place where it was taken."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lidarcli.formalism.background.grid import Grid
+from lidarcli.records import record
+from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses
+
+KNOWN_GAP = 0.05
+"""Up to this share of sweeps without a return are lost beams of a surface that is there."""
+
+MAJORITY = 0.5
+"""Share of the observations: a background that fewer back was hidden most of the time, or is none."""
+
+LATERAL = 0.05
+"""[m] A sensor beside a station sees things from another side: by so much they may look wider there."""
+
+
+@record
+class Background:
+    """What one sensor sees of the scene without objects of interest: K stations of B beams each.
+
+    A station is a place and heading of the sensor. A sensor of which no pose is known has one, whose pose is NaN.
+    """
+
+    topic: str
+    frame_id: str
+    grid: Grid
+    range_max: float
+    """Greatest range of the sensor [m]; inf where unknown."""
+    r_e: Float64
+    """(K, B) r_e [m]: inf where the beam is open (no return is what the background is), NaN where nothing is known."""
+    r_near: Float64
+    """(K, B) the nearest surface with as much support as r_e needs [m]: another than r_e at some depth edges."""
+    spread: Float64
+    """(K, B) robust standard deviation of the ranges that back r_e [m]; NaN where r_e is no range."""
+    support: Float64
+    """(K, B) share of the observations that back r_e; 0 where nothing is known."""
+    no_return: Float64
+    """(K, B) share of the observations without a return."""
+    sweeps: Int64
+    """(K,) sweeps of each station."""
+    poses: SweepPoses
+    """(K,) places in the world frame, NaN where none is known."""
+    distance: float = 0.25
+    """Sweeps up to this far from a station [m] belong to it …"""
+    angle: float = math.radians(5.0)
+    """… if their heading differs by no more than this [rad]."""
+
+    def __len__(self) -> int:
+        return len(self.sweeps)
+
+    @property
+    def posed(self) -> Bool:
+        """(K,) stations whose pose is known."""
+        return ~np.isnan(self.poses.x)
+
+    @property
+    def weak(self) -> Bool:
+        """(K, B) beams whose background most observations do not back, be it a surface or that nothing returns."""
+        return ~np.isnan(self.r_e) & (self.support < MAJORITY)
+
+    @property
+    def seems_moved(self) -> bool:
+        """Whether the sensor seems to have moved without a pose: of the beams that return most have no background.
+
+        People hide a part of the scene, foliage and depth edges are few; a sensor that moves finds no range again.
+        """
+        returning = ~np.isnan(self.r_e) & (self.no_return < MAJORITY) & ~self.posed[:, None]
+        lost = np.count_nonzero(returning & self.weak)
+        return bool(lost > MAJORITY * np.count_nonzero(returning))
+
+
+@record
+class Surroundings:
+    """A background with the beams next to each taken in, (K, B) each: depth edges jitter by a beam."""
+
+    r_e: Float32
+    """That of the beam itself [m]."""
+    r_near: Float32
+    """Its nearest surface [m]."""
+    near: Float32
+    """The nearest r_e [m], the greatest range of the sensor for an open beam; NaN where the beam itself is unknown."""
+    nearest: Float32
+    """The same for the nearest surfaces, with those up to `LATERAL` to either side of each beam."""
+    far: Float32
+    """The farthest r_e [m], inf where an open beam is among them."""
+    spread: Float32
+    """The greatest spread [m]."""
+    returns: Bool
+    """Whether all of them return nearly always."""
+
+
+def greatest_range(batch: SweepBatch) -> Float32:
+    """(S,) range_max of each sweep [m]; inf where what the driver writes is no limit."""
+    limit = batch.range_max
+    with np.errstate(invalid="ignore"):
+        return np.where(limit > np.maximum(batch.range_min, 0), limit, np.inf).astype(np.float32)
+
+
+def surroundings(background: Background, reach: int) -> Surroundings:
+    """The background in windows of `reach` beams to either side of each."""
+    r_e = background.r_e
+    known = ~np.isnan(r_e)
+    limit = background.range_max
+    near = np.where(known, np.minimum(r_e, limit), np.inf)
+    nearest = np.where(known, np.minimum(background.r_near, limit), np.inf)
+    far = np.where(known, r_e, -np.inf)
+    spread = np.where(known & np.isfinite(r_e), background.spread, 0.0)
+    lost = background.no_return > KNOWN_GAP
+    windows = [_beside(background, offset) for offset in range(-reach, reach + 1)]
+    near = np.minimum.reduce([near[:, beam] for beam in windows])
+    nearest = _dilated(background, nearest, reach)
+    far = np.maximum.reduce([far[:, beam] for beam in windows])
+    return Surroundings(
+        r_e=r_e.astype(np.float32),
+        r_near=background.r_near.astype(np.float32),
+        near=np.where(known, near, np.nan).astype(np.float32),
+        nearest=np.where(known, nearest, np.nan).astype(np.float32),
+        far=np.where(known, far, np.nan).astype(np.float32),
+        spread=np.maximum.reduce([spread[:, beam] for beam in windows]).astype(np.float32),
+        returns=known & ~np.logical_or.reduce([lost[:, beam] for beam in windows]),
+    )
+
+
+def _dilated(background: Background, ranges: Float64, reach: int) -> Float64:
+    """The nearest of the surfaces that come as close to each beam as `reach` beams or `LATERAL`."""
+    result = ranges.copy()
+    step = abs(background.grid.angle_increment)
+    known = ranges[np.isfinite(ranges)]
+    if not len(known):
+        return result
+    most = min(max(reach, int(LATERAL / (step * float(known.min())))), background.grid.beams // 2)
+    for distance in range(1, most + 1):
+        close = np.where((distance * step * ranges <= LATERAL) | (distance <= reach), ranges, np.inf)
+        for offset in (-distance, distance):
+            np.minimum(result, close[:, _beside(background, offset)], out=result)
+    return result
+
+
+def _beside(background: Background, offset: int) -> Int64:
+    """(B,) the beam so many beams further on; at the edge of the view the last one."""
+    grid = background.grid
+    beam = np.arange(grid.beams) + offset
+    return beam % grid.period if grid.period else np.clip(beam, 0, grid.beams - 1)

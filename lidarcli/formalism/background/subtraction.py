@@ -1,0 +1,313 @@
+"""§3: r_w - r_e, and the beams where it leaves the noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from lidarcli.formalism.background.alignment import Lines, align, lines
+from lidarcli.formalism.background.grid import expected, project
+from lidarcli.formalism.background.model import Background, Surroundings, greatest_range, surroundings
+from lidarcli.formalism.background.stations import Shift, nearest, shift
+from lidarcli.records import record
+from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch
+
+NOISE_GAIN = 4.0
+"""A range leaves the background where it is so many standard deviations away from it …"""
+FLOOR = 0.08
+"""… and this far [m]: what a surface's reflectivity and the sensor's temperature make of a range."""
+WEAK = 0.6
+"""Beside beams that leave the background this share of the threshold is enough."""
+ALIGNED = 0.015
+"""Error [m] of ranges that are seen from a station where the sensor was not."""
+BEHIND = 0.3
+"""[m] Ranges this far behind r_e see through where the background was: people cannot do that."""
+APART = 0.5
+"""Share of the ranges that differ from the background, before or behind it, from which on a note tells of it: in busy
+halls it is up to a fifth, with the background of another place or of a parked sensor that moves 0.6 and more."""
+
+
+@record
+class Difference:
+    """r_w - r_e of S sweeps of up to B beams."""
+
+    station: Int64
+    """(S,) station of the background, -1 for none."""
+    away: Float64
+    """(S,) distance from the nearest station [m]; 0 without poses, inf where nothing is known."""
+    known: Bool
+    """(S, B) beams with a range or no return to which the background has something to say."""
+    r_e: Float32
+    """(S, B) what the background is in the direction of each beam [m]; inf: open, NaN: not known."""
+    difference: Float32
+    """(S, B) r_w - r_e [m], where nothing comes back the greatest range of the sensor in its place; NaN: not known."""
+    appeared: Bool
+    """(S, B) beams that end before the background."""
+    removed: Bool
+    """(S, B) beams that pass through it."""
+
+
+@record
+class Tolerance:
+    """What may be taken for the background, and which sweeps may be compared with it. None: as the background has it."""
+
+    threshold: float | None = None
+    """Least |r_w - r_e| [m] that counts; by default from the noise."""
+    distance: float | None = None
+    """Farthest station [m]."""
+    angle: float | None = None
+    """Greatest difference of heading [rad]."""
+    removed: bool = False
+    """Also look for what is gone."""
+    max_gap: int = 2
+    """So many beams without a return are lost, more say that nothing is there."""
+
+
+class Subtraction:
+    """A background, prepared for sweeps to be compared with it."""
+
+    def __init__(self, background: Background, tolerance: Tolerance | None = None) -> None:
+        self.background = background
+        self.tolerance = tolerance or Tolerance()
+        self._around: dict[int, Surroundings] = {}
+        self._known: Lines | None = None
+        with np.errstate(invalid="ignore"):
+            self._two = bool((background.r_near < background.r_e).any())
+
+    def difference(self, batch: SweepBatch, sigma: Float64) -> Difference:
+        """Compare sweeps of this sensor with the background of the place where they were taken.
+
+        Parameters
+        ----------
+        batch : S sweeps of up to B beams
+        sigma : (S,) noise of their ranges [m]
+        """
+        station, away = self._stations(batch)
+        result = nothing_known(batch, station, away)
+        posed = batch.poses is not None and bool(self.background.posed.any())
+        moved = shift(batch.poses, self.background.poses.rows(station)) if posed and batch.poses else None
+        here = self.background.grid.fits(batch)
+        if moved is not None:
+            here &= moved.none
+        for rows in (np.flatnonzero(here & (station >= 0)), np.flatnonzero(~here & (station >= 0))):
+            if not len(rows):
+                continue
+            whole = len(rows) == len(batch)
+            part = batch if whole else batch.rows(rows)
+            if here[rows[0]]:
+                found = self._here(part, station[rows], sigma[rows])
+            else:
+                found = self._elsewhere(part, station[rows], sigma[rows], moved and moved.rows(rows))
+            if whole:
+                return replace(found, station=station, away=away)
+            assemble(result, [(rows, replace(found, station=station[rows], away=away[rows]))])
+        return result
+
+    def _stations(self, batch: SweepBatch) -> tuple[Int64, Float64]:
+        """The station of each sweep, and how far the nearest is."""
+        background, count = self.background, len(batch)
+        only = np.zeros(count, np.int64)
+        if not len(background):
+            return only - 1, np.full(count, np.inf)
+        if not background.posed.any():
+            return only, np.zeros(count)
+        if batch.poses is None:
+            # A parked sensor needs no pose; one that moved does.
+            return (only, np.zeros(count)) if len(background) == 1 else (only - 1, np.full(count, np.inf))
+        distance = background.distance if self.tolerance.distance is None else self.tolerance.distance
+        angle = background.angle if self.tolerance.angle is None else self.tolerance.angle
+        return nearest(batch.poses, background.poses, distance, angle)
+
+    def _surroundings(self, reach: int) -> Surroundings:
+        if reach not in self._around:
+            self._around[reach] = surroundings(self.background, reach)
+        return self._around[reach]
+
+    def _here(self, batch: SweepBatch, station: Int64, sigma: Float64) -> Difference:
+        """Sweeps with the bearings of the background, taken where it was."""
+        around = self._surroundings(1)
+        beams = self.background.grid.beams
+        at = station[:1] if bool((station == station[0]).all()) else station
+        return self._judge(
+            batch,
+            batch.ranges[:, :beams],
+            around.near[at],
+            around.far[at],
+            around.r_e[at],
+            around.returns[at],
+            self._threshold(around.spread[at], sigma, 0.0),
+            around.r_near[at] if self._two else None,
+        )
+
+    def _elsewhere(
+        self, batch: SweepBatch, station: Int64, sigma: Float64, moved: Shift | None
+    ) -> Difference:
+        """Sweeps with other bearings, or taken beside a station."""
+        background = self.background
+        if moved is not None:
+            if self._known is None:
+                self._known = lines(background.grid, background.r_e)
+            moved = align(batch, background.grid, self._known, station, moved)
+        beam, ranges = project(batch, background.grid, moved)
+        # A coarse sweep may look anywhere between its beams.
+        reach = np.maximum(np.rint(np.abs(batch.angle_increment / background.grid.angle_increment)), 1)
+        near, far, r_e, spread = (np.full(beam.shape, np.nan, np.float32) for _ in range(4))
+        returns = np.zeros(beam.shape, bool)
+        for width in np.unique(reach).astype(int).tolist():
+            around = self._surroundings(width)
+            row, column = np.nonzero((beam >= 0) & (reach == width)[:, None])
+            place = station[row], beam[row, column]
+            # From beside a station what is behind an edge is seen, and what is before it.
+            near[row, column], far[row, column] = around.nearest[place], around.far[place]
+            r_e[row, column], spread[row, column] = around.r_e[place], around.spread[place]
+            returns[row, column] = around.returns[place]
+        threshold = self._threshold(spread, sigma, 0.0 if moved is None else ALIGNED)
+        found = self._judge(batch, ranges.astype(np.float32), near, far, r_e, returns, threshold)
+        if moved is None or not self.tolerance.removed:
+            return found
+        seen = expected(batch, background.grid, background.r_e[station], moved).astype(np.float32)
+        gone = self._judge(
+            batch, batch.ranges, np.full_like(seen, -np.inf), _farthest(batch, seen), seen, returns, threshold
+        )
+        removed = gone.removed & ~found.appeared
+        return replace(
+            found,
+            removed=removed,
+            r_e=np.where(removed, gone.r_e, found.r_e),
+            difference=np.where(removed, gone.difference, found.difference),
+        )
+
+    def _threshold(self, spread: Float32, sigma: Float64, error: float) -> Float32:
+        """(S, B) or (1, 1) the least difference that counts [m]."""
+        if self.tolerance.threshold is not None:
+            return np.full((1, 1), self.tolerance.threshold, np.float32)
+        noisy = np.maximum(spread, sigma.astype(np.float32)[:, None])
+        noisy *= np.float32(NOISE_GAIN)
+        noisy += np.float32(error)
+        threshold: Float32 = np.maximum(noisy, np.float32(FLOOR), out=noisy)
+        return threshold
+
+    def _judge(
+        self,
+        batch: SweepBatch,
+        ranges: Float32,
+        near: Float32,
+        far: Float32,
+        r_e: Float32,
+        returns: Bool,
+        threshold: Float32,
+        also: Float32 | None = None,
+    ) -> Difference:
+        """Compare ranges with what is known of their directions; all (S, B), the known may be one row for all.
+
+        What is as far as `also` is background, too.
+        """
+        width = ranges.shape[1]
+        status = batch.status[:, :width]
+        nothing = status == Status.NO_RETURN
+        limit = greatest_range(batch)[:, None]
+        with np.errstate(invalid="ignore"):
+            known = ~np.isnan(r_e) & (status <= Status.NO_RETURN)
+            difference = np.where(nothing, limit, ranges) - np.minimum(r_e, limit)
+            nearer = -difference
+            if also is not None:
+                nearer[np.abs(ranges - also) <= threshold] = 0.0
+            appeared = _runs(nearer, near - ranges, threshold)
+            removed = np.zeros(ranges.shape, bool)
+            if self.tolerance.removed:
+                lost = nothing & returns & np.isfinite(far)
+                removed = _runs(difference, ranges - far, threshold, lost, self.tolerance.max_gap)
+            difference[~np.isfinite(difference)] = np.nan
+        return Difference(
+            station=np.zeros(0, np.int64),
+            away=np.zeros(0),
+            known=known,
+            r_e=np.broadcast_to(r_e, ranges.shape),
+            difference=difference,
+            appeared=appeared,
+            removed=removed,
+        )
+
+
+def nothing_known(batch: SweepBatch, station: Int64 | None = None, away: Float64 | None = None) -> Difference:
+    """The difference of sweeps from a background that nobody has."""
+    shape = batch.ranges.shape
+    return Difference(
+        station=np.full(len(batch), -1) if station is None else station,
+        away=np.full(len(batch), np.inf) if away is None else away,
+        known=np.zeros(shape, bool),
+        r_e=np.full(shape, np.nan, np.float32),
+        difference=np.full(shape, np.nan, np.float32),
+        appeared=np.zeros(shape, bool),
+        removed=np.zeros(shape, bool),
+    )
+
+
+def assemble(whole: Difference, parts: list[tuple[Int64, Difference]]) -> Difference:
+    """Put the differences of some sweeps into the place of these rows."""
+    for rows, part in parts:
+        whole.station[rows], whole.away[rows] = part.station, part.away
+        for name in ("known", "r_e", "difference", "appeared", "removed"):
+            values = getattr(part, name)
+            getattr(whole, name)[rows, : values.shape[1]] = values
+    return whole
+
+
+def _farthest(batch: SweepBatch, seen: Float32) -> Float32:
+    """(S, B) the farthest that is seen at each beam and those beside it; NaN where the beam itself knows nothing."""
+    far = np.where(np.isnan(seen), -np.inf, seen)
+    wide = far.copy()
+    np.maximum(wide[:, 1:], far[:, :-1], out=wide[:, 1:])
+    np.maximum(wide[:, :-1], far[:, 1:], out=wide[:, :-1])
+    rows = np.flatnonzero(batch.closure != Closure.OPEN)
+    last = (batch.beams - 1)[rows]
+    ends = np.maximum(far[rows, 0], far[rows, last])
+    wide[rows, 0] = np.maximum(wide[rows, 0], ends)
+    wide[rows, last] = np.maximum(wide[rows, last], ends)
+    return np.where(np.isnan(seen), np.nan, wide)
+
+
+def _runs(
+    own: Float32, beyond: Float32, threshold: Float32, lost: Bool | None = None, most_lost: int = 0
+) -> Bool:
+    """Runs of beams that leave their own r_e, one of which leaves that of the beams beside it, too.
+
+    A depth edge that jitters by a beam gives runs without such a beam. A run of lost beams needs none if it is long.
+
+    Parameters
+    ----------
+    own : (S, B) how far each beam is beyond its own r_e [m]; NaN where that is not known
+    beyond : (S, B) how far it is beyond all of r_e around it [m]
+    threshold : (S, B) or (1, 1) metres; beside a beam beyond it `WEAK` of it is enough
+    lost : (S, B) beams without a return where there should be one
+    most_lost : more of these in a row are no accident
+
+    Returns
+    -------
+    (S, B) a single beam between two runs joins them if it is on their side of the background at all
+    """
+    candidate = own > np.float32(WEAK) * threshold
+    if lost is not None:
+        candidate |= lost
+    elif not candidate.any():
+        return candidate
+    width = max(own.shape[1], 1)
+    at = np.flatnonzero(candidate)
+    row = at // width
+    begins = np.ones(len(at), bool)
+    begins[1:] = (at[1:] - at[:-1] > 1) | (row[1:] != row[:-1])
+    start = np.flatnonzero(begins)
+    limit = np.broadcast_to(threshold, own.shape)[row, at - row * width]
+    evidence = (beyond.reshape(-1)[at] > limit) * np.int64(most_lost + 1)
+    if lost is not None:
+        evidence += lost.reshape(-1)[at]
+    sure = np.add.reduceat(evidence, start) > most_lost if len(at) else np.zeros(0, bool)
+    kept = at[np.repeat(sure, np.diff(np.append(start, len(at))))]
+    result = np.zeros(own.shape, bool)
+    flat = result.reshape(-1)
+    flat[kept] = True
+    alone = (kept[1:] - kept[:-1] == 2) & (kept[1:] // width == kept[:-1] // width)
+    hole = kept[:-1][alone] + 1
+    flat[hole[own.reshape(-1)[hole] > 0]] = True
+    return result

@@ -1,0 +1,57 @@
+cimport cython
+
+from lidarcli.formalism cimport native
+from lidarcli.formalism.description cimport columns as tables
+from lidarcli.formalism.description cimport describe as descriptions
+from lidarcli.formalism.description cimport parts as assembly
+from lidarcli.formalism.description.columns cimport Columns
+from lidarcli.formalism.description.describe cimport Description
+from lidarcli.formalism.surfaces cimport faces as surfaces
+from lidarcli.formalism.surfaces cimport fragments, legs, objects, protrusions, vertices, walls
+from lidarcli.formalism.surfaces cimport survey as surveys
+from lidarcli.formalism.surfaces.faces cimport Faces
+from lidarcli.formalism.surfaces.fragments cimport Bodies
+from lidarcli.formalism.surfaces.protrusions cimport Protrusions
+from lidarcli.formalism.surfaces.survey cimport Survey
+from lidarcli.formalism.surfaces.walls cimport Lines
+from lidarcli.formalism.sweep cimport breakpoints as breaks
+from lidarcli.formalism.sweep cimport noise as noises
+from lidarcli.formalism.sweep cimport points as sweep
+from lidarcli.formalism.sweep cimport segments as cuts
+from lidarcli.formalism.sweep.breakpoints cimport Breakpoints
+from lidarcli.formalism.sweep.noise cimport Noise
+from lidarcli.formalism.sweep.points cimport Points, Scans
+from lidarcli.formalism.sweep.segments cimport Segments
+
+cdef double NAN
+
+
+cdef class Core:
+    cdef bint robust, adaptive, by_mean, report_walls
+    cdef double threshold, group_gap
+    cdef Scans scans
+    cdef Points points
+    cdef Noise noise
+    cdef Breakpoints breakpoints
+    cdef Segments segments
+    cdef Faces faces
+    cdef Survey survey
+    cdef Protrusions protrusions
+    cdef Lines lines
+    cdef Bodies bodies
+    cdef Description description
+    cdef list owner
+    cdef Py_ssize_t* inner
+
+    cpdef Py_ssize_t detect(self, Columns columns, Py_ssize_t row) except -1
+    cpdef measure_noise(self, object sigma)
+    cpdef measure_differences(self, object s)
+
+
+cdef void write_differences(Points points, Scans scans, double* out) noexcept nogil
+cdef void detect_row(Core core, Columns columns, Py_ssize_t row) noexcept nogil
+cdef void _as_printed(Core core) noexcept nogil
+cdef void _take_mask(Core core) noexcept nogil
+cdef void _within_mask(Core core) noexcept nogil
+cdef void _as_sensors_need(Core core) noexcept nogil
+cdef void _settle(Core core) noexcept nogil

@@ -1,0 +1,199 @@
+"""One sweep after the other through the definitions, in their order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lidarcli.formalism import native
+from lidarcli.formalism.description import columns as tables
+from lidarcli.formalism.description import describe as descriptions
+from lidarcli.formalism.description import parts as assembly
+from lidarcli.formalism.description.columns import Columns
+from lidarcli.formalism.description.describe import Description
+from lidarcli.formalism.parameters import Parameters
+from lidarcli.formalism.surfaces import faces as surfaces
+from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, vertices, walls
+from lidarcli.formalism.surfaces import survey as surveys
+from lidarcli.formalism.surfaces.faces import Faces
+from lidarcli.formalism.surfaces.fragments import Bodies
+from lidarcli.formalism.surfaces.protrusions import Protrusions
+from lidarcli.formalism.surfaces.survey import Survey
+from lidarcli.formalism.surfaces.walls import Lines
+from lidarcli.formalism.sweep import breakpoints as breaks
+from lidarcli.formalism.sweep import noise as noises
+from lidarcli.formalism.sweep import points as sweep
+from lidarcli.formalism.sweep import segments as cuts
+from lidarcli.formalism.sweep.breakpoints import Breakpoints
+from lidarcli.formalism.sweep.noise import Noise
+from lidarcli.formalism.sweep.points import Points, Scans
+from lidarcli.formalism.sweep.segments import Segments
+
+NAN = float("nan")
+
+
+class Core:
+    """What is needed to find the objects of sweeps: room for one sweep, and the parameters."""
+
+    def __init__(self, scans: Scans, parameters: Parameters) -> None:
+        """Room for the sweeps of a batch."""
+        most = max(scans.width, 1)
+        self.robust = parameters.profile == "robust"
+        adaptive = parameters.threshold == "adaptive"
+        self.adaptive = adaptive
+        self.by_mean = parameters.threshold == "mean"
+        self.threshold = 0.0 if isinstance(parameters.threshold, str) else parameters.threshold
+        self.report_walls = parameters.walls
+        self.group_gap = parameters.group_gap
+        self.scans = scans
+        self.points = Points(most)
+        self.noise = Noise(most)
+        self.breakpoints = Breakpoints(most, adaptive, parameters.max_gap)
+        self.segments = Segments(most)
+        self.faces = Faces(most)
+        self.survey = Survey(most, parameters.min_beams, parameters.max_width)
+        self.protrusions = Protrusions(most)
+        self.lines = Lines(most)
+        self.bodies = Bodies(most)
+        self.description = Description(most, self.robust, adaptive)
+        self.owner: list[Any] = []
+        self.inner = native.integers(self.owner, 2 * most)
+
+    def detect(self, columns: Columns, row: int) -> int:
+        """Write the objects of the sweeps from a row on; returns the row for which the columns have no room."""
+        lock = native.release()
+        while row < self.scans.rows and tables.has_room(columns, self.points.most):
+            detect_row(self, columns, row)
+            row += 1
+        native.resume(lock)
+        return row
+
+    def measure_noise(self, sigma: Any) -> None:
+        """Write the noise of every sweep to an array (S,) [m]."""
+        out = native.at_doubles(sigma)
+        lock = native.release()
+        for row in range(self.scans.rows):
+            out[row] = noises.sigma_of(self.noise, self.scans, row)
+        native.resume(lock)
+
+    def measure_differences(self, s: Any) -> None:
+        """Write Def. 2's difference of every beam to an array (S, B) [m]."""
+        out = native.at_doubles(s)
+        for row in range(self.scans.rows):
+            sweep.load(self.points, self.scans, row)
+            sweep.differences(self.points)
+            write_differences(self.points, self.scans, out)
+
+
+def write_differences(points: Points, scans: Scans, out: Any) -> None:
+    """Write s at the beams of a sweep; NaN where the beam or its neighbour has no range."""
+    begin = points.row * scans.width
+    for beam in range(begin, begin + scans.width):
+        out[beam] = NAN
+    for k in range(points.count):
+        if points.missing[k] == 0:
+            out[begin + sweep.beam_at(points, points.position[k])] = points.s[k]
+
+
+def detect_row(core: Core, columns: Columns, row: int) -> None:
+    """Definitions 1 to 7 on the sweep in a row of a batch."""
+    sweep.load(core.points, core.scans, row)
+    sweep.differences(core.points)
+    d_mean = sweep.mean_difference(core.points)
+    core.points.sigma = noises.sigma_of(core.noise, core.scans, row)
+    if core.adaptive:
+        core.points.d_th = breaks.noise_threshold(core.points.sigma)
+    else:
+        core.points.d_th = d_mean if core.by_mean else core.threshold
+    breaks.find(core.breakpoints, core.points, core.scans)
+    cuts.cut(core.segments, core.points, core.breakpoints, core.scans)
+    surveys.measure(core.survey, core.points, core.segments)
+    if not core.robust:
+        _as_printed(core)
+    elif core.scans.has_within:
+        _within_mask(core)
+    else:
+        _as_sensors_need(core)
+    if core.group_gap > 0:
+        legs.group(core.survey, core.points, core.segments, core.group_gap)
+    if core.robust:
+        _settle(core)
+    assembly.assemble(core.description.parts, core.survey, core.points, core.segments, core.report_walls)
+    descriptions.describe(
+        core.description, columns, core.points, core.segments, core.survey, core.bodies, core.faces
+    )
+    columns.d_mean[row], columns.sweep_d_th[row], columns.noise[row] = (
+        d_mean,
+        core.points.d_th,
+        core.points.sigma,
+    )
+    if columns.per_beam:
+        write_differences(core.points, core.scans, columns.beam_s)
+
+
+def _as_printed(core: Core) -> None:
+    """Profile `paper`: Definitions 5 to 7 as printed; a mask tells the objects in place of their edges."""
+    vertices.mark(core.points, core.segments, core.inner, core.description.outline.extremum)
+    core.faces.count = 0
+    for j in range(core.segments.count):
+        core.faces.offset[j] = core.faces.count
+        surfaces.between(core.faces, core.points, core.segments, j, core.inner)
+        core.survey.label[j] = core.bodies.label[j] = j
+    core.faces.offset[core.segments.count] = core.faces.count
+    surveys.measure_reach(core.survey, core.points, core.segments, core.faces)
+    if core.scans.has_within:
+        _take_mask(core)
+        objects.known(core.survey, core.segments)
+    else:
+        objects.fully_visible(core.survey, core.segments)
+    for j in range(core.segments.count):
+        core.survey.wall[j] = core.segments.size[j] >= core.survey.min_beams and not core.survey.is_object[j]
+
+
+def _take_mask(core: Core) -> None:
+    """Which segments are within the mask: none crosses its border."""
+    for j in range(core.segments.count):
+        core.survey.candidate[j] = breaks.is_within(core.points, core.scans, core.segments.first[j])
+        core.survey.wall[j] = False
+
+
+def _within_mask(core: Core) -> None:
+    """Profile `robust` where the segments that belong to objects are known: no walls to look for."""
+    _take_mask(core)
+    core.faces.count = 0
+    for j in range(core.segments.count):
+        core.faces.offset[j] = core.faces.count
+        if core.survey.candidate[j]:
+            surfaces.straight(
+                core.faces, core.points, core.segments, j, core.segments.size[j], core.survey.tolerance[j]
+            )
+    core.faces.offset[core.segments.count] = core.faces.count
+    surveys.measure_reach(core.survey, core.points, core.segments, core.faces)
+    fragments.join(core.bodies, core.survey, core.points, core.segments, core.survey.candidate)
+    objects.known_bodies(core.survey, core.segments, core.bodies)
+    for j in range(core.segments.count):
+        core.survey.label[j] = core.bodies.label[j]
+
+
+def _as_sensors_need(core: Core) -> None:
+    """Profile `robust`: the same definitions with the estimates a real sensor needs."""
+    surveys.find_faces(core.survey, core.points, core.segments, core.faces)
+    protrusions.find(core.protrusions, core.survey, core.points, core.segments, core.faces)
+    protrusions.divide(core.protrusions, core.survey, core.points, core.segments, core.faces)
+    surveys.measure_reach(core.survey, core.points, core.segments, core.faces)
+    walls.by_extent(core.survey, core.points, core.segments, core.faces)
+    walls.by_lines(core.lines, core.survey, core.points, core.segments, core.faces)
+    objects.pieces(core.survey, core.segments)
+    fragments.join(core.bodies, core.survey, core.points, core.segments, core.survey.candidate)
+    objects.choose(core.survey, core.points, core.segments, core.bodies)
+    for j in range(core.segments.count):
+        core.survey.label[j] = core.bodies.label[j]
+
+
+def _settle(core: Core) -> None:
+    """The faces of what is reported, with one vertex for each corner."""
+    core.faces.count = 0
+    for j in range(core.segments.count):
+        core.faces.offset[j] = core.faces.count
+        if core.survey.is_object[j] or (core.report_walls and core.survey.wall[j]):
+            surfaces.settled(core.faces, core.points, core.segments, j, core.survey.tolerance[j])
+    core.faces.offset[core.segments.count] = core.faces.count

@@ -1,0 +1,51 @@
+cimport cython
+cimport libc.math as math
+
+from lidarcli.formalism cimport native
+from lidarcli.formalism.sweep.points cimport Points
+from lidarcli.formalism.sweep.segments cimport Segments
+
+cdef Py_ssize_t MAX_SPLITS, PASSES
+cdef double BLUNT, INFINITY
+
+
+cdef class Faces:
+    cdef list owner
+    cdef Py_ssize_t* offset
+    cdef Py_ssize_t* segment
+    cdef Py_ssize_t* first
+    cdef Py_ssize_t* last
+    cdef Py_ssize_t* points
+    cdef double* middle_x
+    cdef double* middle_y
+    cdef double* direction_x
+    cdef double* direction_y
+    cdef double* rms
+    cdef double* length
+    cdef readonly Py_ssize_t count, n
+    cdef double* x
+    cdef double* y
+    cdef Py_ssize_t* inner
+    cdef Py_ssize_t* vertex
+    cdef double* share
+    cdef double* away
+
+
+cdef void straight(
+    Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t most, double tolerance
+) noexcept nogil
+cdef void settled(Faces faces, Points points, Segments segments, Py_ssize_t j, double tolerance) noexcept nogil
+cdef void between(Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t* inner) noexcept nogil
+cdef void _trace(Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t stride) noexcept nogil
+cdef void split(Faces faces, double tolerance) noexcept nogil
+cdef void _split(Faces faces, Py_ssize_t begin, Py_ssize_t end, double tolerance, Py_ssize_t levels) noexcept nogil
+cdef Py_ssize_t _farthest(Faces faces, Py_ssize_t begin, Py_ssize_t end, double tolerance) noexcept nogil
+@cython.locals(low=bint)
+cdef void _drop_flat(Faces faces, double tolerance) noexcept nogil
+@cython.locals(found=bint)
+cdef bint _drop_doubled(Faces faces, Py_ssize_t start, Py_ssize_t begin) noexcept nogil
+@cython.locals(usable=bint)
+cdef (bint, double, double) meeting(Faces faces, Py_ssize_t one, Py_ssize_t other) noexcept nogil
+cdef double turn(Faces faces, Py_ssize_t one, Py_ssize_t other) noexcept nogil
+cdef void _join(Faces faces, Segments segments, Py_ssize_t j, Py_ssize_t stride) noexcept nogil
+cdef void _fit(Faces faces, Py_ssize_t f, Py_ssize_t begin, Py_ssize_t end) noexcept nogil

@@ -1,0 +1,284 @@
+"""Definition 7: the faces of a segment, the straight stretches between consecutive vertices.
+
+They are found by splitting and merging: a stretch splits at its point farthest from the chord, as long as that distance
+exceeds a tolerance (iterative end point fit; Nguyen et al. 2005); vertices that turn out to be flat between their
+neighbours are dropped again, and so is one of two beside the same corner.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from lidarcli.formalism import native
+from lidarcli.formalism.sweep.points import Points
+from lidarcli.formalism.sweep.segments import Segments
+
+MAX_SPLITS = 24
+"""Levels of splitting; a segment of n points needs log2 n, a jagged one more."""
+PASSES = 4
+"""Flat vertices are dropped one neighbourhood at a time; more passes than this are never needed in practice."""
+BLUNT = math.sin(math.radians(20.0))
+"""Sine of the least angle at which lines meet; closer to parallel they meet too far away to say where the corner is."""
+INFINITY = float("inf")
+
+
+class Faces:
+    """The `count` faces of the segments of a sweep, in order; consecutive faces of a segment share a vertex.
+
+    Segment j has the faces `offset[j] … offset[j + 1] - 1`. The straight line of a face is given by its middle and its
+    direction, a unit vector from its first to its last point: total least squares over its points.
+    """
+
+    def __init__(self, most: int) -> None:
+        """Room for sweeps of up to so many beams."""
+        self.owner: list[Any] = []
+        self.offset = native.integers(self.owner, most + 1)
+        self.segment = native.integers(self.owner, 2 * most)
+        self.first = native.integers(self.owner, 2 * most)
+        self.last = native.integers(self.owner, 2 * most)
+        self.points = native.integers(self.owner, 2 * most)
+        self.middle_x = native.doubles(self.owner, 2 * most)
+        self.middle_y = native.doubles(self.owner, 2 * most)
+        self.direction_x = native.doubles(self.owner, 2 * most)
+        self.direction_y = native.doubles(self.owner, 2 * most)
+        self.rms = native.doubles(self.owner, 2 * most)
+        """Root mean square distance of its points from the line [m]."""
+        self.length = native.doubles(self.owner, 2 * most)
+        """Distance of its end points along the line [m]."""
+        self.count = 0
+        # The n points that stand for a segment while its faces are sought, and which of them are inner vertices.
+        self.n = 0
+        self.x = native.doubles(self.owner, most + 1)
+        self.y = native.doubles(self.owner, most + 1)
+        self.inner = native.integers(self.owner, most + 1)
+        self.vertex = native.integers(self.owner, most + 1)
+        self.share = native.doubles(self.owner, most + 1)
+        self.away = native.doubles(self.owner, most + 1)
+
+
+def straight(faces: Faces, points: Points, segments: Segments, j: int, most: int, tolerance: float) -> None:
+    """Append the faces of a segment that is split until every point is near the chord of its face.
+
+    Parameters
+    ----------
+    j : the segment; fewer than 2 points have no face
+    most : to about how many points it is thinned evenly before
+    tolerance : greatest distance from the chord [m]
+    """
+    size = segments.size[j]
+    if most < 2 or size < 2:
+        return
+    stride = (size + most - 1) // most if size > most else 1
+    _trace(faces, points, segments, j, stride)
+    split(faces, tolerance)
+    _join(faces, segments, j, stride)
+
+
+def settled(faces: Faces, points: Points, segments: Segments, j: int, tolerance: float) -> None:
+    """Append straight faces whose vertices stand out between their neighbours, one for each corner.
+
+    Splitting at the farthest point leaves vertices that are flat once their neighbours are known, and two of them
+    where a corner lies between two beams.
+    """
+    if segments.size[j] < 2:
+        return
+    begin = faces.count
+    _trace(faces, points, segments, j, 1)
+    split(faces, tolerance)
+    _drop_flat(faces, tolerance)
+    _join(faces, segments, j, 1)
+    if _drop_doubled(faces, segments.first[j], begin):
+        faces.count = begin
+        _join(faces, segments, j, 1)
+
+
+def between(faces: Faces, points: Points, segments: Segments, j: int, inner: Any) -> None:
+    """Append the faces between the inner vertices that are marked among the points."""
+    if segments.size[j] < 2:
+        return
+    _trace(faces, points, segments, j, 1)
+    for k in range(faces.n):
+        faces.inner[k] = inner[segments.first[j] + k]
+    _join(faces, segments, j, 1)
+
+
+def _trace(faces: Faces, points: Points, segments: Segments, j: int, stride: int) -> None:
+    """Let every so many-th point of a segment stand for it, and its last."""
+    x, y, first, last, k, n = faces.x, faces.y, segments.first[j], segments.size[j] - 1, 0, 0
+    while k < last:
+        x[n] = points.x[first + k]
+        y[n] = points.y[first + k]
+        n += 1
+        k += stride
+    x[n] = points.x[first + last]
+    y[n] = points.y[first + last]
+    faces.n = n + 1
+
+
+def split(faces: Faces, tolerance: float) -> None:
+    """Mark the inner vertices of what stands for a segment: where its faces meet."""
+    for k in range(faces.n):
+        faces.inner[k] = False
+    _split(faces, 0, faces.n - 1, tolerance, MAX_SPLITS)
+
+
+def _split(faces: Faces, begin: int, end: int, tolerance: float, levels: int) -> None:
+    if end - begin < 2 or levels == 0:
+        return
+    at = _farthest(faces, begin, end, tolerance)
+    if at < 0:
+        return
+    faces.inner[at] = True
+    _split(faces, begin, at, tolerance, levels - 1)
+    _split(faces, at, end, tolerance, levels - 1)
+
+
+def _farthest(faces: Faces, begin: int, end: int, tolerance: float) -> int:
+    """The first point farthest from the chord of a stretch, -1 where none is beyond the tolerance."""
+    x, y, away = faces.x, faces.y, faces.away
+    x0, y0 = x[begin], y[begin]
+    dx, dy = x[end] - x0, y[end] - y0
+    length = math.sqrt(dx * dx + dy * dy)
+    if length < tolerance:
+        # The chord is a point.
+        for k in range(begin + 1, end):
+            away[k] = math.sqrt((x[k] - x0) * (x[k] - x0) + (y[k] - y0) * (y[k] - y0))
+    else:
+        scale = 1.0 / length
+        normal_x, normal_y = dy * scale, -dx * scale
+        base = x0 * normal_x + y0 * normal_y
+        for k in range(begin + 1, end):
+            away[k] = abs(normal_x * x[k] + normal_y * y[k] - base)
+    best, at = tolerance, -1
+    for k in range(begin + 1, end):
+        if away[k] > best:
+            best, at = away[k], k
+    return at
+
+
+def _drop_flat(faces: Faces, tolerance: float) -> None:
+    """Unmark the vertices within the tolerance of their neighbours' chord and flatter than both; not neighbours at once."""
+    x, y, inner, vertex, share, count = faces.x, faces.y, faces.inner, faces.vertex, faces.share, 0
+    for k in range(faces.n):
+        if inner[k] or k == 0 or k == faces.n - 1:
+            vertex[count] = k
+            count += 1
+    for _ in range(PASSES):
+        share[0] = share[count - 1] = INFINITY
+        low = False
+        for k in range(1, count - 1):
+            a, b, c = vertex[k - 1], vertex[k], vertex[k + 1]
+            chord_x, chord_y = x[c] - x[a], y[c] - y[a]
+            length = math.sqrt(chord_x * chord_x + chord_y * chord_y)
+            share[k] = INFINITY
+            if length > tolerance:
+                share[k] = abs((x[b] - x[a]) * chord_y - (y[b] - y[a]) * chord_x) / length / tolerance
+                low = low or share[k] <= 1.0
+        if not low:
+            break
+        kept = 1
+        for k in range(1, count):
+            if k < count - 1 and share[k] <= 1.0 and share[k] < share[k - 1] and share[k] <= share[k + 1]:
+                inner[vertex[k]] = False
+            else:
+                vertex[kept] = vertex[k]
+                kept += 1
+        if kept == count:
+            break
+        count = kept
+
+
+def _drop_doubled(faces: Faces, start: int, begin: int) -> bool:
+    """Of two vertices on neighbouring points unmark the one further from where the faces beside them meet.
+
+    Parameters
+    ----------
+    start : the first point of the segment, of which no point is left out
+    begin : its first face
+
+    Returns
+    -------
+    Whether there were any.
+    """
+    x, y, found = faces.x, faces.y, False
+    for f in range(begin + 1, faces.count - 1):
+        if faces.points[f] != 2 or faces.points[f - 1] <= 2 or faces.points[f + 1] <= 2:
+            continue
+        usable, meet_x, meet_y = meeting(faces, f - 1, f + 1)
+        a, b = faces.first[f] - start, faces.last[f] - start
+        from_a = (x[a] - meet_x) * (x[a] - meet_x) + (y[a] - meet_y) * (y[a] - meet_y)
+        from_b = (x[b] - meet_x) * (x[b] - meet_x) + (y[b] - meet_y) * (y[b] - meet_y)
+        if usable and min(from_a, from_b) < 4.0 * faces.length[f] * faces.length[f]:
+            faces.inner[a if from_a > from_b else b] = False
+            found = True
+    return found
+
+
+def meeting(faces: Faces, one: int, other: int) -> tuple[bool, float, float]:
+    """Whether the lines of two faces meet at a usable angle, and where: x, y [m]."""
+    ax, ay = faces.direction_x[one], faces.direction_y[one]
+    bx, by = faces.direction_x[other], faces.direction_y[other]
+    dx, dy = faces.middle_x[other] - faces.middle_x[one], faces.middle_y[other] - faces.middle_y[one]
+    cross = ax * by - ay * bx
+    usable = abs(cross) > BLUNT
+    along = (dx * by - dy * bx) / (cross if usable else 1.0)
+    return usable, faces.middle_x[one] + along * ax, faces.middle_y[one] + along * ay
+
+
+def turn(faces: Faces, one: int, other: int) -> float:
+    """Sine of the angle by which one face turns left from another."""
+    return (
+        faces.direction_x[one] * faces.direction_y[other] - faces.direction_y[one] * faces.direction_x[other]
+    )
+
+
+def _join(faces: Faces, segments: Segments, j: int, stride: int) -> None:
+    """Append the faces between the vertices that are marked; a vertex between two faces belongs to both."""
+    begin, last, first = 0, faces.n - 1, segments.first[j]
+    while begin < last:
+        end = begin + 1
+        while end < last and not faces.inner[end]:
+            end += 1
+        f = faces.count
+        faces.segment[f] = j
+        faces.first[f] = first + begin * stride
+        faces.last[f] = first + (end * stride if end < last else segments.size[j] - 1)
+        faces.points[f] = end - begin + 1
+        _fit(faces, f, begin, end)
+        faces.count += 1
+        begin = end
+
+
+def _fit(faces: Faces, f: int, begin: int, end: int) -> None:
+    """The straight line of a face: total least squares of its points, with moments about the first of them."""
+    x, y, x0, y0 = faces.x, faces.y, faces.x[begin], faces.y[begin]
+    sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(begin, end + 1):
+        dx, dy = x[k] - x0, y[k] - y0
+        sum_x += dx
+        sum_y += dy
+        sum_xy += dx * dy
+        sum_xx += dx * dx
+        sum_yy += dy * dy
+    share = 1.0 / (end - begin + 1)
+    mean_x, mean_y = sum_x * share, sum_y * share
+    xy = sum_xy * share - mean_x * mean_y
+    xx = sum_xx * share - mean_x * mean_x
+    yy = sum_yy * share - mean_y * mean_y
+    half = 0.5 * (xx - yy)
+    root = math.sqrt(half * half + xy * xy)
+    # The line has half the angle of (half, xy); where all points are one, any.
+    far = root + abs(half)
+    norm = math.sqrt(far * far + xy * xy)
+    along, across = 1.0, 0.0
+    if norm > 0.0:
+        along, across = far * (1.0 / norm), xy * (1.0 / norm)
+    direction_x = along if half >= 0.0 else across
+    direction_y = across if half >= 0.0 else along
+    length = (x[end] - x0) * direction_x + (y[end] - y0) * direction_y
+    side = -1.0 if length < 0.0 else 1.0
+    faces.middle_x[f], faces.middle_y[f] = x0 + mean_x, y0 + mean_y
+    faces.direction_x[f], faces.direction_y[f] = side * direction_x, side * direction_y
+    faces.rms[f] = math.sqrt(max(0.5 * (xx + yy) - root, 0.0))
+    faces.length[f] = abs(length)

@@ -1,0 +1,38 @@
+cimport cython
+cimport libc.math as math
+
+from lidarcli.formalism cimport native
+from lidarcli.formalism.surfaces cimport faces as surfaces
+from lidarcli.formalism.surfaces.faces cimport Faces
+from lidarcli.formalism.sweep cimport points as sweep
+from lidarcli.formalism.sweep cimport segments as cuts
+from lidarcli.formalism.sweep.points cimport Points
+from lidarcli.formalism.sweep.segments cimport Segments
+
+cdef double STRAIGHT, STRAIGHT_NOISE
+cdef Py_ssize_t WALL_STRIDE, WALL_POINTS, FLAT, CONVEX, CONCAVE
+
+
+cdef class Survey:
+    cdef list owner
+    cdef Py_ssize_t min_beams
+    cdef double max_width
+    cdef double* chord
+    cdef double* tolerance
+    cdef double* reach
+    cdef Py_ssize_t* bend
+    cdef Py_ssize_t* partial
+    cdef Py_ssize_t* protrusion
+    cdef Py_ssize_t* wall
+    cdef Py_ssize_t* candidate
+    cdef Py_ssize_t* is_object
+    cdef Py_ssize_t* label
+
+
+cdef void measure(Survey survey, Points points, Segments segments) noexcept nogil
+cdef void find_faces(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
+cdef void measure_reach(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
+cdef Py_ssize_t bend_of(Faces faces, Py_ssize_t j) noexcept nogil
+cdef bint is_partial(Segments segments, Py_ssize_t j) noexcept nogil
+cdef bint is_end(Py_ssize_t edge) noexcept nogil
+cdef double share_of_walls(Survey survey, Points points, Segments segments) noexcept nogil
