@@ -20,9 +20,10 @@ from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, write_whole
 from lidarcli.simulate import simulate
+from tests.places import SAMPLES
 from tests.unprivileged import lidarcli
 
-ROOM = Path(__file__).parent.parent / "samples" / "room.mcap"
+ROOM = SAMPLES / "room.mcap"
 SCENE = ROOM.with_suffix(".toml")
 DETECT = [sys.executable, "-m", "lidarcli", "-q", "detect"]
 

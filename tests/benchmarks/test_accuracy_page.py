@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
-
-ROOT = Path(__file__).parents[2]
+from tests.places import ROOT
 
 
 def accuracy(*arguments: str, folder: str | None = None) -> subprocess.CompletedProcess[str]:

@@ -15,7 +15,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from lidarcli.reports import figures
-from tools.make_docs import ROOT
+from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "ci.md").read_text("utf-8")
 REPORTS = (ROOT / "docs" / "reports.md").read_text("utf-8")

@@ -23,7 +23,7 @@ from lidarcli.logs import (
 )
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv_layouts import LAYOUTS
-from tools.make_docs import ROOT
+from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
 EXAMPLES = dict(re.findall(r"^### (.+?)\n.*?^```csv\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL))

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import APPEARED, REMOVED
@@ -15,6 +14,7 @@ from lidarcli.simulate.entities import box, cylinder, plant, wall
 from lidarcli.simulate.random_scenes import KINDS, SENSORS, Kind, random_scene, sensor_with
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor, super_ellipse
 from lidarcli.sweeps import SweepBatch
+from tests.formalism.backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 
 SEEDS = range(6)
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from backgrounds import STEP, WIDE, found_in, learned, partial, with_poses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from lidarcli.formalism.detection import APPEARED, REMOVED, SHAPES, VISIBILITIES
 from lidarcli.formalism.subtraction import WEAK, Difference, Subtraction, Tolerance, _runs
 from lidarcli.formalism.threshold import noise
 from lidarcli.sweeps import TURN, Status, SweepBatch
+from tests.formalism.backgrounds import STEP, WIDE, found_in, learned, partial, with_poses
 
 GONE = Tolerance(removed=True)
 

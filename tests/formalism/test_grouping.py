@@ -6,12 +6,12 @@ from math import hypot
 
 import numpy as np
 import pytest
-from batches import batch_of
-from reference import EACH_BEARING_ONCE, Sweep
 
 from lidarcli.formalism import SHAPES, VISIBILITIES, Detection, Parameters, detect
 from lidarcli.formalism.grouping import joined
 from lidarcli.formalism.parameters import PROFILES, Profile
+from tests.formalism.batches import batch_of
+from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 
 STEP = 2 * np.pi / 720
 LEGS = ((352, 356), (364, 368), (376, 380))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from batches import batch_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_sweeps import random_sweep, small_sweeps
-from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Found, Sweep, paper
 
 from lidarcli.formalism import VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect, difference
+from tests.formalism.batches import batch_of
+from tests.formalism.random_sweeps import random_sweep, small_sweeps
+from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Found, Sweep, paper
 
 PAPER = Parameters.for_profile("paper")
 

@@ -13,15 +13,14 @@ import pytest
 import lidarcli.formalism
 import lidarcli.tables.rows  # noqa: F401  (all that is compiled is known once these are imported)
 from lidarcli import kernels
+from tests.places import REAL_LOGS, ROOT, SAMPLES, needs_real_logs
 
-COMPARING = Path(__file__).with_name("comparing.py")
-REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
+COMPARING = "tests.kernels.comparing"
 
 
 def _compare(*logs: Path) -> dict[str, int]:
-    done = subprocess.run(
-        [sys.executable, str(COMPARING), *map(str, logs)], capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, "-m", COMPARING, *map(str, logs)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     calls: dict[str, int] = json.loads(done.stdout)
     return calls
@@ -29,18 +28,16 @@ def _compare(*logs: Path) -> dict[str, int]:
 
 @pytest.mark.skipif(not kernels.PAIRS, reason="the kernels were not built")
 def test_every_kernel_agrees_with_what_it_stands_for() -> None:
-    calls = _compare(*sorted(Path("samples").glob("*.mcap")))
+    calls = _compare(*sorted(SAMPLES.glob("*.mcap")))
     assert calls.keys() == kernels.PAIRS.keys()
     assert min(calls.values()) > 80
 
 
 @pytest.mark.skipif(not kernels.PAIRS, reason="the kernels were not built")
-@pytest.mark.skipif(
-    "LIDARCLI_REAL_LOGS" not in os.environ, reason="LIDARCLI_REAL_LOGS names no folder of real logs"
-)
+@needs_real_logs
 @pytest.mark.parametrize("log", ["turtlebot", "leg_tracker", "pr2"])
 def test_every_kernel_agrees_on_real_logs(log: str) -> None:
-    smallest = min((REAL / log).glob("*.bag"), key=lambda path: path.stat().st_size)
+    smallest = min((REAL_LOGS / log).glob("*.bag"), key=lambda path: path.stat().st_size)
     assert _compare(smallest).keys() == kernels.PAIRS.keys()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +18,7 @@ from lidarcli.logs.csv_doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, U
 from lidarcli.logs.csv_log import CsvLog
 from lidarcli.logs.csv_runs import BACK, DOUBLED, TURNS
 from lidarcli.sweeps import RawSweeps, concatenate
+from tests.places import REAL_LOGS, needs_real_logs
 
 FOV = CsvOptions(fov=2 * np.pi)
 Table = Sequence[Sequence[object]] | np.ndarray
@@ -400,6 +400,7 @@ def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
     assert list(tmp_path.rglob("*.parquet")) == []
 
 
+@needs_real_logs
 @pytest.mark.parametrize(
     "name",
     [
@@ -411,10 +412,7 @@ def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
     ],
 )
 def test_sweeps_of_real_sensors_are_ranges(name: str) -> None:
-    folder = os.environ.get("LIDARCLI_REAL_LOGS")
-    if not folder:
-        pytest.skip("LIDARCLI_REAL_LOGS is not set")
-    with open_log(Path(folder) / name) as log:
+    with open_log(REAL_LOGS / name) as log:
         ranges = concatenate(list(log.scans())).ranges.astype(np.float64)
     judged = 0
     for table in (ranges, np.where(np.isfinite(ranges), np.rint(ranges * 1000), ranges)):

@@ -11,15 +11,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from numbered import indices
-from numbered import read_bag as read
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.sqlite_journal import MAGIC, roll_back
 from lidarcli.logs.sqlite_salvage import Salvage
-from tests.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
+from tests.logs.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
+from tests.logs.numbered import indices
+from tests.logs.numbered import read_bag as read
 
 pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 

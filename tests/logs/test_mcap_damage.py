@@ -11,18 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import lz4.frame
-import mcap_samples as samples
 import numpy as np
 import pytest
 import zstandard
 from mcap.writer import IndexType
-from mcap_samples import ranges_of, sample
-from scan_messages import scan
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import mcap_records
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.mcap import McapLog
+from tests.logs import mcap_samples as samples
+from tests.logs.mcap_samples import ranges_of, sample
+from tests.logs.scan_messages import scan
 
 
 @pytest.fixture(autouse=True)

@@ -18,10 +18,8 @@ import pytest
 import zstandard
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from mcap_samples import chunks
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
-from scan_messages import scan
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
@@ -32,6 +30,8 @@ from lidarcli.pipeline.inputs import Source, find_logs
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.many import detect_files
 from lidarcli.simulate.definitions import ros2_definition
+from tests.logs.mcap_samples import chunks
+from tests.logs.scan_messages import scan
 
 TF = "tf2_msgs/msg/TFMessage"
 CLOUD = "sensor_msgs/msg/PointCloud2"

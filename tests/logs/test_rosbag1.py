@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bz2
 import io
-import os
 import random
 import re
 import struct
@@ -12,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numbered import header, indices, laser_scan, record_time
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -22,10 +20,11 @@ from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag1 import Rosbag1Log
 from lidarcli.logs.rosbag1_feeds import ChunkFeed
 from lidarcli.logs.rosbag1_records import Search, judge, parse, walk
+from tests.logs.numbered import header, indices, laser_scan, record_time
+from tests.places import REAL_LOGS, needs_real_logs
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
 TYPES = STORE.types
-REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
 
 
 def scan(index: int, beams: int = 37) -> bytes:
@@ -576,10 +575,10 @@ COUNTS = {
 }
 
 
-@pytest.mark.skipif(not REAL.name, reason="LIDARCLI_REAL_LOGS is not set")
+@needs_real_logs
 @pytest.mark.parametrize("name", COUNTS)
 def test_real_logs(name: str) -> None:
-    with Rosbag1Log(str(REAL / name)) as log:
+    with Rosbag1Log(str(REAL_LOGS / name)) as log:
         counts: dict[str, int] = {}
         for block in log.scans():
             counts[block.topic] = counts.get(block.topic, 0) + len(block)

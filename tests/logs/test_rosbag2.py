@@ -12,8 +12,6 @@ from typing import Any
 
 import pytest
 import zstandard
-from numbered import indices, laser_scan, ranges_of, record_time
-from numbered import read_bag as read
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -25,12 +23,14 @@ from lidarcli.logs.rosbag2_folder import natural, read_folder
 from lidarcli.logs.rosbag2_unpack import unpack_file, unpack_message
 from lidarcli.logs.sqlite_salvage import Salvage
 from lidarcli.logs.unpacking import Unpacking
+from tests.logs.numbered import indices, laser_scan, ranges_of, record_time
+from tests.logs.numbered import read_bag as read
+from tests.places import REAL_LOGS, needs_real_logs
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
 SCAN = "sensor_msgs/msg/LaserScan"
 TEXT = "std_msgs/msg/String"
-REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
 
 
 def scan(index: int, beams: int = 37) -> bytes:
@@ -680,10 +680,10 @@ COUNTS = {
 }
 
 
-@pytest.mark.skipif(not REAL.name, reason="LIDARCLI_REAL_LOGS is not set")
+@needs_real_logs
 @pytest.mark.parametrize("name", COUNTS)
 def test_real_logs(name: str) -> None:
-    with Rosbag2Log(str(REAL / name)) as log:
+    with Rosbag2Log(str(REAL_LOGS / name)) as log:
         assert sum(map(len, log.scans())) == COUNTS[name]
         assert log.report.damage == []
         assert not log.report.refused

@@ -16,11 +16,11 @@ import pytest
 from lidarcli.reports import viewer
 from lidarcli.reports.summary import summarise
 from lidarcli.reports.viewer import Raw, choose, pack
+from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import run_of, sweep, thing, write_run
 
 Run = Callable[..., Any]
-SAMPLES = Path(__file__).parents[2] / "samples"
 EVIL = "</script><script>document.title='owned'</script><img src=x onerror=alert(1)>"
 
 

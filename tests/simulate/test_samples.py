@@ -1,7 +1,5 @@
 """The logs in samples/ are what the scenes beside them make today."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -11,8 +9,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.simulate import simulate
+from tests.places import SAMPLES
 
-SAMPLES = Path(__file__).parents[2] / "samples"
 LOGS = [
     ("room", "room.mcap", {}),
     ("room_empty", "room_empty.mcap", {"seed": 1}),

@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.bench import run
+from tests.places import ROOT
 
-BENCH = Path(__file__).parent.parent / "benchmarks" / "bench.py"
+BENCH = ROOT / "benchmarks" / "bench.py"
 
 
 def test_the_benchmark_runs(tmp_path: Path) -> None:
@@ -48,7 +49,7 @@ def test_the_full_benchmark_runs(tmp_path: Path) -> None:
         text=True,
         timeout=120,
         check=False,
-        cwd=BENCH.parent.parent,
+        cwd=ROOT,
     )
     assert done.returncode == 0, done.stderr
     figures = json.loads(target.read_text(encoding="utf-8"))

@@ -23,8 +23,8 @@ from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS
 from lidarcli.tables.background import GEOMETRY
 from lidarcli.tables.reading import GREATEST, MOST, read_columns
 from lidarcli.tables.schemas import BACKGROUND, NULLABLE, OBJECTS, SCHEMAS
+from tests.places import SAMPLES
 
-SAMPLES = Path(__file__).parent.parent / "samples"
 ALL = {**SCHEMAS, "background": BACKGROUND}
 
 
