@@ -90,6 +90,7 @@ def two_publishers(sweeps: int = 12) -> RawSweeps:
     )
 
 
+@pytest.mark.slow
 def test_more_topics_than_any_robot_has(tmp_path: Path, detect: Callable[..., Any]) -> None:
     path = tmp_path / "run.mcap"
     write_log(path, [block(sweeps=1, beams=20, topic=f"/scan_{number}") for number in range(1030)])

@@ -13,7 +13,7 @@ import pytest
 from lidarcli.cli import run
 from tests.places import REAL_LOGS, needs_real_logs
 
-pytestmark = needs_real_logs
+pytestmark = [needs_real_logs, pytest.mark.slow]
 
 
 @dataclass(frozen=True)

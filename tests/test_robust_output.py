@@ -21,6 +21,8 @@ from lidarcli.logs import open_log
 from lidarcli.simulate.writers import write_log
 from tests.sweeping import BOX, raw_sweeps, round_room
 
+pytestmark = pytest.mark.slow
+
 SWEEPS = 4000
 TABLES = ("beams", "objects", "sweeps")
 FINAL = [f"run.{table}.parquet" for table in TABLES]

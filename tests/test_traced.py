@@ -101,6 +101,7 @@ def cut(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [journal, write_ahead_log, views, pipe, cut])
 def test_reading_changes_nothing(make: Callable[[Path], Path], tmp_path: Path) -> None:
     victims, log = tmp_path / "victims", tmp_path / "log"

@@ -13,6 +13,8 @@ import pytest
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
 from tests.places import ROOT
 
+pytestmark = pytest.mark.slow
+
 
 def accuracy(*arguments: str, folder: str | None = None) -> subprocess.CompletedProcess[str]:
     environment = {"LIDARCLI_REAL_LOGS": folder} if folder else {}

@@ -80,6 +80,7 @@ def test_build_refuses_to_overwrite(scene: Path, tmp_path: Path, lidarcli: Run) 
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_pictures(scene: Path, tmp_path: Path, lidarcli: Run, suffix: str, magic: bytes) -> None:
     figures = [tmp_path / f"{name}{suffix}" for name in "ab"]

@@ -10,6 +10,8 @@ from tests.places import ROOT
 from tools import examples
 from tools.make_docs import WITH_EXAMPLES
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("page", WITH_EXAMPLES)
 def test_the_examples_of_a_page(page: str, tmp_path: Path) -> None:

@@ -32,10 +32,14 @@ EXAMPLES = dict(re.findall(r"^### (.+?)\n.*?^```csv\n(.*?)^```$", PAGE, re.MULTI
 def test_the_tests_that_are_named_exist() -> None:
     named = set(re.findall(r"`([\w/]+\.py)::(\w+)`", PAGE))
     assert len(named) > 30
+    functions = {path: functions_of(ROOT / "tests" / path) for path, _ in named}
     for path, name in sorted(named):
-        tree = ast.parse((ROOT / "tests" / path).read_text(encoding="utf-8"))
-        functions = {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
-        assert name in functions, f"{path} has no {name}"
+        assert name in functions[path], f"{path} has no {name}"
+
+
+def functions_of(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
 
 
 def test_every_row_of_damage_names_a_test() -> None:

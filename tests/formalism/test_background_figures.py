@@ -114,6 +114,7 @@ def lap(sensor: Sensor, new: bool, seed: int) -> tuple[SweepBatch, NDArray[np.in
     return with_poses(batch, poses), hit, list(range(len(things), len(entities)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["361", "1081"])
 @pytest.mark.parametrize("noise", [0.01, 0.03])
 def test_a_robot_on_its_second_lap(sensor: str, noise: float) -> None:

@@ -315,6 +315,7 @@ def test_a_thing_across_the_seam_is_one() -> None:
         assert found.difference[0] == pytest.approx(-2.0)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     st.integers(1, 59),

@@ -169,6 +169,7 @@ def assert_mirror(sweep: Sweep, parameters: Parameters) -> None:
         assert values[1] == pytest.approx(values[0], abs=1e-12), name
 
 
+@pytest.mark.slow
 @every_profile
 @settings(max_examples=150, deadline=None)
 @given(seeds, st.sampled_from([NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE]))

@@ -27,6 +27,8 @@ from tools.fuzz.run import Case, Plan, fuzz
 from tools.fuzz.target import Random, Target
 from tools.fuzz.targets import TARGETS
 
+pytestmark = pytest.mark.slow
+
 GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     **{
         group: (tuple(name for name in CONTAINERS if name.split("-")[0] in group.split("/")), 10)

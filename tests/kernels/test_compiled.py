@@ -26,6 +26,7 @@ def _compare(*logs: Path) -> dict[str, int]:
     return calls
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not kernels.PAIRS, reason="the kernels were not built")
 def test_every_kernel_agrees_with_what_it_stands_for() -> None:
     calls = _compare(*sorted(SAMPLES.glob("*.mcap")))
@@ -33,6 +34,7 @@ def test_every_kernel_agrees_with_what_it_stands_for() -> None:
     assert min(calls.values()) > 80
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not kernels.PAIRS, reason="the kernels were not built")
 @needs_real_logs
 @pytest.mark.parametrize("log", ["turtlebot", "leg_tracker", "pr2"])

@@ -234,6 +234,7 @@ def test_list_damage_is_named_and_passed_over() -> None:
     ]
 
 
+@pytest.mark.slow
 @needs_real_logs
 def test_real_csv_equals_its_bag() -> None:
     folder = REAL_LOGS / "ros2_selfdriving" / "full_bag_nav"
@@ -619,6 +620,7 @@ def test_a_stream_can_be_read_once_and_a_file_again(tmp_path: Path) -> None:
         assert log.report.bytes_read == log.size == len(text)
 
 
+@pytest.mark.slow
 def test_rows_of_a_hundred_thousand_beams() -> None:
     beams = 100_000
     row = ",".join(f"{i % 97}.25" for i in range(beams))
@@ -656,6 +658,7 @@ def test_a_line_without_end_stays_within_bounds(fill: bytes) -> None:
     assert peak < 80e6
 
 
+@pytest.mark.slow
 def test_rows_of_very_different_length_are_not_padded_to_one_width() -> None:
     long_row = "0.5," + ",".join(["1"] * 200_000)
     text = "0.1,1,2,3,4,5,6,7\n" * 5000 + long_row + "\n" + "0.7,1,2,3,4,5,6,7\n" * 5000

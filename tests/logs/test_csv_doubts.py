@@ -144,6 +144,7 @@ def whole(table: np.ndarray) -> list[list[object]]:
     return [[int(cell) if cell == round(cell) else round(float(cell), 4) for cell in row] for row in table]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
 @pytest.mark.parametrize("beams", [8, 16, 180, 682])
 @pytest.mark.parametrize("rows", [1, 2, 5, 60])
@@ -362,6 +363,7 @@ def test_layers_end_with_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "360.00 deg from 0.00 deg" in out
 
 
+@pytest.mark.slow
 def test_numbers_beyond_all_bounds_are_no_reason_to_fail() -> None:
     random = np.random.default_rng(11)
     odd = np.array([np.nan, np.inf, -np.inf, 0.0, 1e308, -1e308, 5e-324, 65535.0, -1.0, 3.4e38])
@@ -400,6 +402,7 @@ def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
     assert list(tmp_path.rglob("*.parquet")) == []
 
 
+@pytest.mark.slow
 @needs_real_logs
 @pytest.mark.parametrize(
     "name",

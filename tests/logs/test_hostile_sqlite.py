@@ -189,6 +189,7 @@ def test_ids_that_are_no_row_numbers_need_no_sorting(tmp_path: Path, key: str) -
     assert read(path) == (list(range(20)), [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", ["messages", "topics"])
 def test_a_page_that_names_itself_many_times_ends(tmp_path: Path, wanted: str) -> None:
     """A tree whose pages lead to one another has more rows than anybody can read."""
@@ -364,6 +365,7 @@ def mutated(data: bytes, random_: random.Random, change: Callable[[bytearray, in
     return bytes(changed)
 
 
+@pytest.mark.slow
 def test_random_journals_touch_nothing(tmp_path: Path) -> None:
     path = killed(tmp_path, 30, 120)
     victim = tmp_path / "victim"

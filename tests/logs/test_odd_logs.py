@@ -254,6 +254,7 @@ def test_a_declared_size_beyond_everything(
     assert peak < 32
 
 
+@pytest.mark.slow
 def test_a_bomb_of_an_mcap_chunk_stays_below_what_is_believed(tmp_path: Path) -> None:
     """Beyond what is believed of so little data only its start is looked at, for channels it describes."""
     plain = written("run.mcap", tmp_path, {"/scan": (LASERSCAN, [scan([1.0])] * 3)})
@@ -272,6 +273,7 @@ def test_a_bomb_of_an_mcap_chunk_stays_below_what_is_believed(tmp_path: Path) ->
         assert peak < most, peak
 
 
+@pytest.mark.slow
 def test_more_messages_than_bytes_are_not_believed(tmp_path: Path) -> None:
     """A hundred bytes hold a million empty messages that repeat."""
     plain = written("run.mcap", tmp_path, {"/scan": (LASERSCAN, [scan([1.0])] * 3)})
@@ -292,6 +294,7 @@ def test_more_messages_than_bytes_are_not_believed(tmp_path: Path) -> None:
     assert peak < 100
 
 
+@pytest.mark.slow
 def test_a_bomb_of_a_gzip_csv_is_skipped(tmp_path: Path) -> None:
     """Half a gibibyte of one line, then lines that are fine."""
     head = b"time,r0,r1,r2\n1.0,1.0,2.0,3.0\n1.1,1.0,2.0,3.0\n"

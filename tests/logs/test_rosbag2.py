@@ -304,6 +304,7 @@ def last_bytes(data: bytes, beams: int) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beams", [37, 361, 3000])
 def test_truncation_gives_what_is_whole(tmp_path: Path, beams: int) -> None:
     """3000 beams need chains of overflow pages."""
@@ -388,6 +389,7 @@ def test_broken_header(tmp_path: Path) -> None:
     assert "read page by page: 60 messages recovered" in damage[0]
 
 
+@pytest.mark.slow
 def test_random_bytes_never_raise(tmp_path: Path) -> None:
     data = write_bag(tmp_path / "bag", range(30), beams=361).read_bytes()
     rng = random.Random(4)
@@ -507,6 +509,7 @@ def test_metadata_that_is_no_file_is_not_opened(tmp_path: Path, kind: str) -> No
         assert log.report.notes == ["metadata.yaml is no file, the storage files were read without it"]
 
 
+@pytest.mark.slow
 def test_many_names_and_many_files(tmp_path: Path) -> None:
     """Names are looked up: comparing each with every file took minutes."""
     for part in range(300):
@@ -680,6 +683,7 @@ COUNTS = {
 }
 
 
+@pytest.mark.slow
 @needs_real_logs
 @pytest.mark.parametrize("name", COUNTS)
 def test_real_logs(name: str) -> None:

@@ -122,6 +122,7 @@ def test_clashing_outputs_are_refused() -> None:
     refuse_clashes([Source("a/run.mcap", "a/run"), Source("b/run.bag", "b/run")])
 
 
+@pytest.mark.slow
 def test_what_may_not_be_looked_into_is_told(tmp_path: Path) -> None:
     folder = logs_apart(tmp_path / "logs")
     # Not a folder of its own name, so that its order among the logs shows.

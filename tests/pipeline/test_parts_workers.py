@@ -40,6 +40,8 @@ from lidarcli.sweeps import SweepBatch
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
 
+pytestmark = pytest.mark.slow
+
 SWEEPS = 1500
 TOPICS = ("/rear", "/front", "/rear", "/left")
 DRIVE = SAMPLES / "drive.toml"

@@ -19,7 +19,7 @@ from tests.poses.pose_messages import ROS1
 FOLDER = REAL_LOGS / "leg_tracker"
 LOG = FOLDER / "demo_stationary_simple_environment.bag"
 
-pytestmark = needs_real_logs
+pytestmark = [needs_real_logs, pytest.mark.slow]
 
 
 def test_the_walls_vanish_and_the_people_remain() -> None:

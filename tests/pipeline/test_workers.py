@@ -13,6 +13,8 @@ from lidarcli.pipeline.detecting import DetectOptions
 from lidarcli.pipeline.inputs import Nothing, Source
 from lidarcli.pipeline.many import Outcome
 
+pytestmark = pytest.mark.slow
+
 
 def _dies_once(source: Source | Nothing, folder: Path, options: DetectOptions) -> Outcome:
     """Stands in for the work of a worker: the log `dies` kills its process the first time, `fatal` every time."""

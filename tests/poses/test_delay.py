@@ -202,6 +202,7 @@ def test_info_tells_of_the_delay(folder: Path, capfd: pytest.CaptureFixture[str]
     assert inspect_log(Source(str(folder / "right.mcap"), "right")).notes == ()
 
 
+@pytest.mark.slow
 @needs_real_logs
 @pytest.mark.parametrize(
     ("log", "delay"),

@@ -17,7 +17,7 @@ from lidarcli.sweeps import Float64
 from tests.places import REAL_LOGS, needs_real_logs
 from tests.poses.pose_messages import ROS2
 
-pytestmark = needs_real_logs
+pytestmark = [needs_real_logs, pytest.mark.slow]
 
 GAZEBO = REAL_LOGS / "my_gazebo_tutorials"
 CAR = REAL_LOGS / "datmo" / "parallel.bag"

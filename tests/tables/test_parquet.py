@@ -57,6 +57,7 @@ def test_an_error_of_the_writing_thread_comes_out() -> None:
     sink.abandon()
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
     script = f"""
 import resource, signal, sys
