@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from pathlib import Path
 
@@ -32,14 +31,9 @@ EXAMPLES = dict(re.findall(r"^### (.+?)\n.*?^```csv\n(.*?)^```$", PAGE, re.MULTI
 def test_the_tests_that_are_named_exist() -> None:
     named = set(re.findall(r"`([\w/]+\.py)::(\w+)`", PAGE))
     assert len(named) > 30
-    functions = {path: functions_of(ROOT / "tests" / path) for path, _ in named}
+    texts = {path: (ROOT / "tests" / path).read_text(encoding="utf-8") for path, _ in named}
     for path, name in sorted(named):
-        assert name in functions[path], f"{path} has no {name}"
-
-
-def functions_of(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)}
+        assert f"\ndef {name}(" in texts[path], f"{path} has no {name}"
 
 
 def test_every_row_of_damage_names_a_test() -> None:

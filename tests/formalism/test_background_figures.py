@@ -37,6 +37,7 @@ def test_new_and_removed_things_in_a_furnished_room(
     assert removed.f1 >= 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("noise", "lost"), [(0.01, 0.003), (0.03, 0.01)])
 def test_the_unchanged_scene_is_empty(kind: Kind, noise: float, lost: float) -> None:

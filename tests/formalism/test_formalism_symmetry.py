@@ -207,6 +207,7 @@ def clockwise(sweep: Sweep) -> Sweep:
     return Sweep(ranges, last, -sweep.angle_increment, sweep.closing)
 
 
+@pytest.mark.slow
 @every_profile
 @settings(max_examples=150, deadline=None)
 @given(seeds, st.sampled_from([NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE]))

@@ -98,6 +98,7 @@ def test_format_names_the_layout(layout: str, name: str, tmp_path: Path) -> None
         assert log.report.notes[0].startswith(f"CSV layout: {name}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
 @pytest.mark.parametrize(
     "wrap",
@@ -511,6 +512,7 @@ def test_garbage_in_the_middle_is_counted_by_line(layout: str, tmp_path: Path) -
     assert causes[f"line {first + 33}"] == "nothing but NUL bytes"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
 def test_truncation_keeps_every_whole_sweep(layout: str, packed: bool, tmp_path: Path) -> None:

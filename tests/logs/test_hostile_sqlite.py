@@ -41,6 +41,7 @@ def test_a_journal_brings_back_what_stood_before_the_transaction(tmp_path: Path)
     assert b"\0" * 200 in path.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [0, 3, 28, 500, 512, 3000, 5000, 9000, 20_000])
 def test_a_journal_is_applied_as_sqlite_does(tmp_path: Path, cut: int) -> None:
     """The journal was cut, or is damaged there: pages are put back as far as its checksums hold."""
@@ -273,6 +274,7 @@ def test_overflow_pages_that_lead_to_themselves(
     assert sum(taken) < 20 * path.stat().st_size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 15, 16, 17, 20, 99, 100, 101, 512])
 def test_a_database_of_a_few_bytes(tmp_path: Path, size: int) -> None:
     path = tmp_path / "run.db3"

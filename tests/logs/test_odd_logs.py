@@ -231,6 +231,7 @@ def lying_cell(data: bytes) -> bytes:
     return data[:at] + b"\xff" * 9 + data[at + 9 :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "lie", "least"),
     [

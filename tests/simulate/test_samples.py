@@ -33,6 +33,7 @@ def scans(path):
     return [(c.topic, time, len(data)) for c, time, data in found], np.stack(ranges)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "log", "options"), LOGS, ids=[log for _, log, _ in LOGS])
 def test_a_sample_is_up_to_date(tmp_path, scene, log, options):
     """Up to the last bit, which another processor may round the other way."""
