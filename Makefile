@@ -9,7 +9,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format samples golden docs bench bench-full bench-compare accuracy fuzz bounds clean
+.PHONY: help demo test check quick format samples golden docs bench bench-full bench-compare accuracy fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -31,6 +31,11 @@ check: $(VENV)/installed-dev ## lint, format, types and tests
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/pytest -n auto
+
+quick: $(VENV)/installed-dev ## lint, format and the tests that take no time, for between two edits
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/pytest -n auto -q -m "not slow"
 
 format: $(VENV)/installed-dev ## sort imports and format the code
 	$(BIN)/ruff check --select I --fix

@@ -9,13 +9,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from lidarcli.cli import run
 from lidarcli.simulate.writers import write_log
-from lidarcli.sweeps import RawSweeps
-from tests.sweeping import START, STEP, raw_sweeps
+from tests.sweeping import room_sweeps
 
 
 def pytest_configure() -> None:
@@ -27,32 +25,18 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def sweeps(topic: str = "/scan", count: int = 20, beams: int = 360) -> RawSweeps:
-    """Sweeps at 10 Hz of a round room with two boxes in it; the second leaves after half of them."""
-    ranges = np.full((count, beams), 4.0, np.float32)
-    ranges[:, 40:60] = 2.0
-    ranges[: count // 2, 200:230] = 1.5
-    ranges[:, 10] = np.inf
-    stamps = START + STEP * np.arange(count)
-    return raw_sweeps(
-        ranges,
-        topic=topic,
-        stamp_ns=stamps,
-        record_ns=stamps + STEP // 2,
-        angle_increment=np.float32(2 * np.pi / beams),
-    )
-
-
 @pytest.fixture(scope="session")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `run.mcap`, `two.mcap` with two topics, `cut.mcap`, which is damaged."""
     folder = tmp_path_factory.mktemp("logs")
-    write_log(folder / "run.mcap", [sweeps()])
+    write_log(folder / "run.mcap", [room_sweeps()])
     halves = [
-        sweeps(topic).rows(part) for part in (slice(0, 9), slice(9, None)) for topic in ("/rear", "/front")
+        room_sweeps(topic).rows(part)
+        for part in (slice(0, 9), slice(9, None))
+        for topic in ("/rear", "/front")
     ]
     write_log(folder / "two.mcap", halves)
-    many = sweeps(count=400)
+    many = room_sweeps(count=400)
     write_log(
         folder / "cut.mcap", [many.rows(slice(k, k + 50)) for k in range(0, 400, 50)], chunk_size=20_000
     )
@@ -65,7 +49,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def large(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """An uncompressed MCAP file larger than the buffers of a pipe."""
     path = tmp_path_factory.mktemp("large") / "large.mcap"
-    write_log(path, [sweeps(count=400)], compression="none", chunk_size=50_000)
+    write_log(path, [room_sweeps(count=400)], compression="none", chunk_size=50_000)
     return path.read_bytes()
 
 

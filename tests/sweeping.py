@@ -12,6 +12,31 @@ START = 1_700_000_000_000_000_000
 """Stamp of the first sweep [ns]."""
 STEP = 100_000_000
 """From one stamp to the next: 10 Hz."""
+BOX = (40, 60, 2.0)
+"""A box in the round room: its first beam, the beam after its last one, its range."""
+
+
+def round_room(sweeps: int, beams: int = 360, *boxes: tuple[int, int, float]) -> Any:
+    """(S, B) ranges of a round room with a radius of 4 m, with boxes like `BOX` in it."""
+    ranges = np.full((sweeps, beams), 4.0, np.float32)
+    for first, after, distance in boxes:
+        ranges[:, first:after] = distance
+    return ranges
+
+
+def room_sweeps(topic: str = "/scan", count: int = 20, beams: int = 360) -> RawSweeps:
+    """Sweeps of the round room with two boxes in it and a gap; the second box leaves after half of them."""
+    ranges = round_room(count, beams, BOX)
+    ranges[: count // 2, 200:230] = 1.5
+    ranges[:, 10] = np.inf
+    stamps = START + STEP * np.arange(count)
+    return raw_sweeps(
+        ranges,
+        topic=topic,
+        stamp_ns=stamps,
+        record_ns=stamps + STEP // 2,
+        angle_increment=np.float32(2 * np.pi / beams),
+    )
 
 
 def raw_sweeps(

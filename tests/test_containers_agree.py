@@ -19,8 +19,9 @@ from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RangeRules, RawSweeps, normalise
+from tests.places import SAMPLES
 
-SCENE = Path(__file__).parent.parent / "samples" / "people.toml"
+SCENE = SAMPLES / "people.toml"
 SWEEPS = 12
 SOURCE = ["log", "topic", "frame_id"]
 """Columns that say where a row comes from."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from tools.golden import CASES, DECIMALS, FOLDER, golden_path, rows
+from tests.nearly import nearly
+from tools.golden import CASES, FOLDER, golden_path, rows
 
 
 @pytest.mark.parametrize(("sample", "profile"), CASES)
@@ -18,17 +18,6 @@ def test_the_tables_of_a_sample(sample: str, profile: str, tmp_path: Path) -> No
     assert [row["table"] for row in found] == [row["table"] for row in expected]
     for row, want in zip(found, expected, strict=True):
         assert row == nearly(want), f"sweep {want['sweep']}, object {want.get('object')}"
-
-
-def nearly(value: Any) -> Any:
-    """Floats that compare equal within the rounding of the golden tables; everything else as it is."""
-    if isinstance(value, float):
-        return pytest.approx(value, abs=2 * 10**-DECIMALS, rel=0)
-    if isinstance(value, list):
-        return [nearly(item) for item in value]
-    if isinstance(value, dict):
-        return {name: nearly(item) for name, item in value.items()}
-    return value
 
 
 def test_no_golden_table_is_left_over() -> None:

@@ -48,6 +48,7 @@ def test_it_waits_for_an_import(tmp_path: Path, number: str, raised: str) -> Non
     assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} True\n", "", 0)
 
 
+@pytest.mark.slow
 def test_the_tests_of_interrupts_work_where_they_are_ignored() -> None:
     """As below `nohup make test`: processes inherit it."""
     test = f"{__file__}::{test_it_waits_for_an_import.__name__}"

@@ -18,16 +18,15 @@ from lidarcli.cli import run
 from lidarcli.logs.mcap import McapLog
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
-from tests.sweeping import START, STEP, raw_sweeps
+from tests.sweeping import START, STEP, raw_sweeps, round_room
 
 YEAR = 365 * 86400 * 10**9
 CONTAINERS = ("run.mcap", "run.bag", "run.db3")
 
 
 def block(sweeps: int = 6, beams: int = 90, **changes: Any) -> RawSweeps:
-    """Sweeps of a round room with a box in it, at 10 Hz."""
-    ranges = np.full((sweeps, beams), 4.0, np.float32)
-    ranges[:, 10:20] = 2.0
+    """Sweeps of a part of the round room with a box in it, at 10 Hz."""
+    ranges = round_room(sweeps, beams, (10, 20, 2.0))
     return raw_sweeps(**{"ranges": ranges, "angle_min": -1.0, "angle_increment": 0.0125, **changes})
 
 
@@ -91,6 +90,7 @@ def two_publishers(sweeps: int = 12) -> RawSweeps:
     )
 
 
+@pytest.mark.slow
 def test_more_topics_than_any_robot_has(tmp_path: Path, detect: Callable[..., Any]) -> None:
     path = tmp_path / "run.mcap"
     write_log(path, [block(sweeps=1, beams=20, topic=f"/scan_{number}") for number in range(1030)])

@@ -20,9 +20,10 @@ from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, write_whole
 from lidarcli.simulate import simulate
+from tests.places import SAMPLES
 from tests.unprivileged import lidarcli
 
-ROOM = Path(__file__).parent.parent / "samples" / "room.mcap"
+ROOM = SAMPLES / "room.mcap"
 SCENE = ROOM.with_suffix(".toml")
 DETECT = [sys.executable, "-m", "lidarcli", "-q", "detect"]
 
@@ -119,6 +120,7 @@ def test_a_lock_that_is_never_let_go_is_not_waited_for(
     assert str(tmp_path) in newfiles._TAKEN
 
 
+@pytest.mark.slow
 def test_pairs_of_runs_leave_whole_tables_of_one_of_them(tmp_path: Path) -> None:
     """With one temporary name for both, eight of ten pairs left tables that nobody can read."""
     lengths = {"a": 700, "b": 500}
@@ -149,6 +151,7 @@ def test_pairs_of_runs_leave_whole_tables_of_one_of_them(tmp_path: Path) -> None
         ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [".run.objects.parquet.part", "room.objects.parquet"])
 def test_no_planted_link_is_written_through(
     tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
@@ -237,6 +240,7 @@ def test_a_background_has_no_name_of_a_log(tmp_path: Path, capsys: pytest.Captur
 # Places where nothing can be written, found before the work.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["detect", "background", "plot", "report", "simulate", "file"])
 def test_a_folder_that_cannot_be_written(tmp_path: Path, command: str) -> None:
     shut = tmp_path / "shut"

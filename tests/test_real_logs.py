@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,12 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.cli import run
+from tests.places import REAL_LOGS, needs_real_logs
 
-FOLDER = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
-
-pytestmark = pytest.mark.skipif(
-    "LIDARCLI_REAL_LOGS" not in os.environ, reason="LIDARCLI_REAL_LOGS names no folder of real logs"
-)
+pytestmark = [needs_real_logs, pytest.mark.slow]
 
 
 @dataclass(frozen=True)
@@ -75,14 +71,14 @@ def _id(log: Real) -> str:
 
 @pytest.mark.parametrize("log", LOGS, ids=_id)
 def test_info_counts_the_sweeps_of_every_topic(log: Real, capsys: pytest.CaptureFixture[str]) -> None:
-    code = run(["info", str(FOLDER / log.path), "--format", "json"])
+    code = run(["info", str(REAL_LOGS / log.path), "--format", "json"])
     out, err = capsys.readouterr()
     assert code == log.code, err
     scans = [scan for info in json.loads(out) for scan in info["scans"]]
     assert {scan["topic"]: scan["sweeps"] for scan in scans} == log.sweeps
     if log.code:
         assert len(err.splitlines()) == 1
-        assert err.startswith(f"lidarcli: {FOLDER / log.path}: ")
+        assert err.startswith(f"lidarcli: {REAL_LOGS / log.path}: ")
         assert log.says in err
     else:
         assert err == ""
@@ -93,7 +89,9 @@ def test_info_counts_the_sweeps_of_every_topic(log: Real, capsys: pytest.Capture
 def test_every_beam_is_in_exactly_one_set(
     log: Real, profile: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = run(["-q", "detect", str(FOLDER / log.path), "-o", str(tmp_path), "--profile", profile, "--beams"])
+    code = run(
+        ["-q", "detect", str(REAL_LOGS / log.path), "-o", str(tmp_path), "--profile", profile, "--beams"]
+    )
     assert code == log.code, capsys.readouterr().err
     objects, sweeps, beams = (
         pq.read_table(next(tmp_path.glob(f"*.{name}.parquet"))).unify_dictionaries()
@@ -131,7 +129,9 @@ def test_the_same_scans_give_the_same_objects(tmp_path: Path, capsys: pytest.Cap
         tables = []
         for path in pair:
             folder = tmp_path / f"{number}-{Path(path).suffix[1:]}-{len(tables)}"
-            assert run(["-q", "detect", str(FOLDER / path), "-o", str(folder)]) == 0, capsys.readouterr().err
+            assert run(["-q", "detect", str(REAL_LOGS / path), "-o", str(folder)]) == 0, (
+                capsys.readouterr().err
+            )
             table = pq.read_table(next(folder.glob("*.objects.parquet")))
             tables.append(table.drop_columns(["log", "topic", "frame_id"]))
         assert tables[0].num_rows > 100
@@ -141,7 +141,7 @@ def test_the_same_scans_give_the_same_objects(tmp_path: Path, capsys: pytest.Cap
 def test_a_folder_of_logs_is_read_in_spite_of_the_bad_ones(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = FOLDER / "scan_tools"
+    folder = REAL_LOGS / "scan_tools"
     assert run(["detect", str(folder), "-o", str(tmp_path)]) == 3
     err = capsys.readouterr().err
     assert "format 1.2" in err

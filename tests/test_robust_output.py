@@ -19,7 +19,9 @@ import pytest
 
 from lidarcli.logs import open_log
 from lidarcli.simulate.writers import write_log
-from tests.sweeping import raw_sweeps
+from tests.sweeping import BOX, raw_sweeps, round_room
+
+pytestmark = pytest.mark.slow
 
 SWEEPS = 4000
 TABLES = ("beams", "objects", "sweeps")
@@ -31,8 +33,7 @@ SCRATCH = re.compile(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of two topics that keeps `detect` busy for about a second."""
     rows, beams = SWEEPS // 2, 180
-    ranges = np.full((rows, beams), 4.0, np.float32)
-    ranges[:, 40:60] = 2.0
+    ranges = round_room(rows, beams, BOX)
     ranges += np.random.default_rng(1).normal(0, 0.01, ranges.shape).astype(np.float32)
     both = [raw_sweeps(ranges, topic=topic) for topic in ("/a", "/b")]
     path = tmp_path_factory.mktemp("log") / "run.mcap"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import inf, nan, pi
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,46 +23,24 @@ from lidarcli.sweeps import (
     normalise,
     parse_no_return,
 )
+from tests.sweeping import raw_sweeps
 
 VALID, NO_RETURN, TOO_CLOSE, INVALID, PADDING = Status
 
 
-def raw_sweeps(
-    rows: list[list[float]],
-    *,
-    range_min: float = 0.1,
-    range_max: float = 8.0,
-    frames: tuple[str, ...] = ("laser",),
-    frame: int = 0,
-    angle_min: float = -1.0,
-    angle_increment: float = 0.01,
-    stamp_ns: int = 5,
-    record_ns: int = 7,
-) -> RawSweeps:
+def ragged(rows: list[list[float]], **columns: Any) -> RawSweeps:
     """Rows of any length, padded with a plausible range."""
-    count = len(rows)
     beams = np.array([len(row) for row in rows], np.int32)
-    ranges = np.full((count, int(beams.max(initial=0))), 1.0, np.float32)
+    ranges = np.full((len(rows), int(beams.max(initial=0))), 1.0, np.float32)
     for row, values in enumerate(rows):
         ranges[row, : len(values)] = values
-    return RawSweeps(
-        topic="/scan",
-        frame_ids=frames,
-        frame=np.full(count, frame, np.int32),
-        stamp_ns=np.full(count, stamp_ns, np.int64),
-        record_ns=np.full(count, record_ns, np.int64),
-        angle_min=np.full(count, angle_min),
-        angle_increment=np.full(count, angle_increment),
-        range_min=np.full(count, range_min, np.float32),
-        range_max=np.full(count, range_max, np.float32),
-        beams=beams,
-        ranges=ranges,
-    )
+    geometry = {"range_max": 8.0, "angle_min": -1.0, "angle_increment": 0.01, "stamp_ns": 5, "record_ns": 7}
+    return raw_sweeps(ranges, beams=beams, **{**geometry, **columns})
 
 
 def judged(values: list[float], rules: RangeRules | None = None, **limits: float) -> SweepBatch:
     """One sweep, normalised."""
-    return normalise(raw_sweeps([values], **limits), np.arange(1), rules or RangeRules())  # type: ignore[arg-type]
+    return normalise(ragged([values], **limits), np.arange(1), rules or RangeRules())  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -170,14 +149,14 @@ def test_given_limits_replace_those_of_the_messages() -> None:
 
 
 def test_the_raw_block_is_left_as_it_is() -> None:
-    raw = raw_sweeps([[0.0, 2.0, inf, 9.0]])
+    raw = ragged([[0.0, 2.0, inf, 9.0]])
     before = raw.ranges.copy()
     normalise(raw, np.arange(1), RangeRules())
     np.testing.assert_array_equal(raw.ranges, before)
 
 
 def test_short_rows_are_padded_and_padding_is_no_beam() -> None:
-    batch = normalise(raw_sweeps([[1.0, 0.0], [2.0, 3.0, inf, 4.0], []]), np.array([3, 5, 6]), RangeRules())
+    batch = normalise(ragged([[1.0, 0.0], [2.0, 3.0, inf, 4.0], []]), np.array([3, 5, 6]), RangeRules())
     assert batch.status.tolist() == [
         [VALID, NO_RETURN, PADDING, PADDING],
         [VALID, VALID, NO_RETURN, VALID],
@@ -193,7 +172,7 @@ def test_short_rows_are_padded_and_padding_is_no_beam() -> None:
 
 
 def test_a_header_without_a_stamp_takes_the_time_of_the_record() -> None:
-    raw = raw_sweeps([[1.0], [1.0]])
+    raw = ragged([[1.0], [1.0]])
     raw = replace(raw, stamp_ns=np.array([0, 5]), record_ns=np.array([7, 9]))
     batch = normalise(raw, np.arange(2), RangeRules())
     assert batch.stamp_ns.tolist() == [7, 5]
@@ -201,7 +180,7 @@ def test_a_header_without_a_stamp_takes_the_time_of_the_record() -> None:
 
 
 def test_no_rows() -> None:
-    batch = normalise(raw_sweeps([]), np.arange(0), RangeRules())
+    batch = normalise(ragged([]), np.arange(0), RangeRules())
     assert (len(batch), batch.width) == (0, 0)
     assert batch.closure.tolist() == []
 
@@ -288,9 +267,9 @@ def test_a_no_return_list_with_a_word_that_means_nothing() -> None:
 
 
 def test_blocks_of_different_widths_and_frames_join() -> None:
-    narrow = raw_sweeps([[1.0, 2.0]], frames=("front",), angle_min=-1.0, stamp_ns=1)
-    wide = raw_sweeps([[3.0, 4.0, 5.0], [6.0]], frames=("rear", "front"), frame=1, angle_min=-2.0, stamp_ns=2)
-    other = raw_sweeps([[7.0]], frames=("rear",), range_max=5.0, stamp_ns=3)
+    narrow = ragged([[1.0, 2.0]], frame_ids=("front",), angle_min=-1.0, stamp_ns=1)
+    wide = ragged([[3.0, 4.0, 5.0], [6.0]], frame_ids=("rear", "front"), frame=1, angle_min=-2.0, stamp_ns=2)
+    other = ragged([[7.0]], frame_ids=("rear",), range_max=5.0, stamp_ns=3)
     joined = concatenate([narrow, wide, other])
     assert joined.frame_ids == ("front", "rear")
     assert [joined.frame_ids[code] for code in joined.frame] == ["front", "front", "front", "rear"]
@@ -310,13 +289,13 @@ def test_blocks_of_different_widths_and_frames_join() -> None:
 
 
 def test_a_single_block_is_not_copied() -> None:
-    block = raw_sweeps([[1.0]])
+    block = ragged([[1.0]])
     assert concatenate([block]) is block
 
 
 @pytest.mark.parametrize("index", [slice(1, 3), np.array([1, 2]), np.array([False, True, True])])
 def test_rows_of_a_block(index: object) -> None:
-    block = raw_sweeps([[1.0], [2.0, 3.0], [4.0]])
+    block = ragged([[1.0], [2.0, 3.0], [4.0]])
     part = block.rows(index)  # type: ignore[arg-type]
     assert len(part) == 2
     assert part.beams.tolist() == [2, 1]

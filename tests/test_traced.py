@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.hostile_databases import HOSTILE, bag, killed, name_super_journal
+from tests.logs.hostile_databases import HOSTILE, bag, killed, name_super_journal
+from tests.places import SAMPLES
 
-SAMPLES = Path(__file__).parent.parent / "samples"
 WRITING = re.compile(r"O_WRONLY|O_RDWR|O_CREAT|O_TRUNC|O_APPEND")
 OPENING = ("open", "openat", "openat2", "creat")
 CHANGING = (
@@ -101,6 +101,7 @@ def cut(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [journal, write_ahead_log, views, pipe, cut])
 def test_reading_changes_nothing(make: Callable[[Path], Path], tmp_path: Path) -> None:
     victims, log = tmp_path / "victims", tmp_path / "log"

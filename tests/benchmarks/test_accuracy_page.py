@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
+from tests.places import ROOT
 
-ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.slow
 
 
 def accuracy(*arguments: str, folder: str | None = None) -> subprocess.CompletedProcess[str]:

@@ -11,24 +11,24 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from conftest import sweeps
 
 import lidarcli as package
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
-from tests.sweeping import raw_sweeps
+from tests.places import SAMPLES
+from tests.sweeping import raw_sweeps, room_sweeps, round_room
 
 Run = Callable[..., Any]
 
-ROOM = Path(__file__).parents[2] / "samples" / "room.mcap"
+ROOM = SAMPLES / "room.mcap"
 EMPTY = ROOM.with_name("room_empty.mcap")
 
 
 def empty_room(count: int = 20, beams: int = 360, frame: str = "laser", first: float = -np.pi) -> RawSweeps:
-    """The round room of `sweeps` before anybody put a box into it."""
-    ranges = np.full((count, beams), 4.0, np.float32)
+    """The round room of `room_sweeps` before anybody put a box into it."""
+    ranges = round_room(count, beams)
     ranges[:, 10] = np.inf
     return raw_sweeps(
         ranges, frame_ids=(frame,), angle_min=first, angle_increment=np.float32(2 * np.pi / 360)
@@ -80,6 +80,7 @@ def test_build_refuses_to_overwrite(scene: Path, tmp_path: Path, lidarcli: Run) 
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
 def test_pictures(scene: Path, tmp_path: Path, lidarcli: Run, suffix: str, magic: bytes) -> None:
     figures = [tmp_path / f"{name}{suffix}" for name in "ab"]
@@ -316,7 +317,7 @@ def test_detect_with_a_background_is_the_same(scene: Path, logs: Path, tmp_path:
 
 def test_the_number_of_processes_makes_no_difference(scene: Path, tmp_path: Path, lidarcli: Run) -> None:
     for number in (1, 2):
-        write_log(tmp_path / f"{number}.mcap", [sweeps(count=30)])
+        write_log(tmp_path / f"{number}.mcap", [room_sweeps(count=30)])
     for jobs in ("1", "2"):
         options = ("--background", scene / "empty.parquet", "-o", tmp_path / f"jobs{jobs}", "--jobs", jobs)
         assert lidarcli("-q", "detect", tmp_path / "1.mcap", tmp_path / "2.mcap", *options).code == 0

@@ -124,6 +124,7 @@ def expected_rows(logs: Path, tmp_path: Path, lidarcli: Run, log: str) -> list[d
     return rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", ["run.mcap", "two.mcap"])
 @pytest.mark.parametrize("kind", ["arrow", "parquet", "ndjson", "csv"])
 def test_streams_equal_the_table(
@@ -172,6 +173,7 @@ def test_several_logs_on_one_stream(logs: Path, process: Run) -> None:
     assert b"lidarcli.damage" in table.schema.metadata
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ndjson", "csv", "arrow", "parquet"])
 def test_closed_pipe_ends_quietly(logs: Path, kind: str) -> None:
     """The reader takes a few bytes and goes away."""
@@ -184,6 +186,7 @@ def test_closed_pipe_ends_quietly(logs: Path, kind: str) -> None:
     assert (running.returncode, err) == (0, b"")
 
 
+@pytest.mark.slow
 def test_full_standard_output_is_refused(logs: Path) -> None:
     command = [sys.executable, "-m", "lidarcli", "-q", "detect", str(logs / "run.mcap"), "-o", "-"]
     with Path("/dev/full").open("wb") as full:

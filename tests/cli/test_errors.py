@@ -269,6 +269,7 @@ def test_interrupt(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (ran.code, ran.err) == (130, "lidarcli: interrupted\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_interrupt_in_the_middle_leaves_no_file(large: bytes, tmp_path: Path, jobs: int) -> None:
     """Logs that come through pipes and do not end are interrupted while their tables are being written."""
@@ -344,6 +345,7 @@ def test_the_process_says_all_and_exits_with_the_code(
     assert err is None or ran.stderr == err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "code", "out", "err"),
     [

@@ -170,6 +170,7 @@ def test_hundreds_of_topics_do_not_hide_the_scans(tmp_path: Path, lidarcli: Run)
     assert len(info["topics"]) == 300
 
 
+@pytest.mark.slow
 def test_closed_pipe_ends_quietly(logs: Path) -> None:
     import os
     import subprocess

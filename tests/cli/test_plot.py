@@ -36,6 +36,7 @@ def test_one_sweep(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert lidarcli("plot", logs / "run.mcap", "-o", out, "--overwrite").code == 0
 
 
+@pytest.mark.slow
 def test_several_sweeps(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     log = logs / "run.mcap"
     assert (
@@ -44,6 +45,7 @@ def test_several_sweeps(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s-0.svg", "s-3.svg", "s-4.svg", "s-8.svg"]
 
 
+@pytest.mark.slow
 def test_of_several_topics_the_first_is_drawn(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     ran = lidarcli("plot", logs / "two.mcap", "-o", tmp_path / "a.png")
     assert ran.err.splitlines()[0] == "  note     drawn is /front; also there: /rear (--topic NAME)"
@@ -51,12 +53,14 @@ def test_of_several_topics_the_first_is_drawn(lidarcli: Run, logs: Path, tmp_pat
     assert ran.err == f"  wrote    {tmp_path / 'b.png'}\n"
 
 
+@pytest.mark.slow
 def test_standard_output(process: Run, logs: Path) -> None:
     ran = process("plot", logs / "run.mcap", "-o", "-")
     assert ran.returncode == 0
     assert ran.stdout.startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_pipe_as_log(logs: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "lidarcli", "plot", "-", "--sweep", "3", "-o", str(tmp_path / "a.pdf")]
     ran = subprocess.run(command, input=(logs / "run.mcap").read_bytes(), capture_output=True, check=False)
@@ -64,6 +68,7 @@ def test_a_pipe_as_log(logs: Path, tmp_path: Path) -> None:
     assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.slow
 def test_a_background(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     table = tmp_path / "empty.parquet"
     assert lidarcli("-q", "background", "build", logs / "run.mcap", "-o", table).code == 0
@@ -77,6 +82,7 @@ def test_a_background(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert (ran.code, ran.err.startswith(f"lidarcli: {logs / 'run.mcap'}: no background: ")) == (3, True)
 
 
+@pytest.mark.slow
 def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     out = tmp_path / "a.gif"
     ran = lidarcli("plot", logs / "run.mcap", "--sweeps", "8:12", "--view", "scene", "--animate", "-o", out)
@@ -126,6 +132,7 @@ def test_no_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert (ran.code, ran.err) == (2, f"lidarcli: {logs}: holds 3 logs; name one of them\n")
 
 
+@pytest.mark.slow
 def test_a_damaged_log(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     ran = lidarcli("plot", logs / "cut.mcap", "--sweep", 10, "-o", tmp_path / "a.png")
     assert (ran.code, (tmp_path / "a.png").exists()) == (3, True)

@@ -9,9 +9,11 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from tests.places import SAMPLES
+
 Run = Callable[..., Any]
 
-ROOM = Path(__file__).parents[2] / "samples" / "room.toml"
+ROOM = SAMPLES / "room.toml"
 
 
 def test_log_and_truth(tmp_path: Path, lidarcli: Run) -> None:

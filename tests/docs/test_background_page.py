@@ -8,8 +8,9 @@ import re
 from pathlib import Path
 
 from lidarcli.tables.schemas import BACKGROUND
+from tests.places import ROOT
 
-PAGE = (Path(__file__).parents[2] / "docs" / "background.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "background.md").read_text(encoding="utf-8")
 MODULES = ("alignment", "background", "cells", "grid", "learning", "stations", "subtraction")
 
 

@@ -15,7 +15,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from lidarcli.reports import figures
-from tools.make_docs import ROOT
+from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "ci.md").read_text("utf-8")
 REPORTS = (ROOT / "docs" / "reports.md").read_text("utf-8")
@@ -56,6 +56,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_github(folder: Path) -> None:
     job = pipeline(".github/workflows/lidar.yml")["jobs"]["objects"]
     steps = [step["run"] for step in job["steps"] if "run" in step]
@@ -66,6 +67,7 @@ def test_github(folder: Path) -> None:
     assert {path.name for path in folder.glob("report.*")} == {"report.md", "report.xml", "report.html"}
 
 
+@pytest.mark.slow
 def test_gitlab(folder: Path) -> None:
     job = pipeline(".gitlab-ci.yml")["objects"]
     assert job["script"][0] == "pip install ."
@@ -75,6 +77,7 @@ def test_gitlab(folder: Path) -> None:
         assert (folder / name).stat().st_size > 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("jq") is None, reason="needs jq")
 def test_jq(tables: Path) -> None:
     (block,) = blocks("bash")

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.places import ROOT
 from tools import examples
-from tools.make_docs import ROOT, WITH_EXAMPLES
+from tools.make_docs import WITH_EXAMPLES
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("page", WITH_EXAMPLES)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.places import ROOT
 from tools import reference
-from tools.make_docs import PAGES, ROOT
+from tools.make_docs import PAGES
 
 OPTIONS = sorted({name for _, name in reference.option_names()})
 SHORT = {"--output": "-o", "--verbose": "-v", "--quiet": "-q"}

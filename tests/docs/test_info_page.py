@@ -15,7 +15,7 @@ from lidarcli.pipeline.clock import ClockInfo
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 from lidarcli.pipeline.posing import PoseInfo
 from lidarcli.sweeps import Closure, Status
-from tools.make_docs import ROOT
+from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "info.md").read_text(encoding="utf-8")
 ROWS = [

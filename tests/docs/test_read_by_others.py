@@ -12,8 +12,9 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.simulate.generate import START_NS
+from tests.places import SAMPLES
 
-SCENE = Path(__file__).parent.parent.parent / "samples" / "room.toml"
+SCENE = SAMPLES / "room.toml"
 TABLES = ("objects", "sweeps", "beams")
 
 

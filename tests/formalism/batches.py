@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
 
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, SweepBatch, normalise
+from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
+from tests.sweeping import raw_sweeps
 
 CLOSING = {
     NO_TURN: Closure.OPEN,
@@ -25,18 +26,14 @@ def raw_of(sweeps: list[Sweep], width: int | None = None) -> RawSweeps:
     ranges = np.full((rows, width or int(beams.max(initial=0))), 1.25, np.float32)
     for row, sweep in enumerate(sweeps):
         ranges[row, : beams[row]] = sweep.ranges
-    return RawSweeps(
-        topic="/scan",
-        frame_ids=("laser",),
-        frame=np.zeros(rows, np.int32),
+    return raw_sweeps(
+        ranges,
         stamp_ns=np.arange(1, rows + 1) * 100_000_000,
-        record_ns=np.arange(1, rows + 1) * 100_000_000,
-        angle_min=np.array([sweep.angle_min for sweep in sweeps], float),
-        angle_increment=np.array([sweep.angle_increment for sweep in sweeps], float),
-        range_min=np.zeros(rows, np.float32),
-        range_max=np.full(rows, 100.0, np.float32),
+        angle_min=[sweep.angle_min for sweep in sweeps],
+        angle_increment=[sweep.angle_increment for sweep in sweeps],
+        range_min=0.0,
+        range_max=100.0,
         beams=beams,
-        ranges=ranges,
     )
 
 
@@ -45,6 +42,11 @@ def batch_of(sweeps: list[Sweep], width: int | None = None) -> SweepBatch:
     batch = normalise(raw_of(sweeps, width), np.arange(len(sweeps)), RangeRules())
     assert [CLOSING[sweep.closing] for sweep in sweeps] == batch.closure.tolist()
     return batch
+
+
+def spans(found: Detection) -> list[tuple[int, int]]:
+    """(beam_i, beam_f) of every object."""
+    return list(zip(found.beam_i.tolist(), found.beam_f.tolist(), strict=True))
 
 
 ROW_FIELDS = (

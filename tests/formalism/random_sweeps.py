@@ -6,7 +6,8 @@ from math import inf, nan, pi
 
 import numpy as np
 from hypothesis import strategies as st
-from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
+
+from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
 
 LOST = (inf, inf, nan, -inf)
 

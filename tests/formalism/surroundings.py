@@ -6,14 +6,14 @@ from functools import cache
 from math import inf, nan, pi
 
 import numpy as np
-from batches import batch_of
-from random_sweeps import random_sweep
-from reference import EACH_BEARING_ONCE, Sweep
 
 from lidarcli.formalism import Parameters
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.sweeps import RangeRules, SweepBatch, concatenate, normalise
+from tests.formalism.batches import batch_of
+from tests.formalism.random_sweeps import random_sweep
+from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 
 PARAMETERS = {
     "paper": Parameters.for_profile("paper"),

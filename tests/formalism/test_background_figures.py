@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 from numpy.typing import NDArray
 
 from lidarcli.formalism.background.subtraction import Tolerance
@@ -15,6 +14,7 @@ from lidarcli.simulate.entities import box, cylinder, plant, wall
 from lidarcli.simulate.random_scenes import KINDS, SENSORS, Kind, random_scene, sensor_with
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor, super_ellipse
 from lidarcli.sweeps import SweepBatch
+from tests.formalism.backgrounds import Counts, Trial, found_in, learned, score, simulated, with_poses
 
 SEEDS = range(6)
 
@@ -37,6 +37,7 @@ def test_new_and_removed_things_in_a_furnished_room(
     assert removed.f1 >= 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("noise", "lost"), [(0.01, 0.003), (0.03, 0.01)])
 def test_the_unchanged_scene_is_empty(kind: Kind, noise: float, lost: float) -> None:
@@ -114,6 +115,7 @@ def lap(sensor: Sensor, new: bool, seed: int) -> tuple[SweepBatch, NDArray[np.in
     return with_poses(batch, poses), hit, list(range(len(things), len(entities)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sensor", ["361", "1081"])
 @pytest.mark.parametrize("noise", [0.01, 0.03])
 def test_a_robot_on_its_second_lap(sensor: str, noise: float) -> None:

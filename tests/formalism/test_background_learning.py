@@ -6,7 +6,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from backgrounds import STEP, learned, learning, partial, simulated, with_poses
 from numpy.typing import NDArray
 
 from lidarcli.formalism import sweep
@@ -18,6 +17,7 @@ from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.background.stations import Shift, gather, nearest, shift
 from lidarcli.simulate.random_scenes import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
+from tests.formalism.backgrounds import STEP, learned, learning, partial, simulated, with_poses
 
 PER_BEAM = [field.name for field in fields(Estimate)]
 

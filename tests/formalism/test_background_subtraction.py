@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from backgrounds import STEP, WIDE, found_in, learned, partial, with_poses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from lidarcli.formalism.background.subtraction import WEAK, Difference, Subtract
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED, SHAPES, VISIBILITIES
 from lidarcli.sweeps import TURN, Status, SweepBatch
+from tests.formalism.backgrounds import STEP, WIDE, found_in, learned, partial, with_poses
 
 GONE = Tolerance(removed=True)
 
@@ -315,6 +315,7 @@ def test_a_thing_across_the_seam_is_one() -> None:
         assert found.difference[0] == pytest.approx(-2.0)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(
     st.integers(1, 59),

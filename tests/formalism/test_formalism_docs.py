@@ -12,8 +12,9 @@ from types import ModuleType
 from lidarcli import formalism
 from lidarcli.formalism import Detection, Parameters
 from lidarcli.sweeps import SweepBatch
+from tests.places import ROOT
 
-PAGE = (Path(__file__).parents[2] / "docs" / "formalism.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = {
     "threshold.MEDIAN_TO_SIGMA",
     "threshold.SECOND_DIFFERENCE_GAIN",

@@ -8,7 +8,12 @@ from math import inf, nan, pi
 
 import numpy as np
 import pytest
-from batches import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarcli.formalism import PROFILES, SETS, Detection, detect
+from lidarcli.sweeps import RangeRules, SweepBatch, normalise
+from tests.formalism.batches import (
     PER_BEAM,
     PER_FACE,
     PER_OBJECT,
@@ -19,14 +24,9 @@ from batches import (
     raw_of,
     rows_of,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_sweeps import random_sweep
-from reference import EACH_BEARING_ONCE, Sweep
-from surroundings import PARAMETERS, awkward, simulated
-
-from lidarcli.formalism import PROFILES, SETS, Detection, detect
-from lidarcli.sweeps import RangeRules, SweepBatch, normalise
+from tests.formalism.random_sweeps import random_sweep
+from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
+from tests.formalism.surroundings import PARAMETERS, awkward, simulated
 
 seeds = st.integers(0, 2**32 - 1)
 every_profile = pytest.mark.parametrize("profile", PROFILES)

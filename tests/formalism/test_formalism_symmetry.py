@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from batches import PER_SWEEP, batch_of
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from random_sweeps import random_sweep
-from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
-from surroundings import PARAMETERS, simulated
 
 from lidarcli.formalism import PROFILES, Detection, Parameters, detect
 from lidarcli.sweeps import SweepBatch
+from tests.formalism.batches import PER_SWEEP, batch_of
+from tests.formalism.random_sweeps import random_sweep
+from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
+from tests.formalism.surroundings import PARAMETERS, simulated
 
 seeds = st.integers(0, 2**32 - 1)
 every_profile = pytest.mark.parametrize("profile", PROFILES)
@@ -169,6 +169,7 @@ def assert_mirror(sweep: Sweep, parameters: Parameters) -> None:
         assert values[1] == pytest.approx(values[0], abs=1e-12), name
 
 
+@pytest.mark.slow
 @every_profile
 @settings(max_examples=150, deadline=None)
 @given(seeds, st.sampled_from([NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE]))
@@ -206,6 +207,7 @@ def clockwise(sweep: Sweep) -> Sweep:
     return Sweep(ranges, last, -sweep.angle_increment, sweep.closing)
 
 
+@pytest.mark.slow
 @every_profile
 @settings(max_examples=150, deadline=None)
 @given(seeds, st.sampled_from([NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE]))

@@ -6,12 +6,11 @@ from math import hypot
 
 import numpy as np
 import pytest
-from batches import batch_of
-from lidarcli.formalism.grouping import joined
-from reference import EACH_BEARING_ONCE, Sweep
 
 from lidarcli.formalism import SHAPES, VISIBILITIES, Detection, Parameters, detect
 from lidarcli.formalism.parameters import PROFILES, Profile
+from tests.formalism.batches import batch_of
+from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 
 STEP = 2 * np.pi / 720
 LEGS = ((352, 356), (364, 368), (376, 380))
@@ -79,10 +78,3 @@ def test_what_is_wider_than_a_leg_stands_by_itself() -> None:
     wide = (*LEGS[:2], (376, 388))
     assert found(room_with_legs(0, wide), 1.01 * GAP).beam_i.tolist() == [352, 376]
     assert found(room_with_legs(0, (*LEGS[:2], (376, 386))), 1.01 * GAP).beam_i.tolist() == [352]
-
-
-def test_links_join_transitively_whatever_their_order() -> None:
-    pairs = np.array([[5, 6], [0, 3], [3, 5], [8, 9]])
-    for order in ([0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]):
-        a, b = pairs[order].T
-        assert joined(10, a, b).tolist() == [0, 1, 2, 0, 4, 0, 0, 7, 8, 8]

@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import Parameters, detect, sweep
-from lidarcli.formalism.detection import Detection
 from lidarcli.sweeps import TURN
+from tests.formalism.batches import spans
 
 WIDE = Parameters(max_width=np.inf)
-
-
-def spans(found: Detection) -> list[tuple[int, int]]:
-    return list(zip(found.beam_i.tolist(), found.beam_f.tolist(), strict=True))
 
 
 def test_runs_end_with_the_mask_and_at_discontinuities_within() -> None:

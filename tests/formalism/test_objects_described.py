@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from batches import batch_of
 from numpy.typing import NDArray
-from random_sweeps import random_sweep
-from surroundings import simulated
 
 from lidarcli.formalism import PROFILES, SHAPES, VERTEX_KINDS, Detection, Parameters, detect
 from lidarcli.formalism.parameters import Profile
 from lidarcli.sweeps import SweepBatch
+from tests.formalism.batches import batch_of
+from tests.formalism.random_sweeps import random_sweep
+from tests.formalism.surroundings import simulated
 
 
 @pytest.fixture(params=PROFILES)

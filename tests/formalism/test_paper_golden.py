@@ -6,20 +6,15 @@ from math import inf, nan, pi
 
 import numpy as np
 import pytest
-from batches import batch_of
-from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, Sweep
 
 from lidarcli.formalism import VERTEX_KINDS, Detection, Parameters, detect
+from tests.formalism.batches import batch_of, spans
+from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, Sweep
 
 
 def paper(sweep: Sweep) -> Detection:
     """The literal profile on one sweep."""
     return detect(batch_of([sweep]), Parameters.for_profile("paper"), per_beam=True)
-
-
-def spans(found: Detection) -> list[tuple[int, int]]:
-    """(beam_i, beam_f) of every object."""
-    return list(zip(found.beam_i.tolist(), found.beam_f.tolist(), strict=True))
 
 
 def vertices(found: Detection) -> list[tuple[float, float, str]]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from batches import batch_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_sweeps import random_sweep, small_sweeps
-from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Found, Sweep, paper
 
 from lidarcli.formalism import VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect, difference
+from tests.formalism.batches import batch_of
+from tests.formalism.random_sweeps import random_sweep, small_sweeps
+from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Found, Sweep, paper
 
 PAPER = Parameters.for_profile("paper")
 
@@ -82,12 +82,14 @@ def hold(sweeps: list[Sweep]) -> int:
     return len(found)
 
 
+@pytest.mark.slow
 @settings(max_examples=250, deadline=None)
 @given(st.lists(small_sweeps(), min_size=1, max_size=4))
 def test_small_sweeps_on_a_coarse_grid(sweeps: list[Sweep]) -> None:
     hold(sweeps)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 20))
 def test_random_surfaces(seed: int, count: int) -> None:
@@ -95,6 +97,7 @@ def test_random_surfaces(seed: int, count: int) -> None:
     hold([random_sweep(rng) for _ in range(count)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("closing", [NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE])
 def test_a_thousand_sweeps_of_each_closing(closing: str) -> None:
     rng = np.random.default_rng(20240403)

@@ -6,11 +6,11 @@ from math import atan2, cos, hypot, inf, nan, pi, sin, sqrt, tan
 
 import numpy as np
 import pytest
-from batches import PER_OBJECT, batch_of
-from reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
-from surroundings import simulated
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
+from tests.formalism.batches import PER_OBJECT, batch_of
+from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
+from tests.formalism.surroundings import simulated
 
 Segment = tuple[float, float, float, float]
 DEGREE = pi / 180

@@ -17,14 +17,17 @@ import pytest
 
 from lidarcli import cli
 from lidarcli.logs import open_log
+from tests.places import ROOT
 from tools.fuzz import commands, judge, run
 from tools.fuzz.containers import CONTAINERS
 from tools.fuzz.databases import KINDS
 from tools.fuzz.libraries import LIBRARY_LOGS, SWEEPS, library_sample, stamp_of
 from tools.fuzz.place import VICTIMS, Place, snapshot
-from tools.fuzz.run import ROOT, Case, Plan, fuzz
+from tools.fuzz.run import Case, Plan, fuzz
 from tools.fuzz.target import Random, Target
 from tools.fuzz.targets import TARGETS
+
+pytestmark = pytest.mark.slow
 
 GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     **{

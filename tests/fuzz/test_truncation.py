@@ -22,6 +22,8 @@ from lidarcli.logs.base import ReadReport
 from tools.fuzz.containers import CONTAINERS, SWEEPS, Sample, sample_of
 from tools.fuzz.logs import CSV
 
+pytestmark = pytest.mark.slow
+
 CUTS = 45
 
 Sweep = tuple[int, str, bytes]

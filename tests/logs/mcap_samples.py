@@ -13,7 +13,8 @@ from google.protobuf import descriptor_pb2
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from mcap.writer import CompressionType, IndexType, Writer
-from scan_messages import scan
+
+from tests.logs.scan_messages import scan
 
 COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
 BEAMS = 7

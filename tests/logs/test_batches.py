@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,10 @@ from hypothesis import strategies as st
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs import batches
-from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.sweeps import RangeRules, RawSweeps, Status, SweepBatch
+from tests.fake_log import FakeLog
 from tests.sweeping import raw_sweeps
 
 SECOND = 10**9
@@ -47,40 +47,6 @@ def block(
         range_max=np.inf,
         beams=counts,
     )
-
-
-class FakeLog:
-    """A log that holds the given blocks."""
-
-    path = "run.mcap"
-    format = "fake"
-    compression = "none"
-    size = None
-
-    def __init__(self, blocks: list[RawSweeps], topics: list[Topic] | None = None) -> None:
-        self.report = ReadReport()
-        self._blocks = blocks
-        self._topics = topics
-        self.asked: Any = "nothing"
-
-    def topics(self) -> list[Topic] | None:
-        return self._topics
-
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
-        self.asked = topics
-        return iter([block for block in self._blocks if topics is None or block.topic in topics])
-
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
-        return iter(())
-
-    def close(self) -> None:
-        pass
-
-    def __enter__(self) -> FakeLog:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        pass
 
 
 def run(blocks: list[RawSweeps], **options: Any) -> list[SweepBatch]:
@@ -216,7 +182,7 @@ def test_an_absent_topic_is_named_with_those_that_are_there(wanted: str) -> None
         log = FakeLog(blocks_of("/scan", "/rear"), topics)
         with pytest.raises(NoScanError) as caught:
             list(read_batches(log, ReadOptions(topics=(wanted,))))
-        assert str(caught.value) == f"run.mcap: no LaserScan topic {wanted}; it has /rear, /scan"
+        assert str(caught.value) == f"run.fake: no LaserScan topic {wanted}; it has /rear, /scan"
         assert log.asked == ("nothing" if topics else None)
 
 
@@ -224,7 +190,7 @@ def test_a_log_without_a_scan() -> None:
     for topics in (SCANS[2:], None):
         with pytest.raises(NoScanError) as caught:
             list(read_batches(FakeLog([], topics), ReadOptions()))
-        assert str(caught.value) == "run.mcap: no LaserScan in it"
+        assert str(caught.value) == "run.fake: no LaserScan in it"
 
 
 def test_a_topic_without_a_message_is_no_error() -> None:

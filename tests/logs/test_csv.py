@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import os
 import sqlite3
 import struct
 import tracemalloc
@@ -18,36 +17,14 @@ from lidarcli.logs.base import LASERSCAN, CsvOptions, Damage, Topic
 from lidarcli.logs.csv_log import CsvLog
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
-from tests.sweeping import raw_sweeps
+from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
+from tests.places import REAL_LOGS, needs_real_logs
 
-START = 1_714_555_596_445_048_407
-FIRST, STEP = float(np.float32(-2.0862)), float(np.float32(0.1131))
 GEOMETRY = CsvOptions(angle_min=FIRST, angle_increment=STEP)
 NO_GEOMETRY = ("wide", "drow")
 NO_FRAME = ("plotjuggler", "wide", "drow", "long", "per-sweep")
 OWN_RECORD = ("rostopic", "plotjuggler", "bagpy", "list")
 ROS2 = "1,5,laser,-0.5,0.5,0.5,0.0,0.1,0.1,8.0,"
-
-
-def sweeps(rows: int = 40, width: int = 37, ragged: bool = False, topic: str = "/scan") -> RawSweeps:
-    """Random sweeps with every kind of missing range."""
-    random = np.random.default_rng(rows + width)
-    ranges = random.uniform(0.1, 12, (rows, width)).astype(np.float32)
-    for odd in (np.inf, -np.inf, np.nan, 0.0, -0.099, 1e-30, 65.533):
-        ranges[random.random((rows, width)) < 0.02] = odd
-    beams = random.integers(width - 3, width + 1, rows) if ragged else np.full(rows, width)
-    stamp = START + 100_000_001 * np.arange(rows)
-    return raw_sweeps(
-        ranges,
-        topic=topic,
-        stamp_ns=stamp,
-        record_ns=stamp + 12_345,
-        angle_min=FIRST,
-        angle_increment=STEP,
-        range_min=0.02,
-        range_max=5.6,
-        beams=beams,
-    )
 
 
 def read(source: object, options: CsvOptions = GEOMETRY) -> tuple[RawSweeps, CsvLog]:
@@ -121,6 +98,7 @@ def test_format_names_the_layout(layout: str, name: str, tmp_path: Path) -> None
         assert log.report.notes[0].startswith(f"CSV layout: {name}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
 @pytest.mark.parametrize(
     "wrap",
@@ -257,11 +235,10 @@ def test_list_damage_is_named_and_passed_over() -> None:
     ]
 
 
+@pytest.mark.slow
+@needs_real_logs
 def test_real_csv_equals_its_bag() -> None:
-    logs = os.environ.get("LIDARCLI_REAL_LOGS")
-    if not logs:
-        pytest.skip("LIDARCLI_REAL_LOGS is not set")
-    folder = Path(logs) / "ros2_selfdriving" / "full_bag_nav"
+    folder = REAL_LOGS / "ros2_selfdriving" / "full_bag_nav"
     got, log = read(folder / "scan.csv", CsvOptions())
     with sqlite3.connect(f"file:{folder}/full_bag_nav_0.db3?immutable=1", uri=True) as bag:
         messages = bag.execute(
@@ -535,6 +512,7 @@ def test_garbage_in_the_middle_is_counted_by_line(layout: str, tmp_path: Path) -
     assert causes[f"line {first + 33}"] == "nothing but NUL bytes"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "per-sweep"])
 def test_truncation_keeps_every_whole_sweep(layout: str, packed: bool, tmp_path: Path) -> None:
@@ -644,6 +622,7 @@ def test_a_stream_can_be_read_once_and_a_file_again(tmp_path: Path) -> None:
         assert log.report.bytes_read == log.size == len(text)
 
 
+@pytest.mark.slow
 def test_rows_of_a_hundred_thousand_beams() -> None:
     beams = 100_000
     row = ",".join(f"{i % 97}.25" for i in range(beams))
@@ -681,6 +660,7 @@ def test_a_line_without_end_stays_within_bounds(fill: bytes) -> None:
     assert peak < 80e6
 
 
+@pytest.mark.slow
 def test_rows_of_very_different_length_are_not_padded_to_one_width() -> None:
     long_row = "0.5," + ",".join(["1"] * 200_000)
     text = "0.1,1,2,3,4,5,6,7\n" * 5000 + long_row + "\n" + "0.7,1,2,3,4,5,6,7\n" * 5000

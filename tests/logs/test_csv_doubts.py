@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +18,7 @@ from lidarcli.logs.csv_doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, U
 from lidarcli.logs.csv_log import CsvLog
 from lidarcli.logs.csv_runs import BACK, DOUBLED, TURNS
 from lidarcli.sweeps import RawSweeps, concatenate
+from tests.places import REAL_LOGS, needs_real_logs
 
 FOV = CsvOptions(fov=2 * np.pi)
 Table = Sequence[Sequence[object]] | np.ndarray
@@ -144,6 +144,7 @@ def whole(table: np.ndarray) -> list[list[object]]:
     return [[int(cell) if cell == round(cell) else round(float(cell), 4) for cell in row] for row in table]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
 @pytest.mark.parametrize("beams", [8, 16, 180, 682])
 @pytest.mark.parametrize("rows", [1, 2, 5, 60])
@@ -362,6 +363,7 @@ def test_layers_end_with_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "360.00 deg from 0.00 deg" in out
 
 
+@pytest.mark.slow
 def test_numbers_beyond_all_bounds_are_no_reason_to_fail() -> None:
     random = np.random.default_rng(11)
     odd = np.array([np.nan, np.inf, -np.inf, 0.0, 1e308, -1e308, 5e-324, 65535.0, -1.0, 3.4e38])
@@ -400,6 +402,8 @@ def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
     assert list(tmp_path.rglob("*.parquet")) == []
 
 
+@pytest.mark.slow
+@needs_real_logs
 @pytest.mark.parametrize(
     "name",
     [
@@ -411,10 +415,7 @@ def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
     ],
 )
 def test_sweeps_of_real_sensors_are_ranges(name: str) -> None:
-    folder = os.environ.get("LIDARCLI_REAL_LOGS")
-    if not folder:
-        pytest.skip("LIDARCLI_REAL_LOGS is not set")
-    with open_log(Path(folder) / name) as log:
+    with open_log(REAL_LOGS / name) as log:
         ranges = concatenate(list(log.scans())).ranges.astype(np.float64)
     judged = 0
     for table in (ranges, np.where(np.isfinite(ranges), np.rint(ranges * 1000), ranges)):

@@ -110,6 +110,7 @@ def plotjuggler(topics: int, rows: int) -> bytes:
     return "\n".join([*lines, ""]).encode()
 
 
+@pytest.mark.slow
 def test_thousands_of_scans_in_one_table() -> None:
     data = plotjuggler(5000, 3)
     started = time.monotonic()
@@ -121,6 +122,7 @@ def test_thousands_of_scans_in_one_table() -> None:
     assert all((block.angle_min == -0.5).all() and (block.range_max == 12).all() for block in blocks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("begin", ["time,", "time,ranges", "angle,range,"])
 def test_a_header_of_a_megabyte_is_looked_at_quickly(begin: str, unit: str) -> None:
@@ -133,6 +135,7 @@ def test_a_header_of_a_megabyte_is_looked_at_quickly(begin: str, unit: str) -> N
     assert time.monotonic() - started < SECONDS
 
 
+@pytest.mark.slow
 def test_many_scans_beside_many_columns_of_time() -> None:
     ranges = ",".join(f"{scan}/ranges{beam}" for scan in range(10_000) for beam in range(3))
     header = f"time,{ranges}," + "t," * 200_000

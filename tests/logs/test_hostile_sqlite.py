@@ -11,15 +11,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from numbered import indices
-from numbered import read_bag as read
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.sqlite_journal import MAGIC, roll_back
 from lidarcli.logs.sqlite_salvage import Salvage
-from tests.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
+from tests.logs.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
+from tests.logs.numbered import indices
+from tests.logs.numbered import read_bag as read
 
 pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 
@@ -41,6 +41,7 @@ def test_a_journal_brings_back_what_stood_before_the_transaction(tmp_path: Path)
     assert b"\0" * 200 in path.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [0, 3, 28, 500, 512, 3000, 5000, 9000, 20_000])
 def test_a_journal_is_applied_as_sqlite_does(tmp_path: Path, cut: int) -> None:
     """The journal was cut, or is damaged there: pages are put back as far as its checksums hold."""
@@ -189,6 +190,7 @@ def test_ids_that_are_no_row_numbers_need_no_sorting(tmp_path: Path, key: str) -
     assert read(path) == (list(range(20)), [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wanted", ["messages", "topics"])
 def test_a_page_that_names_itself_many_times_ends(tmp_path: Path, wanted: str) -> None:
     """A tree whose pages lead to one another has more rows than anybody can read."""
@@ -272,6 +274,7 @@ def test_overflow_pages_that_lead_to_themselves(
     assert sum(taken) < 20 * path.stat().st_size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 15, 16, 17, 20, 99, 100, 101, 512])
 def test_a_database_of_a_few_bytes(tmp_path: Path, size: int) -> None:
     path = tmp_path / "run.db3"
@@ -364,6 +367,7 @@ def mutated(data: bytes, random_: random.Random, change: Callable[[bytearray, in
     return bytes(changed)
 
 
+@pytest.mark.slow
 def test_random_journals_touch_nothing(tmp_path: Path) -> None:
     path = killed(tmp_path, 30, 120)
     victim = tmp_path / "victim"

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scan_messages import GEOMETRY, scan
 
 from lidarcli.logs import laserscan
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.laserscan import decode, decode_blocks, split_rows
 from lidarcli.sweeps import RawSweeps
+from tests.logs.scan_messages import GEOMETRY, scan
 
 
 def pack(messages: list[bytes], gap: int = 3) -> tuple[Any, Any, Any, Any]:

@@ -6,18 +6,18 @@ import io
 from pathlib import Path
 from typing import Any
 
-import mcap_samples as samples
 import numpy as np
 import pytest
 from mcap.writer import IndexType, Writer
-from mcap_samples import json_scan, protobuf_scan, ranges_of, sample
-from scan_messages import scan
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import foxglove, mcap_walk
 from lidarcli.logs.base import FOXGLOVE_SCAN, LASERSCAN, ReadReport, Topic
 from lidarcli.logs.mcap import McapLog
 from lidarcli.sweeps import RawSweeps, concatenate
+from tests.logs import mcap_samples as samples
+from tests.logs.mcap_samples import json_scan, protobuf_scan, ranges_of, sample
+from tests.logs.scan_messages import scan
 
 N = 40
 IDL = ("sensor_msgs/msg/LaserScan", "ros2idl", samples.LASERSCAN_IDL)

@@ -11,18 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import lz4.frame
-import mcap_samples as samples
 import numpy as np
 import pytest
 import zstandard
 from mcap.writer import IndexType
-from mcap_samples import ranges_of, sample
-from scan_messages import scan
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import mcap_records
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.mcap import McapLog
+from tests.logs import mcap_samples as samples
+from tests.logs.mcap_samples import ranges_of, sample
+from tests.logs.scan_messages import scan
 
 
 @pytest.fixture(autouse=True)
@@ -79,6 +79,7 @@ def after_chunks() -> list[int]:
     return [whole_before(data, end) for _, end in samples.chunks(data)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{}, {"index": IndexType.NONE}, {"use_chunking": False}, {"chatter": 2}])
 def test_every_whole_message_before_a_cut_is_read(tmp_path: Path, options: dict[str, Any]) -> None:
     data = sample(N, compression="none", **options)
@@ -89,6 +90,7 @@ def test_every_whole_message_before_a_cut_is_read(tmp_path: Path, options: dict[
             assert report.damage, cut
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["lz4", "zstd"])
 def test_a_cut_in_a_compressed_log_leaves_a_prefix(tmp_path: Path, compression: str) -> None:
     data = sample(N, compression=compression)
@@ -167,6 +169,7 @@ def test_a_flipped_bit_costs_its_chunk_alone(tmp_path: Path, compression: str) -
             assert line.endswith(f", {len(lost)} messages are lost")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", ["none", "zstd"])
 @pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
 def test_flipped_bits_in_a_chunk_record_cost_at_most_two_chunks(
@@ -255,6 +258,7 @@ def test_a_message_that_looks_like_one_inside_another_is_not_read(tmp_path: Path
     assert len(data) < len(real)
 
 
+@pytest.mark.slow
 def test_a_lying_summary_loses_nothing(tmp_path: Path) -> None:
     data = sample(N, chatter=8, chunk_size=800)
     path = tmp_path / "run.mcap"
@@ -461,6 +465,7 @@ def test_a_log_that_shrinks_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
         assert log.report.damage
 
 
+@pytest.mark.slow
 def test_any_mutation_ends_in_sweeps_or_a_report(tmp_path: Path) -> None:
     rng = random.Random(3)
     kinds: list[dict[str, Any]] = [

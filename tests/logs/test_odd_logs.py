@@ -18,10 +18,8 @@ import pytest
 import zstandard
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from mcap_samples import chunks
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
-from scan_messages import scan
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
@@ -32,6 +30,8 @@ from lidarcli.pipeline.inputs import Source, find_logs
 from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.many import detect_files
 from lidarcli.simulate.definitions import ros2_definition
+from tests.logs.mcap_samples import chunks
+from tests.logs.scan_messages import scan
 
 TF = "tf2_msgs/msg/TFMessage"
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -231,6 +231,7 @@ def lying_cell(data: bytes) -> bytes:
     return data[:at] + b"\xff" * 9 + data[at + 9 :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "lie", "least"),
     [
@@ -254,6 +255,7 @@ def test_a_declared_size_beyond_everything(
     assert peak < 32
 
 
+@pytest.mark.slow
 def test_a_bomb_of_an_mcap_chunk_stays_below_what_is_believed(tmp_path: Path) -> None:
     """Beyond what is believed of so little data only its start is looked at, for channels it describes."""
     plain = written("run.mcap", tmp_path, {"/scan": (LASERSCAN, [scan([1.0])] * 3)})
@@ -272,6 +274,7 @@ def test_a_bomb_of_an_mcap_chunk_stays_below_what_is_believed(tmp_path: Path) ->
         assert peak < most, peak
 
 
+@pytest.mark.slow
 def test_more_messages_than_bytes_are_not_believed(tmp_path: Path) -> None:
     """A hundred bytes hold a million empty messages that repeat."""
     plain = written("run.mcap", tmp_path, {"/scan": (LASERSCAN, [scan([1.0])] * 3)})
@@ -292,6 +295,7 @@ def test_more_messages_than_bytes_are_not_believed(tmp_path: Path) -> None:
     assert peak < 100
 
 
+@pytest.mark.slow
 def test_a_bomb_of_a_gzip_csv_is_skipped(tmp_path: Path) -> None:
     """Half a gibibyte of one line, then lines that are fine."""
     head = b"time,r0,r1,r2\n1.0,1.0,2.0,3.0\n1.1,1.0,2.0,3.0\n"

@@ -14,7 +14,6 @@ import threading
 from pathlib import Path
 from typing import Any
 
-import mcap_samples
 import numpy as np
 import pytest
 import zstandard
@@ -23,8 +22,9 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log, opening
 from lidarcli.logs.registry import FORMATS
 from lidarcli.sweeps import concatenate
+from tests.logs import mcap_samples
+from tests.places import ROOT, SAMPLES
 
-SAMPLES = Path(__file__).parents[2] / "samples"
 KNOWN = ", ".join(known.name for known in FORMATS)
 CSV = b"".join(f"{i}.0,{i}.5,{i}.6,{i}.7\n".encode() for i in range(1, 9))
 
@@ -225,7 +225,7 @@ def test_a_log_costs_only_the_libraries_of_its_container(tmp_path: Path) -> None
         capture_output=True,
         text=True,
         check=True,
-        env={**os.environ, "PYTHONPATH": str(SAMPLES.parent)},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
     )
     assert done.stdout == "3\n[]\n"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bz2
 import io
-import os
 import random
 import re
 import struct
@@ -12,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numbered import header, indices, laser_scan, record_time
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -22,10 +20,11 @@ from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag1 import Rosbag1Log
 from lidarcli.logs.rosbag1_feeds import ChunkFeed
 from lidarcli.logs.rosbag1_records import Search, judge, parse, walk
+from tests.logs.numbered import header, indices, laser_scan, record_time
+from tests.places import REAL_LOGS, needs_real_logs
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
 TYPES = STORE.types
-REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
 
 
 def scan(index: int, beams: int = 37) -> bytes:
@@ -241,6 +240,7 @@ def test_cut_before_the_index(tmp_path: Path) -> None:
 # Truncation: everything before the cut, nothing behind it.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
 def test_truncation_gives_the_prefix(tmp_path: Path, codec: str) -> None:
     data = write_bag(tmp_path / "a.bag", 60, codec, strings=4)
@@ -323,6 +323,7 @@ def header_bytes(data: bytes) -> list[int]:
     return places
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("codec", ["none", "bz2", "lz4"])
 def test_flips_in_lengths_and_headers_cost_little(tmp_path: Path, codec: str) -> None:
     data = write_bag(tmp_path / "a.bag", 60, codec, strings=4)
@@ -338,6 +339,7 @@ def test_flips_in_lengths_and_headers_cost_little(tmp_path: Path, codec: str) ->
         assert len(lost) <= (2 if codec == "none" else per_chunk), (at, lost)
 
 
+@pytest.mark.slow
 def test_no_sweep_comes_out_of_a_broken_block(tmp_path: Path) -> None:
     data = write_bag(tmp_path / "a.bag", 60, "bz2", strings=4)
     places: list[int] = []
@@ -355,6 +357,7 @@ def test_no_sweep_comes_out_of_a_broken_block(tmp_path: Path) -> None:
             assert log.report.damage
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1000, 1 << 20, 1 << 24])
 @pytest.mark.parametrize("declared", [2_500_000, 1_300_000])
 def test_whole_blocks_come_out_before_a_broken_one(size: int, declared: int) -> None:
@@ -476,6 +479,7 @@ def test_search_has_a_budget() -> None:
     assert search.budget <= 0
 
 
+@pytest.mark.slow
 def test_random_bytes_never_raise(tmp_path: Path) -> None:
     data = write_bag(tmp_path / "a.bag", 30, "lz4", strings=2)
     rng = random.Random(11)
@@ -576,10 +580,11 @@ COUNTS = {
 }
 
 
-@pytest.mark.skipif(not REAL.name, reason="LIDARCLI_REAL_LOGS is not set")
+@pytest.mark.slow
+@needs_real_logs
 @pytest.mark.parametrize("name", COUNTS)
 def test_real_logs(name: str) -> None:
-    with Rosbag1Log(str(REAL / name)) as log:
+    with Rosbag1Log(str(REAL_LOGS / name)) as log:
         counts: dict[str, int] = {}
         for block in log.scans():
             counts[block.topic] = counts.get(block.topic, 0) + len(block)

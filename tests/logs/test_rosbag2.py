@@ -12,8 +12,6 @@ from typing import Any
 
 import pytest
 import zstandard
-from numbered import indices, laser_scan, ranges_of, record_time
-from numbered import read_bag as read
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -25,12 +23,14 @@ from lidarcli.logs.rosbag2_folder import natural, read_folder
 from lidarcli.logs.rosbag2_unpack import unpack_file, unpack_message
 from lidarcli.logs.sqlite_salvage import Salvage
 from lidarcli.logs.unpacking import Unpacking
+from tests.logs.numbered import indices, laser_scan, ranges_of, record_time
+from tests.logs.numbered import read_bag as read
+from tests.places import REAL_LOGS, needs_real_logs
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
 SCAN = "sensor_msgs/msg/LaserScan"
 TEXT = "std_msgs/msg/String"
-REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
 
 
 def scan(index: int, beams: int = 37) -> bytes:
@@ -304,6 +304,7 @@ def last_bytes(data: bytes, beams: int) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beams", [37, 361, 3000])
 def test_truncation_gives_what_is_whole(tmp_path: Path, beams: int) -> None:
     """3000 beams need chains of overflow pages."""
@@ -388,6 +389,7 @@ def test_broken_header(tmp_path: Path) -> None:
     assert "read page by page: 60 messages recovered" in damage[0]
 
 
+@pytest.mark.slow
 def test_random_bytes_never_raise(tmp_path: Path) -> None:
     data = write_bag(tmp_path / "bag", range(30), beams=361).read_bytes()
     rng = random.Random(4)
@@ -507,6 +509,7 @@ def test_metadata_that_is_no_file_is_not_opened(tmp_path: Path, kind: str) -> No
         assert log.report.notes == ["metadata.yaml is no file, the storage files were read without it"]
 
 
+@pytest.mark.slow
 def test_many_names_and_many_files(tmp_path: Path) -> None:
     """Names are looked up: comparing each with every file took minutes."""
     for part in range(300):
@@ -680,10 +683,11 @@ COUNTS = {
 }
 
 
-@pytest.mark.skipif(not REAL.name, reason="LIDARCLI_REAL_LOGS is not set")
+@pytest.mark.slow
+@needs_real_logs
 @pytest.mark.parametrize("name", COUNTS)
 def test_real_logs(name: str) -> None:
-    with Rosbag2Log(str(REAL / name)) as log:
+    with Rosbag2Log(str(REAL_LOGS / name)) as log:
         assert sum(map(len, log.scans())) == COUNTS[name]
         assert log.report.damage == []
         assert not log.report.refused

@@ -44,6 +44,7 @@ TEXTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ros2idl", "ros2msg"])
 @pytest.mark.parametrize("kind", TEXTS)
 def test_a_megabyte_of_anything_is_read_once(kind: str, encoding: str) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -29,10 +28,9 @@ from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import Float64
+from tests.places import REAL_LOGS, ROOT, SAMPLES, needs_real_logs
 from tests.poses.pose_messages import SECOND
 
-SAMPLES = Path(__file__).parents[2] / "samples"
-REAL = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
 COUNT = 150
 
 
@@ -204,9 +202,8 @@ def test_info_tells_of_the_delay(folder: Path, capfd: pytest.CaptureFixture[str]
     assert inspect_log(Source(str(folder / "right.mcap"), "right")).notes == ()
 
 
-@pytest.mark.skipif(
-    "LIDARCLI_REAL_LOGS" not in os.environ, reason="LIDARCLI_REAL_LOGS names no folder of real logs"
-)
+@pytest.mark.slow
+@needs_real_logs
 @pytest.mark.parametrize(
     ("log", "delay"),
     [
@@ -218,14 +215,14 @@ def test_info_tells_of_the_delay(folder: Path, capfd: pytest.CaptureFixture[str]
 )
 def test_delays_of_real_logs(log: str, delay: dict[str, str]) -> None:
     """The driver of the first two stamps a sweep when it has arrived, and corrects that on /stable_scan."""
-    notes = inspect_log(Source(str(REAL / log), "log")).notes
+    notes = inspect_log(Source(str(REAL_LOGS / log), "log")).notes
     told = [note for note in notes if "--pose-delay" in note]
     assert [note.rpartition(" ")[2] for note in told] == [f"{value})" for value in delay.values()]
     assert all(f" of {topic} " in note for topic, note in zip(delay, told, strict=True))
 
 
 def test_every_constant_is_documented_with_its_value() -> None:
-    page = (SAMPLES.parent / "docs" / "poses.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "poses.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)\.(\w+)` \| ([\d.]+) \|", page, re.MULTILINE)
     modules = {"posing": posing, "delay": module, "inspecting": inspecting}
     assert {(room, name) for room, name, _ in rows} >= {

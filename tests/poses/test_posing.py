@@ -6,9 +6,9 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, Message, Topic
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.inspecting import inspect_log
@@ -28,10 +28,10 @@ from lidarcli.simulate.odometry import PoseRows, simulate_odometry
 from lidarcli.simulate.scene import Scene
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, SweepPoses, normalise
+from tests.fake_log import FakeLog
+from tests.places import SAMPLES
 from tests.poses.pose_messages import ODOMETRY, POSE, SECOND, TF, odometry, pose_stamped, tf
 from tests.sweeping import START, raw_sweeps
-
-SAMPLES = Path(__file__).parents[2] / "samples"
 
 
 def drive() -> tuple[Scene, PoseRows]:
@@ -128,7 +128,7 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
 def test_the_batch_size_does_not_matter(tmp_path: Path) -> None:
     batch, log = (
         batch_of(40),
-        FakeLog(messages=[odometry(START + k * SECOND, "odom", "laser", (k, 0, k / 2)) for k in range(5)]),
+        PosesLog(messages=[odometry(START + k * SECOND, "odom", "laser", (k, 0, k / 2)) for k in range(5)]),
     )
     whole = Posing.of(log).attach(batch).poses
     assert whole is not None
@@ -143,51 +143,19 @@ def test_the_batch_size_does_not_matter(tmp_path: Path) -> None:
 # --- one log in memory ------------------------------------------------------------------------------------
 
 
-@dataclass
-class FakeLog:
+class PosesLog(FakeLog):
     """A log in memory with sweeps that nobody reads here and some pose messages."""
 
-    messages_: list[Message] = field(default_factory=list)
-    path: str = "run.fake"
-    format: str = "fake"
-    compression: str = "none"
-    size: int | None = 1234
-    indexed: bool = True
-    report: ReadReport = field(default_factory=ReadReport)
-    passes: int = 0
-
-    def __init__(
-        self, messages: list[Message] | None = None, size: int | None = 1234, damage: str = ""
-    ) -> None:
-        self.messages_ = messages or []
-        self.path, self.format, self.compression, self.size = "run.fake", "fake", "none", size
-        self.report = ReadReport()
+    def __init__(self, messages: Sequence[Message] = (), size: int | None = 1234, damage: str = "") -> None:
+        names = dict.fromkeys((message.topic, message.type) for message in messages)
+        topics = [Topic("/scan", LASERSCAN, "cdr", 40), *(Topic(*name, "cdr", 9) for name in names)]
+        super().__init__((), None if size is None else topics, messages, size=size)
         self.damage = damage
-        self.passes = 0
-
-    def topics(self) -> list[Topic] | None:
-        if self.size is None:
-            return None
-        names = dict.fromkeys((message.topic, message.type) for message in self.messages_)
-        return [Topic("/scan", LASERSCAN, "cdr", 40), *(Topic(*name, "cdr", 9) for name in names)]
-
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
-        return iter(())
 
     def messages(self, types: Collection[str]) -> Iterator[Message]:
-        self.passes += 1
         if self.damage:
             self.report.add_damage("byte 7", self.damage)
-        return iter([message for message in self.messages_ if message.type in types])
-
-    def close(self) -> None:
-        pass
-
-    def __enter__(self) -> FakeLog:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        pass
+        return super().messages(types)
 
 
 def batch_of(
@@ -227,7 +195,7 @@ def cut(batch: SweepBatch, size: int) -> Iterator[SweepBatch]:
 
 def posed(messages: list[Message], batch: SweepBatch | None = None) -> tuple[SweepPoses | None, list[str]]:
     """The poses of some sweeps by a log with these messages, and the notes."""
-    posing = Posing.of(FakeLog(messages))
+    posing = Posing.of(PosesLog(messages))
     poses = posing.attach(batch or batch_of()).poses
     return poses, posing.notes()
 
@@ -345,7 +313,7 @@ def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
 
 
 def test_damage_met_in_the_first_pass_is_kept_once() -> None:
-    log = FakeLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
+    log = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
     posing = Posing.of(log)
     assert log.report.damage == []
     assert posing.found is not None
@@ -355,8 +323,8 @@ def test_damage_met_in_the_first_pass_is_kept_once() -> None:
 
 
 def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
-    plain, pipe = FakeLog(), FakeLog([odometry(START, "odom", "laser", (0, 0, 0))], size=None)
-    unasked = FakeLog([odometry(START, "odom", "laser", (0, 0, 0))])
+    plain, pipe = PosesLog(), PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], size=None)
+    unasked = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))])
     assert Posing.of(plain).notes() == []
     assert Posing.of(plain).attach(batch_of()).poses is None
     assert Posing.of(unasked, "none").notes() == []
@@ -465,7 +433,7 @@ def test_info_lists_the_sources() -> None:
 
 
 def test_info_says_between_which_topics_to_choose(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Scanned(FakeLog):
+    class Scanned(PosesLog):
         def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
             yield raw_sweeps(np.full((3, 8), 2.0, np.float32), frame_ids=("laser",))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,16 +14,13 @@ import lidarcli
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Source
 from lidarcli.sweeps import Float64
+from tests.places import REAL_LOGS, needs_real_logs
 from tests.poses.pose_messages import ROS2
 
-FOLDER = Path(os.environ.get("LIDARCLI_REAL_LOGS", ""))
+pytestmark = [needs_real_logs, pytest.mark.slow]
 
-pytestmark = pytest.mark.skipif(
-    "LIDARCLI_REAL_LOGS" not in os.environ, reason="LIDARCLI_REAL_LOGS names no folder of real logs"
-)
-
-GAZEBO = FOLDER / "my_gazebo_tutorials"
-CAR = FOLDER / "datmo" / "parallel.bag"
+GAZEBO = REAL_LOGS / "my_gazebo_tutorials"
+CAR = REAL_LOGS / "datmo" / "parallel.bag"
 
 
 def told(path: Path, topic: str) -> Iterator[Any]:
@@ -126,7 +122,7 @@ def test_what_is_said_of_motion_capture(tmp_path: Path) -> None:
 
 
 def test_a_chain_of_moving_links(tmp_path: Path) -> None:
-    log = FOLDER / "robots_ii" / "mylaserdata_20151128.bag"
+    log = REAL_LOGS / "robots_ii" / "mylaserdata_20151128.bag"
     summary = detect_to_files(Source(str(log), "stage"), tmp_path, DetectOptions())
     assert summary.notes == [
         "poses by /tf (robot_0/odom > robot_0/base_footprint > robot_0/base_link > robot_0/base_laser_link)"

@@ -108,6 +108,7 @@ def test_a_ring_of_frames_does_no_harm() -> None:
     assert taken(ring) in (None, ("/tf", "c"), ("/tf", "b"), ("/tf", "a"))
 
 
+@pytest.mark.slow
 def test_a_very_long_chain() -> None:
     chain = [one for k in range(3000) for one in static(f"f{k}", f"f{k + 1}", (0.001, 0, 0))]
     way = sources([*chain, *moving("map", "f0")]).way("f3000")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_golden import nearly
+from tests.nearly import nearly
 from tools.golden_reports import FOLDER, SUFFIXES, golden_path, reports
 
 

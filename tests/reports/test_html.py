@@ -16,11 +16,11 @@ import pytest
 from lidarcli.reports import viewer
 from lidarcli.reports.summary import summarise
 from lidarcli.reports.viewer import Raw, choose, pack
+from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import run_of, sweep, thing, write_run
 
 Run = Callable[..., Any]
-SAMPLES = Path(__file__).parents[2] / "samples"
 EVIL = "</script><script>document.title='owned'</script><img src=x onerror=alert(1)>"
 
 
@@ -69,6 +69,7 @@ def room(lidarcli: Run, tmp_path: Path) -> Path:
     return tmp_path / "room.html"
 
 
+@pytest.mark.slow
 def test_nothing_comes_from_outside(room: Path) -> None:
     page = room.read_text("utf-8")
     for tag, attributes in Elements(page).found:
@@ -84,6 +85,7 @@ def test_nothing_comes_from_outside(room: Path) -> None:
     assert policy[1].startswith("default-src 'none';")
 
 
+@pytest.mark.slow
 def test_the_viewer_holds_what_the_log_holds(room: Path, lidarcli: Run) -> None:
     import lidarcli as package
 
@@ -106,6 +108,7 @@ def test_the_viewer_holds_what_the_log_holds(room: Path, lidarcli: Run) -> None:
     )
 
 
+@pytest.mark.slow
 def test_without_beams_the_boxes_alone_are_shown(lidarcli: Run, tmp_path: Path) -> None:
     tables = write_run(tmp_path, [sweep(k, 1) for k in range(3)], [thing(k, 1) for k in range(3)])
     assert lidarcli("report", tables, "-o", tmp_path / "a.html") == (0, "")
@@ -126,6 +129,7 @@ def test_a_log_that_belongs_to_no_table(lidarcli: Run, tmp_path: Path) -> None:
     assert (code, "no such file or folder" in err) == (3, True)
 
 
+@pytest.mark.slow
 def test_script_in_every_text_of_a_log_stays_text(lidarcli: Run, tmp_path: Path) -> None:
     evil = {"log": EVIL, "topic": f"/{EVIL}", "frame_id": f"{EVIL}$x$"}
     name = EVIL.replace("/", "_")[:100]
@@ -171,6 +175,7 @@ def test_long_logs_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> No
     assert len(json.dumps(packed)) < 45_000
 
 
+@pytest.mark.slow
 def test_a_thousand_sweeps_of_361_beams_stay_below_three_megabytes(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     run = run_of(
@@ -195,6 +200,7 @@ def test_a_thousand_sweeps_of_361_beams_stay_below_three_megabytes(tmp_path: Pat
     assert len(page.encode()) < 2_000_000
 
 
+@pytest.mark.slow
 def test_the_same_tables_give_the_same_page(lidarcli: Run, room: Path) -> None:
     again = room.with_name("again.html")
     words = ("--check", "sweeps == 100", "--check", "objects < 5")

@@ -113,6 +113,7 @@ def test_what_the_subtraction_shows() -> None:
     assert max(segment[1][1] for segment in far.get_segments()) == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("view", "suffix"), [*((view, ".svg") for view in VIEWS), ("scene", ".png"), ("scene", ".pdf")]
 )
@@ -125,12 +126,14 @@ def test_every_view_in_every_format_is_the_same_each_time(view: str, suffix: str
     assert b"dc:date" not in data
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranges", [[np.inf] * 72, [4.0] * 72, [1.0], [2.0, np.nan, 2.0]])
 def test_sweeps_with_hardly_anything_in_them(ranges: list[float]) -> None:
     one = picture(ranges, np.array(ranges), log="日本\x00語.csv")
     assert draw(one, "all", ".png").startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_the_legend_of_an_animation_is_the_same_in_every_frame(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -120,6 +120,7 @@ def test_random_scenes_are_the_same_for_every_sensor(kind):
     assert len(things[0]) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("kind", ["room", "corridor", "hall"])
 def test_nothing_in_a_random_scene_touches_anything(kind, seed):
@@ -145,6 +146,7 @@ def test_nothing_in_a_random_scene_touches_anything(kind, seed):
     assert np.isposinf(raw.ranges[0, ~hit]).all()
 
 
+@pytest.mark.slow
 def test_scenes_without_legs_have_none():
     kinds = {
         e.kind

@@ -7,8 +7,7 @@ import pytest
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.simulate.load import load_scene
-
-SAMPLES = Path(__file__).parents[2] / "samples"
+from tests.places import SAMPLES
 
 
 @pytest.fixture

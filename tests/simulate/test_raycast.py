@@ -78,6 +78,7 @@ def slow_range(entities, x, y, bearing):
     return nearest, hit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_random_things_agree_with_the_slow_loop(seed):
     rng = np.random.default_rng(seed)

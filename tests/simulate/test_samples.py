@@ -1,7 +1,5 @@
 """The logs in samples/ are what the scenes beside them make today."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -11,8 +9,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.simulate import simulate
+from tests.places import SAMPLES
 
-SAMPLES = Path(__file__).parents[2] / "samples"
 LOGS = [
     ("room", "room.mcap", {}),
     ("room_empty", "room_empty.mcap", {"seed": 1}),
@@ -35,6 +33,7 @@ def scans(path):
     return [(c.topic, time, len(data)) for c, time, data in found], np.stack(ranges)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "log", "options"), LOGS, ids=[log for _, log, _ in LOGS])
 def test_a_sample_is_up_to_date(tmp_path, scene, log, options):
     """Up to the last bit, which another processor may round the other way."""

@@ -16,8 +16,9 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.parts_beside import Companion, Work
 from lidarcli.pipeline.subtracting import BackgroundOptions
+from tests.places import SAMPLES
 
-DRIVE = Source(str(Path(__file__).parents[1] / "samples" / "drive.db3"), "drive")
+DRIVE = Source(str(SAMPLES / "drive.db3"), "drive")
 ALONE = DetectOptions(read=ReadOptions(batch_size=8), cores=1)
 
 

@@ -23,8 +23,8 @@ from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS
 from lidarcli.tables.background import GEOMETRY
 from lidarcli.tables.reading import GREATEST, MOST, read_columns
 from lidarcli.tables.schemas import BACKGROUND, NULLABLE, OBJECTS, SCHEMAS
+from tests.places import SAMPLES
 
-SAMPLES = Path(__file__).parent.parent / "samples"
 ALL = {**SCHEMAS, "background": BACKGROUND}
 
 
@@ -115,6 +115,7 @@ def narrow(path: Path) -> None:
 WRITERS = {"pandas": by_pandas, "polars": by_polars, "duckdb": by_duckdb, "narrow": narrow}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("writer", WRITERS)
 def test_what_other_programs_write_gives_the_same_report(
     tables: Path, writer: str, capfd: pytest.CaptureFixture[str]
@@ -282,6 +283,7 @@ def test_a_column_there_twice_and_one_that_is_missing(
     assert capfd.readouterr().err == (f"lidarcli: {path}: not a table of lidarcli detect: no column beams\n")
 
 
+@pytest.mark.slow
 def test_a_beams_table_that_cannot_be_read_leaves_the_rest_of_the_page(
     tables: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -390,6 +392,7 @@ READ = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in READ for name in sorted(READ[kind])])
 def test_any_change_of_a_column_ends_with_a_documented_code(
     original: Path,
@@ -455,6 +458,7 @@ VALUES = [
 ]
 
 
+@pytest.mark.slow
 def test_any_geometry_ends_with_a_documented_code(
     original: Path, tables: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -475,6 +479,7 @@ def test_any_geometry_ends_with_a_documented_code(
             survive(commands[:2], capfd, f"{key}: {value[:200]}")
 
 
+@pytest.mark.slow
 def test_any_metadata_of_a_run_ends_with_a_documented_code(
     original: Path, tables: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -501,6 +506,7 @@ def test_any_metadata_of_a_run_ends_with_a_documented_code(
         survive([command], capfd, f"{key}: {text[:200]}")
 
 
+@pytest.mark.slow
 def test_bad_names_of_tables(
     original: Path, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +13,13 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Source
 from lidarcli.pipeline.subtracting import BackgroundOptions
 from lidarcli.sweeps import Float64
+from tests.places import REAL_LOGS, needs_real_logs
 from tests.poses.pose_messages import ROS1
 
-FOLDER = Path(os.environ.get("LIDARCLI_REAL_LOGS", "")) / "leg_tracker"
+FOLDER = REAL_LOGS / "leg_tracker"
 LOG = FOLDER / "demo_stationary_simple_environment.bag"
 
-pytestmark = pytest.mark.skipif(
-    "LIDARCLI_REAL_LOGS" not in os.environ, reason="LIDARCLI_REAL_LOGS names no folder of real logs"
-)
+pytestmark = [needs_real_logs, pytest.mark.slow]
 
 
 def test_the_walls_vanish_and_the_people_remain() -> None:
@@ -90,9 +88,9 @@ def test_people_who_stand_in_most_sweeps_do_not_become_the_background(
 def notes_against(background: str, log: str, folder: Path) -> list[str]:
     """What is told of a log that is compared with the background of another."""
     file = folder / "b.parquet"
-    lidarcli.learn(FOLDER.parent / background, file, pose="none")
+    lidarcli.learn(REAL_LOGS / background, file, pose="none")
     options = DetectOptions(background=BackgroundOptions.of(file, any_frame=True), pose="none")
-    return detect_to_files(Source(str(FOLDER.parent / log), "log"), folder, options).notes
+    return detect_to_files(Source(str(REAL_LOGS / log), "log"), folder, options).notes
 
 
 PARKED = ("leg_tracker/positive_1_raw.bag", "leg_tracker/demo_stationary_simple_environment.bag")
@@ -102,7 +100,7 @@ MOVED = ("leg_tracker/negative_2.bag", "comprobo24/drive_square", "scan_tools/la
 @pytest.mark.parametrize("log", [*PARKED, *MOVED])
 def test_a_sensor_that_moved_is_told_from_one_among_people(log: str) -> None:
     """Beams that find no range again: 7 % at most with the one, all with the other."""
-    sensors = lidarcli.learn(FOLDER.parent / log, pose="none")
+    sensors = lidarcli.learn(REAL_LOGS / log, pose="none")
     assert {sensor.seems_moved for sensor in sensors} == {log in MOVED}
 
 

@@ -11,10 +11,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks.bench import run
+from tests.places import ROOT
 
-BENCH = Path(__file__).parent.parent / "benchmarks" / "bench.py"
+BENCH = ROOT / "benchmarks" / "bench.py"
 
 
+@pytest.mark.slow
 def test_the_benchmark_runs(tmp_path: Path) -> None:
     target = tmp_path / "bench.json"
     arguments = ["--sweeps", "50", "--repeats", "1", "--json", str(target)]
@@ -39,6 +41,7 @@ def test_a_pinned_process_has_one_core() -> None:
     assert run(*command).output == f"{len(os.sched_getaffinity(0))}\n"
 
 
+@pytest.mark.slow
 def test_the_full_benchmark_runs(tmp_path: Path) -> None:
     target = tmp_path / "full.json"
     arguments = ["--sweeps", "50", "--repeats", "1", "--longest", "0", "--json", str(target)]
@@ -48,7 +51,7 @@ def test_the_full_benchmark_runs(tmp_path: Path) -> None:
         text=True,
         timeout=120,
         check=False,
-        cwd=BENCH.parent.parent,
+        cwd=ROOT,
     )
     assert done.returncode == 0, done.stderr
     figures = json.loads(target.read_text(encoding="utf-8"))

@@ -37,11 +37,14 @@ from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import SweepBatch
-from tests.sweeping import raw_sweeps
+from tests.places import SAMPLES
+from tests.sweeping import raw_sweeps, round_room
+
+pytestmark = pytest.mark.slow
 
 SWEEPS = 1500
 TOPICS = ("/rear", "/front", "/rear", "/left")
-DRIVE = Path(__file__).parent.parent / "samples" / "drive.toml"
+DRIVE = SAMPLES / "drive.toml"
 
 
 @pytest.fixture(scope="module")
@@ -255,9 +258,8 @@ def test_a_bug_in_a_worker(
 def long_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Work for several seconds (with `--beams`), in a file that is quickly made."""
     rows, beams = 250, 1800
-    ranges = np.full((rows, beams), 4.0, np.float32)
-    for first in range(100, beams - 100, 100):
-        ranges[:, first : first + 30] = 2.0
+    boxes = [(first, first + 30, 2.0) for first in range(100, beams - 100, 100)]
+    ranges = round_room(rows, beams, *boxes)
     path = tmp_path_factory.mktemp("long") / "long.mcap"
     write_log(path, [raw_sweeps(ranges)] * 40, compression="lz4")
     return path

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lidarcli.sweeps import NO_RETURN_WORDS, RangeRules, RawSweeps, SweepBatch, normalise
+from lidarcli.sweeps import NO_RETURN_WORDS, RangeRules, SweepBatch, normalise
+from tests.sweeping import raw_sweeps
 
 
 def odd_batches(seed: int = 0) -> Iterator[SweepBatch]:
@@ -33,19 +34,14 @@ def _batch(random: np.random.Generator, width: int, lost: float, alike: bool) ->
     ranges[bad] = random.choice(
         np.array([np.nan, np.inf, -np.inf, 0, -1, 0.01, 9, 10, 99, 2e6], np.float32), bad.sum()
     )
-    zeros = np.zeros(rows, np.int64)
-    raw = RawSweeps(
-        topic="/scan",
-        frame_ids=("laser",),
-        frame=zeros.astype(np.int32),
-        stamp_ns=zeros,
-        record_ns=zeros,
+    raw = raw_sweeps(
+        ranges,
+        stamp_ns=0,
         angle_min=np.full(rows, -1.0) if alike else random.uniform(-3.0, 3.0, rows),
         angle_increment=increment,
         range_min=random.choice(np.array([0.1, 0.1, 1.15, np.nan, 2e6], np.float32), rows),
         range_max=random.choice(np.array([10.0, 10.0, 9.0, np.inf, 3e6], np.float32), rows),
-        beams=beams.astype(np.int32),
-        ranges=ranges,
+        beams=beams,
     )
     words = random.choice(NO_RETURN_WORDS, random.integers(0, len(NO_RETURN_WORDS)), replace=False)
     return normalise(raw, np.arange(rows), RangeRules(frozenset(words.tolist())))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +15,8 @@ from lidarcli.pipeline.inputs import Source, log_name
 from lidarcli.pipeline.opening import open_source
 from lidarcli.pipeline.reading import Reading
 from lidarcli.sweeps import SweepBatch
+from tests.places import SAMPLES
 
-SAMPLES = Path(__file__).parents[1] / "samples"
 OPTIONS = ReadOptions(batch_size=8)
 
 

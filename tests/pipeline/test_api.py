@@ -1,0 +1,189 @@
+"""The functions of the package for Python: `detect`, `read`, and what they warn of and refuse."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import lidarcli
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.formalism import Parameters
+from lidarcli.logs import open_log
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.inputs import Source, find_logs
+from lidarcli.simulate.writers import write_log
+from lidarcli.tables import OBJECTS
+from tests.pipeline.folders import logs_apart
+from tests.pipeline.in_memory import block
+from tests.places import SAMPLES
+
+
+def test_detect_batches_in_python() -> None:
+    batch = lidarcli.formalism.sweep(block().ranges, angle_increment=np.pi / 180)
+    table = lidarcli.detect(batch)
+    assert table.num_rows == 4
+    assert table["beam_i"].to_pylist() == [40] * 4
+    assert lidarcli.detect([batch, batch]).num_rows == 8
+
+
+def test_read_and_detect_a_log_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    write_log(path, [block("/b"), block("/a")])
+    batches = list(lidarcli.read(path, topics=["/b"], every=2))
+    assert [(batch.topic, batch.sweep.tolist()) for batch in batches] == [("/b", [0, 2])]
+    table = lidarcli.detect(path, Parameters.for_profile("robust"), start=0.1)
+    assert table.schema.equals(OBJECTS)
+    assert list(zip(table["topic"].to_pylist(), table["sweep"].to_pylist(), strict=True)) == [
+        *(("/a", sweep) for sweep in (1, 2, 3)),
+        *(("/b", sweep) for sweep in (1, 2, 3)),
+    ]
+    detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions(read=ReadOptions(start=0.1)))
+    assert table.equals(pq.read_table(tmp_path / "run.objects.parquet"), check_metadata=True)
+
+
+def test_damage_is_a_warning_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mcap"
+    write_log(path, [block(sweeps=200, first=k) for k in (0, 200)], chunk_size=10_000)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.warns(UserWarning, match=re.escape(f"{path}: byte ")):
+        table = lidarcli.detect(path)
+    assert 0 < table.num_rows < 400
+    with pytest.warns(UserWarning, match="no sweep of /scan from 100 s on"):
+        lidarcli.detect(SAMPLES / "room.mcap", start=100)
+    with pytest.warns(UserWarning, match=re.escape(f"{path}: byte ")):
+        assert sum(len(batch) for batch in lidarcli.read(path)) == table.num_rows
+
+
+def test_options_of_reading_need_a_path() -> None:
+    batch = lidarcli.formalism.sweep(block().ranges, angle_increment=np.pi / 180)
+    with pytest.raises(TypeError, match=r"^only a log can be read with every$"):
+        lidarcli.detect(batch, every=2)
+
+
+def test_a_folder_of_logs_is_not_one_log_in_python(tmp_path: Path) -> None:
+    """They came as one log, with the poses of one of them for all."""
+    folder = logs_apart(tmp_path / "logs")
+    table = lidarcli.detect(folder)
+    rows = Counter(table["log"].to_pylist())
+    assert set(rows) == {"deep/c", "drive", "run 1"}
+    world = table["world_x"].is_null().to_pylist()
+    posed = {log for log, null in zip(table["log"].to_pylist(), world, strict=True) if not null}
+    assert posed == {"drive"}
+    assert [entry["name"] for entry in json.loads(table.schema.metadata[b"lidarcli.source"])] == [
+        "c.bag",
+        "drive.db3",
+        "run 1.mcap",
+    ]
+    batches = list(lidarcli.read(folder))
+    assert Counter(batch.log for batch in batches).keys() == rows.keys()
+    assert lidarcli.detect(batches)["log"].to_pylist() == table["log"].to_pylist()
+    one, two = folder / "drive.db3", folder / "run 1.mcap"
+    assert lidarcli.detect([one, two]).num_rows == rows["drive"] + rows["run 1"]
+    # What opens one log says so of a folder of several.
+    with pytest.raises(UnreadableError, match=r"logs: a folder of several logs; name one of them$"):
+        open_log(folder)
+
+
+def test_a_part_of_a_bag_among_other_logs_makes_no_bag(tmp_path: Path) -> None:
+    """One file `NAME_0.db3` made one bag of all databases in its folder, and the other logs were not mentioned."""
+    folder = logs_apart(tmp_path / "logs")
+    (folder / "drive.db3").rename(folder / "drive_0.db3")
+    assert [source.name for source in find_logs([str(folder)])] == ["deep/c", "drive_0", "run 1"]
+    assert set(lidarcli.detect(folder)["log"].to_pylist()) == {"deep/c", "drive_0", "run 1"}
+    # Beside a metadata.yaml it is a bag, and what is no part of it is told.
+    bag = tmp_path / "bag"
+    shutil.copytree(SAMPLES / "hall", bag)
+    for name in ("c.bag", "t.csv"):
+        (bag / name).touch()
+    with open_log(bag) as log:
+        assert log.report.notes == ["no part of this bag, and not read: c.bag, t.csv"]
+
+
+def test_one_bad_log_of_several_is_warned_of_in_python(tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    write_log(folder / "run.mcap", [block()])
+    (folder / "cut.mcap").write_bytes(b"\0\1\2nothing")
+    (folder / "link.mcap").symlink_to(folder / "gone")
+    words = rf"^{re.escape(str(folder))}/(cut\.mcap: not a log lidarcli knows|link\.mcap: cannot be opened: No such file)"
+    for read in (lidarcli.detect, lambda path: list(lidarcli.read(path))):
+        with pytest.warns(UserWarning, match=words) as caught:
+            assert len(read(folder)) > 0
+        assert len(caught) == 2
+    with pytest.raises(UnreadableError, match=r"cut\.mcap: not a log lidarcli knows"):
+        lidarcli.detect(folder / "cut.mcap")
+
+
+def test_logs_of_one_name_stay_apart_in_python(tmp_path: Path) -> None:
+    paths = [tmp_path / name / "run.mcap" for name in "ab"]
+    for path in paths:
+        path.parent.mkdir()
+        write_log(path, [block()])
+    assert set(lidarcli.detect(paths)["log"].to_pylist()) == set(map(str, paths))
+
+
+def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    write_log(path, [block("/scan")])
+    assert lidarcli.detect(path, topics="/scan").num_rows == 4
+    assert lidarcli.detect(path, max_width=0.1).num_rows == 0
+    assert (
+        lidarcli.detect(path, profile="paper").schema.metadata[b"lidarcli.parameters"].count(b'"paper"') == 1
+    )
+    for call, error, words in (
+        (
+            lambda: lidarcli.detect(path, max_widht=1),
+            TypeError,
+            "detect() has no option 'max_widht'; did you mean 'max_width'?",
+        ),
+        (
+            lambda: lidarcli.detect(path, Parameters(), max_width=1),
+            TypeError,
+            "give either parameters or max_width",
+        ),
+        (lambda: lidarcli.detect([1]), TypeError, "a log is the path of a file or folder, not int"),
+        (lambda: lidarcli.detect(path, path), TypeError, "parameters have to be Parameters, not PosixPath"),
+        (
+            lambda: lidarcli.read(path, every=0),
+            OptionError,
+            "--every: 0 is no whole number from 1 to 1,000,000",
+        ),
+        (
+            lambda: lidarcli.read(path, every=2.5),
+            OptionError,
+            "--every: 2.5 is no whole number from 1 to 1,000,000",
+        ),
+        (
+            lambda: lidarcli.read(path, start=float("nan")),
+            OptionError,
+            "--start: nan is no number of seconds",
+        ),
+        (lambda: lidarcli.read(path, start=5, end=1), OptionError, "--start 5 is not before --end 1"),
+        (
+            lambda: lidarcli.detect(path, background=[]),
+            OptionError,
+            "a background of no sensor: nothing can be compared with it",
+        ),
+        (lambda: lidarcli.read(tmp_path / "no"), UnreadableError, f"{tmp_path}/no: no such file or folder"),
+        (
+            lambda: lidarcli.detect([path, tmp_path / "no"]),
+            UnreadableError,
+            f"{tmp_path}/no: no such file or folder",
+        ),
+    ):
+        with pytest.raises(error) as caught:
+            call()
+        assert str(caught.value) == words
+
+
+def test_unknown_name_of_the_package() -> None:
+    with pytest.raises(AttributeError, match=r"^module 'lidarcli' has no attribute 'nonsense'$"):
+        _ = lidarcli.nonsense

@@ -1,0 +1,202 @@
+"""One log into tables: rows, metadata, damage, topics, windows of time."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from lidarcli.errors import NoScanError, OutputError, UnreadableError
+from lidarcli.formalism import Parameters
+from lidarcli.logs.base import CsvOptions, ReadReport, Topic
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.pipeline import detecting
+from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.summary import damage_lines
+from lidarcli.simulate.writers import write_log
+from tests.pipeline.in_memory import CLOUD, SCAN, SOURCE, Opens, block
+
+
+def asking(*topics: str) -> DetectOptions:
+    return DetectOptions(read=ReadOptions(topics=frozenset(topics) if topics else None))
+
+
+def test_tables_of_one_log(tmp_path: Path, opened: Opens) -> None:
+    opened(block(), topics=[SCAN, CLOUD])
+    positions: list[int] = []
+    summary = detect_to_files(SOURCE, tmp_path, DetectOptions(beams=True), positions.append)
+    assert (summary.sweeps, summary.objects, summary.beams) == (4, 4, 1440)
+    assert summary.by_status == {"valid": 1440, "no_return": 0, "too_close": 0, "invalid": 0}
+    assert summary.by_set == {"O": 80, "A": 0, "S": 1360}
+    assert summary.exit_code == 0
+    assert positions == [100]
+    objects = pq.read_table(tmp_path / "run.objects.parquet").to_pylist()
+    assert [(row["sweep"], row["object"], row["beam_i"], row["beam_f"]) for row in objects] == [
+        (sweep, 1, 40, 59) for sweep in range(4)
+    ]
+    assert pq.read_table(tmp_path / "run.beams.parquet").num_rows == 1440
+    metadata = pq.read_schema(tmp_path / "run.sweeps.parquet").metadata
+    assert metadata[b"lidarcli.source"] == b'{"format": "fake", "name": "run.fake", "size": 1234}'
+    assert b"lidarcli.damage" not in metadata
+    assert summary.outputs == [
+        str(tmp_path / f"run.{table}.parquet") for table in ("objects", "sweeps", "beams")
+    ]
+
+
+def test_parameters_are_in_the_metadata_and_nothing_else(tmp_path: Path) -> None:
+    options = DetectOptions(
+        parameters=Parameters.for_profile("paper"),
+        read=ReadOptions(topics=frozenset({"/b", "/a"}), start=1.0, every=2),
+        csv=CsvOptions(fov=1.5, range_scale=0.001),
+    )
+    assert options.as_dict() == {
+        **Parameters.for_profile("paper").as_dict(),
+        "topics": ["/a", "/b"],
+        "start": 1.0,
+        "end": None,
+        "every": 2,
+        "range": None,
+        "no_return": ["above", "inf", "max", "zero"],
+        "csv": {"fov": 1.5, "range_scale": 0.001},
+    }
+
+
+def test_damage_is_in_the_metadata_and_the_rest_in_the_tables(tmp_path: Path, opened: Opens) -> None:
+    opened(block(), topics=[SCAN], damage="cut off")
+    summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
+    assert summary.damage == ["byte 99: cut off"]
+    assert summary.exit_code == 3
+    assert (
+        pq.read_schema(tmp_path / "run.objects.parquet").metadata[b"lidarcli.damage"]
+        == b'["byte 99: cut off"]'
+    )
+    assert pq.read_table(tmp_path / "run.sweeps.parquet").num_rows == 4
+
+
+def test_messages_that_are_refused_count_as_damage(tmp_path: Path, opened: Opens) -> None:
+    log = opened(block(), topics=[SCAN])
+    log.report.refused["/scan", "NaN geometry"] = 2000
+    log.report.refused["/rear", "NaN geometry"] = 1
+    summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
+    assert (summary.sweeps, summary.exit_code) == (4, 3)
+    assert summary.damage == [
+        "topic /rear: 1 message left out: NaN geometry",
+        "topic /scan: 2,000 messages left out: NaN geometry",
+    ]
+    metadata = pq.read_schema(tmp_path / "run.sweeps.parquet").metadata
+    assert json.loads(metadata[b"lidarcli.damage"]) == summary.damage
+
+
+def test_damage_lines_are_few_whatever_the_log_does() -> None:
+    report = ReadReport()
+    for index in range(100):
+        report.refused[f"/topic{index:03}", "NaN geometry"] = 2
+        report.add_damage(f"byte {index}", "broken")
+    lines = damage_lines(report)
+    assert len(lines) == 42
+    assert lines[19:22] == [
+        "byte 19: broken",
+        "and 80 more damaged parts",
+        "topic /topic000: 2 messages left out: NaN geometry",
+    ]
+    assert lines[41] == "and 160 more messages left out"
+
+
+def test_topic_without_messages_gives_empty_tables(tmp_path: Path, opened: Opens) -> None:
+    opened(topics=[replace(SCAN, messages=0)])
+    summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
+    assert (summary.sweeps, summary.exit_code) == (0, 0)
+    assert pq.read_table(tmp_path / "run.objects.parquet").num_rows == 0
+
+
+@pytest.mark.parametrize(
+    ("topics", "asked", "message"),
+    [
+        ([CLOUD], (), "no LaserScan topic in this log (its topics: /cloud sensor_msgs/msg/PointCloud2)"),
+        ([], (), "no LaserScan topic in this log (it has no topics)"),
+        (None, (), "no LaserScan in it"),
+        ([SCAN], ("/front",), "no LaserScan topic /front in this log (its LaserScan topics: /scan)"),
+        ([SCAN, CLOUD], ("/cloud",), "topic /cloud is sensor_msgs/msg/PointCloud2, not a LaserScan"),
+    ],
+)
+@pytest.mark.parametrize("damage", [None, "cut off"])
+def test_no_scan(
+    tmp_path: Path,
+    opened: Opens,
+    topics: list[Topic] | None,
+    asked: tuple[str, ...],
+    message: str,
+    damage: str | None,
+) -> None:
+    opened(topics=topics, damage=damage)
+    with pytest.raises(UnreadableError if damage else NoScanError) as caught:
+        detect_to_files(SOURCE, tmp_path, asking(*asked))
+    if damage:
+        named = f" topic {asked[0]}" if asked else ""
+        message = f"no LaserScan{named} in the part that could be read; byte 99: cut off"
+    assert str(caught.value).removeprefix("run.fake: ") == message
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_of_two_topics_missing(tmp_path: Path, opened: Opens) -> None:
+    opened(block(), topics=[SCAN])
+    summary = detect_to_files(SOURCE, tmp_path, asking("/scan", "/front"))
+    assert (summary.sweeps, summary.missing_topics, summary.exit_code) == (4, ("/front",), 4)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_one_of_two_topics_missing_where_topics_show_late(tmp_path: Path, opened: Opens, known: bool) -> None:
+    opened(block(), topics=[SCAN] if known else None)
+    summary = detect_to_files(SOURCE, tmp_path, asking("/scan", "/front"))
+    assert (summary.sweeps, summary.missing_topics) == (4, ("/front",))
+
+
+def test_a_leading_slash_makes_no_difference(tmp_path: Path, opened: Opens) -> None:
+    opened(block("scan"), topics=[replace(SCAN, name="scan")])
+    assert detect_to_files(SOURCE, tmp_path, asking("/scan")).sweeps == 4
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_topics_come_out_sorted(tmp_path: Path, opened: Opens, known: bool) -> None:
+    blocks = [block("/b", 2), block("/a", 3), block("/b", 2, first=2), block("/a", 1, first=3)]
+    topics = [replace(SCAN, name="/b"), replace(SCAN, name="/a")] if known else None
+    opened(*blocks, topics=topics)
+    detect_to_files(SOURCE, tmp_path, DetectOptions())
+    rows = pq.read_table(tmp_path / "run.sweeps.parquet").to_pylist()
+    assert [(row["topic"], row["sweep"]) for row in rows] == [
+        *(("/a", sweep) for sweep in range(4)),
+        *(("/b", sweep) for sweep in range(4)),
+    ]
+
+
+def test_existing_output_is_refused_before_the_log_is_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opened: Opens
+) -> None:
+    (tmp_path / "run.sweeps.parquet").write_text("mine")
+    monkeypatch.setattr(detecting, "open_source", lambda source, csv: pytest.fail("opened"))
+    with pytest.raises(OutputError, match=r"run\.sweeps\.parquet exists"):
+        detect_to_files(SOURCE, tmp_path, DetectOptions())
+    opened(block(), topics=[SCAN])
+    detect_to_files(SOURCE, tmp_path, DetectOptions(overwrite=True))
+    assert pq.read_table(tmp_path / "run.sweeps.parquet").num_rows == 4
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "window"),
+    [(100.0, None, "from 100 s on"), (7.0, 9.0, "from 7 s on and before 9 s"), (None, 0.0, "before 0 s")],
+)
+def test_a_window_beyond_the_log_is_told(
+    tmp_path: Path, start: float | None, end: float | None, window: str
+) -> None:
+    path = tmp_path / "run.mcap"
+    write_log(path, [block("/scan")])
+    options = DetectOptions(read=ReadOptions(start=start, end=end))
+    summary = detect_to_files(Source(str(path), "run"), tmp_path, options)
+    assert (summary.sweeps, summary.exit_code) == (0, 0)
+    assert summary.notes == [
+        f"no sweep of /scan {window}: its sweeps lie between 0.0 and 0.3 s, counted from the first one"
+    ]

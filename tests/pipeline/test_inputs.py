@@ -1,0 +1,150 @@
+"""Which logs are meant by files, folders, patterns and `-`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from lidarcli.errors import OptionError
+from lidarcli.pipeline.inputs import Nothing, Source, find_logs, log_name, refuse_clashes
+from lidarcli.pipeline.inspecting import inspect_log
+from tests.pipeline.folders import logs_apart
+from tests.unprivileged import lidarcli as lidarcli_command
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("run.mcap", "run"),
+        ("RUN.MCAP", "RUN"),
+        ("x.csv.gz", "x"),
+        ("a.bag.active", "a"),
+        ("b.db3.zstd", "b"),
+        ("trip.2024.bag", "trip.2024"),
+        ("noext", "noext"),
+        (".mcap", ".mcap"),
+        ("scan.log", "scan"),
+    ],
+)
+def test_log_names(name: str, expected: str) -> None:
+    assert log_name(Path(name)) == expected
+
+
+def test_folders_are_searched_and_logs_keep_their_place(tmp_path: Path) -> None:
+    for name in (
+        "b.mcap",
+        "sub/a.bag",
+        "sub/deep/c.CSV",
+        "sub/readme.md",
+        "sub/x.bag.active",
+        "._b.mcap",
+        ".trash/d.bag",
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    bag = tmp_path / "sub" / "trip"
+    bag.mkdir()
+    for name in ("metadata.yaml", "trip_0.db3", "trip_1.db3", "scan.csv"):
+        (bag / name).touch()
+    (tmp_path / "sub" / "loop").symlink_to(tmp_path)
+    os.mkfifo(tmp_path / "pipe.mcap")
+    found = find_logs([str(tmp_path)])
+    assert [source.name for source in found if isinstance(source, Source)] == [
+        "b",
+        "sub/a",
+        "sub/deep/c",
+        "sub/trip",
+        "sub/x",
+    ]
+    assert found[3] == Source(str(bag), "sub/trip")
+
+
+def test_a_bag_that_lost_its_metadata_is_one_log_but_loose_files_are_not(tmp_path: Path) -> None:
+    lost, loose = tmp_path / "lost", tmp_path / "loose"
+    lost.mkdir()
+    loose.mkdir()
+    for path in (lost / "run_0.db3", lost / "run_1.db3", loose / "a_0.db3", loose / "b_0.db3"):
+        path.touch()
+    assert [source.label for source in find_logs([str(lost)])] == [str(lost)]
+    assert [Path(source.label).name for source in find_logs([str(loose)])] == ["a_0.db3", "b_0.db3"]
+
+
+def test_files_with_one_sweep_each_are_one_log(tmp_path: Path) -> None:
+    folder = tmp_path / "sweeps"
+    folder.mkdir()
+    text = "theta,r\n" + "".join(f"{k / 100},2.5\n" for k in range(100))
+    for k in range(3):
+        (folder / f"sweep_{k}.csv").write_text(text)
+    (folder / "README.md").write_text("How these were made.\n")
+    assert find_logs([str(tmp_path)]) == [Source(str(folder), "sweeps")]
+    assert find_logs([str(folder)]) == [Source(str(folder), "sweeps")]
+    pattern = str(folder / "*.csv")
+    (source,) = find_logs([pattern])
+    assert source == Source(pattern, "sweeps", tuple(str(folder / f"sweep_{k}.csv") for k in range(3)))
+    assert inspect_log(source).scans[0].sweeps == 3
+    assert inspect_log(Source(str(folder), "sweeps")).scans[0].sweeps == 3
+
+
+def test_a_pattern_of_other_logs_is_several(tmp_path: Path) -> None:
+    for name in ("b.mcap", "a.mcap"):
+        (tmp_path / name).touch()
+    assert [Path(source.label).name for source in find_logs([str(tmp_path / "*.mcap")])] == [
+        "a.mcap",
+        "b.mcap",
+    ]
+
+
+def test_what_is_no_log(tmp_path: Path) -> None:
+    (tmp_path / "dangling.mcap").symlink_to("nowhere")
+    inputs = [str(tmp_path / "absent.mcap"), str(tmp_path / "dangling.mcap"), str(tmp_path)]
+    (tmp_path / "empty").mkdir()
+    inputs[2] = str(tmp_path / "empty")
+    errors = [str(source.error) for source in find_logs(inputs) if isinstance(source, Nothing)]
+    assert errors == [
+        "no such file or folder",
+        "the link leads to nothing",
+        "no log in this folder (searched for *.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd)",
+    ]
+
+
+def test_standard_input_is_a_log() -> None:
+    assert find_logs(["-"]) == [Source("-", "stdin")]
+    assert Source("-", "stdin").label == "standard input"
+
+
+def test_clashing_outputs_are_refused() -> None:
+    sources = [Source("a/run.mcap", "run"), Source("b/run.bag", "run")]
+    with pytest.raises(OptionError) as caught:
+        refuse_clashes(sources)
+    assert str(caught.value) == "a/run.mcap and b/run.bag would both write run.*; run them apart with -o"
+    refuse_clashes([Source("a/run.mcap", "a/run"), Source("b/run.bag", "b/run")])
+
+
+@pytest.mark.slow
+def test_what_may_not_be_looked_into_is_told(tmp_path: Path) -> None:
+    folder = logs_apart(tmp_path / "logs")
+    # Not a folder of its own name, so that its order among the logs shows.
+    shut = folder / "deep"
+    for mode, cause in ((0o000, "cannot be searched"), (0o400, "cannot be opened")):
+        shut.chmod(mode)
+        code, err = lidarcli_command("-q", "detect", folder, "-o", tmp_path / "out", "--overwrite")
+        place = shut if mode == 0 else shut / "c.bag"
+        assert (code, err) == (3, f"lidarcli: {place}: {cause}: Permission denied\n")
+        assert sorted(path.name for path in (tmp_path / "out").glob("*.sweeps.parquet")) == [
+            "drive.sweeps.parquet",
+            "run 1.sweeps.parquet",
+        ]
+        assert lidarcli_command("-q", "info", folder)[0] == 3
+        assert lidarcli_command("-q", "info", shut / "c.bag")[0] == 3
+    shut.chmod(0o700)
+    (folder / "drive.db3").chmod(0)
+    code, err = lidarcli_command("-q", "info", folder / "drive.db3")
+    assert (code, err) == (3, f"lidarcli: {folder}/drive.db3: cannot be opened: Permission denied\n")
+    folder.chmod(0)
+    assert lidarcli_command("-q", "info", folder) == (
+        3,
+        f"lidarcli: {folder}: cannot be searched: Permission denied\n",
+    )
+    folder.chmod(0o700)

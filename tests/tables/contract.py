@@ -1,0 +1,64 @@
+"""The columns of each table and their types, as docs/tables.md promises them."""
+
+from __future__ import annotations
+
+TEXT = "dictionary<values=string, indices=int32, ordered=0>"
+
+VERTICES = "list<element: struct<theta: double, r: double, kind: string>>"
+
+FACES = "list<element: struct<theta_i: double, theta_f: double, length: double, rms: double>>"
+
+SOURCE = [
+    ("log", TEXT),
+    ("topic", TEXT),
+    ("frame_id", TEXT),
+    ("sweep", "int64"),
+    ("stamp", "timestamp[ns, tz=UTC]"),
+]
+
+
+def doubles(names: str) -> list[tuple[str, str]]:
+    return [(name, "double") for name in names.split()]
+
+
+def counts(names: str) -> list[tuple[str, str]]:
+    return [(name, "int32") for name in names.split()]
+
+
+CONTRACT = {
+    "objects": [
+        *SOURCE,
+        ("object", "int32"),
+        ("set", TEXT),
+        ("shape", TEXT),
+        ("visibility", TEXT),
+        *counts("beam_i beam_f beams"),
+        *doubles("theta_i theta_f r_i r_f s_i s_f d_th theta_min r_min x y width"),
+        *doubles("box_x box_y box_length box_width box_yaw"),
+        ("vertices", VERTICES),
+        ("faces", FACES),
+        ("difference", "double"),
+        ("change", TEXT),
+        ("track", "int64"),
+        *doubles("world_x world_y world_yaw"),
+    ],
+    "sweeps": [
+        *SOURCE,
+        *counts("beams valid no_return too_close invalid"),
+        *doubles("d_mean d_th noise"),
+        *counts("objects agents object_beams agent_beams noise_beams"),
+        *doubles("pose_x pose_y pose_yaw"),
+        ("station", "int32"),
+    ],
+    "beams": [
+        *SOURCE[:2],
+        SOURCE[3],
+        ("beam", "int32"),
+        *doubles("theta r"),
+        ("status", TEXT),
+        ("s", "double"),
+        ("set", TEXT),
+        ("object", "int32"),
+        ("difference", "double"),
+    ],
+}
