@@ -3,7 +3,7 @@ cimport libc.math as math
 from lidarcli.formalism.description.shape cimport Look
 from lidarcli.formalism.surfaces.faces cimport Faces
 
-cdef double OBLIQUE, TIE
+cdef double RIGHT_ANGLE, SIN_TWICE, TIE
 
 
 cdef class Box:

@@ -8,8 +8,9 @@ from typing import Any
 from lidarcli.formalism.description.shape import Look
 from lidarcli.formalism.surfaces.faces import Faces
 
-OBLIQUE = math.sin(math.radians(10.0))
-"""|sin 2φ| of two faces at an angle φ; below this, 5° from a right angle, they propose the same box."""
+RIGHT_ANGLE = math.radians(5.0)
+"""[rad] Faces closer to a right angle than this propose the same box."""
+SIN_TWICE = math.sin(2.0 * RIGHT_ANGLE)
 TIE = 1e-9
 """Areas that differ by less than this share are equal, as for any two sides of a triangle: rounding must not choose."""
 
@@ -57,7 +58,7 @@ def around_points(box: Box, look: Look, faces: Faces, x: Any, y: Any, n: int) ->
     if look.second >= 0:
         other_x, other_y = faces.direction_x[look.second], faces.direction_y[look.second]
         across, along = along_x * other_y - along_y * other_x, along_x * other_x + along_y * other_y
-        if abs(2.0 * across * along) > OBLIQUE:
+        if abs(2.0 * across * along) > SIN_TWICE:
             area = _area(box)
             _bound(box, x, y, n, other_x, other_y)
             if _area(box) < (1.0 - TIE) * area:

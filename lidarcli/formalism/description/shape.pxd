@@ -8,7 +8,7 @@ from lidarcli.formalism.surfaces cimport faces as surfaces
 from lidarcli.formalism.surfaces.faces cimport Faces
 
 cdef Py_ssize_t PRISMATIC, ROUND, IRREGULAR, UNKNOWN, ENOUGH_BEAMS, MOST_FACES
-cdef double FIT_FLOOR, STRAIGHT_FIT, SQUARE, WORSE, ARC
+cdef double FIT_FLOOR, STRAIGHT_FIT, SQUARE, COS_SQUARE, WORSE, ARC
 
 
 cdef class Look:

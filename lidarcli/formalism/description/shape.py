@@ -27,8 +27,9 @@ FIT_FLOOR = 0.004
 """[m] Fits better than this are equally good."""
 STRAIGHT_FIT = 0.012
 """[m] Points of a face may scatter this much, or twice the noise."""
-SQUARE = math.cos(math.radians(35.0))
-"""Sine of the least angle by which the outline of a box turns right at a corner: within 35° of a right angle."""
+SQUARE = math.radians(35.0)
+"""[rad] Faces of a prism meet within this of a right angle, and point their corner at the sensor."""
+COS_SQUARE = math.cos(SQUARE)
 MOST_FACES = 3
 """Of a box no more are seen, be it from its inside."""
 WORSE = 1.5
@@ -62,7 +63,7 @@ def examine(look: Look, faces: Faces, parts: Parts, k: int) -> None:
             total += faces.points[f] * (faces.rms[f] * faces.rms[f])
             weight += faces.points[f]
             # Walking counter-clockwise around the sensor, the outline turns right at a corner that points at it.
-            if before >= 0 and not surfaces.turn(faces, f, before) >= SQUARE:
+            if before >= 0 and not surfaces.turn(faces, f, before) >= COS_SQUARE:
                 look.square = False
             if look.longest < 0 or faces.length[f] > faces.length[look.longest]:
                 look.longest, look.second = f, look.longest

@@ -6,7 +6,7 @@ from lidarcli.formalism.sweep.points cimport Points
 from lidarcli.formalism.sweep.segments cimport Segments
 
 cdef Py_ssize_t MAX_SPLITS, PASSES
-cdef double BLUNT, INFINITY
+cdef double BLUNT, SIN_BLUNT, INFINITY
 
 
 cdef class Faces:

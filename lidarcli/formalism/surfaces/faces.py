@@ -18,8 +18,9 @@ MAX_SPLITS = 24
 """Levels of splitting; a segment of n points needs log2 n, a jagged one more."""
 PASSES = 4
 """Flat vertices are dropped one neighbourhood at a time; more passes than this are never needed in practice."""
-BLUNT = math.sin(math.radians(20.0))
-"""Sine of the least angle at which lines meet; closer to parallel they meet too far away to say where the corner is."""
+BLUNT = math.radians(20.0)
+"""[rad] Lines closer to parallel than this meet too far away to say where the corner is."""
+SIN_BLUNT = math.sin(BLUNT)
 INFINITY = float("inf")
 
 
@@ -221,7 +222,7 @@ def meeting(faces: Faces, one: int, other: int) -> tuple[bool, float, float]:
     bx, by = faces.direction_x[other], faces.direction_y[other]
     dx, dy = faces.middle_x[other] - faces.middle_x[one], faces.middle_y[other] - faces.middle_y[one]
     cross = ax * by - ay * bx
-    usable = abs(cross) > BLUNT
+    usable = abs(cross) > SIN_BLUNT
     along = (dx * by - dy * bx) / (cross if usable else 1.0)
     return usable, faces.middle_x[one] + along * ax, faces.middle_y[one] + along * ay
 

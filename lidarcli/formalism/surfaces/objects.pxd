@@ -8,7 +8,7 @@ from lidarcli.formalism.sweep cimport segments as cuts
 from lidarcli.formalism.sweep.points cimport Points
 from lidarcli.formalism.sweep.segments cimport Segments
 
-cdef double END_WIDTH, POINTED_WIDTH, HIDDEN_WIDTH, GRAZING, PARTLY_HIDDEN_WIDTH, ENCLOSED
+cdef double END_WIDTH, POINTED_WIDTH, HIDDEN_WIDTH, GRAZING, TAN_GRAZING, PARTLY_HIDDEN_WIDTH, ENCLOSED
 
 
 cdef void fully_visible(Survey survey, Segments segments) noexcept nogil

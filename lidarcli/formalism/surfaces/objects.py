@@ -17,8 +17,9 @@ POINTED_WIDTH = 0.8
 """[m] Wider than this, a corner that points at the sensor may be one of a wall, and a straight free end is one."""
 HIDDEN_WIDTH = 0.5
 """[m] What is straight, wider than this and hidden on both sides is wall."""
-GRAZING = math.tan(math.radians(15.0))
-"""Slope of the view below which, between walls, what is straight and wide is wall: a thing would show its front as well."""
+GRAZING = math.radians(15.0)
+"""[rad] Between walls what is straight, wide and seen at a smaller angle is wall: a thing would show its front as well."""
+TAN_GRAZING = math.tan(GRAZING)
 PARTLY_HIDDEN_WIDTH = 0.65
 """Greatest visible extent of a straight partly hidden object, as a share of `max_width`: some of it is out of sight."""
 ENCLOSED = 0.35
@@ -117,4 +118,4 @@ def _is_grazing(points: Points, segments: Segments, j: int) -> bool:
     """Whether the chord of a segment points at the sensor."""
     x, y, a, b = points.x, points.y, segments.first[j], cuts.last_point(segments, j)
     dx, dy, mx, my = x[b] - x[a], y[b] - y[a], x[b] + x[a], y[b] + y[a]
-    return abs(dx * my - dy * mx) < GRAZING * abs(dx * mx + dy * my)
+    return abs(dx * my - dy * mx) < TAN_GRAZING * abs(dx * mx + dy * my)

@@ -10,7 +10,7 @@ from lidarcli.formalism.sweep cimport segments as cuts
 from lidarcli.formalism.sweep.points cimport Points
 from lidarcli.formalism.sweep.segments cimport Segments
 
-cdef double CORNER, BACKING, RELIEF, WIDEST, BEHIND, PLANE
+cdef double TURN, SIN_TURN, BACKING, RELIEF, WIDEST, BEHIND, PLANE
 cdef Py_ssize_t TRIM
 
 

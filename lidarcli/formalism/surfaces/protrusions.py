@@ -14,8 +14,9 @@ from lidarcli.formalism.sweep import segments as cuts
 from lidarcli.formalism.sweep.points import Points
 from lidarcli.formalism.sweep.segments import Segments
 
-CORNER = math.sin(math.radians(25.0))
-"""Sine of the angle below which the turn from face to face does not make a corner."""
+TURN = math.radians(25.0)
+"""[rad] Faces that turn less than this do not make a corner."""
+SIN_TURN = math.sin(TURN)
 BACKING = 0.4
 """[m] A face at least this long, beside which a thing stands, is wall."""
 RELIEF = 0.1
@@ -59,8 +60,8 @@ def find(protrusions: Protrusions, survey: Survey, points: Points, segments: Seg
             begin = end
             end = begin + 1
             pointed = False
-            while end < high and not surfaces.turn(faces, end - 1, end) > CORNER:
-                pointed = pointed or surfaces.turn(faces, end - 1, end) < -CORNER
+            while end < high and not surfaces.turn(faces, end - 1, end) > SIN_TURN:
+                pointed = pointed or surfaces.turn(faces, end - 1, end) < -SIN_TURN
                 end += 1
             _add(protrusions, points, segments, faces, j, begin, end, pointed)
 
@@ -136,7 +137,7 @@ def _add(
 def _longest_before(faces: Faces, at: int, low: int) -> int:
     """The first of the longest faces that end with `at` and have no corner between them."""
     longest, f = at, at
-    while f > low and not abs(surfaces.turn(faces, f - 1, f)) > CORNER:
+    while f > low and not abs(surfaces.turn(faces, f - 1, f)) > SIN_TURN:
         f -= 1
         if faces.length[f] >= faces.length[longest]:
             longest = f
@@ -146,7 +147,7 @@ def _longest_before(faces: Faces, at: int, low: int) -> int:
 def _longest_after(faces: Faces, at: int, high: int) -> int:
     """The first of the longest faces that begin with `at` and have no corner between them."""
     longest, f = at, at
-    while f + 1 < high and not abs(surfaces.turn(faces, f, f + 1)) > CORNER:
+    while f + 1 < high and not abs(surfaces.turn(faces, f, f + 1)) > SIN_TURN:
         f += 1
         if faces.length[f] > faces.length[longest]:
             longest = f
