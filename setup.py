@@ -39,6 +39,9 @@ modules = cythonize(
         "boundscheck": False,
         "wraparound": False,
         "cdivision": True,
+        # Nobody pickles a sweep at work, nor reads the C files: half of their lines.
+        "auto_pickle": False,
+        "emit_code_comments": False,
     },
 )
 for module in modules:

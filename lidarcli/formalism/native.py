@@ -16,46 +16,54 @@ from typing import Any, cast
 from numpy.typing import NDArray
 
 
-class Checked(list[Any]):
-    """A list that refuses negative indices, which plain ones take from the end and pointers from outside."""
+class _Checked:
+    """Numbers that refuse negative indices, which sequences take from the end and pointers from outside."""
 
-    def __getitem__(self, index: Any) -> Any:
+    def __init__(self, values: Any) -> None:
+        self._values = values
+
+    def __getitem__(self, index: int) -> Any:
         if index < 0:
-            raise IndexError(index)
-        return super().__getitem__(index)
+            raise IndexError(f"index {index} of {len(self._values)}")
+        return self._values[index]
 
-    def __setitem__(self, index: Any, value: Any) -> None:
+    def __setitem__(self, index: int, value: Any) -> None:
         if index < 0:
-            raise IndexError(index)
-        super().__setitem__(index, value)
+            raise IndexError(f"index {index} of {len(self._values)}")
+        self._values[index] = value
 
 
-_list: type[list[Any]] = Checked if os.environ.get("LIDARCLI_BOUNDS") else list
+def _checked(values: Any) -> Any:
+    """The same numbers; with bounds checked on both sides where `LIDARCLI_BOUNDS` asks for it."""
+    return _Checked(values) if _BOUNDS else values
 
 
-def doubles(owner: list[Any], count: int) -> list[float]:
+_BOUNDS = bool(os.environ.get("LIDARCLI_BOUNDS"))
+
+
+def doubles(owner: list[Any], count: int) -> MutableSequence[float]:
     """Room for so many float64, 0 at first; as long as `owner` lives."""
-    return _list([0.0] * count)
+    return cast("MutableSequence[float]", _checked([0.0] * count))
 
 
-def integers(owner: list[Any], count: int) -> list[int]:
+def integers(owner: list[Any], count: int) -> MutableSequence[int]:
     """Room for so many indices, 0 at first."""
-    return _list([0] * count)
+    return cast("MutableSequence[int]", _checked([0] * count))
 
 
-def singles(owner: list[Any], count: int) -> array[float]:
+def singles(owner: list[Any], count: int) -> MutableSequence[float]:
     """Room for so many float32, to which storing rounds."""
-    return array("f", bytes(4 * count))
+    return cast("MutableSequence[float]", _checked(array("f", bytes(4 * count))))
 
 
 def at_doubles(values: NDArray[Any]) -> MutableSequence[float]:
     """The numbers of a contiguous array of float64, which has to be kept as long as they are used."""
-    return cast("MutableSequence[float]", memoryview(values.reshape(-1).data))
+    return cast("MutableSequence[float]", _checked(memoryview(values.reshape(-1).data)))
 
 
 def at_ints(values: NDArray[Any]) -> MutableSequence[int]:
     """The same of int32."""
-    return cast("MutableSequence[int]", memoryview(values.reshape(-1).data))
+    return cast("MutableSequence[int]", _checked(memoryview(values.reshape(-1).data)))
 
 
 at_singles = at_doubles

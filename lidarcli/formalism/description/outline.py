@@ -163,7 +163,7 @@ def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: f
     Seen at a grazing angle, the line of a face may meet that bearing anywhere: not further than its last two points.
     """
     x, y, along_x, along_y = points.x[at], points.y[at], faces.direction_x[f], faces.direction_y[f]
-    cos, sin = math.cos(0.5 * points.step), side * math.sin(0.5 * points.step)
+    cos, sin = points.cos_half, side * points.sin_half
     ray_x, ray_y = x * cos - y * sin, x * sin + y * cos
     across = abs(along_x * ray_y - along_y * ray_x)
     spacing = abs((x - points.x[inner]) * along_x + (y - points.y[inner]) * along_y)

@@ -21,7 +21,7 @@ cdef class Noise:
 
 cdef double sigma_of(Noise noise, Scans scans, Py_ssize_t row) noexcept nogil
 cdef float middle_second_difference(Noise noise, Scans scans, Py_ssize_t row) noexcept nogil
-@cython.locals(numbers=int, below=int, within=int, low=float, high=float, kept=Py_ssize_t)
+@cython.locals(numbers=int, below=int, within=int, low=float, high=float, kept=Py_ssize_t, middle=float, margin=float)
 cdef float lower_median(Noise noise, Py_ssize_t count) noexcept nogil
 @cython.locals(below=int, within=int, low=Py_ssize_t, high=Py_ssize_t)
 cdef float smallest(Noise noise, Py_ssize_t count, Py_ssize_t rank) noexcept nogil

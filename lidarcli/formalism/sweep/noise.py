@@ -102,7 +102,22 @@ def lower_median(noise: Noise, count: int) -> float:
     for k in range(count):
         some[kept] = values[k]
         kept += (values[k] >= low) & (values[k] <= high)
-    return smallest(noise, kept, rank - below)
+    rank -= below
+    if high < INFINITY and kept > FEW:
+        # Where among these it is likely to be: as far as its rank, give or take two standard deviations.
+        middle, margin = low + (high - low) * (rank + 0.5) / kept, (high - low) / math.sqrt(kept)
+        low, high = middle - margin, middle + margin
+        below, within = 0, 0
+        for k in range(kept):
+            below += some[k] < low
+            within += some[k] <= high
+        if below <= rank and rank < within:
+            count, kept = kept, 0
+            for k in range(count):
+                some[kept] = some[k]
+                kept += (some[k] >= low) & (some[k] <= high)
+            rank -= below
+    return smallest(noise, kept, rank)
 
 
 def smallest(noise: Noise, count: int, rank: int) -> float:

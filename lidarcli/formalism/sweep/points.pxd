@@ -29,7 +29,7 @@ cdef class Points:
     cdef list owner
     cdef readonly Py_ssize_t most, row, count, beams, bearings, period
     cdef bint reverse
-    cdef double first, step, sigma, d_th
+    cdef double first, step, cos_half, sin_half, sigma, d_th
     cdef Py_ssize_t* position
     cdef Py_ssize_t* missing
     cdef double* r

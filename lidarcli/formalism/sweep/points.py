@@ -75,6 +75,8 @@ class Points:
         self.count = 0
         self.first = 0.0
         self.step = 0.0
+        self.cos_half = 1.0
+        self.sin_half = 0.0
         self.sigma = 0.0
         self.d_th = 0.0
         self.beams = 0
@@ -93,6 +95,7 @@ def load(points: Points, scans: Scans, row: int) -> None:
     points.period = 0 if scans.closure[row] == OPEN else points.bearings
     points.reverse = increment < 0
     points.step = abs(increment)
+    points.cos_half, points.sin_half = math.cos(0.5 * points.step), math.sin(0.5 * points.step)
     points.first = scans.angle_min[row]
     if points.reverse:
         points.first += (points.bearings - 1) * increment
