@@ -9,7 +9,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format samples golden docs bench bench-full bench-compare accuracy fuzz bounds clean
+.PHONY: help demo test check format samples golden docs bench bench-full bench-compare same accuracy fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -55,6 +55,9 @@ bench-full: $(VENV)/installed-dev ## the same over containers, sensors, profiles
 
 bench-compare: $(VENV)/installed-dev ## today's detect against that of another commit, BASE=COMMIT
 	$(BIN)/python -m benchmarks.compare $(BASE) $(BENCH)
+
+same: $(VENV)/installed-dev ## whether today's detect finds what that of another commit does, BASE=COMMIT; more logs with LOGS="FOLDER ..."
+	$(BIN)/python -m benchmarks.same $(BASE) $(LOGS) $(SAME)
 
 accuracy: $(VENV)/installed-dev ## how right the detection is; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks.accuracy $(ACCURACY)
