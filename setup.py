@@ -1,4 +1,7 @@
-"""The compiled kernels, which are optional: where no compiler is at hand the package installs without them."""
+"""The compiled kernels, which are optional: where no compiler is at hand the package installs without them.
+
+With `LIDARCLI_BUILD=required`, as for wheels, it does not.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +41,6 @@ kernels = cythonize(
 )
 for kernel in kernels:
     # Said here, as Cython makes extensions of its own, which forget it.
-    kernel.optional = True
+    kernel.optional = os.environ.get("LIDARCLI_BUILD") != "required"
 
 setup(ext_modules=kernels, options={"build_ext": {"parallel": os.cpu_count() or 1, "force": BOUNDS}})
