@@ -22,6 +22,8 @@ WORKER = Path(__file__).with_name("worker.py")
 SOURCES = (".py", ".pyx", ".pxd")
 BUILT = (".so", ".pyd")
 DONE = "done.json"
+PATIENCE = 300.0
+"""Seconds after which a run is taken for one that never ends."""
 
 
 @dataclass(frozen=True)
@@ -99,14 +101,18 @@ class Side:
         return self.results / self.digest / case.digest
 
     def _ask(self, commands: list[list[str]]) -> str:
-        """The line that this thread's process answers; none where it died."""
+        """The line that this thread's process answers; none where it died, or had to."""
         process = self._process()
         assert process.stdin is not None
         assert process.stdout is not None
+        patience = threading.Timer(PATIENCE, process.kill)
+        patience.start()
         with suppress(BrokenPipeError):
             process.stdin.write(json.dumps(commands) + "\n")
             process.stdin.flush()
-        return process.stdout.readline()
+        line = process.stdout.readline()
+        patience.cancel()
+        return line
 
     def _buried(self) -> int:
         """The exit code of this thread's process, which is dead; the next case gets another."""
