@@ -47,9 +47,9 @@ class Compared:
 def compare(case: Case, one: Answer, other: Answer) -> Compared:
     """What two sides made of a case."""
     compared = Compared(case)
-    said = ((one.codes, one.said), (other.codes, other.said))
-    if said[0] != said[1]:
-        compared.differences["run"] = [Difference("exit code, words", 1, 0, 0.0, f"{said[0]} -> {said[1]}")]
+    if (one.codes, one.said) != (other.codes, other.said):
+        told = f"{one.in_short} -> {other.in_short}"
+        compared.differences["run"] = [Difference("exit code, words", 1, 0, 0.0, told)]
     tables = [tables_in(answer.folder) for answer in (one, other)]
     for kind in sorted(tables[0].keys() | tables[1].keys()):
         compared.tables += 1

@@ -84,4 +84,4 @@ def _case(log: NamedLog, label: str, commands: list[tuple[str, ...]], *others: N
 
 def tables_in(folder: Path) -> dict[str, Path]:
     """The tables of a case by their kind: objects, sweeps, beams, background."""
-    return {path.name.split(".")[-2]: path for path in sorted(folder.rglob("*.parquet"))}
+    return {path.name.split(".")[-2]: path for path in sorted(folder.glob("*.parquet"))}

@@ -34,6 +34,12 @@ class Answer:
     codes: list[int]
     said: str
 
+    @property
+    def in_short(self) -> str:
+        """The exit codes and the last line."""
+        last = self.said.strip().splitlines()[-1:]
+        return " ".join([*map(str, self.codes), *last])
+
 
 @dataclass
 class Side:
