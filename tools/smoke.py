@@ -6,6 +6,7 @@ what is expected, the code that runs is the installed one.
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -27,7 +28,11 @@ def main() -> None:
     package = Path(lidarcli.__file__).parent
     if package.is_relative_to(ROOT / "lidarcli"):
         sys.exit(f"no lidarcli is installed: {package} is the source tree")
-    command = Path(sysconfig.get_path("scripts")) / "lidarcli"
+    scripts = sysconfig.get_path("scripts")
+    # Its name has a suffix on Windows.
+    command = shutil.which("lidarcli", path=scripts)
+    if command is None:
+        sys.exit(f"{scripts}: no command lidarcli")
     said = subprocess.run([command, "--version"], capture_output=True, text=True, check=False)
     if said.stdout.strip() != f"lidarcli {version('lidarcli')}":
         sys.exit(f"{command} --version: {said.stdout}{said.stderr}")
