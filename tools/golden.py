@@ -56,17 +56,18 @@ def differences(found: list[dict[str, Any]], wanted: list[dict[str, Any]]) -> li
     return [
         f"{want['table']}, sweep {want['sweep']}, object {want.get('object')}: {row} instead of {want}"
         for row, want in zip(found, wanted, strict=True)
-        if not _alike(row, want)
+        if not alike(row, want)
     ]
 
 
-def _alike(one: Any, other: Any) -> bool:
+def alike(one: Any, other: Any) -> bool:
+    """Equal, but for numbers within the rounding of the golden tables."""
     if isinstance(one, float) and isinstance(other, float):
         return one == other or abs(one - other) <= 2 * 10**-DECIMALS
     if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(_alike, one, other))
+        return len(one) == len(other) and all(map(alike, one, other))
     if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_alike(one[name], other[name]) for name in one)
+        return one.keys() == other.keys() and all(alike(one[name], other[name]) for name in one)
     return bool(one == other)
 
 
