@@ -2,14 +2,15 @@
 
 VENV ?= .venv
 BIN := $(VENV)/bin
-BUILD := pyproject.toml setup.py $(wildcard lidarcli/kernels/*.pyx lidarcli/kernels/*.pxd)
+CORE := $(wildcard lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd)
+BUILD := pyproject.toml setup.py $(CORE) $(CORE:.pxd=.py)
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # The first interpreter that is new enough.
 PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.11 python; do \
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check quick format samples golden docs bench bench-full bench-compare accuracy fuzz bounds clean
+.PHONY: help demo test check quick format samples golden docs bench bench-full bench-compare same accuracy fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -61,19 +62,22 @@ bench-full: $(VENV)/installed-dev ## the same over containers, sensors, profiles
 bench-compare: $(VENV)/installed-dev ## today's detect against that of another commit, BASE=COMMIT
 	$(BIN)/python -m benchmarks.compare $(BASE) $(BENCH)
 
+same: $(VENV)/installed-dev ## whether today's detect finds what that of another commit does, BASE=COMMIT; more logs with LOGS="FOLDER ..."
+	$(BIN)/python -m benchmarks.same $(BASE) $(LOGS) $(SAME)
+
 accuracy: $(VENV)/installed-dev ## how right the detection is; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks.accuracy $(ACCURACY)
 
 fuzz: $(VENV)/installed-dev ## inputs of every kind, mutated or made to harm; more with FUZZ="--seconds 3600"
 	$(BIN)/python -m tools.fuzz $(FUZZ)
 
-bounds: $(VENV)/installed-dev ## kernels with bounds checked, in a copy: random batches, samples, real logs
+bounds: $(VENV)/installed-dev ## the core with all indices checked: random batches, samples, real logs
 	$(BIN)/python -m tools.bounds
 
 clean: ## remove the environment and everything that was built
-	rm -rf lidarcli/kernels/*.so $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(CORE:.pxd=.*.so) $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
-# The environments' stamps: installed again only when the dependencies or the compiled kernels may have changed. The
+# The environments' stamps: installed again only when the dependencies or the compiled core may have changed. The
 # install is editable, so that the code at hand is the code that runs.
 $(VENV)/installed: $(BUILD) | $(BIN)/python
 	@echo "Installing lidarcli into $(VENV) ..."

@@ -1,6 +1,6 @@
 """Two commits side by side: `lidarcli detect` of the work tree against that of another commit, on the same logs.
 
-The other commit is checked out into a temporary folder, its kernels are built there, and the two take turns.
+The other commit is checked out into a temporary folder, its core is built there, and the two take turns.
 """
 
 from __future__ import annotations

@@ -43,6 +43,34 @@ def rows(sample: str, profile: str, folder: Path) -> list[dict[str, Any]]:
     ]
 
 
+def expected(sample: str, profile: str) -> list[dict[str, Any]]:
+    """The rows that are kept of a sample."""
+    return [json.loads(line) for line in golden_path(sample, profile).read_text("utf-8").splitlines()]
+
+
+def differences(found: list[dict[str, Any]], wanted: list[dict[str, Any]]) -> list[str]:
+    """A line for each row that is another; numbers are the same within the rounding of the golden tables."""
+    numbers = [[row["table"] for row in rows] for rows in (found, wanted)]
+    if numbers[0] != numbers[1]:
+        return [f"{len(found)} rows instead of {len(wanted)}"]
+    return [
+        f"{want['table']}, sweep {want['sweep']}, object {want.get('object')}: {row} instead of {want}"
+        for row, want in zip(found, wanted, strict=True)
+        if not alike(row, want)
+    ]
+
+
+def alike(one: Any, other: Any) -> bool:
+    """Equal, but for numbers within the rounding of the golden tables."""
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or abs(one - other) <= 2 * 10**-DECIMALS
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(alike, one, other))
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(alike(one[name], other[name]) for name in one)
+    return bool(one == other)
+
+
 def _plain(table: pa.Table) -> Iterator[dict[str, Any]]:
     stamps = table["stamp"].cast(pa.int64()).to_pylist()
     for stamp, row in zip(stamps, table.drop_columns(["stamp", "log"]).to_pylist(), strict=True):

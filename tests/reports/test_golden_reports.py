@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.nearly import nearly
+from tools.golden import alike
 from tools.golden_reports import FOLDER, SUFFIXES, golden_path, reports
 
 
@@ -20,7 +20,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 def test_a_report_of_a_sample(found: dict[str, str], suffix: str) -> None:
     expected = golden_path(suffix).read_text("utf-8")
     if suffix == "json":
-        assert json.loads(found[suffix]) == nearly(json.loads(expected))
+        assert alike(json.loads(found[suffix]), json.loads(expected)), found[suffix]
     else:
         assert found[suffix] == expected
 

@@ -1,0 +1,1 @@
+"""Two checkouts on the same logs: do their tables say the same?"""

@@ -1,0 +1,31 @@
+"""Runs commands of the lidarcli that PYTHONPATH names: one JSON line in, one out. Knows no other file of this folder.
+
+In: the commands of a case. Out: the exit code of each, and what they said.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import sys
+
+
+def main() -> None:
+    """Serve until the input ends."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    answers = sys.stdout
+    import lidarcli
+    from lidarcli.cli import run
+
+    print(json.dumps({"package": lidarcli.__file__}), file=answers, flush=True)
+    for line in sys.stdin:
+        said = io.StringIO()
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            codes = [run(command) for command in json.loads(line)]
+        print(json.dumps({"codes": codes, "said": said.getvalue()}), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()
