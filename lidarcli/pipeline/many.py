@@ -78,7 +78,7 @@ def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
     result = attempt(source, work)
     if isinstance(result, Failure):
         return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace)
-    return Outcome(source.label, result.exit_code, summary=result, remark=result.remark)
+    return Outcome(source.label, result.exit_code, summary=result)
 
 
 def detect_files(

@@ -33,8 +33,6 @@ class RunSummary:
     notes: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
     seconds: float = 0.0
-    remark: str | None = None
-    """What happened on the way and was mended."""
 
     @property
     def beams(self) -> int:
