@@ -33,6 +33,9 @@ MAY_IMPORT = {
 }
 """Room → the rooms below it that it may import."""
 
+PIPELINE = ("inputs", "reading", "objects", "running")
+"""Rooms of the pipeline, each of which may import those before it; the files for each command may import all of them."""
+
 ROOMS_OF = {
     "click": {"cli"},
     "rich": {"cli", "reports"},
@@ -72,6 +75,15 @@ def test_imports_run_one_way(path: Path) -> None:
     assert own <= MAY_IMPORT.get(here, CORE), f"{here} may not import {own - MAY_IMPORT.get(here, CORE)}"
     for name in {name.split(".")[0] for name in imported(path)} & set(ROOMS_OF):
         assert here in ROOMS_OF[name], f"{name} belongs to {ROOMS_OF[name]}"
+
+
+@pytest.mark.parametrize("name", PIPELINE)
+def test_rooms_of_the_pipeline_stand_on_each_other(name: str) -> None:
+    below = PIPELINE[: PIPELINE.index(name) + 1]
+    for path in MODULES:
+        if path.parts[:2] == ("pipeline", name):
+            own = {full.split(".")[2] for full in imported(path) if full.startswith("lidarcli.pipeline.")}
+            assert own <= {*below}, path
 
 
 def test_formalism_imports_numpy_alone() -> None:

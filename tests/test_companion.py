@@ -11,12 +11,13 @@ import pytest
 
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline import parts_split, reading
 from lidarcli.pipeline.building import Building, BuildOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.parts import Maker, Part
-from lidarcli.pipeline.subtracting import BackgroundOptions
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.objects.parts import Maker, Part
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading import reading
+from lidarcli.pipeline.running import splitting
 from lidarcli.threads import Beside
 
 DRIVE = Source(str(Path(__file__).parents[1] / "samples" / "drive.db3"), "drive")
@@ -26,8 +27,8 @@ ALONE = DetectOptions(read=ReadOptions(batch_size=8), cores=1)
 @pytest.fixture
 def taken(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """What the thread was given, which is called after the first batch; another one reads ahead."""
-    monkeypatch.setattr(parts_split, "ALONE", 1)
-    monkeypatch.setattr(parts_split, "BLOCK", 1)
+    monkeypatch.setattr(splitting, "ALONE", 1)
+    monkeypatch.setattr(splitting, "BLOCK", 1)
     monkeypatch.setattr(reading, "WORTH_A_THREAD", 0)
     given: list[object] = []
 
@@ -36,7 +37,7 @@ def taken(monkeypatch: pytest.MonkeyPatch) -> list[object]:
             given.append(arguments)
             return super().submit(work, *arguments, **options)
 
-    monkeypatch.setattr(parts_split, "Beside", Noting)
+    monkeypatch.setattr(splitting, "Beside", Noting)
     return given
 
 
@@ -85,6 +86,6 @@ def test_an_error_in_the_thread_is_one_of_the_run(
 
 
 def test_short_logs_need_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parts_split, "Beside", None)
+    monkeypatch.setattr(splitting, "Beside", None)
     detect_to_files(DRIVE, tmp_path, replace(ALONE, cores=2))
     assert len(list(tmp_path.iterdir())) == 2

@@ -21,15 +21,16 @@ import pytest
 
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline import cores, many, parts_split, processes
+from lidarcli.pipeline import detecting_logs
 from lidarcli.pipeline.building import Building, BuildOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.many import detect_files, detect_stream
-from lidarcli.pipeline.parts import Maker, Part, Recipe
-from lidarcli.pipeline.parts_split import Splitting
-from lidarcli.pipeline.subtracting import BackgroundOptions
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.detecting_logs import detect_files, detect_stream
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.objects.parts import Maker, Part, Recipe
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running import cores, processes, splitting
+from lidarcli.pipeline.running.splitting import Splitting
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import simulate_odometry
@@ -73,8 +74,8 @@ class Seen:
 def eager(monkeypatch: pytest.MonkeyPatch) -> Seen:
     """Threads that are called after the first batch, and batches that are handed out one by one."""
     seen = Seen()
-    monkeypatch.setattr(parts_split, "ALONE", 1)
-    monkeypatch.setattr(parts_split, "BLOCK", 1)
+    monkeypatch.setattr(splitting, "ALONE", 1)
+    monkeypatch.setattr(splitting, "BLOCK", 1)
 
     class Counted(Beside):
         def __init__(self, name: str, count: int = 1) -> None:
@@ -85,7 +86,7 @@ def eager(monkeypatch: pytest.MonkeyPatch) -> Seen:
             seen.taken += 1
             return super().submit(*arguments, **options)
 
-    monkeypatch.setattr(parts_split, "Beside", Counted)
+    monkeypatch.setattr(splitting, "Beside", Counted)
     return seen
 
 
@@ -272,7 +273,7 @@ def _none_wanted(*arguments: object) -> None:
 
 def test_short_logs_need_no_help(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "start", _none_wanted)
-    monkeypatch.setattr(parts_split, "Beside", _none_wanted)
+    monkeypatch.setattr(splitting, "Beside", _none_wanted)
     options = DetectOptions(jobs=8, cores=8)
     outcomes = list(detect_files([source, replace(source, name="again")], tmp_path, options))
     assert [outcome.exit_code for outcome in outcomes] == [3, 3]
@@ -300,7 +301,7 @@ def test_threads_are_called_for_what_lies_ahead(
     monkeypatch: pytest.MonkeyPatch, ahead: int | None, counted: int, calls: bool
 ) -> None:
     """2,000,000 ranges are 18,519 sweeps of 108 beams, as a hundred that were read had them."""
-    monkeypatch.setattr(parts_split, "Beside", _none_wanted)
+    monkeypatch.setattr(splitting, "Beside", _none_wanted)
     stand_in, recipe = reading(iter([batch_of(30)]), ahead, counted)
     with Splitting(stand_in, recipe, 2) as work:
         if calls:
@@ -311,8 +312,8 @@ def test_threads_are_called_for_what_lies_ahead(
 
 
 def test_of_a_pipe_what_lies_behind_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parts_split, "Beside", _none_wanted)
-    monkeypatch.setattr(parts_split, "ALONE", 100_000)
+    monkeypatch.setattr(splitting, "Beside", _none_wanted)
+    monkeypatch.setattr(splitting, "ALONE", 100_000)
     # Nothing is waited for, however busy the machine is.
     monkeypatch.setattr(Splitting, "_timed", lambda self, batches: ((batch, 0.0) for batch in batches))
     stand_in, recipe = reading(iter([batch_of(256)] * 2))
@@ -325,8 +326,8 @@ def test_of_a_pipe_what_lies_behind_counts(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_a_live_source_is_not_kept_waiting(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every batch that was long in coming is out before the next one is asked for."""
-    monkeypatch.setattr(parts_split, "PATIENCE", 0.05)
-    monkeypatch.setattr(parts_split, "BLOCK", 10**9)
+    monkeypatch.setattr(splitting, "PATIENCE", 0.05)
+    monkeypatch.setattr(splitting, "BLOCK", 10**9)
     asked = Counter[str]()
 
     def slowly() -> Iterator[SweepBatch]:
@@ -360,8 +361,8 @@ def test_parts_keep_their_order(eager: Seen) -> None:
 
 def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thread that stands still holds up the others once enough is waiting for it."""
-    monkeypatch.setattr(parts_split, "WINDOW", 2)
-    monkeypatch.setattr(parts_split, "DEPTH", 1)
+    monkeypatch.setattr(splitting, "WINDOW", 2)
+    monkeypatch.setattr(splitting, "DEPTH", 1)
     read = 0
 
     def batches() -> Iterator[SweepBatch]:
@@ -405,17 +406,20 @@ def test_logs_at_the_same_time(
     sizes: list[int], jobs: int, expected: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Source, "size", property(lambda source: int(source.path)))
-    assert many._at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs) == expected
+    assert (
+        detecting_logs._at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs)
+        == expected
+    )
 
 
 def test_processes_are_shared_between_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def side_by_side(sources: Any, folder: Path, options: DetectOptions, jobs: int) -> Iterator[Any]:
-        asked.append((jobs, options.jobs))
+    def side_by_side(sources: Any, work: Any, jobs: int) -> Iterator[Any]:
+        asked.append((jobs, work.keywords["options"].jobs))
         return iter(sources)
 
-    monkeypatch.setattr("lidarcli.pipeline.workers.side_by_side", side_by_side)
+    monkeypatch.setattr("lidarcli.pipeline.running.side_by_side.side_by_side", side_by_side)
     sources = [Source(f"fifo{k}", f"log{k}") for k in range(3)]
     for jobs in (2, 3, 8):
         list(detect_files(sources, tmp_path, DetectOptions(jobs=jobs)))

@@ -10,6 +10,7 @@ import signal
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,13 +23,16 @@ from lidarcli.formalism import Parameters
 from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, CsvOptions, Message, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline import detecting, inspecting, workers
-from lidarcli.pipeline.clock import Clock, Sample
+from lidarcli.pipeline import detecting, inspecting
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Nothing, Source, find_logs, log_name, refuse_clashes
+from lidarcli.pipeline.detecting_logs import detect_files
+from lidarcli.pipeline.inputs.search import find_logs, log_name, refuse_clashes
+from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.many import Outcome, detect_files, exit_code, outcome_of
-from lidarcli.pipeline.summary import damage_lines
+from lidarcli.pipeline.reading.clock import Clock, Sample
+from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
+from lidarcli.pipeline.running.outcomes import Outcome, exit_code, outcome_of
+from lidarcli.pipeline.running.side_by_side import side_by_side
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from lidarcli.tables import OBJECTS
@@ -394,7 +398,7 @@ def test_one_bad_log_does_not_stop_the_rest(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(detecting, "open_source", opens)
     sources = [Source(name, name) for name in ("bad", "bug", "good")]
     absent = Nothing("absent", UnreadableError("no such file or folder"))
-    outcomes = list(detect_files([*sources, absent], tmp_path, DetectOptions()))
+    outcomes = list(detect_files([*sources, absent], tmp_path, DetectOptions(jobs=1)))
     assert [(outcome.label, outcome.exit_code, outcome.error) for outcome in outcomes] == [
         ("bad", 3, "byte 0: not a log"),
         ("bug", 70, "internal error: ZeroDivisionError: oops"),
@@ -425,29 +429,27 @@ def test_first_code_that_is_not_zero_wins() -> None:
     assert exit_code([0, 0]) == 0
 
 
-def _dies_once(source: Source | Nothing, folder: Path, options: DetectOptions) -> Outcome:
+def _dies_once(source: Source, folder: Path) -> RunSummary:
     """Stands in for the work of a worker: the log `dies` kills its process the first time, `fatal` every time."""
     mark = folder / f"{source.label}.tried"
     if source.label == "fatal" or (source.label == "dies" and not mark.exists()):
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
-    return Outcome(source.label, 0)
+    return RunSummary()
 
 
-def test_a_dead_worker_costs_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "_work", _dies_once)
+def test_a_dead_worker_costs_no_log(tmp_path: Path) -> None:
     sources = [Source(name, name) for name in ("a", "dies", "b", "c")]
-    outcomes = list(workers.side_by_side(sources, tmp_path, DetectOptions(), 2))
+    outcomes = list(side_by_side(sources, partial(_dies_once, folder=tmp_path), 2))
     assert [(outcome.label, outcome.exit_code) for outcome in outcomes] == [
         (name.path, 0) for name in sources
     ]
     assert outcomes[1].remark == "a worker process died; this log was done again"
 
 
-def test_a_log_that_kills_every_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "_work", _dies_once)
+def test_a_log_that_kills_every_worker(tmp_path: Path) -> None:
     sources = [Source(name, name) for name in ("a", "fatal", "b")]
-    outcomes = list(workers.side_by_side(sources, tmp_path, DetectOptions(), 2))
+    outcomes = list(side_by_side(sources, partial(_dies_once, folder=tmp_path), 2))
     assert [(outcome.label, outcome.exit_code) for outcome in outcomes] == [("a", 0), ("fatal", 70), ("b", 0)]
     assert outcomes[1].error == (
         "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"

@@ -130,8 +130,8 @@ def build(
         refuse_output,
         scene_notes,
     )
-    from lidarcli.pipeline.inputs import find_logs
-    from lidarcli.pipeline.many import exit_code
+    from lidarcli.pipeline.inputs.search import find_logs
+    from lidarcli.pipeline.running.outcomes import exit_code
 
     path = Path(output)
     sources = find_logs(logs)

@@ -28,7 +28,7 @@ from lidarcli.cli.options import (
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.detecting import DetectOptions
-    from lidarcli.pipeline.many import Outcome
+    from lidarcli.pipeline.running.outcomes import Outcome
 
 OUTPUT, BACKGROUND = "Output", "Background"
 STDOUT = "-"
@@ -163,7 +163,7 @@ def detect(
 
     compared = None
     if background is not None:
-        from lidarcli.pipeline.subtracting import BackgroundOptions
+        from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
         compared = BackgroundOptions.of(
             background,
@@ -209,9 +209,10 @@ def _detect(
     """Tables below the folder `output`, or, of a `kind`, the objects alone as a stream or in one file."""
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show, show_total
-    from lidarcli.pipeline.inputs import find_logs, refuse_clashes
-    from lidarcli.pipeline.many import detect_file, detect_files, detect_stream, exit_code
-    from lidarcli.pipeline.memory import keep_freed_memory
+    from lidarcli.pipeline.detecting_logs import detect_file, detect_files, detect_stream
+    from lidarcli.pipeline.inputs.search import find_logs, refuse_clashes
+    from lidarcli.pipeline.running.memory import keep_freed_memory
+    from lidarcli.pipeline.running.outcomes import exit_code
 
     keep_freed_memory()
     sources = find_logs(logs)

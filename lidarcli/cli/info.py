@@ -59,9 +59,9 @@ def info(
     from lidarcli.cli.info_text import as_json, as_text
     from lidarcli.cli.progress import progress_bar
     from lidarcli.errors import NoScanError
-    from lidarcli.pipeline.inputs import find_logs
-    from lidarcli.pipeline.inspecting import LogInfo
-    from lidarcli.pipeline.many import Failure, exit_code, inspect_logs
+    from lidarcli.pipeline.inputs.search import find_logs
+    from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
+    from lidarcli.pipeline.running.outcomes import Failure, exit_code
 
     sources = find_logs(logs)
     found: list[LogInfo] = []

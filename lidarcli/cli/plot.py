@@ -161,7 +161,8 @@ def plot(
     from lidarcli.errors import OptionError, UnreadableError
     from lidarcli.formalism import Parameters
     from lidarcli.newfiles import refuse
-    from lidarcli.pipeline.inputs import Nothing, files_of, find_logs
+    from lidarcli.pipeline.inputs.search import files_of, find_logs
+    from lidarcli.pipeline.inputs.sources import Nothing
     from lidarcli.pipeline.plotting import (
         PlotOptions,
         picture_bytes,

@@ -90,9 +90,9 @@ def report(
     it), a folder to search, or a pattern.
     """
     from lidarcli.newfiles import refuse, write_whole
-    from lidarcli.pipeline.inputs import files_of, find_logs
+    from lidarcli.pipeline.inputs.search import files_of, find_logs
+    from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.reporting import SUFFIXES, ReportOptions, make_report, render, understand
-    from lidarcli.pipeline.tables_found import table_files
 
     kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
     if len(outputs) > 1 and kind is not None:

@@ -17,12 +17,13 @@ from lidarcli.formalism.learning import Learning
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.pipeline.inputs import SUFFIXES, Nothing, Source, files_of
-from lidarcli.pipeline.many import Outcome, Report, outcome_of
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import refuse_delay
-from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.reading.posing import refuse_delay
+from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running.outcomes import Outcome, Report, outcome_of
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.background import read_background, write_background
 from lidarcli.tables.metadata import table_metadata

@@ -11,14 +11,15 @@ from lidarcli.formalism import Parameters
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse
-from lidarcli.pipeline.cores import cores
-from lidarcli.pipeline.inputs import Nothing, Source, files_of
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.parts import Recipe
-from lidarcli.pipeline.parts_split import Splitting
-from lidarcli.pipeline.posing import refuse_delay
-from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import files_of
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.objects.parts import Recipe
+from lidarcli.pipeline.reading.posing import refuse_delay
+from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running.cores import cores
+from lidarcli.pipeline.running.splitting import Splitting
 from lidarcli.tables.files import TableFiles, table_path
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.order import TopicOrder
@@ -26,7 +27,7 @@ from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import RowStream
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 
 @dataclass(frozen=True, slots=True)

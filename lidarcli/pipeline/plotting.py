@@ -14,12 +14,12 @@ from lidarcli.formalism.threshold import noise
 from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.newfiles import NewFiles, unwritable, write_whole
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import NONE, Posing
-from lidarcli.pipeline.subtracting import BackgroundOptions, Subtracting
-from lidarcli.pipeline.summary import damage_lines
-from lidarcli.pipeline.topics import choose, nothing_read
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.topics import choose, nothing_read
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
+from lidarcli.pipeline.reading.posing import NONE, Posing
+from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.picture import Picture
 from lidarcli.sweeps import RangeRules, SweepBatch

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.tables_found import Pair, find_pairs, read_table, source_of
+from lidarcli.pipeline.inputs.tables import Pair, find_pairs, read_table, source_of
 from lidarcli.reports.checks import Check, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Rows, Run, Source
 from lidarcli.reports.compare import compare

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.pipeline.inputs import Nothing, find_logs
-from lidarcli.pipeline.inputs import Source as LogSource
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.tables_found import Pair, batches
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Nothing
+from lidarcli.pipeline.inputs.sources import Source as LogSource
+from lidarcli.pipeline.inputs.tables import Pair, batches
 from lidarcli.reports.columns import Run, Source
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.viewer import Choice, Raw, choose, pack

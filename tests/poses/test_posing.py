@@ -19,9 +19,9 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.posing import Posing
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import PoseRows, simulate_odometry

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import pyarrow as pa
 
 from lidarcli.formalism import Parameters
-from lidarcli.pipeline.finding import finder
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.objects.finders import finder
+from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 _ROWS = {"objects": objects_rows, "sweeps": sweeps_rows, "beams": beams_rows}
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from lidarcli.pipeline.parts import Maker, Part, Recipe
-from lidarcli.pipeline.reading import Progress, Reading
+from lidarcli.pipeline.objects.parts import Maker, Part, Recipe
+from lidarcli.pipeline.reading.reading import Progress, Reading
 from lidarcli.sweeps import SweepBatch
 from lidarcli.threads import Beside
 

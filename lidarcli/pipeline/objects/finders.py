@@ -8,7 +8,7 @@ from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.sweeps import SweepBatch
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 
 class Finder(Protocol):
@@ -27,7 +27,7 @@ def finder(parameters: Parameters, background: BackgroundOptions | None) -> Find
     """Each sweep by itself, or what differs from a background."""
     if background is None:
         return _Alone(parameters)
-    from lidarcli.pipeline.subtracting import Subtracting
+    from lidarcli.pipeline.objects.subtracting import Subtracting
 
     return Subtracting(background, parameters)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.formalism.detection import Detection
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.posing import Posing
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.sweeps import Status, SweepBatch, count_statuses
 
 

@@ -7,23 +7,22 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from types import FrameType
-from typing import Any
 
 
-def start(
-    count: int, initializer: Callable[..., None], *arguments: Any
-) -> tuple[ProcessPoolExecutor, list[Future[None]]]:
-    """A pool of `count` processes that are on their way up, and futures of which one is done when one of them is."""
+def start(count: int, initializer: Callable[[], object]) -> ProcessPoolExecutor:
+    """A pool of `count` processes that are on their way up."""
     # A fork of a process with threads (progress bar, Arrow) may hang; a spawned process cannot.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer, initargs=arguments)
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer)
     try:
         with _signals_held():
-            return pool, [pool.submit(_up) for _ in range(count)]
+            for _ in range(count):
+                pool.submit(_up)
+        return pool
     except BaseException:
         stop(pool)
         raise
