@@ -15,14 +15,13 @@ from typing import Any
 
 import pyarrow as pa
 
+from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import LidarcliError, OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background import Background
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.building import (
-    STATION_ANGLE,
-    STATION_DISTANCE,
     Building,
     BuildOptions,
     refuse_nothing,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.formalism.background import MAJORITY, Background
 from lidarcli.formalism.grid import Grid
@@ -27,11 +27,6 @@ from lidarcli.pipeline.running.outcomes import Outcome, Report, outcome_of
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.background import read_background, write_background
 from lidarcli.tables.metadata import table_metadata
-
-STATION_DISTANCE = 0.25
-"""[m]"""
-STATION_ANGLE = math.radians(5.0)
-"""[rad]"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.formalism.detection import SETS, SHAPES, VISIBILITIES
+from lidarcli.formalism.detection import CHANGES, SETS, SHAPES, VISIBILITIES
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.tokens import Tokens
 from lidarcli.sweeps import Bool, Float64
@@ -30,7 +30,7 @@ VOCABULARY = {
     "set": SETS,
     "shape": SHAPES,
     "visibility": VISIBILITIES,
-    "change": ("appeared", "removed"),
+    "change": CHANGES,
 }
 DEEPEST = 50
 """Most brackets that are open at once in a condition."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from lidarcli import __version__
+from lidarcli._version import __version__
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.distributions import Density, Histogram
 from lidarcli.reports.report import Report

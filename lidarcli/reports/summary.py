@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.reports.columns import Run, Source
+from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.distributions import (
     Density,
     Histogram,
@@ -20,9 +20,8 @@ from lidarcli.reports.figures import CATEGORIES, SPREADS
 from lidarcli.reports.spread import STATISTICS, Spread
 from lidarcli.reports.standing import Standing, standing_out
 from lidarcli.reports.streams import Streams, streams_of
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps import STATUSES, Float64
 
-STATUSES = ("valid", "no_return", "too_close", "invalid")
 SETS = {"object": "O", "agent": "A", "noise": "S"}
 DRAWN = ("range", "bearing", "width", "objects_per_sweep")
 """Figures with a histogram."""
@@ -59,7 +58,7 @@ SWEEP_COLUMNS = (
 class Summary:
     """What a run holds."""
 
-    sources: tuple[Source, ...]
+    sources: tuple[Origin, ...]
     streams: Streams
     figures: dict[str, float | None]
     """Every name of `figures.names()` → value; None where there is nothing to measure."""

@@ -21,7 +21,6 @@ LONGEST = 10_000
 """Most characters of a check."""
 SHOWN = 200
 """Most characters of it that an error repeats."""
-OPERATORS = ("==", "!=", "<=", ">=", "<", ">")
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import SHAPES
+from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.columns import Run
 from lidarcli.reports.palette import GREY
 from lidarcli.reports.palette import SHAPES as SHAPE_COLOURS
@@ -29,7 +29,6 @@ LOST = 65_535
 """Stands for a beam without a range."""
 ANGLE = 32_767 / (3 * np.pi)
 """Angles as whole numbers; theta_f may pass π."""
-SETS = ("O", "A", "S")
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,7 +97,7 @@ _CLASSES = _classes()
 _WORDS = {"inf": "Infinity", "-inf": "-Infinity", "nan": "NaN"}
 
 
-def _json_bytes(name: str, message: dict[str, Any]) -> bytes:
+def _json_bytes(_: str, message: dict[str, Any]) -> bytes:
     """JSON has no infinity and no NaN: they are words, as in the JSON mapping of protobuf."""
     if "ranges" in message:
         message["ranges"] = [value if isfinite(value) else _WORDS[repr(value)] for value in message["ranges"]]

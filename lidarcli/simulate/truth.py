@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from lidarcli import __version__
+from lidarcli._version import __version__
 from lidarcli.simulate.generate import Block
 from lidarcli.simulate.raycast import relative
 from lidarcli.simulate.scene import Scene

@@ -122,10 +122,9 @@ class Subtracting:
 
     def admit(self, batch: SweepBatch) -> None:
         """Refuse the first batch of a frame that the background does not know or that looks elsewhere."""
-        for code in np.unique(batch.frame).tolist():
-            frame = batch.frame_ids[code]
-            if (batch.topic, frame) not in self._chosen:
-                self._subtraction(batch.rows(np.flatnonzero(batch.frame == code)), frame)
+        if not all((batch.topic, frame) in self._chosen for frame in batch.frame_ids):
+            for frame, _, mine in batch.by_frame():
+                self._subtraction(mine, frame)
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
         """The objects of a batch."""
@@ -140,10 +139,7 @@ class Subtracting:
     def difference(self, batch: SweepBatch, sigma: np.ndarray[Any, np.dtype[np.float64]]) -> Difference:
         """r_w - r_e of a batch, whose sweeps may come from several frames."""
         parts: list[tuple[Int64, Difference]] = []
-        for code in np.unique(batch.frame).tolist():
-            rows = np.flatnonzero(batch.frame == code)
-            mine = batch if len(rows) == len(batch) else batch.rows(rows)
-            frame = batch.frame_ids[code]
+        for frame, rows, mine in batch.by_frame():
             part = self._subtraction(mine, frame).difference(mine, sigma[rows])
             self._count(frame, mine, part)
             parts.append((rows, part))
