@@ -12,5 +12,7 @@ ANIMATIONS = (".gif", ".mp4")
 """Suffixes of moving pictures."""
 STATION_DISTANCE = 0.25
 """Sweeps up to this far from a station [m] belong to it, by default …"""
-STATION_ANGLE = math.radians(5.0)
-"""… if their heading differs by no more than this [rad]."""
+STATION_DEGREES = 5.0
+"""… if their heading differs by no more than this [degrees]."""
+STATION_ANGLE = math.radians(STATION_DEGREES)
+"""The same in radians."""

@@ -7,10 +7,9 @@ from pathlib import Path
 import click
 
 from lidarcli.cli.messages import Messages, coloured, standard_output
-from lidarcli.cli.options import INPUTS, GroupedCommand, option
+from lidarcli.cli.options import INPUTS, OUTPUT, STDOUT, GroupedCommand, option
 
-OUTPUT, GATES = "Output", "Gates"
-STDOUT = "-"
+GATES = "Gates"
 
 
 @click.command(

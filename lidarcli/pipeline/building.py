@@ -175,3 +175,22 @@ def refuse_nothing(sensors: Sequence[Background]) -> None:
     """Refuse a background without any sweep."""
     if not any(len(sensor) for sensor in sensors):
         raise NoScanError("no sweep to learn a background from")
+
+
+def figures_of(sensor: Background) -> dict[str, Any]:
+    """What a background knows of a sensor, over all stations and beams."""
+    r_e = sensor.r_e
+    some = np.isfinite(r_e)
+    any_range = bool(some.any())
+    return {
+        "sweeps": int(sensor.sweeps.sum()),
+        "surface": int(np.count_nonzero(some)),
+        "open": int(np.count_nonzero(np.isinf(r_e))),
+        "unknown": int(np.count_nonzero(np.isnan(r_e))),
+        "weak": int(np.count_nonzero(sensor.weak)),
+        "r_e_min": float(r_e[some].min()) if any_range else None,
+        "r_e_max": float(r_e[some].max()) if any_range else None,
+        "spread": float(np.median(sensor.spread[some])) if any_range else None,
+        "support": float(np.median(sensor.support[some])) if any_range else None,
+        "least_support": float(sensor.support[some].min()) if any_range else None,
+    }
