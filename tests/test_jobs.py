@@ -361,7 +361,7 @@ def test_parts_keep_their_order(eager: Seen) -> None:
 
 def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thread that stands still holds up the others once enough is waiting for it."""
-    monkeypatch.setattr(splitting, "WINDOW", 2)
+    monkeypatch.setattr(splitting, "MOST_WAITING", 2)
     monkeypatch.setattr(splitting, "DEPTH", 1)
     read = 0
 

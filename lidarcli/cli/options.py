@@ -20,9 +20,9 @@ OTHER = "Other"
 OUTPUT = "Output"
 STDOUT = "-"
 """As the name of an output."""
-GREATEST = 1e6
+GREATEST_NUMBER = 1e6
 """A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`sweeps.FARTHEST`)."""
-LONGEST = 1e9
+LONGEST_TIME = 1e9
 """A time of an option is no longer [s]: thirty years."""
 WIDEST = 4 * math.pi
 """An angle of a sensor is no wider [rad]: two turns, as in a scene file."""
@@ -73,7 +73,7 @@ class Number(click.ParamType):  # type: ignore[type-arg]
         metavar: str,
         least: float | None = None,
         above: float | None = None,
-        most: float = GREATEST,
+        most: float = GREATEST_NUMBER,
     ) -> None:
         self.metavar = metavar
         self.least = least
@@ -144,14 +144,14 @@ class NoReturn(click.ParamType):  # type: ignore[type-arg]
             words, markers = parse_no_return(value)
         except OptionError as err:
             self.fail(str(err).removeprefix("--no-return: ") + ".", param, ctx)
-        wrong = [marker for marker in markers if not abs(marker) <= GREATEST]
+        wrong = [marker for marker in markers if not abs(marker) <= GREATEST_NUMBER]
         if wrong:
             self.fail(f"{wrong[0]:g} is no range.", param, ctx)
         return words, markers
 
 
 METRES = Number("METRES", least=0)
-SECONDS = Number("SECONDS", least=0, most=LONGEST)
+SECONDS = Number("SECONDS", least=0, most=LONGEST_TIME)
 
 # Whether they can be read is found out where they are opened, which says more than a usage error.
 INPUTS = click.Path(allow_dash=True, readable=False)

@@ -23,7 +23,7 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.posing import refuse_delay
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.outcomes import Outcome, Report, outcome_of
+from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.background import read_background, write_background
 from lidarcli.tables.metadata import table_metadata
@@ -77,7 +77,9 @@ class Building:
             self._damage += [f"{self._described[-1]['name']}: {line}" for line in summary.damage]
         return summary
 
-    def add_all(self, sources: Sequence[Source | Nothing], report: Report | None = None) -> Iterator[Outcome]:
+    def add_all(
+        self, sources: Sequence[Source | Nothing], report: LogProgress | None = None
+    ) -> Iterator[Outcome]:
         """Learn from one log after the other; a bad one does not stop the rest."""
         for source in sources:
             yield outcome_of(source, lambda log: self.add(log, _progress(log, report)))
@@ -167,7 +169,7 @@ def draw_background(path: Path, sensors: Sequence[Background], overwrite: bool) 
     return write_whole(path, draw(sensors, path.suffix.lower()), overwrite)
 
 
-def _progress(source: Source, report: Report | None) -> Callable[[int], None] | None:
+def _progress(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
     return None if report is None else lambda position: report(source, position)
 
 

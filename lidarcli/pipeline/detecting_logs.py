@@ -12,7 +12,7 @@ from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files, detect_to_stream
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.outcomes import Outcome, Report, outcome_of, progress_of
+from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of, progress_of
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import FORMATS, CountingOutput
@@ -22,7 +22,10 @@ WORTH_A_PROCESS = 16 << 20
 
 
 def detect_files(
-    sources: Sequence[Source | Nothing], folder: Path, options: DetectOptions, report: Report | None = None
+    sources: Sequence[Source | Nothing],
+    folder: Path,
+    options: DetectOptions,
+    report: LogProgress | None = None,
 ) -> Iterator[Outcome]:
     """Write the tables of every log below `folder`, one after the other or several at the same time."""
     jobs = options.jobs or options.cores
@@ -60,7 +63,7 @@ def detect_stream(
     out: IO[bytes],
     kind: str,
     options: DetectOptions,
-    report: Report | None = None,
+    report: LogProgress | None = None,
     name: str = "standard output",
 ) -> Iterator[Outcome]:
     """Write the objects of all logs to one stream of `kind` (ndjson, csv, arrow, parquet), log after log.
@@ -95,7 +98,7 @@ def detect_file(
     path: Path,
     kind: str,
     options: DetectOptions,
-    report: Report | None = None,
+    report: LogProgress | None = None,
 ) -> Iterator[Outcome]:
     """The same into one file, which appears when it is whole, and only if anything could be read."""
     refuse([path], options.overwrite, options.inputs(sources))

@@ -18,7 +18,7 @@ from lidarcli.pipeline.inputs.topics import scan_topics
 from lidarcli.pipeline.reading.clock import Clock, ClockInfo
 from lidarcli.pipeline.reading.posing import FoundPoses, PoseInfo, alike_note, find_poses, pose_infos
 from lidarcli.pipeline.reading.summary import damage_lines
-from lidarcli.pipeline.running.outcomes import Failure, Report, attempt, progress_of
+from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
 
 if TYPE_CHECKING:
@@ -252,7 +252,7 @@ def _with_counts(
 
 
 def inspect_logs(
-    sources: Sequence[Source | Nothing], csv: CsvOptions, rules: RangeRules, report: Report | None = None
+    sources: Sequence[Source | Nothing], csv: CsvOptions, rules: RangeRules, report: LogProgress | None = None
 ) -> Iterator[tuple[Source | Nothing, LogInfo | Failure]]:
     """What is in every log, log after log."""
     for source in sources:

@@ -25,7 +25,7 @@ from lidarcli.reports.picture import Picture
 from lidarcli.sweeps import RangeRules, SweepBatch
 
 BATCH = 64
-MOST = 2_000
+MOST_PICTURES = 2_000
 """Most pictures of one call."""
 
 
@@ -89,8 +89,8 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
             seen = int(batch.sweep[-1])
             if options.sweeps is not None and seen >= max(options.sweeps):
                 break
-            if len(rows) > MOST:
-                raise OptionError(f"more than {MOST:,} sweeps to draw; choose some with --sweeps")
+            if len(rows) > MOST_PICTURES:
+                raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(log.report))
     if seen < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])

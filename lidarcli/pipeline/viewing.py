@@ -19,9 +19,9 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inputs.tables import Pair, batches
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.viewer import Choice, Raw, choose, pack
+from lidarcli.reports.viewer import Choice, Raw, choose_sweeps, pack
 from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
-from lidarcli.tables.reading import GREATEST
+from lidarcli.tables.reading import GREATEST_VALUE
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
 MOST_CELLS = 50_000_000
@@ -32,7 +32,7 @@ def viewer_of(
     run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The data of the viewer with a note on what is left out, and a line for each beams table that cannot be read."""
-    choice = choose(run, summary)
+    choice = choose_sweeps(run, summary)
     wanted = _wanted(run, summary, choice)
     origins = _match(run.sources, logs)
     raw: dict[tuple[int, str], Raw] = {}
@@ -197,4 +197,4 @@ def _csv(parameters: dict[str, Any]) -> CsvOptions:
 
 def _is_number(value: object) -> bool:
     """Whether a value of the metadata, which anybody may have written, is a number to compute with."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST_VALUE

@@ -136,7 +136,7 @@ def _beams(axes: Axes, picture: Picture, x: Float64, y: Float64) -> None:
     for code, name in enumerate(SETS):
         mine = (sets[0] == code) & np.isfinite(picture.ranges)
         if mine.any():
-            colour, mark, size = palette.SETS[name]
+            colour, mark, size = palette.SET_STYLES[name]
             axes.scatter(
                 x[mine], y[mine], s=size, c=colour, marker=mark, linewidths=0, zorder=3, label=f"set {name}"
             )
@@ -144,7 +144,7 @@ def _beams(axes: Axes, picture: Picture, x: Float64, y: Float64) -> None:
 
 def _faces(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None:
     beams, theta = picture.members(k)
-    colour = palette.SHAPES[picture.shape(k)]
+    colour = palette.SHAPE_COLOURS[picture.shape(k)]
     found, part = picture.detection, picture.faces(k)
     for low, high in zip(found.face_theta_i[part], found.face_theta_f[part], strict=True):
         mine = beams[(theta >= low - 1e-6) & (theta <= high + 1e-6)]

@@ -22,7 +22,7 @@ from lidarcli.reports.standing import Standing, standing_out
 from lidarcli.reports.streams import Streams, streams_of
 from lidarcli.sweeps import STATUSES, Float64
 
-SETS = {"object": "O", "agent": "A", "noise": "S"}
+SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
 DRAWN = ("range", "bearing", "width", "objects_per_sweep")
 """Figures with a histogram."""
 OF_OBJECTS = {
@@ -49,7 +49,7 @@ OBJECT_COLUMNS = (
 """Columns of the objects table that a summary reads."""
 SWEEP_COLUMNS = (
     *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
-    *("d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SETS)),
+    *("d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SET_COLUMNS)),
 )
 """Columns of the sweeps table that a summary reads."""
 
@@ -117,7 +117,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     mine = run.is_object
     kinds = {name: run.objects.counts(name, mine) for name in CATEGORIES}
     status = {name: int(run.sweeps.numbers(name).sum()) for name in STATUSES}
-    sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SETS.items()}
+    sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SET_COLUMNS.items()}
     return Summary(
         sources=run.sources,
         streams=streams,
@@ -157,7 +157,7 @@ def _figures(
         "agents": int(run.sweeps.numbers("agents").sum()),
         "beams": beams,
         **{f"{name}_share": share(status[name]) for name in STATUSES},
-        **{f"{name}_share": share(sets[letter]) for name, letter in SETS.items()},
+        **{f"{name}_share": share(sets[letter]) for name, letter in SET_COLUMNS.items()},
         "duration": sum(durations.values()),
         "rate": float(np.median(rates)) if rates else None,
         "gaps": sum(stream.gaps for stream in streams.all),

@@ -11,7 +11,7 @@ from lidarcli.reports.spread import Spread
 from lidarcli.reports.summary import Summary
 
 NONE = "-"
-SETS = {"O": "objects (O)", "A": "agents (A)", "S": "noise (S)"}
+SET_WORDS = {"O": "objects (O)", "A": "agents (A)", "S": "noise (S)"}
 SHOWN_SPREADS = (
     "objects_per_sweep",
     "range",

@@ -24,7 +24,7 @@ from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.odometry import PoseRows, simulate_odometry
+from lidarcli.simulate.odometry import SimulatedPoses, simulate_odometry
 from lidarcli.simulate.scene import Scene
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, SweepPoses, normalise
@@ -34,7 +34,7 @@ from tests.sweeping import START, raw_sweeps
 SAMPLES = Path(__file__).parents[2] / "samples"
 
 
-def drive() -> tuple[Scene, PoseRows]:
+def drive() -> tuple[Scene, SimulatedPoses]:
     """The scene of a robot that drives around, and what it believes of its way."""
     scene = load_scene(SAMPLES / "drive.toml")
     poses = simulate_odometry(scene, 12, seed=0)

@@ -14,7 +14,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.reports.columns import Origin
 from lidarcli.tables import metadata
 from lidarcli.tables.files import table_suffix
-from lidarcli.tables.reading import notes_of, parsed, read_batches, read_columns
+from lidarcli.tables.reading import notes_of, parsed, read_columns, read_pieces
 from lidarcli.tables.schemas import SCHEMAS
 
 _OBJECTS, _SWEEPS, _BEAMS = map(table_suffix, ("objects", "sweeps", "beams"))
@@ -121,7 +121,7 @@ def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
 
 def batches(pair: Pair, columns: list[str]) -> Iterator[pa.RecordBatch]:
     """Columns of the beams table piece by piece: it may be large."""
-    return read_batches(pair.beams, "beams", SCHEMAS["beams"], columns)
+    return read_pieces(pair.beams, "beams", SCHEMAS["beams"], columns)
 
 
 def _value(notes: dict[str, str], key: str, kind: type) -> Any:

@@ -13,7 +13,7 @@ from lidarcli.pipeline.reading.summary import RunSummary
 
 INTERNAL_ERROR = 70
 
-Report = Callable[[Source, int], None]
+LogProgress = Callable[[Source, int], None]
 """Progress: the log, and the position in it [bytes]."""
 
 Work = Callable[[Source], RunSummary]
@@ -68,7 +68,7 @@ def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
     return Outcome(source.label, result.exit_code, summary=result)
 
 
-def progress_of(source: Source, report: Report | None) -> Callable[[int], None] | None:
+def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
     """What is told of the progress of one log."""
     return None if report is None else lambda position: report(source, position)
 

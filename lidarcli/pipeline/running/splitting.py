@@ -27,7 +27,7 @@ ALONE = 2_000_000
 """Work of fewer ranges than these, a tenth of a second's, needs no help."""
 DEPTH = 2
 """Blocks that a thread has at once: one at work, one waiting, as this thread is busy in between."""
-WINDOW = 4
+MOST_WAITING = 4
 """Finished blocks per thread that may wait for an earlier one; where every beam is a row, one."""
 MAX_THREADS = 8
 """More are of no use to one log: what holds the interpreter, and the encoding of tables, take their share of the time."""
@@ -68,7 +68,7 @@ class Splitting:
         self._reading = reading
         self._maker = Maker(recipe)
         self._helping = min(threads, MAX_THREADS) - 1
-        self._window = (self._helping + 1) * (1 if "beams" in recipe.tables else WINDOW)
+        self._window = (self._helping + 1) * (1 if "beams" in recipe.tables else MOST_WAITING)
         self._helpers: Beside | None = None
         self._line: deque[_Block] = deque()
         self._ranges = 0
