@@ -1,7 +1,6 @@
 """Throughput and memory of `lidarcli detect`, beside merely iterating the same log's messages.
 
-One process at work unless said otherwise, its threads on all cores; of several, processor times are added up, and memory
-is that of the largest.
+One process, whose threads use all cores unless said otherwise.
 
 Every measurement is a process of its own; the contestants take turns, so that a busy machine hits all of them alike.
 This process imports nothing heavy: on Linux the peak memory of a child counts from that of its parent.
@@ -85,15 +84,14 @@ class Figures:
     short: Result
     long: Result
     pinned: Result
-    two: Result
-    every: Result
+    alone: Result
     objects_per_sweep: float = 0.0
     help_ms: dict[str, float] = field(default_factory=dict)
 
     def results(self) -> tuple[Result, ...]:
         """All contestants, the yardstick first."""
-        one = self.iterate, self.robust, self.paper, self.changing, self.short, self.long
-        return *one, self.pinned, self.two, self.every
+        logs = self.robust, self.paper, self.changing, self.short, self.long
+        return self.iterate, *logs, self.pinned, self.alone
 
     def ratio(self, result: Result) -> float:
         """Time per sweep, as a multiple of the time that iterating takes."""
@@ -111,13 +109,13 @@ class Figures:
 
     @property
     def on_cores(self) -> float:
-        """Throughput of one process, as a multiple of that on one core."""
+        """Throughput on all cores, as a multiple of that on one."""
         return gain(self.pinned, self.robust)
 
     @property
-    def of_processes(self) -> float:
-        """Throughput of two processes, as a multiple of that of one."""
-        return gain(self.robust, self.two)
+    def of_threads(self) -> float:
+        """Throughput with threads that share the detection, as a multiple of that of one alone."""
+        return gain(self.alone, self.robust)
 
 
 def gain(slow: Result, fast: Result) -> float:
@@ -193,23 +191,20 @@ def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
         long=Result(f"detect, {sweeps * 2:,} sweeps", sweeps * 2),
         robust=Result("detect", sweeps),
         pinned=Result("detect, on one core", sweeps),
-        two=Result("detect --jobs 2", sweeps),
-        every=Result("detect, as many as cores", sweeps),
+        alone=Result("detect --jobs 1", sweeps),
     )
-    one = ("--jobs", "1")
     for turn in range(repeats):
         print(f"round {turn + 1} of {repeats} ...", file=sys.stderr)
         iterate(log, figures.iterate)
-        detect(changing, folder, figures.changing, *one)
-        detect(log, folder, figures.paper, *one, "--profile", "paper")
-        detect(log, folder, figures.every)
-        detect(log, folder, figures.two, "--jobs", "2")
-        detect(log, folder, figures.pinned, *one, pinned=True)
-        detect(log, folder, figures.robust, *one)
+        detect(changing, folder, figures.changing)
+        detect(log, folder, figures.paper, "--profile", "paper")
+        detect(log, folder, figures.alone, "--jobs", "1")
+        detect(log, folder, figures.pinned, pinned=True)
+        detect(log, folder, figures.robust)
     figures.objects_per_sweep = count_objects(folder, log) / sweeps
     for result in (figures.short, figures.long):
         # The logs differ by ten times; both fill every buffer on the way.
-        detect(make_log(folder, "other.mcap", result.sweeps), folder, result, *one)
+        detect(make_log(folder, "other.mcap", result.sweeps), folder, result)
         (folder / "other.mcap").unlink()
     for command in ((), ("detect",)):
         times = [run(LIDARCLI, *command, "--help").seconds for _ in range(10)]
@@ -232,7 +227,7 @@ def show(figures: Figures) -> None:
     print(f"\npeak memory of a log / of one a tenth as long     {figures.growth:6.2f}")
     print(f"throughput of changing / of fixed geometry        {figures.changing_geometry:6.2f}")
     print(f"throughput on all cores / on one                  {figures.on_cores:6.2f}")
-    print(f"throughput of two processes / of one              {figures.of_processes:6.2f}")
+    print(f"throughput of threads for the detection / of one  {figures.of_threads:6.2f}")
     for name, milliseconds in figures.help_ms.items():
         print(f"{name:50}{milliseconds:6.0f} ms")
 
@@ -257,7 +252,7 @@ def as_json(figures: Figures) -> str:
         "growth": figures.growth,
         "changing_geometry": figures.changing_geometry,
         "on_cores": figures.on_cores,
-        "of_processes": figures.of_processes,
+        "of_threads": figures.of_threads,
     }
     return json.dumps({**asdict(figures), **derived}, indent=2) + "\n"
 

@@ -29,7 +29,7 @@ SHORT = 300
 def detect(tree: Path, log: Path, folder: Path) -> tuple[float, float]:
     """Wall and processor time of a run with the code of a tree [s]."""
     # The folder that this runs in must not come before the tree: -P.
-    command = (sys.executable, "-P", "-m", "lidarcli", "-q", "detect", str(log), "--jobs", "1", "--overwrite")
+    command = (sys.executable, "-P", "-m", "lidarcli", "-q", "detect", str(log), "--overwrite")
     os.environ["PYTHONPATH"] = str(tree)
     done = run(*command, "-o", str(folder / "tables"))
     return done.seconds, done.cpu_seconds

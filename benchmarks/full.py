@@ -92,7 +92,7 @@ def measure(sweeps: int, repeats: int, longest: int, stages: bool, folder: Path)
             iterate(logs[f"{beams}.mcap"], result)
         read.append(_seconds("read", logs["361.mcap"])[0] / sweeps)
         for case in CASES:
-            detect(logs[case.file], folder, report.cases[case.name], "--jobs", "1", *case.options)
+            detect(logs[case.file], folder, report.cases[case.name], *case.options)
     for beams, result in looped.items():
         report.references[f"iterate {beams}"] = median(result.seconds) / result.sweeps
     report.references["read and decompress"] = median(read)
@@ -112,7 +112,7 @@ def measure(sweeps: int, repeats: int, longest: int, stages: bool, folder: Path)
         report.yardstick[name] = "iterate 361"
         log = make_log(folder, "length.mcap", length)
         for _ in range(1 if length > sweeps else repeats):
-            detect(log, folder, report.lengths[name], "--jobs", "1")
+            detect(log, folder, report.lengths[name])
         log.unlink()
     return report
 

@@ -17,8 +17,8 @@ from typing import TypeVar
 from lidarcli.formalism import Parameters, detect
 from lidarcli.logs import open_log
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.pipeline.memory import keep_freed_memory
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running.memory import keep_freed_memory
 from lidarcli.tables.files import TableFiles
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.rows import objects_rows, sweeps_rows

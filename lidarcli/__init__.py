@@ -11,11 +11,12 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from lidarcli._version import __version__
+
 if TYPE_CHECKING:
     from lidarcli import formalism
     from lidarcli.pipeline.api import detect, learn, read
 
-__version__ = "0.1.0"
 __all__ = ["__version__", "detect", "formalism", "learn", "read"]
 
 

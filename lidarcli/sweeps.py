@@ -6,7 +6,7 @@ beam count changes from turn to turn stay in one batch: short rows are padded, p
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
@@ -35,6 +35,10 @@ class Status(IntEnum):
     TOO_CLOSE = 2
     INVALID = 3
     PADDING = 4
+
+
+STATUSES = tuple(status.name.lower() for status in Status if status != Status.PADDING)
+"""Names of `Status` by code; padding is no beam and has none."""
 
 
 class Closure(IntEnum):
@@ -223,6 +227,12 @@ class SweepBatch:
         """The same batch with the sweeps of `index` alone."""
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
         return replace(self, poses=None if self.poses is None else self.poses.rows(index), **picked)
+
+    def by_frame(self) -> Iterator[tuple[str, Int64, SweepBatch]]:
+        """The sweeps of each frame: its name, the rows that are its own, and a batch of them."""
+        for code in np.unique(self.frame).tolist():
+            rows = np.flatnonzero(self.frame == code)
+            yield self.frame_ids[code], rows, self if len(rows) == len(self) else self.rows(rows)
 
     @property
     def width(self) -> int:

@@ -1,8 +1,9 @@
-"""A thread beside the main one, which an interrupt cannot leave behind at work."""
+"""Threads beside the main one, which an interrupt cannot leave behind at work."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from threading import Barrier, BrokenBarrierError
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
@@ -13,23 +14,24 @@ T = TypeVar("T")
 
 
 class Beside:
-    """One thread that does what it is given, one after the other, behind `concurrent.futures`.
+    """One thread or several that do what they are given, in its order, behind `concurrent.futures`.
 
-    Its first work comes only after it is up. An interrupt while `submit` waits for the start of a thread would leave one
-    that works and that nobody knows of, so that `close` does not wait for it.
+    Their first work comes only after all of them are up. An interrupt while `submit` waits for the start of a thread would
+    leave one that works and that nobody knows of, so that `close` does not wait for it.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, count: int = 1) -> None:
         # Most runs are short and need no thread, nor wait for this import.
         from concurrent.futures import ThreadPoolExecutor
 
+        self._count = count
         self._closed = False
         self._idle = False
-        self._pool = ThreadPoolExecutor(1, name)
-        self._pool.submit(_nothing).result()
+        self._pool = ThreadPoolExecutor(count, name)
+        self._meet()
 
     def submit(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Have some work done after all that was submitted before."""
+        """Have some work begun after all that was submitted before."""
         return self._pool.submit(self._do, work, *args, **kwargs)
 
     def _do(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -42,9 +44,9 @@ class Beside:
         interrupt: KeyboardInterrupt | None = None
         self._closed = True
         while not self._idle:
-            # Not by joining the thread: Python takes one for ended whose join was interrupted.
+            # Not by joining threads: Python takes one for ended whose join was interrupted.
             try:
-                self._pool.submit(_nothing).result()
+                self._meet()
                 self._idle = True
             except KeyboardInterrupt as err:
                 interrupt = err
@@ -52,6 +54,21 @@ class Beside:
         if interrupt is not None:
             raise interrupt
 
+    def _meet(self) -> None:
+        """Return when all threads have come to one place, each after the work that it was given before."""
+        place = Barrier(self._count)
+        try:
+            for coming in [self._pool.submit(_come, place) for _ in range(self._count)]:
+                coming.result()
+        except BaseException:
+            # Who is there already would wait for ever for those who were not called.
+            place.abort()
+            raise
 
-def _nothing() -> None:
-    """Work that is done when all work before it is."""
+
+def _come(place: Barrier) -> None:
+    try:
+        place.wait()
+    except BrokenBarrierError:
+        # This meeting is off.
+        return

@@ -96,7 +96,7 @@ def test_an_impatient_user_does_not_disturb_the_clearing_away() -> None:
 STARTING = """
 import os, signal, time
 from lidarcli.interrupts import wait_for_imports
-from lidarcli.pipeline import processes
+from lidarcli.pipeline.running import processes
 wait_for_imports()
 inside = []
 if __name__ == "__main__":

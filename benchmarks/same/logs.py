@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks.bench import HERE
 from benchmarks.same.odd import odd_logs
-from lidarcli.pipeline.inputs import Source, find_logs
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.simulate.scene import LOST_AS, Sensor

@@ -10,7 +10,7 @@ from importlib import import_module
 
 import click
 
-from lidarcli import __version__
+from lidarcli._version import __version__
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import LidarcliError, OutputError
 from lidarcli.interrupts import Terminated

@@ -5,26 +5,30 @@ from __future__ import annotations
 import copy
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
+from lidarcli.choices import IMAGES, STATION_DEGREES, STATION_DISTANCE
 from lidarcli.cli.detect import detect
 from lidarcli.cli.messages import Messages, one_line
 from lidarcli.cli.options import (
     LOGS,
+    OUTPUT,
     GroupedCommand,
     Number,
-    csv_geometry,
+    Selection,
     csv_options,
     option,
     range_options,
-    range_rules,
     reading_options,
 )
 
-OUTPUT, STATIONS = "Output", "Stations of a moving sensor"
-IMAGES = (".png", ".svg", ".pdf")
+if TYPE_CHECKING:
+    from lidarcli.logs.base import CsvOptions
+    from lidarcli.sweeps import RangeRules
+
+STATIONS = "Stations of a moving sensor"
 
 
 @click.group()
@@ -70,7 +74,7 @@ def background() -> None:
     "distance",
     heading=STATIONS,
     type=Number("METRES", above=0),
-    default=0.25,
+    default=STATION_DISTANCE,
     show_default=True,
     help="Sweeps up to this far from a station belong to it.",
 )
@@ -79,7 +83,7 @@ def background() -> None:
     "angle",
     heading=STATIONS,
     type=Number("DEGREES", above=0),
-    default=5.0,
+    default=STATION_DEGREES,
     show_default=True,
     help="And whose heading differs by no more than this.",
 )
@@ -93,17 +97,11 @@ def build(
     output: str,
     figure: str | None,
     overwrite: bool,
-    topics: tuple[str, ...],
-    start: float | None,
-    end: float | None,
-    every: int,
-    pose: str | None,
-    pose_delay: float,
+    selection: Selection,
     distance: float,
     angle: float,
-    no_return: Any,
-    limits: tuple[float, float] | None,
-    **geometry: Any,
+    rules: RangeRules,
+    csv: CsvOptions,
 ) -> int:
     """Learn r_e, the range of the background, from logs of the scene.
 
@@ -111,17 +109,12 @@ def build(
     walk through the scene in up to 30 % of the sweeps. Several logs make one background.
     Where a log has poses, every place gets a background of its own.
     """
-    if start is not None and end is not None and not start < end:
-        raise click.UsageError(f"--start {start:g} is not before --end {end:g}")
     if figure and Path(figure).suffix.lower() not in IMAGES:
         raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")
-    rules = range_rules(no_return, limits)
-    csv = csv_geometry(**geometry)
 
     from lidarcli.cli.background_text import learned_lines
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
-    from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.building import (
         Building,
         BuildOptions,
@@ -130,20 +123,18 @@ def build(
         refuse_output,
         scene_notes,
     )
-    from lidarcli.pipeline.inputs import find_logs
-    from lidarcli.pipeline.many import exit_code
+    from lidarcli.pipeline.inputs.search import find_logs
+    from lidarcli.pipeline.running.outcomes import exit_code
 
     path = Path(output)
     sources = find_logs(logs)
     refuse_output(path, sources, overwrite, [Path(figure)] if figure else [])
     building = Building(
         BuildOptions(
-            read=ReadOptions(
-                topics=frozenset(topics) if topics else None, start=start, end=end, every=every, rules=rules
-            ),
+            read=selection.read(rules),
             csv=csv,
-            pose=pose,
-            pose_delay=pose_delay,
+            pose=selection.pose,
+            pose_delay=selection.pose_delay,
             distance=distance,
             angle=math.radians(angle),
         )

@@ -7,17 +7,17 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 if TYPE_CHECKING:
     from lidarcli.formalism.background.model import Background
 
 
 def learned_lines(sensors: Sequence[Background]) -> list[str]:
     """Two lines per sensor, after it was learned."""
+    from lidarcli.pipeline.building import figures_of
+
     lines = []
     for sensor in sensors:
-        figures = _figures(sensor)
+        figures = figures_of(sensor)
         lines += [
             f"  {sensor.topic} ({_frame(sensor)}): {_count(len(sensor), 'station')} of {sensor.grid.beams} beams, "
             f"{_count(figures['sweeps'], 'sweep')}",
@@ -28,7 +28,7 @@ def learned_lines(sensors: Sequence[Background]) -> list[str]:
 
 def as_text(file: str, sensors: Sequence[Background], metadata: Mapping[str, Any]) -> str:
     """Everything for people."""
-    from lidarcli.pipeline.building import scene_notes
+    from lidarcli.pipeline.building import figures_of, scene_notes
 
     lines = [file, _line("version", metadata.get("lidarcli.version", ""))]
     for origin in _origins(metadata):
@@ -37,7 +37,7 @@ def as_text(file: str, sensors: Sequence[Background], metadata: Mapping[str, Any
         lines.append(_line("damage", damage))
     lines += [_line("note", note) for note in scene_notes(sensors)]
     for sensor in sensors:
-        figures = _figures(sensor)
+        figures = figures_of(sensor)
         view = sensor.grid.bearings()
         low, high = math.degrees(view.min(initial=0.0)), math.degrees(view.max(initial=0.0))
         lines += [
@@ -72,6 +72,8 @@ def as_json(file: str, sensors: Sequence[Background], metadata: Mapping[str, Any
 
 
 def _sensor_json(sensor: Background) -> dict[str, Any]:
+    from lidarcli.pipeline.building import figures_of
+
     grid = sensor.grid
     return {
         "topic": sensor.topic,
@@ -85,26 +87,7 @@ def _sensor_json(sensor: Background) -> dict[str, Any]:
         "posed": bool(sensor.posed.any()),
         "station_distance": sensor.distance,
         "station_angle": sensor.angle,
-        **_figures(sensor),
-    }
-
-
-def _figures(sensor: Background) -> dict[str, Any]:
-    """Sums over all stations and beams."""
-    r_e = sensor.r_e
-    some = np.isfinite(r_e)
-    any_range = bool(some.any())
-    return {
-        "sweeps": int(sensor.sweeps.sum()),
-        "surface": int(np.count_nonzero(some)),
-        "open": int(np.count_nonzero(np.isinf(r_e))),
-        "unknown": int(np.count_nonzero(np.isnan(r_e))),
-        "weak": int(np.count_nonzero(sensor.weak)),
-        "r_e_min": float(r_e[some].min()) if any_range else None,
-        "r_e_max": float(r_e[some].max()) if any_range else None,
-        "spread": float(np.median(sensor.spread[some])) if any_range else None,
-        "support": float(np.median(sensor.support[some])) if any_range else None,
-        "least_support": float(sensor.support[some].min()) if any_range else None,
+        **figures_of(sensor),
     }
 
 

@@ -16,22 +16,25 @@ from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     LOGS,
     MOST,
+    OUTPUT,
+    STDOUT,
     GroupedCommand,
     Number,
-    csv_geometry,
+    Selection,
     csv_options,
     option,
     range_options,
-    range_rules,
     reading_options,
 )
 
 if TYPE_CHECKING:
+    from lidarcli.logs.base import CsvOptions
     from lidarcli.pipeline.detecting import DetectOptions
-    from lidarcli.pipeline.many import Outcome
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+    from lidarcli.pipeline.running.outcomes import Outcome
+    from lidarcli.sweeps import RangeRules
 
-OUTPUT, BACKGROUND = "Output", "Background"
-STDOUT = "-"
+BACKGROUND = "Background"
 FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
 """Suffix of an output that is a file → its format."""
 OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db", ".sqlite", ".html", ".png")
@@ -78,7 +81,7 @@ OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db
     heading=OUTPUT,
     type=click.IntRange(min=1, max=MOST),
     metavar="N",
-    help="Processes to use at most: long logs are split, many go side by side.  [default: as many as pay]",
+    help="Processors to use at most: threads share a long log, processes many logs.  [default: as many as pay]",
 )
 @reading_options
 @object_options(walls="Also rows for walls, with the corners of the room.", no_limit="paper or --background")
@@ -118,25 +121,14 @@ def detect(
     beams: bool,
     overwrite: bool,
     jobs: int | None,
-    topics: tuple[str, ...],
-    start: float | None,
-    end: float | None,
-    every: int,
-    pose: str | None,
-    pose_delay: float,
+    selection: Selection,
     background: str | None,
     removed: bool,
     any_frame: bool,
     distance: float | None,
     angle: float | None,
-    no_return: Any,
-    limits: tuple[float, float] | None,
-    angle_min: float | None,
-    angle_increment: float | None,
-    fov: float | None,
-    range_max: float | None,
-    degrees: bool,
-    range_unit: str,
+    rules: RangeRules,
+    csv: CsvOptions,
     **parameters: Any,
 ) -> int:
     """Find the objects of every sweep of every LaserScan topic.
@@ -149,46 +141,45 @@ def detect(
         raise click.UsageError("--beams writes a file: give -o DIR")
     if output != STDOUT and kind is not None:
         raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
-    if start is not None and end is not None and not start < end:
-        raise click.UsageError(f"--start {start:g} is not before --end {end:g}")
-    rules = range_rules(no_return, limits)
-    geometry = csv_geometry(angle_min, angle_increment, fov, range_max, degrees, range_unit)
-
-    if background is None and (removed or any_frame or distance is not None or angle is not None):
-        raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
+    compared = _background(background, removed, any_frame, distance, angle)
 
     from lidarcli.formalism import Parameters
-    from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.detecting import DetectOptions
 
-    compared = None
-    if background is not None:
-        from lidarcli.pipeline.subtracting import BackgroundOptions
-
-        compared = BackgroundOptions.of(
-            background,
-            removed=removed,
-            any_frame=any_frame,
-            distance=distance,
-            angle=None if angle is None else math.radians(angle),
-        )
-        if parameters["max_width"] is None:
-            # What differs from the background is no wall, however wide it is.
-            parameters["max_width"] = math.inf
+    if compared is not None and parameters["max_width"] is None:
+        # What differs from the background is no wall, however wide it is.
+        parameters["max_width"] = math.inf
     options = DetectOptions(
         parameters=Parameters.for_profile(**parameters),
-        read=ReadOptions(
-            topics=frozenset(topics) if topics else None, start=start, end=end, every=every, rules=rules
-        ),
-        csv=geometry,
-        pose=pose,
-        pose_delay=pose_delay,
+        read=selection.read(rules),
+        csv=csv,
+        pose=selection.pose,
+        pose_delay=selection.pose_delay,
         background=compared,
         beams=beams,
         overwrite=overwrite,
         jobs=jobs or 0,
     )
     return _detect(say, logs, output, kind or one_file or ("ndjson" if output == STDOUT else None), options)
+
+
+def _background(
+    file: str | None, removed: bool, any_frame: bool, distance: float | None, angle: float | None
+) -> BackgroundOptions | None:
+    """What to compare sweeps with, and how."""
+    if file is None:
+        if removed or any_frame or distance is not None or angle is not None:
+            raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
+        return None
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+
+    return BackgroundOptions.of(
+        file,
+        removed=removed,
+        any_frame=any_frame,
+        distance=distance,
+        angle=None if angle is None else math.radians(angle),
+    )
 
 
 def _one_file(output: str) -> str | None:
@@ -209,9 +200,10 @@ def _detect(
     """Tables below the folder `output`, or, of a `kind`, the objects alone as a stream or in one file."""
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show, show_total
-    from lidarcli.pipeline.inputs import find_logs, refuse_clashes
-    from lidarcli.pipeline.many import detect_file, detect_files, detect_stream, exit_code
-    from lidarcli.pipeline.memory import keep_freed_memory
+    from lidarcli.pipeline.detecting_logs import detect_file, detect_files, detect_stream
+    from lidarcli.pipeline.inputs.search import find_logs, refuse_clashes
+    from lidarcli.pipeline.running.memory import keep_freed_memory
+    from lidarcli.pipeline.running.outcomes import exit_code
 
     keep_freed_memory()
     sources = find_logs(logs)

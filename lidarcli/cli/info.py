@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import (
     LOGS,
+    OUTPUT,
     GroupedCommand,
-    csv_geometry,
     csv_options,
     option,
     range_options,
-    range_rules,
 )
+
+if TYPE_CHECKING:
+    from lidarcli.logs.base import CsvOptions
+    from lidarcli.sweeps import RangeRules
 
 
 @click.command(
@@ -31,7 +34,7 @@ from lidarcli.cli.options import (
 @option(
     "--format",
     "kind",
-    heading="Output",
+    heading=OUTPUT,
     type=click.Choice(["text", "json"]),
     default="text",
     show_default=True,
@@ -45,23 +48,19 @@ def info(
     /,
     logs: tuple[str, ...],
     kind: str,
-    no_return: Any,
-    limits: tuple[float, float] | None,
-    **geometry: Any,
+    rules: RangeRules,
+    csv: CsvOptions,
 ) -> int:
     """Show what is in a log: topics, sweeps, geometry, clocks, beams, poses, damage.
 
     Reads every log from end to end.
     """
-    rules = range_rules(no_return, limits)
-    csv = csv_geometry(**geometry)
-
     from lidarcli.cli.info_text import as_json, as_text
     from lidarcli.cli.progress import progress_bar
     from lidarcli.errors import NoScanError
-    from lidarcli.pipeline.inputs import find_logs
-    from lidarcli.pipeline.inspecting import LogInfo
-    from lidarcli.pipeline.many import Failure, exit_code, inspect_logs
+    from lidarcli.pipeline.inputs.search import find_logs
+    from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
+    from lidarcli.pipeline.running.outcomes import Failure, exit_code
 
     sources = find_logs(logs)
     found: list[LogInfo] = []

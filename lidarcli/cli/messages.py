@@ -37,7 +37,7 @@ def coloured(stream: TextIO) -> bool:
     return stream.isatty()
 
 
-LONGEST = 1000
+LONGEST_LINE = 1000
 """A longer line [characters] loses its middle: a log may hold names of any length."""
 
 
@@ -48,8 +48,10 @@ def one_line(text: str) -> str:
     '/scan\\n\\x1b[2J °'
     """
     if not text.isprintable():
-        text = "".join(char if char.isprintable() else repr(char)[1:-1] for char in text[:LONGEST])
-    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[-LONGEST // 4 :]}"
+        text = "".join(char if char.isprintable() else repr(char)[1:-1] for char in text[:LONGEST_LINE])
+    return (
+        text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE // 2]} ... {text[-LONGEST_LINE // 4 :]}"
+    )
 
 
 class Bar(Protocol):

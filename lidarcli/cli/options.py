@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass
+from functools import wraps
+from inspect import signature
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.batches import ReadOptions
     from lidarcli.sweeps import RangeRules
 
 OTHER = "Other"
-GREATEST = 1e6
+OUTPUT = "Output"
+STDOUT = "-"
+"""As the name of an output."""
+GREATEST_NUMBER = 1e6
 """A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`sweeps.FARTHEST`)."""
-LONGEST = 1e9
+LONGEST_TIME = 1e9
 """A time of an option is no longer [s]: thirty years."""
 WIDEST = 4 * math.pi
 """An angle of a sensor is no wider [rad]: two turns, as in a scene file."""
@@ -66,7 +73,7 @@ class Number(click.ParamType):  # type: ignore[type-arg]
         metavar: str,
         least: float | None = None,
         above: float | None = None,
-        most: float = GREATEST,
+        most: float = GREATEST_NUMBER,
     ) -> None:
         self.metavar = metavar
         self.least = least
@@ -137,14 +144,14 @@ class NoReturn(click.ParamType):  # type: ignore[type-arg]
             words, markers = parse_no_return(value)
         except OptionError as err:
             self.fail(str(err).removeprefix("--no-return: ") + ".", param, ctx)
-        wrong = [marker for marker in markers if not abs(marker) <= GREATEST]
+        wrong = [marker for marker in markers if not abs(marker) <= GREATEST_NUMBER]
         if wrong:
             self.fail(f"{wrong[0]:g} is no range.", param, ctx)
         return words, markers
 
 
 METRES = Number("METRES", least=0)
-SECONDS = Number("SECONDS", least=0, most=LONGEST)
+SECONDS = Number("SECONDS", least=0, most=LONGEST_TIME)
 
 # Whether they can be read is found out where they are opened, which says more than a usage error.
 INPUTS = click.Path(allow_dash=True, readable=False)
@@ -155,8 +162,45 @@ CSV = "CSV files without geometry"
 SELECT = "Sweeps to read"
 
 
-def reading_options(command: F) -> F:
+@dataclass(frozen=True, slots=True)
+class Selection:
     """Which sweeps of a log to read, and where their poses come from."""
+
+    topics: tuple[str, ...]
+    start: float | None
+    end: float | None
+    every: int
+    pose: str | None
+    pose_delay: float
+
+    def __post_init__(self) -> None:
+        """Refuse an end before the start."""
+        if self.start is not None and self.end is not None and not self.start < self.end:
+            raise click.UsageError(f"--start {self.start:g} is not before --end {self.end:g}")
+
+    def read(self, rules: RangeRules) -> ReadOptions:
+        """What to read, with how ranges are judged."""
+        from lidarcli.logs.batches import ReadOptions
+
+        topics = frozenset(self.topics) or None
+        return ReadOptions(topics=topics, start=self.start, end=self.end, every=self.every, rules=rules)
+
+
+def _gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
+    """A command that gets the values of several options as one, `name`: what `gather` makes of them."""
+    names = [*signature(gather).parameters]
+
+    @wraps(command)
+    def gathering(*arguments: Any, **values: Any) -> Any:
+        values[name] = gather(**{option: values.pop(option) for option in names})
+        return command(*arguments, **values)
+
+    return cast(F, gathering)
+
+
+def reading_options(command: F) -> F:
+    """Which sweeps of a log to read, and where their poses come from: the command gets a `selection`."""
+    command = _gathered(command, "selection", Selection)
     for decorate in (
         option(
             "--pose",
@@ -203,7 +247,8 @@ def reading_options(command: F) -> F:
 
 
 def range_options(command: F) -> F:
-    """`--range` and `--no-return`."""
+    """`--range` and `--no-return`: the command gets `rules`."""
+    command = _gathered(command, "rules", _range_rules)
     for decorate in (
         option(
             "--no-return",
@@ -231,7 +276,8 @@ def range_options(command: F) -> F:
 
 
 def csv_options(command: F) -> F:
-    """The geometry that a CSV may lack."""
+    """The geometry that a CSV may lack: the command gets `csv`."""
+    command = _gathered(command, "csv", _csv_geometry)
     angle = Number("ANGLE")
     for decorate in (
         option(
@@ -264,7 +310,7 @@ def csv_options(command: F) -> F:
     return command
 
 
-def range_rules(
+def _range_rules(
     no_return: tuple[frozenset[str], tuple[float, ...]], limits: tuple[float, float] | None
 ) -> RangeRules:
     """`RangeRules` from the options."""
@@ -276,7 +322,7 @@ def range_rules(
     return RangeRules(no_return=words, markers=markers, limits=limits)
 
 
-def csv_geometry(
+def _csv_geometry(
     angle_min: float | None,
     angle_increment: float | None,
     fov: float | None,

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from lidarcli.choices import ANIMATIONS, IMAGES, VIEWS
 from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     INPUTS,
     MOST,
+    STDOUT,
     GroupedCommand,
-    csv_geometry,
     csv_options,
     option,
     range_options,
-    range_rules,
 )
 
+if TYPE_CHECKING:
+    from lidarcli.logs.base import CsvOptions
+    from lidarcli.pipeline.inputs.sources import Source
+    from lidarcli.sweeps import RangeRules
+
 PICTURE = "Picture"
-STDOUT = "-"
 LAST = 1_000_000_000
 """The number of a sweep in an option is no larger: three years at 10 Hz."""
 
@@ -96,7 +101,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
 @option(
     "--view",
     heading=PICTURE,
-    type=click.Choice(["all", "scene", "sweep", "difference", "polar"]),
+    type=click.Choice(VIEWS),
     default="all",
     show_default=True,
     help="The scene from above, r(theta) with s(theta), the difference, polar, or scene and curves.",
@@ -132,36 +137,23 @@ def plot(
     overwrite: bool,
     topic: str | None,
     background: str | None,
-    no_return: Any,
-    limits: tuple[float, float] | None,
-    angle_min: float | None,
-    angle_increment: float | None,
-    fov: float | None,
-    range_max: float | None,
-    degrees: bool,
-    range_unit: str,
+    rules: RangeRules,
+    csv: CsvOptions,
     **parameters: Any,
 ) -> int:
     """Draw sweeps as in the paper: scene with boxes, r(theta), s(theta).
 
     Only the log up to the last of these sweeps is read.
     """
-    if sweep is not None and sweeps is not None:
-        raise click.UsageError("--sweep and --sweeps exclude each other")
+    wanted = _wanted(sweep, sweeps, animate)
     _suffix(output, animate)
-    if not animate and sweeps is None:
-        sweeps = (0 if sweep is None else sweep,)
-    elif sweep is not None:
-        sweeps = (sweep,)
-    if output == STDOUT and (animate or len(sweeps or ()) != 1):
+    if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
-    rules = range_rules(no_return, limits)
-    geometry = csv_geometry(angle_min, angle_increment, fov, range_max, degrees, range_unit)
 
-    from lidarcli.errors import OptionError, UnreadableError
+    from lidarcli.errors import UnreadableError
     from lidarcli.formalism import Parameters
     from lidarcli.newfiles import refuse
-    from lidarcli.pipeline.inputs import Nothing, files_of, find_logs
+    from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.plotting import (
         PlotOptions,
         picture_bytes,
@@ -170,43 +162,60 @@ def plot(
         write_pictures,
     )
 
-    sources = find_logs([log])
-    if len(sources) > 1:
-        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them")
-    source = sources[0]
-    if isinstance(source, Nothing):
-        raise UnreadableError(f"{log}: {source.error}")
-    paths = [Path(output)] if animate or len(sweeps or ()) == 1 else _numbered(Path(output), sweeps or ())
+    source = _one_log(log)
+    one = animate or wanted is None or len(wanted) == 1
+    paths = [Path(output)] if one else _numbered(Path(output), wanted or ())
     if output != STDOUT:
-        refuse(paths, overwrite, [*files_of(sources), *([background] if background else [])])
+        refuse(paths, overwrite, [*files_of([source]), *([background] if background else [])])
     drawn = take_pictures(
-        source, PlotOptions(sweeps, topic, Parameters.for_profile(**parameters), rules, geometry, background)
+        source, PlotOptions(wanted, topic, Parameters.for_profile(**parameters), rules, csv, background)
     )
     for note in drawn.notes:
         say.info(f"  note     {note}")
     if output == STDOUT:
         standard_output().buffer.write(picture_bytes(drawn.pictures[0], view, ".png"))
-        notes = []
-    elif animate:
-        notes = write_animation(paths[0], drawn.pictures, view, overwrite)
     else:
-        notes = write_pictures(paths, drawn.pictures, view, overwrite)
-    for path in [] if output == STDOUT else paths:
-        say.info(f"  wrote    {path}")
-    for note in notes:
-        say.info(f"  note     {note}")
+        write = partial(write_animation, paths[0]) if animate else partial(write_pictures, paths)
+        notes = write(drawn.pictures, view, overwrite)
+        for path in paths:
+            say.info(f"  wrote    {path}")
+        for note in notes:
+            say.info(f"  note     {note}")
     for line in drawn.damage:
         say.error(log, line)
     return UnreadableError.exit_code if drawn.damage else 0
+
+
+def _wanted(sweep: int | None, sweeps: tuple[int, ...] | None, animate: bool) -> tuple[int, ...] | None:
+    """The sweeps to draw; None for all."""
+    if sweep is not None and sweeps is not None:
+        raise click.UsageError("--sweep and --sweeps exclude each other")
+    if sweep is not None:
+        return (sweep,)
+    return (0,) if sweeps is None and not animate else sweeps
+
+
+def _one_log(log: str) -> Source:
+    """The log that is meant, which may be the only one in a folder."""
+    from lidarcli.errors import OptionError, UnreadableError
+    from lidarcli.pipeline.inputs.search import find_logs
+    from lidarcli.pipeline.inputs.sources import Nothing
+
+    sources = find_logs([log])
+    if len(sources) > 1:
+        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them")
+    if isinstance(sources[0], Nothing):
+        raise UnreadableError(f"{log}: {sources[0].error}")
+    return sources[0]
 
 
 def _suffix(output: str, animate: bool) -> None:
     """Refuse a name that says no format, or the wrong one."""
     if output == STDOUT:
         return
-    known = (".gif", ".mp4") if animate else (".png", ".svg", ".pdf")
+    known = ANIMATIONS if animate else IMAGES
     if Path(output).suffix.lower() not in known:
-        still = " or --animate" if Path(output).suffix.lower() in (".gif", ".mp4") else ""
+        still = " or --animate" if Path(output).suffix.lower() in ANIMATIONS else ""
         raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from lidarcli.cli.messages import Messages, one_line
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.inputs import Nothing, Source
+    from lidarcli.pipeline.inputs.sources import Nothing, Source
 
 
 @contextmanager
@@ -24,7 +24,7 @@ def progress_bar(
     from rich.console import Console
     from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from lidarcli.pipeline.inputs import Source
+    from lidarcli.pipeline.inputs.sources import Source
 
     sizes = {source: source.size for source in sources if isinstance(source, Source)}
     total = sum(sizes.values()) if all(sizes.values()) else None

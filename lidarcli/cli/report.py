@@ -7,10 +7,9 @@ from pathlib import Path
 import click
 
 from lidarcli.cli.messages import Messages, coloured, standard_output
-from lidarcli.cli.options import INPUTS, GroupedCommand, option
+from lidarcli.cli.options import INPUTS, OUTPUT, STDOUT, GroupedCommand, option
 
-OUTPUT, GATES = "Output", "Gates"
-STDOUT = "-"
+GATES = "Gates"
 
 
 @click.command(
@@ -90,9 +89,9 @@ def report(
     it), a folder to search, or a pattern.
     """
     from lidarcli.newfiles import refuse, write_whole
-    from lidarcli.pipeline.inputs import files_of, find_logs
+    from lidarcli.pipeline.inputs.search import files_of, find_logs
+    from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.reporting import SUFFIXES, ReportOptions, make_report, render, understand
-    from lidarcli.pipeline.tables_found import table_files
 
     kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
     if len(outputs) > 1 and kind is not None:

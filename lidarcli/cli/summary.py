@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from lidarcli.cli.messages import Messages
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.many import Outcome
-    from lidarcli.pipeline.summary import RunSummary
+    from lidarcli.pipeline.reading.summary import RunSummary
+    from lidarcli.pipeline.running.outcomes import Outcome
 
 _WORDS = {"no_return": "no return", "too_close": "too close"}
 

@@ -15,26 +15,26 @@ from typing import Any
 
 import pyarrow as pa
 
+from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import LidarcliError, OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background.model import Background
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.building import (
-    STATION_ANGLE,
-    STATION_DISTANCE,
     Building,
     BuildOptions,
     refuse_nothing,
     refuse_output,
 )
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_stream
-from lidarcli.pipeline.finding import finder
-from lidarcli.pipeline.inputs import Nothing, Source, find_logs
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import Posing
-from lidarcli.pipeline.subtracting import BackgroundOptions
-from lidarcli.pipeline.summary import damage_lines
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.objects.finders import finder
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.sweeps import RangeRules, SweepBatch
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.rows import objects_rows

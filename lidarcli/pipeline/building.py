@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.formalism.background.grid import Grid
 from lidarcli.formalism.background.learning import Learning
@@ -17,20 +17,16 @@ from lidarcli.formalism.background.model import MAJORITY, Background
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.pipeline.inputs import SUFFIXES, Nothing, Source, files_of
-from lidarcli.pipeline.many import Outcome, Report, outcome_of
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import refuse_delay
-from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.reading.posing import refuse_delay
+from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.background import read_background, write_background
 from lidarcli.tables.metadata import table_metadata
-
-STATION_DISTANCE = 0.25
-"""[m]"""
-STATION_ANGLE = math.radians(5.0)
-"""[rad]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +77,9 @@ class Building:
             self._damage += [f"{self._described[-1]['name']}: {line}" for line in summary.damage]
         return summary
 
-    def add_all(self, sources: Sequence[Source | Nothing], report: Report | None = None) -> Iterator[Outcome]:
+    def add_all(
+        self, sources: Sequence[Source | Nothing], report: LogProgress | None = None
+    ) -> Iterator[Outcome]:
         """Learn from one log after the other; a bad one does not stop the rest."""
         for source in sources:
             yield outcome_of(source, lambda log: self.add(log, _progress(log, report)))
@@ -171,7 +169,7 @@ def draw_background(path: Path, sensors: Sequence[Background], overwrite: bool) 
     return write_whole(path, draw(sensors, path.suffix.lower()), overwrite)
 
 
-def _progress(source: Source, report: Report | None) -> Callable[[int], None] | None:
+def _progress(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
     return None if report is None else lambda position: report(source, position)
 
 
@@ -179,3 +177,22 @@ def refuse_nothing(sensors: Sequence[Background]) -> None:
     """Refuse a background without any sweep."""
     if not any(len(sensor) for sensor in sensors):
         raise NoScanError("no sweep to learn a background from")
+
+
+def figures_of(sensor: Background) -> dict[str, Any]:
+    """What a background knows of a sensor, over all stations and beams."""
+    r_e = sensor.r_e
+    some = np.isfinite(r_e)
+    any_range = bool(some.any())
+    return {
+        "sweeps": int(sensor.sweeps.sum()),
+        "surface": int(np.count_nonzero(some)),
+        "open": int(np.count_nonzero(np.isinf(r_e))),
+        "unknown": int(np.count_nonzero(np.isnan(r_e))),
+        "weak": int(np.count_nonzero(sensor.weak)),
+        "r_e_min": float(r_e[some].min()) if any_range else None,
+        "r_e_max": float(r_e[some].max()) if any_range else None,
+        "spread": float(np.median(sensor.spread[some])) if any_range else None,
+        "support": float(np.median(sensor.support[some])) if any_range else None,
+        "least_support": float(sensor.support[some].min()) if any_range else None,
+    }

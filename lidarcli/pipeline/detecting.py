@@ -11,14 +11,15 @@ from lidarcli.formalism import Parameters
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse
-from lidarcli.pipeline.cores import cores
-from lidarcli.pipeline.inputs import Nothing, Source, files_of
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.parts import Recipe
-from lidarcli.pipeline.parts_split import Splitting
-from lidarcli.pipeline.posing import refuse_delay
-from lidarcli.pipeline.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import files_of
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.objects.parts import Recipe
+from lidarcli.pipeline.reading.posing import refuse_delay
+from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running.cores import cores
+from lidarcli.pipeline.running.splitting import Splitting
 from lidarcli.tables.files import TableFiles, table_path
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.order import TopicOrder
@@ -26,7 +27,7 @@ from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import RowStream
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,19 +46,19 @@ class DetectOptions:
     beams: bool = False
     """Also write the beams table."""
     overwrite: bool = False
-    jobs: int = 1
-    """Processes to use at most, 0 for as many as pay; the result does not depend on it."""
+    jobs: int = 0
+    """Processors to use at most, 0 for all; the result does not depend on it."""
     cores: int = field(default_factory=cores)
-    """Processors that there are for them."""
+    """Processors that there are."""
 
     def __post_init__(self) -> None:
         """Refuse what no log could be read with."""
         refuse_delay(self.pose, self.pose_delay)
 
     @property
-    def processes(self) -> int:
-        """Processes for one log: two processors are kept busy by one process and its threads."""
-        return self.jobs or (self.cores if self.cores > 2 else 1)
+    def threads(self) -> int:
+        """Threads for the objects of one log: more than there are processors would only be in each other's way."""
+        return max(1, min(self.jobs or self.cores, self.cores))
 
     @property
     def tables(self) -> tuple[str, ...]:
@@ -92,7 +93,7 @@ def detect_to_files(
         open_source(source, options.csv) as log,
         Reading(log, options.read, options.pose, options.pose_delay) as reading,
         TableFiles(folder, source.name, options.tables, reading.first, options.overwrite) as files,
-        Splitting(reading, options.recipe(source, options.tables), options.processes, options.cores) as work,
+        Splitting(reading, options.recipe(source, options.tables), options.threads) as work,
     ):
         for part in work.parts(progress):
             for table, topic, rows in part.rows:
@@ -113,7 +114,7 @@ def detect_to_stream(
         open_source(source, options.csv) as log,
         Reading(log, options.read, options.pose, options.pose_delay) as reading,
         TopicOrder(stream, OBJECTS, reading.first, None) as order,
-        Splitting(reading, options.recipe(source, ("objects",)), options.processes, options.cores) as work,
+        Splitting(reading, options.recipe(source, ("objects",)), options.threads) as work,
     ):
         for part in work.parts(progress):
             for _, topic, rows in part.rows:
@@ -127,5 +128,4 @@ def detect_to_stream(
 def _close(reading: Reading, work: Splitting) -> RunSummary:
     summary = reading.close()
     summary.notes += work.notes()
-    summary.remark = work.remark
     return summary

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, ReadReport, Topic
-from lidarcli.pipeline.clock import Clock, ClockInfo
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import FoundPoses, PoseInfo, alike_note, find_poses, pose_infos
-from lidarcli.pipeline.summary import damage_lines
-from lidarcli.pipeline.topics import scan_topics
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.topics import scan_topics
+from lidarcli.pipeline.reading.clock import Clock, ClockInfo
+from lidarcli.pipeline.reading.posing import FoundPoses, PoseInfo, alike_note, find_poses, pose_infos
+from lidarcli.pipeline.reading.summary import damage_lines
+from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
 
 if TYPE_CHECKING:
@@ -248,3 +249,11 @@ def _with_counts(
         for topic in topics
     ]
     return tuple(sorted([*counted, *seen], key=lambda topic: topic.name))
+
+
+def inspect_logs(
+    sources: Sequence[Source | Nothing], csv: CsvOptions, rules: RangeRules, report: LogProgress | None = None
+) -> Iterator[tuple[Source | Nothing, LogInfo | Failure]]:
+    """What is in every log, log after log."""
+    for source in sources:
+        yield source, attempt(source, lambda log: inspect_log(log, csv, rules, progress_of(log, report)))

@@ -14,18 +14,18 @@ from lidarcli.formalism.detect import noise
 from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.newfiles import NewFiles, unwritable, write_whole
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.posing import NONE, Posing
-from lidarcli.pipeline.subtracting import BackgroundOptions, Subtracting
-from lidarcli.pipeline.summary import damage_lines
-from lidarcli.pipeline.topics import choose, nothing_read
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.topics import choose, nothing_read
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
+from lidarcli.pipeline.reading.posing import NONE, Posing
+from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.picture import Picture
 from lidarcli.sweeps import RangeRules, SweepBatch
 
 BATCH = 64
-MOST = 2_000
+MOST_PICTURES = 2_000
 """Most pictures of one call."""
 
 
@@ -89,8 +89,8 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
             seen = int(batch.sweep[-1])
             if options.sweeps is not None and seen >= max(options.sweeps):
                 break
-            if len(rows) > MOST:
-                raise OptionError(f"more than {MOST:,} sweeps to draw; choose some with --sweeps")
+            if len(rows) > MOST_PICTURES:
+                raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(log.report))
     if seen < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])

@@ -9,9 +9,9 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.tables_found import Pair, find_pairs, read_table, source_of
+from lidarcli.pipeline.inputs.tables import Pair, find_pairs, origin_of, read_table
 from lidarcli.reports.checks import Check, columns_needed, judge, parse_check
-from lidarcli.reports.columns import Rows, Run, Source
+from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.compare import compare
 from lidarcli.reports.report import Report
 from lidarcli.reports.streams import streams_of
@@ -109,12 +109,12 @@ def _load(
     pairs, problems = find_pairs(inputs)
     columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
     sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps")}
-    read: list[tuple[Pair, Source, pa.Table, pa.Table]] = []
+    read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
     for pair in pairs:
         try:
             sweeps = read_table(pair, "sweeps", sweep_columns)
             objects = read_table(pair, "objects", columns)
-            read.append((pair, source_of(pair, sweeps), sweeps, objects))
+            read.append((pair, origin_of(pair, sweeps), sweeps, objects))
         except UnreadableError as err:
             problems.append(err)
     if not read:

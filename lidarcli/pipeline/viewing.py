@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.pipeline.inputs import Nothing, find_logs
-from lidarcli.pipeline.inputs import Source as LogSource
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.tables_found import Pair, batches
-from lidarcli.reports.columns import Run, Source
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.tables import Pair, batches
+from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.viewer import Choice, Raw, choose, pack
+from lidarcli.reports.viewer import Choice, Raw, choose_sweeps, pack
 from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
-from lidarcli.tables.reading import GREATEST
+from lidarcli.tables.reading import GREATEST_VALUE
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
 MOST_CELLS = 50_000_000
@@ -32,7 +32,7 @@ def viewer_of(
     run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The data of the viewer with a note on what is left out, and a line for each beams table that cannot be read."""
-    choice = choose(run, summary)
+    choice = choose_sweeps(run, summary)
     wanted = _wanted(run, summary, choice)
     origins = _match(run.sources, logs)
     raw: dict[tuple[int, str], Raw] = {}
@@ -58,18 +58,18 @@ def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, I
     return found
 
 
-def _match(sources: Sequence[Source], logs: Sequence[str]) -> dict[int, LogSource]:
+def _match(sources: Sequence[Origin], logs: Sequence[str]) -> dict[int, Source]:
     """Which log belongs to which pair of tables: by name, or because there is only one of each."""
-    found: dict[int, LogSource] = {}
+    found: dict[int, Source] = {}
     for named in logs:
         here = find_logs([named])
-        mine: dict[int, LogSource] = {}
+        mine: dict[int, Source] = {}
         for log in here:
             if isinstance(log, Nothing):
                 raise UnreadableError(f"{log.path}: {log.error}")
             names = [source.log for source in sources]
             mine |= {k: log for k, name in enumerate(names) if log.name in (name, name.split("/")[-1])}
-        if not mine and len(here) == len(logs) == len(sources) == 1 and isinstance(here[0], LogSource):
+        if not mine and len(here) == len(logs) == len(sources) == 1 and isinstance(here[0], Source):
             mine = {0: here[0]}
         # A folder may hold other logs, too.
         if not mine:
@@ -111,7 +111,7 @@ class _Gathered:
 
 
 def _from_log(
-    number: int, log: LogSource, source: Source, topics: dict[str, Int64]
+    number: int, log: Source, source: Origin, topics: dict[str, Int64]
 ) -> dict[tuple[int, str], Raw]:
     """The ranges as `detect` has judged them, by the parameters in the tables."""
     gathered: dict[str, _Gathered] = {}
@@ -197,4 +197,4 @@ def _csv(parameters: dict[str, Any]) -> CsvOptions:
 
 def _is_number(value: object) -> bool:
     """Whether a value of the metadata, which anybody may have written, is a number to compute with."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST_VALUE

@@ -16,7 +16,7 @@ from lidarcli.reports.picture import printable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SIZE = 4.2
+SENSOR_WIDTH = 4.2
 """Width of one sensor's picture [inch]."""
 MOST_POINTS = 200_000
 """More points than this are thinned out."""
@@ -30,7 +30,9 @@ def draw(sensors: Sequence[Background], suffix: str) -> bytes:
     from matplotlib.figure import Figure
 
     with project_style():
-        figure = Figure(figsize=(SIZE * max(len(sensors), 1), SIZE * 0.95), layout="constrained")
+        figure = Figure(
+            figsize=(SENSOR_WIDTH * max(len(sensors), 1), SENSOR_WIDTH * 0.95), layout="constrained"
+        )
         FigureCanvasAgg(figure)
         for number, sensor in enumerate(sensors, 1):
             _panel(figure.add_subplot(1, len(sensors), number), sensor)

@@ -19,12 +19,12 @@ from lidarcli.reports.picture import printable
 from lidarcli.reports.report import Report
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import SETS, kind_counts
+from lidarcli.reports.wording import SET_WORDS, kind_counts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SIZE = (4.2, 2.5)
+CHART_SIZE = (4.2, 2.5)
 """[inch] About what a phone shows without scaling."""
 LINES = 6
 """Streams in one chart; more cannot be told apart."""
@@ -75,7 +75,7 @@ def _chart(title: str, draw: Callable[[Axes], None]) -> Chart:
     from matplotlib.figure import Figure
 
     with project_style({"svg.fonttype": "none", "svg.image_inline": True}):
-        figure = Figure(figsize=SIZE, layout="constrained")
+        figure = Figure(figsize=CHART_SIZE, layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.add_subplot()
         draw(axes)
@@ -143,14 +143,14 @@ def _beams(axes: Axes, summary: Summary) -> None:
     total = sum(summary.status.values())
     rows = {
         **{name.replace("_", " "): count for name, count in summary.status.items()},
-        **{SETS[name]: count for name, count in summary.sets.items()},
+        **{SET_WORDS[name]: count for name, count in summary.sets.items()},
     }
     colours = [palette.BLUE] * len(summary.status) + [palette.GREEN] * len(summary.sets)
     _horizontal(axes, rows, colours, total)
 
 
 def _kinds(axes: Axes, counts: dict[str, int]) -> None:
-    colours = [palette.SHAPES.get(name, palette.BLUE) for name in counts]
+    colours = [palette.SHAPE_COLOURS.get(name, palette.BLUE) for name in counts]
     _horizontal(
         axes, {name.replace("_", " "): count for name, count in counts.items()}, colours, sum(counts.values())
     )

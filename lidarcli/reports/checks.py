@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from lidarcli.reports import figures
 from lidarcli.reports.columns import Run
-from lidarcli.reports.conditions import COMPARE, Condition, between, number, parse_condition, schemas
+from lidarcli.reports.conditions import COMPARE, Condition, parse_condition, read_limits, read_number, schemas
 from lidarcli.reports.spread import STATISTICS
 from lidarcli.reports.tokens import Tokens
 
@@ -93,10 +93,10 @@ def parse_check(expression: str, compared: bool = False) -> Check:
         _known(tokens, token.text, compared)
     if tokens.take_if("between"):
         sign = "between"
-        low, high = between(tokens)
+        low, high = read_limits(tokens)
     else:
         sign = tokens.expect("operator", f"a comparison ({', '.join(COMPARE)}, between)").text
-        low = high = number(tokens)
+        low = high = read_number(tokens)
     if tokens.next.kind != "end":
         raise tokens.error("expected nothing more")
     return Check(expression, token.text, condition, sign, low, high)

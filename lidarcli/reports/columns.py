@@ -16,7 +16,7 @@ from lidarcli.sweeps import Float64, Int32, Int64
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class Origin:
     """Where the rows of one pair of tables come from."""
 
     label: str
@@ -28,8 +28,6 @@ class Source:
     version: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
     damage: tuple[str, ...] = ()
-    path: str = ""
-    """The log itself, where the user has named it too."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class Rows:
 class Run:
     """One or many logs after `detect`: what a report is about."""
 
-    sources: tuple[Source, ...]
+    sources: tuple[Origin, ...]
     sweeps: Rows
     objects: Rows
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.reports.columns import Run, Source
+from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.figures import DELTA
 from lidarcli.reports.summary import Summary
 from lidarcli.sweeps import Int64
@@ -96,7 +96,7 @@ def _code(names: dict[tuple[str, str], int], name: tuple[str, str]) -> int:
     return names.setdefault(name, len(names))
 
 
-def _parameters(here: Sequence[Source], there: Sequence[Source]) -> tuple[tuple[str, str, str], ...]:
+def _parameters(here: Sequence[Origin], there: Sequence[Origin]) -> tuple[tuple[str, str, str], ...]:
     mine, theirs = _settings(here), _settings(there)
     return tuple(
         (name, mine.get(name, "-"), theirs.get(name, "-"))
@@ -105,7 +105,7 @@ def _parameters(here: Sequence[Source], there: Sequence[Source]) -> tuple[tuple[
     )
 
 
-def _settings(sources: Sequence[Source]) -> dict[str, str]:
+def _settings(sources: Sequence[Origin]) -> dict[str, str]:
     values: dict[str, set[str]] = {}
     for source in sources:
         values.setdefault("lidarcli", set()).add(source.version)

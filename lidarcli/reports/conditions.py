@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.formalism.detection import SETS, SHAPES, VISIBILITIES
+from lidarcli.formalism.detection import CHANGES, SETS, SHAPES, VISIBILITIES
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.tokens import Tokens
 from lidarcli.sweeps import Bool, Float64
@@ -30,13 +30,13 @@ VOCABULARY = {
     "set": SETS,
     "shape": SHAPES,
     "visibility": VISIBILITIES,
-    "change": ("appeared", "removed"),
+    "change": CHANGES,
 }
 DEEPEST = 50
 """Most brackets that are open at once in a condition."""
 KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where"})
 
-Verdict = tuple[Bool, Bool]
+Truths = tuple[Bool, Bool]
 """(K,) what holds, and what is known: a comparison with null is neither true nor false."""
 
 
@@ -45,7 +45,7 @@ class Condition:
     """A condition: the columns it needs and what it says of rows."""
 
     columns: frozenset[str]
-    judge: Callable[[Rows], Verdict]
+    judge: Callable[[Rows], Truths]
 
     def holds(self, rows: Rows) -> Bool:
         """(K,) rows for which the condition is known to hold."""
@@ -103,10 +103,10 @@ def _comparison(tokens: Tokens, schema: pa.Schema) -> Condition:
     if pa.types.is_dictionary(kind):
         return _word(tokens, name)
     if tokens.take_if("between"):
-        low, high = between(tokens)
+        low, high = read_limits(tokens)
         return _number(name, lambda values: (values >= low) & (values <= high))
     sign = tokens.expect("operator", f"a comparison ({', '.join(COMPARE)}, between, is) of {name}").text
-    limit = number(tokens)
+    limit = read_number(tokens)
     return _number(name, lambda values: COMPARE[sign](values, limit))
 
 
@@ -138,7 +138,7 @@ def _word(tokens: Tokens, name: str) -> Condition:
         raise tokens.error(f"unknown {name}{choice}")
     tokens.take()
 
-    def judge(rows: Rows) -> Verdict:
+    def judge(rows: Rows) -> Truths:
         codes, names = rows.words(name)
         equal = codes == names.index(token.text) if token.text in names else np.zeros(len(codes), bool)
         return (equal if sign == "==" else ~equal), codes >= 0
@@ -147,7 +147,7 @@ def _word(tokens: Tokens, name: str) -> Condition:
 
 
 def _number(name: str, test: Callable[[Float64], Bool]) -> Condition:
-    def judge(rows: Rows) -> Verdict:
+    def judge(rows: Rows) -> Truths:
         values = rows.numbers(name)
         return test(values), ~np.isnan(values)
 
@@ -155,7 +155,7 @@ def _number(name: str, test: Callable[[Float64], Bool]) -> Condition:
 
 
 def _null(name: str, wanted: bool) -> Condition:
-    def judge(rows: Rows) -> Verdict:
+    def judge(rows: Rows) -> Truths:
         null = rows.table[name].is_null().to_numpy(zero_copy_only=False).astype(bool)
         return null == wanted, np.ones(len(rows), bool)
 
@@ -163,7 +163,7 @@ def _null(name: str, wanted: bool) -> Condition:
 
 
 def _negated(one: Condition) -> Condition:
-    def judge(rows: Rows) -> Verdict:
+    def judge(rows: Rows) -> Truths:
         value, known = one.judge(rows)
         return ~value, known
 
@@ -173,7 +173,7 @@ def _negated(one: Condition) -> Condition:
 def _all_of(conditions: Sequence[Condition]) -> Condition:
     """Known to be false where one is, known to be true where all are."""
 
-    def judge(rows: Rows) -> Verdict:
+    def judge(rows: Rows) -> Truths:
         true, false = np.ones(len(rows), bool), np.zeros(len(rows), bool)
         for condition in conditions:
             value, known = condition.judge(rows)
@@ -187,7 +187,7 @@ def _all_of(conditions: Sequence[Condition]) -> Condition:
 def _any_of(conditions: Sequence[Condition]) -> Condition:
     """Known to be true where one is, known to be false where all are."""
 
-    def judge(rows: Rows) -> Verdict:
+    def judge(rows: Rows) -> Truths:
         true, false = np.zeros(len(rows), bool), np.ones(len(rows), bool)
         for condition in conditions:
             value, known = condition.judge(rows)
@@ -202,18 +202,18 @@ def _columns(conditions: Sequence[Condition]) -> frozenset[str]:
     return frozenset().union(*(condition.columns for condition in conditions))
 
 
-def number(tokens: Tokens) -> float:
+def read_number(tokens: Tokens) -> float:
     """The number that comes next."""
     return float(tokens.expect("number", "a number").text)
 
 
-def between(tokens: Tokens) -> tuple[float, float]:
+def read_limits(tokens: Tokens) -> tuple[float, float]:
     """`A and B`, after `between`."""
     first = tokens.next
-    low = number(tokens)
+    low = read_number(tokens)
     if not tokens.take_if("and"):
         raise tokens.error("expected 'and'")
-    high = number(tokens)
+    high = read_number(tokens)
     if low > high:
         raise tokens.error(f"{low:g} is above {high:g}: nothing is between them,", first)
     return low, high

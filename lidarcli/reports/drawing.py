@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-VIEWS = ("all", "scene", "sweep", "difference", "polar")
-IMAGES = (".png", ".svg", ".pdf")
-ANIMATIONS = (".gif", ".mp4")
 WIDE, NARROW = 7.2, 3.5
 """Widths of two columns and of one column of a paper [inch]."""
 NARROW_VIEWS = ("scene", "polar")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lidarcli.formalism.detection import SHAPES, VISIBILITIES
+from lidarcli.formalism.detection import CHANGES, SHAPES, VISIBILITIES
 from lidarcli.reports.spread import STATISTICS
 
 COUNTS: dict[str, tuple[str, str]] = {
@@ -51,7 +51,7 @@ SPREADS: dict[str, tuple[str, str]] = {
 CATEGORIES: dict[str, tuple[str, ...]] = {
     "shape": tuple(name for name in SHAPES if name != "wall"),
     "visibility": VISIBILITIES,
-    "change": ("appeared", "removed"),
+    "change": CHANGES,
 }
 """Numbers of objects by kind: `shape.prismatic`."""
 
@@ -64,7 +64,6 @@ COMPARED: dict[str, tuple[str, str]] = {
 """Figures that need a baseline, beside `delta.NAME` of every other."""
 
 DELTA = "delta."
-WHOLE = frozenset({"logs", "topics", "sweeps", "objects", "agents", "beams", "damage"})
 
 
 def names() -> list[str]:

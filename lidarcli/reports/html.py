@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from importlib.resources import files
 from typing import Any
 
-from lidarcli import __version__
+from lidarcli._version import __version__
 from lidarcli.reports.charts import charts
 from lidarcli.reports.junit import clean
 from lidarcli.reports.report import Report

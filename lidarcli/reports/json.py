@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from lidarcli import __version__
+from lidarcli._version import __version__
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.distributions import Density, Histogram
 from lidarcli.reports.report import Report
 from lidarcli.reports.standing import Standing
-from lidarcli.reports.streams import Course, Stream
+from lidarcli.reports.streams import Stream, Timeline
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import stamp
 from lidarcli.sweeps import Float64
@@ -126,7 +126,7 @@ def _stream(one: Stream) -> dict[str, Any]:
     }
 
 
-def _course(one: Course) -> dict[str, Any]:
+def _course(one: Timeline) -> dict[str, Any]:
     columns = ("seconds", "objects_mean", "objects_min", "objects_max", "d_th", "noise", "lost_share")
     return {"sweep": one.sweep.tolist(), **{name: _list(getattr(one, name)) for name in columns}}
 

@@ -11,7 +11,7 @@ from lidarcli.reports.standing import KINDS
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.text import COMPARED, STREAMS
 from lidarcli.reports.wording import (
-    SETS,
+    SET_WORDS,
     SHOWN_SPREADS,
     SHOWN_STATISTICS,
     kind_counts,
@@ -155,7 +155,7 @@ def _kinds(summary: Summary) -> Iterator[str]:
             rows = [[kind, f"{count:,}", share(count, total)] for kind, count in counts.items()]
             yield from _table([name, "objects", "share"], rows)
     beams = sum(summary.status.values())
-    counts = {**summary.status, **{SETS[name]: count for name, count in summary.sets.items()}}
+    counts = {**summary.status, **{SET_WORDS[name]: count for name, count in summary.sets.items()}}
     rows = [[name.replace("_", " "), f"{count:,}", share(count, beams)] for name, count in counts.items()]
     yield from _table(["beams", "count", "share"], rows)
 

@@ -16,9 +16,9 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
 )
 DARK, GREY, LIGHT = "#4D4D4D", "#8C8C8C", "#D9D9D9"
 
-SETS = {"S": (GREY, ".", 5.0), "O": (BLUE, "o", 7.0), "A": (VERMILION, "^", 9.0)}
+SET_STYLES = {"S": (GREY, ".", 5.0), "O": (BLUE, "o", 7.0), "A": (VERMILION, "^", 9.0)}
 """Set (Def. 4) → colour, mark, size."""
-SHAPES = {
+SHAPE_COLOURS = {
     "prismatic": SKY,
     "round": ORANGE,
     "legged": GREEN,

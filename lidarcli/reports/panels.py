@@ -80,7 +80,7 @@ def difference(axes: Axes, picture: Picture, limits: Limits) -> None:
     for sign in (1, -1):
         axes.axhline(sign * d_th, color=palette.BLUE, lw=0.8, ls=(0, (4, 2)), zorder=5)
     axes.plot([], [], color=palette.BLUE, lw=0.8, ls=(0, (4, 2)), label=r"$\pm d_{th}$")
-    _edges(axes, picture, theta)
+    _edges(axes, picture)
     # Over the seam and over lost beams differences may be greater than from beam to beam.
     values = np.abs(np.concatenate([s, picture.detection.s_i, picture.detection.s_f]))
     reach = max(limits.s, 1.1 * float(np.nanmax(values, initial=0.0)))
@@ -99,7 +99,7 @@ def backgrounds(axes: Axes, picture: Picture, limits: Limits) -> None:
     _bearings(axes, picture)
 
 
-def subtraction(axes: Axes, picture: Picture, limits: Limits) -> None:
+def subtraction(axes: Axes, picture: Picture, _: Limits) -> None:
     """r_w - r_e: below zero something new stands in front, above zero something is gone."""
     assert picture.background is not None  # the panel is drawn only with one
     _shade(axes, picture)
@@ -136,7 +136,7 @@ def _beams(axes: Axes, picture: Picture, x: Float64, y: Float64) -> None:
     for code, name in enumerate(SETS):
         mine = (sets[0] == code) & np.isfinite(picture.ranges)
         if mine.any():
-            colour, mark, size = palette.SETS[name]
+            colour, mark, size = palette.SET_STYLES[name]
             axes.scatter(
                 x[mine], y[mine], s=size, c=colour, marker=mark, linewidths=0, zorder=3, label=f"set {name}"
             )
@@ -144,7 +144,7 @@ def _beams(axes: Axes, picture: Picture, x: Float64, y: Float64) -> None:
 
 def _faces(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None:
     beams, theta = picture.members(k)
-    colour = palette.SHAPES[picture.shape(k)]
+    colour = palette.SHAPE_COLOURS[picture.shape(k)]
     found, part = picture.detection, picture.faces(k)
     for low, high in zip(found.face_theta_i[part], found.face_theta_f[part], strict=True):
         mine = beams[(theta >= low - 1e-6) & (theta <= high + 1e-6)]
@@ -207,7 +207,7 @@ def _number(axes: Axes, picture: Picture, k: int, corners: Float64, limits: Limi
     )
 
 
-def _edges(axes: Axes, picture: Picture, theta: Float64) -> None:
+def _edges(axes: Axes, picture: Picture) -> None:
     """s on entering each object, and on leaving it, which is the next beam's."""
     found = picture.detection
     low = float(picture.theta.min())

@@ -17,7 +17,7 @@ SECOND = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class Timeline:
     """Figures over time: T bins of equal numbers of sweeps, (T,) each."""
 
     seconds: Float64
@@ -53,7 +53,7 @@ class Stream:
     """[s]"""
     backward: int
     repeated: int
-    course: Course
+    course: Timeline
 
     @property
     def duration(self) -> float:
@@ -147,7 +147,7 @@ def _stream(
     )
 
 
-def _course(columns: _Columns, mine: Int64) -> Course:
+def _course(columns: _Columns, mine: Int64) -> Timeline:
     """Bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
     begin = np.unique(np.linspace(0, len(mine), min(BINS, len(mine)), endpoint=False).astype(np.int64))
     size = np.diff(np.append(begin, len(mine)))
@@ -160,7 +160,7 @@ def _course(columns: _Columns, mine: Int64) -> Course:
         return found
 
     objects = columns.objects[mine]
-    return Course(
+    return Timeline(
         seconds=(columns.stamp[mine][begin] - columns.stamp[mine[0]]) * SECOND,
         sweep=columns.sweep[mine][begin],
         objects_mean=np.add.reduceat(objects, begin) / size,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.reports.columns import Run, Source
+from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.distributions import (
     Density,
     Histogram,
@@ -20,10 +20,9 @@ from lidarcli.reports.figures import CATEGORIES, SPREADS
 from lidarcli.reports.spread import STATISTICS, Spread
 from lidarcli.reports.standing import Standing, standing_out
 from lidarcli.reports.streams import Streams, streams_of
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps import STATUSES, Float64
 
-STATUSES = ("valid", "no_return", "too_close", "invalid")
-SETS = {"object": "O", "agent": "A", "noise": "S"}
+SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
 DRAWN = ("range", "bearing", "width", "objects_per_sweep")
 """Figures with a histogram."""
 OF_OBJECTS = {
@@ -50,7 +49,7 @@ OBJECT_COLUMNS = (
 """Columns of the objects table that a summary reads."""
 SWEEP_COLUMNS = (
     *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
-    *("d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SETS)),
+    *("d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SET_COLUMNS)),
 )
 """Columns of the sweeps table that a summary reads."""
 
@@ -59,7 +58,7 @@ SWEEP_COLUMNS = (
 class Summary:
     """What a run holds."""
 
-    sources: tuple[Source, ...]
+    sources: tuple[Origin, ...]
     streams: Streams
     figures: dict[str, float | None]
     """Every name of `figures.names()` → value; None where there is nothing to measure."""
@@ -118,7 +117,7 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     mine = run.is_object
     kinds = {name: run.objects.counts(name, mine) for name in CATEGORIES}
     status = {name: int(run.sweeps.numbers(name).sum()) for name in STATUSES}
-    sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SETS.items()}
+    sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SET_COLUMNS.items()}
     return Summary(
         sources=run.sources,
         streams=streams,
@@ -158,7 +157,7 @@ def _figures(
         "agents": int(run.sweeps.numbers("agents").sum()),
         "beams": beams,
         **{f"{name}_share": share(status[name]) for name in STATUSES},
-        **{f"{name}_share": share(sets[letter]) for name, letter in SETS.items()},
+        **{f"{name}_share": share(sets[letter]) for name, letter in SET_COLUMNS.items()},
         "duration": sum(durations.values()),
         "rate": float(np.median(rates)) if rates else None,
         "gaps": sum(stream.gaps for stream in streams.all),

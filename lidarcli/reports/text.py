@@ -14,7 +14,7 @@ from lidarcli.reports.standing import KINDS
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import (
-    SETS,
+    SET_WORDS,
     SHOWN_SPREADS,
     SHOWN_STATISTICS,
     kind_counts,
@@ -172,7 +172,7 @@ def _overview(summary: Summary) -> Iterator[RenderableType]:
     total = sum(summary.status.values())
     rows.append(["beams", f"{total:,}"])
     rows += [[f"  {name.replace('_', ' ')}", _bar(count, total)] for name, count in summary.status.items()]
-    rows += [[f"  {SETS[name]}", _bar(count, total)] for name, count in summary.sets.items()]
+    rows += [[f"  {SET_WORDS[name]}", _bar(count, total)] for name, count in summary.sets.items()]
     yield _grid(rows)
 
 

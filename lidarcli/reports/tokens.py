@@ -17,11 +17,10 @@ _TOKEN = re.compile(
     )""",
     re.VERBOSE,
 )
-LONGEST = 10_000
+LONGEST_CHECK = 10_000
 """Most characters of a check."""
-SHOWN = 200
+SHOWN_OF_CHECK = 200
 """Most characters of it that an error repeats."""
-OPERATORS = ("==", "!=", "<=", ">=", "<", ">")
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +38,10 @@ class Tokens:
 
     def __init__(self, expression: str) -> None:
         self.expression = expression
-        if len(expression) > LONGEST:
+        if len(expression) > LONGEST_CHECK:
             raise OptionError(
                 f"--check '{expression[:20]}...': {len(expression):,} characters are more than a check may have "
-                f"({LONGEST:,})"
+                f"({LONGEST_CHECK:,})"
             )
         self._all = self._split()
         self._at = 0
@@ -74,7 +73,11 @@ class Tokens:
         """The error of this check at the next word, or at the one given."""
         at = token or self.next
         where = "at the end" if at.kind == "end" else f"at '{at.text}', column {at.place + 1}"
-        shown = self.expression if len(self.expression) <= SHOWN else f"{self.expression[:SHOWN]}..."
+        shown = (
+            self.expression
+            if len(self.expression) <= SHOWN_OF_CHECK
+            else f"{self.expression[:SHOWN_OF_CHECK]}..."
+        )
         return OptionError(f"--check '{shown}': {problem} {where}")
 
     def _split(self) -> list[Token]:

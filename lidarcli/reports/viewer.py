@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import SHAPES
+from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.columns import Run
-from lidarcli.reports.palette import GREY
-from lidarcli.reports.palette import SHAPES as SHAPE_COLOURS
+from lidarcli.reports.palette import GREY, SHAPE_COLOURS
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
@@ -21,7 +20,7 @@ from lidarcli.sweeps import Float64, Int64, UInt8
 
 BUDGET = 2_200_000
 """Most characters of packed sweeps: with the charts the file stays below 3 MB."""
-STREAMS = 40
+STREAMS_SHOWN = 40
 """Most streams that the viewer shows."""
 PER_SWEEP, PER_OBJECT = 16, 17
 """Bytes of one sweep and one object, ranges aside."""
@@ -29,7 +28,6 @@ LOST = 65_535
 """Stands for a beam without a range."""
 ANGLE = 32_767 / (3 * np.pi)
 """Angles as whole numbers; theta_f may pass π."""
-SETS = ("O", "A", "S")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +64,10 @@ class Choice:
         return f"To keep this file small the viewer holds {' and '.join(parts)}." if parts else ""
 
 
-def choose(run: Run, summary: Summary) -> Choice:
+def choose_sweeps(run: Run, summary: Summary) -> Choice:
     """As many sweeps as the budget allows, evenly spaced, and those that stand out."""
     streams = summary.streams
-    count = min(len(streams.all), STREAMS)
+    count = min(len(streams.all), STREAMS_SHOWN)
     mine = streams.stream < count
     cost = PER_SWEEP + 2 * run.sweeps.numbers("beams")
     cost += PER_OBJECT * (run.sweeps.numbers("objects") + run.sweeps.numbers("agents"))

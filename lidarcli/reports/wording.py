@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from datetime import UTC, datetime
 
-from lidarcli.reports.columns import Source
+from lidarcli.reports.columns import Origin
 from lidarcli.reports.figures import CATEGORIES, DELTA, unit_of
 from lidarcli.reports.spread import Spread
-from lidarcli.reports.standing import Standing
 from lidarcli.reports.summary import Summary
 
 NONE = "-"
-SETS = {"O": "objects (O)", "A": "agents (A)", "S": "noise (S)"}
+SET_WORDS = {"O": "objects (O)", "A": "agents (A)", "S": "noise (S)"}
 SHOWN_SPREADS = (
     "objects_per_sweep",
     "range",
@@ -82,13 +80,13 @@ def stamp(stamp_ns: int) -> str:
     return f"{moment:%Y-%m-%dT%H:%M:%S}.{stamp_ns % 1_000_000_000 // 1_000_000:03d}Z"
 
 
-def settings(source: Source) -> str:
+def settings(source: Origin) -> str:
     """The parameters of a run that are worth a line: the profile, and what is not null."""
     found = {name: value for name, value in source.parameters.items() if value not in (None, False, [], 0.0)}
     return ", ".join(f"{name} {_plain(value)}" for name, value in found.items()) or "not recorded"
 
 
-def origin(source: Source) -> str:
+def origin(source: Origin) -> str:
     """Format and size of a log."""
     size = f", {source.size:,} bytes" if source.size is not None else ""
     return f"{source.format or 'unknown format'}{size}"
@@ -111,11 +109,6 @@ def spread_name(name: str) -> str:
     """The figure with its unit."""
     unit = unit_of(name)
     return name if unit == "1" else f"{name} [{unit}]"
-
-
-def plot_command(found: Standing, sources: Mapping[int, str] | None = None) -> str:
-    """What shows the sweep that stands out."""
-    return f"--topic {found.topic} --sweep {found.sweep}"
 
 
 def _plain(value: object) -> str:

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from lidarcli.errors import OutputError
 from lidarcli.simulate.definitions import ROS1, ROS2
 from lidarcli.simulate.messages import CDR, ROS1_BYTES
-from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.simulate.outgoing import outgoing
 from lidarcli.sweeps import RawSweeps
 
@@ -39,7 +39,7 @@ FOLDER_COMPRESSIONS = {
 
 
 def write_bag(
-    path: Path, blocks: Iterable[RawSweeps], *, compression: str = "none", poses: PoseRows | None = None
+    path: Path, blocks: Iterable[RawSweeps], *, compression: str = "none", poses: SimulatedPoses | None = None
 ) -> None:
     """Write a ROS 1 bag."""
     writer = rosbag1.Writer(path)
@@ -59,7 +59,7 @@ def write_folder(
     *,
     storage: str = "sqlite3",
     compression: str = "none",
-    poses: PoseRows | None = None,
+    poses: SimulatedPoses | None = None,
 ) -> None:
     """Write a ROS 2 bag: a folder with its metadata and one file, `sqlite3` or `mcap`."""
     plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
@@ -82,7 +82,7 @@ def write_folder(
         raise OutputError(f"{path}: cannot write the database: {err}") from err
 
 
-def write_db3(path: Path, blocks: Iterable[RawSweeps], *, poses: PoseRows | None = None) -> None:
+def write_db3(path: Path, blocks: Iterable[RawSweeps], *, poses: SimulatedPoses | None = None) -> None:
     """Write the bare database of a ROS 2 bag, without its folder."""
     with tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as scratch:
         folder = Path(scratch) / path.stem

@@ -68,7 +68,3 @@ def ros2_definition(name: str) -> str:
 def ros1_definition(name: str) -> str:
     """The same as ROS 1 writes it: its Header has a `seq`."""
     return ROS1.generate_msgdef(name, ros_version=1)[0]
-
-
-LASERSCAN_MSG = ros2_definition(SCAN)
-LASERSCAN_MSG_ROS1 = ros1_definition(SCAN)

@@ -12,7 +12,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
 from lidarcli.simulate.messages import Encoding
-from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
 SCAN = "foxglove.LaserScan"
@@ -97,7 +97,7 @@ _CLASSES = _classes()
 _WORDS = {"inf": "Infinity", "-inf": "-Infinity", "nan": "NaN"}
 
 
-def _json_bytes(name: str, message: dict[str, Any]) -> bytes:
+def _json_bytes(_: str, message: dict[str, Any]) -> bytes:
     """JSON has no infinity and no NaN: they are words, as in the JSON mapping of protobuf."""
     if "ranges" in message:
         message["ranges"] = [value if isfinite(value) else _WORDS[repr(value)] for value in message["ranges"]]
@@ -145,7 +145,7 @@ def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
             for row in range(len(raw))
         ]
 
-    def odometry(rows: PoseRows, row: int) -> bytes:
+    def odometry(rows: SimulatedPoses, row: int) -> bytes:
         x, y, yaw = rows.poses[row].tolist()
         pose = {"position": _vector(x, y), "orientation": _turn(yaw)}
         stamp = _stamp(int(rows.stamp_ns[row]))
@@ -165,12 +165,12 @@ def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
             },
         )
 
-    def transform(rows: PoseRows, row: int) -> bytes:
+    def transform(rows: SimulatedPoses, row: int) -> bytes:
         x, y, yaw = rows.poses[row].tolist()
         frames = rows.odometry.frame_id, rows.odometry.child_frame_id
         return frame_transform(int(rows.stamp_ns[row]), *frames, (x, y, yaw))
 
-    def mounting(rows: PoseRows) -> bytes:
+    def mounting(rows: SimulatedPoses) -> bytes:
         return frame_transform(int(rows.stamp_ns[0]), rows.odometry.child_frame_id, rows.laser_frame)
 
     return Encoding(name, SCAN, POSE, TRANSFORM, scans, odometry, transform, mounting)

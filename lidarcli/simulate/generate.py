@@ -22,7 +22,7 @@ _EDGE = 0.15
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Block:
+class SimulatedBlock:
     """A run of simulated sweeps and their truth."""
 
     raw: RawSweeps
@@ -36,7 +36,7 @@ class Block:
     """(S, B) index into the scene's entities, -1 for none and for padding."""
 
 
-def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -> Iterator[Block]:
+def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -> Iterator[SimulatedBlock]:
     """Sweeps of a scene in blocks of at most `size`."""
     faults = _Faults(scene.sensor, seed)
     still = None
@@ -57,7 +57,7 @@ def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -
         padding = np.arange(bearings.shape[1]) >= beams[:, None]
         ranges = faults.apply(ideal, entity, padding)
         raw = _raw(scene.sensor, START_NS + np.rint(seconds * 1e9).astype(np.int64), beams, increment, ranges)
-        yield Block(raw, first, seconds, poses, entity)
+        yield SimulatedBlock(raw, first, seconds, poses, entity)
 
 
 def simulate_sweep_arrays(

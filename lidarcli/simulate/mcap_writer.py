@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 from lidarcli.simulate import foxglove
 from lidarcli.simulate.definitions import LASERSCAN_IDL, SCAN, ros1_definition, ros2_definition
 from lidarcli.simulate.messages import CDR, ROS1_BYTES, Encoding
-from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.simulate.outgoing import outgoing
 from lidarcli.sweeps import RawSweeps
 
@@ -58,7 +58,7 @@ def write_mcap(
     encoding: str = "cdr",
     compression: str = "zstd",
     chunk_size: int = 1 << 20,
-    poses: PoseRows | None = None,
+    poses: SimulatedPoses | None = None,
 ) -> None:
     """Write an MCAP file, indexed and with checksums."""
     encode, channel_encoding, profile, schema_of = ENCODINGS[encoding]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.simulate.definitions import ODOMETRY, ROS1, ROS2, SCAN, TF
-from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
 _GEOMETRY = (
@@ -34,10 +34,10 @@ class Encoding:
     odometry_type: str
     tf_type: str
     scans: Callable[[RawSweeps], list[bytes]]
-    odometry: Callable[[PoseRows, int], bytes]
-    transform: Callable[[PoseRows, int], bytes]
+    odometry: Callable[[SimulatedPoses, int], bytes]
+    transform: Callable[[SimulatedPoses, int], bytes]
     """Pose of the robot in the odometry frame."""
-    mounting: Callable[[PoseRows], bytes]
+    mounting: Callable[[SimulatedPoses], bytes]
     """Pose of the laser on the robot: the identity."""
 
 
@@ -116,7 +116,7 @@ def _ros(name: str, store: Any, serialize: Callable[[Any, str], Any], ros1: bool
     def turn(yaw: float) -> Any:
         return types["geometry_msgs/msg/Quaternion"](0.0, 0.0, sin(yaw / 2), cos(yaw / 2))
 
-    def odometry(rows: PoseRows, row: int) -> bytes:
+    def odometry(rows: SimulatedPoses, row: int) -> bytes:
         x, y, yaw = rows.poses[row].tolist()
         pose = types["geometry_msgs/msg/Pose"](types["geometry_msgs/msg/Point"](x, y, 0.0), turn(yaw))
         twist = types["geometry_msgs/msg/Twist"](
@@ -135,12 +135,12 @@ def _ros(name: str, store: Any, serialize: Callable[[Any, str], Any], ros1: bool
         entry = types["geometry_msgs/msg/TransformStamped"](header(stamp_ns, parent), child, transform)
         return bytes(serialize(types[TF]([entry]), TF))
 
-    def transform(rows: PoseRows, row: int) -> bytes:
+    def transform(rows: SimulatedPoses, row: int) -> bytes:
         x, y, yaw = rows.poses[row].tolist()
         frames = rows.odometry.frame_id, rows.odometry.child_frame_id
         return stamped(int(rows.stamp_ns[row]), *frames, (x, y, yaw))
 
-    def mounting(rows: PoseRows) -> bytes:
+    def mounting(rows: SimulatedPoses) -> bytes:
         return stamped(int(rows.stamp_ns[0]), rows.odometry.child_frame_id, rows.laser_frame, (0.0, 0.0, 0.0))
 
     scans = ros1_scans if ros1 else cdr_scans

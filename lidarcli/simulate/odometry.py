@@ -12,7 +12,7 @@ from lidarcli.sweeps import TURN, Float64, Int64
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PoseRows:
+class SimulatedPoses:
     """One pose per sweep, as the robot reports it, and the frames it speaks of."""
 
     odometry: Odometry
@@ -29,7 +29,7 @@ class PoseRows:
         return len(self.stamp_ns)
 
 
-def simulate_odometry(scene: Scene, sweeps: int, seed: int = 0) -> PoseRows | None:
+def simulate_odometry(scene: Scene, sweeps: int, seed: int = 0) -> SimulatedPoses | None:
     """The odometry of a run, None for a scene without any. Without noise it is the true pose."""
     if scene.odometry is None or sweeps == 0:
         return None
@@ -49,7 +49,7 @@ def simulate_odometry(scene: Scene, sweeps: int, seed: int = 0) -> PoseRows | No
     moved = np.column_stack([cos * ahead[:, 0] - sin * ahead[:, 1], sin * ahead[:, 0] + cos * ahead[:, 1]])
     believed = np.column_stack([true[0, :2] + np.vstack([np.zeros((1, 2)), np.cumsum(moved, axis=0)]), yaw])
     last = np.vstack([step, step[-1:]]) if sweeps > 1 else np.zeros((1, 3))
-    return PoseRows(
+    return SimulatedPoses(
         odometry=scene.odometry,
         laser_frame=scene.sensor.frame_id,
         stamp_ns=START_NS + np.rint(seconds * 1e9).astype(np.int64),

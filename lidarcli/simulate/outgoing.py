@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from lidarcli.simulate.messages import Encoding
-from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
 
@@ -20,7 +20,9 @@ class Outgoing(NamedTuple):
     data: bytes
 
 
-def outgoing(blocks: Iterable[RawSweeps], poses: PoseRows | None, encoding: Encoding) -> Iterator[Outgoing]:
+def outgoing(
+    blocks: Iterable[RawSweeps], poses: SimulatedPoses | None, encoding: Encoding
+) -> Iterator[Outgoing]:
     """Encode sweeps block by block, merging in the poses."""
     pose = 0
     if poses is not None and len(poses) and poses.odometry.tf:
@@ -35,7 +37,7 @@ def outgoing(blocks: Iterable[RawSweeps], poses: PoseRows | None, encoding: Enco
             yield Outgoing(block.topic, encoding.scan_type, record_ns, stamp_ns, data)
 
 
-def _pose(poses: PoseRows, row: int, encoding: Encoding) -> Iterator[Outgoing]:
+def _pose(poses: SimulatedPoses, row: int, encoding: Encoding) -> Iterator[Outgoing]:
     stamp_ns = int(poses.stamp_ns[row])
     odometry = encoding.odometry(poses, row)
     yield Outgoing(poses.odometry.topic, encoding.odometry_type, stamp_ns, stamp_ns, odometry)

@@ -10,13 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from lidarcli import __version__
-from lidarcli.simulate.generate import Block
+from lidarcli._version import __version__
+from lidarcli.simulate.generate import SimulatedBlock
 from lidarcli.simulate.raycast import relative
 from lidarcli.simulate.scene import Scene
 from lidarcli.sweeps import TURN, Float64
 
-Index = NDArray[np.intp]
+_Index = NDArray[np.intp]
 
 _ROW_GROUP = 1 << 20
 
@@ -73,7 +73,7 @@ class TruthWriter:
         )
         self.pending: list[pa.RecordBatch] = []
 
-    def write(self, block: Block) -> None:
+    def write(self, block: SimulatedBlock) -> None:
         """Append the truth of a block."""
         self.pending.append(truth_rows(block, self.scene))
         if sum(len(batch) for batch in self.pending) >= _ROW_GROUP:
@@ -97,7 +97,7 @@ class TruthWriter:
         self.beams.close()
 
 
-def truth_rows(block: Block, scene: Scene) -> pa.RecordBatch:
+def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
     """One row per sweep and visible entity."""
     entities = scene.entities
     sweeps, count = len(block.raw), len(entities)
@@ -141,7 +141,7 @@ def truth_rows(block: Block, scene: Scene) -> pa.RecordBatch:
     return pa.RecordBatch.from_arrays(arrays, schema=TRUTH)
 
 
-def beam_rows(block: Block) -> pa.RecordBatch:
+def beam_rows(block: SimulatedBlock) -> pa.RecordBatch:
     """One row per beam."""
     sweep, beam = np.nonzero(np.arange(block.entity.shape[1]) < block.raw.beams[:, None])
     columns = [block.first + sweep, beam.astype(np.int32), block.entity[sweep, beam]]
@@ -149,7 +149,7 @@ def beam_rows(block: Block) -> pa.RecordBatch:
 
 
 def _extent(
-    block: Block, sweep: Index, beam: Index, cell: Index, centre: Float64, seen: Index
+    block: SimulatedBlock, sweep: _Index, beam: _Index, cell: _Index, centre: Float64, seen: _Index
 ) -> tuple[Float64, Float64]:
     """First and last bearing of each visible entity, measured from its centre: no seam comes between."""
     bearing = block.raw.angle_min[sweep] + block.raw.angle_increment[sweep] * beam

@@ -14,7 +14,7 @@ from lidarcli.simulate.bag_writers import (
     write_folder,
 )
 from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS, write_mcap
-from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
 CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv")
@@ -46,7 +46,7 @@ def write_log(
     encoding: str | None = None,
     layout: str | None = None,
     chunk_size: int = 1 << 20,
-    poses: PoseRows | None = None,
+    poses: SimulatedPoses | None = None,
 ) -> None:
     """Write sweeps into a new log; the same sweeps and options give the same bytes.
 
@@ -76,7 +76,7 @@ def _writer(
     encoding: str | None,
     layout: str | None,
     chunk_size: int,
-    poses: PoseRows | None,
+    poses: SimulatedPoses | None,
 ) -> Callable[[Path, Iterable[RawSweeps]], None]:
     """Check the options against the container and bind them to its writer."""
 

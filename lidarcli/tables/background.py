@@ -18,7 +18,7 @@ from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tables.arrays import codes, floats, plain
 from lidarcli.tables.metadata import DAMAGE, PARAMETERS, SOURCE, VERSION
 from lidarcli.tables.parquet import TableFile
-from lidarcli.tables.reading import GREATEST, notes_of, parsed, read_columns
+from lidarcli.tables.reading import GREATEST_VALUE, notes_of, parsed, read_columns
 from lidarcli.tables.schemas import BACKGROUND
 
 GEOMETRY = "lidarcli.geometry"
@@ -29,7 +29,7 @@ NEAREST = 1e-9
 """A range of a background is no smaller [m]: no sensor measures that near, and steps of bearings are divided by it."""
 LEAST_STEP = 1e-9
 """The angle from beam to beam is no smaller [rad]."""
-MOST_BEAMS = 10_000_000
+MOST_BEAMS_OF_SENSOR = 10_000_000
 """Most beams of a sensor; sweeps have fewer."""
 SINGLE = 1e-6
 """Relative precision of a bearing that has been kept in single precision."""
@@ -158,9 +158,9 @@ def _entry(entry: Any) -> dict[str, Any]:
     angles = abs(found["angle_min"]), abs(found["angle_increment"])
     stations = found["station_distance"], found["station_angle"]
     if (
-        not (0 <= found["beams"] <= MOST_BEAMS and 0 <= found["period"] <= found["beams"])
+        not (0 <= found["beams"] <= MOST_BEAMS_OF_SENSOR and 0 <= found["period"] <= found["beams"])
         or found["stations"] < 0
-        or not max(*angles, *stations) <= GREATEST
+        or not max(*angles, *stations) <= GREATEST_VALUE
         or (found["beams"] > 1 and angles[1] < LEAST_STEP)
         or not min(stations) > 0
         or not found["range_max"] > 0

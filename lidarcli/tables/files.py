@@ -16,9 +16,14 @@ from lidarcli.tables.parquet import TableFile
 from lidarcli.tables.schemas import SCHEMAS
 
 
+def table_suffix(table: str) -> str:
+    """How the names of files of a table end, after the name of their log."""
+    return f".{table}.parquet"
+
+
 def table_path(folder: Path, log: str, table: str) -> Path:
     """`DIR/<log>.<table>.parquet`; `log` may hold the folders below the one that was given."""
-    return folder / f"{log}.{table}.parquet"
+    return folder / f"{log}{table_suffix(table)}"
 
 
 class TableFiles:

@@ -9,7 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lidarcli import __version__
+from lidarcli._version import __version__
 
 VERSION, PARAMETERS, SOURCE, DAMAGE = (
     "lidarcli.version",

@@ -20,11 +20,11 @@ import pyarrow.parquet as pq
 from lidarcli.errors import UnreadableError
 from lidarcli.tables.schemas import INFINITE, NULLABLE
 
-GREATEST = 1e12
+GREATEST_VALUE = 1e12
 """A number of a table is no larger [m], [rad]: no place on Earth is farther, whatever the origin."""
-DEEPEST = 20
+DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
-MOST = 1 << 53
+MOST_WHOLE = 1 << 53
 """A count or an index is no larger: up to here a double holds every whole number."""
 
 
@@ -52,7 +52,7 @@ def read_columns(path: Path, kind: str, schema: pa.Schema, names: Iterable[str] 
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
 
-def read_batches(path: Path, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
+def read_pieces(path: Path, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
     """The same piece by piece, for a table that may be large."""
     wanted = _wanted(schema, names)
     with _opened(path, kind) as file:
@@ -82,7 +82,7 @@ def parsed(text: str) -> Any:
     except RecursionError as err:
         raise ValueError("nested too deeply") from err
     level = [value]
-    for _ in range(DEEPEST):
+    for _ in range(DEEPEST_METADATA):
         level = [
             item
             for part in level
@@ -202,7 +202,7 @@ def _refuse_values(place: str, field: pa.Field, column: pa.ChunkedArray) -> None
 
     if field.name in INFINITE:
         column = pc.if_else(pc.is_inf(column), pa.scalar(None, column.type), column)
-    least, most = (0, MOST) if whole else (-GREATEST, GREATEST)
+    least, most = (0, MOST_WHOLE) if whole else (-GREATEST_VALUE, GREATEST_VALUE)
     found = pc.min_max(column).as_py()
     if found["min"] is not None and found["min"] < least:
         raise UnreadableError(f"{place} holds {found['min']}; the least that it can be is {least:g}")

@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
 from lidarcli.formalism.detection import CHANGES
-from lidarcli.sweeps import SweepBatch, count_statuses
+from lidarcli.sweeps import STATUSES, SweepBatch, count_statuses
 from lidarcli.tables.arrays import codes, floats, masked, names_of, plain
 from lidarcli.tables.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX
-
-_STATUSES = ("valid", "no_return", "too_close", "invalid")
-"""Names of `Status` by code; padding is no beam and never gets a row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +80,7 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
         "beams": plain(batch.beams),
         "d_th": floats(detection.sweep_d_th),
     }
-    columns |= zip(_STATUSES, map(plain, count_statuses(batch.status)), strict=False)
+    columns |= zip(STATUSES, map(plain, count_statuses(batch.status)), strict=False)
     if detection.station is not None:
         columns["station"] = masked(detection.station, detection.station < 0)
     if (poses := batch.poses) is not None:
@@ -112,7 +109,7 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
         "beam": plain(beam.astype(np.int32)),
         "theta": floats(batch.bearings()[row, beam]),
         "r": floats(batch.ranges[row, beam]),
-        "status": codes(batch.status[row, beam], _STATUSES),
+        "status": codes(batch.status[row, beam], STATUSES),
         "s": floats(detection.beam_s[row, beam]),
         "set": codes(detection.beam_set[row, beam], SETS),
         "object": masked(owner, owner == 0),

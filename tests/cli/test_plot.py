@@ -15,7 +15,8 @@ from PIL import Image
 from lidarcli.logs.base import Log
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline import plotting
-from lidarcli.pipeline.inputs import Source, find_logs
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.sweeps import SweepBatch
 
 Run = Callable[..., Any]

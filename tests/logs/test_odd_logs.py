@@ -26,9 +26,10 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, CsvOptions
 from lidarcli.logs.csv_source import MAX_LINE
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source, find_logs
+from lidarcli.pipeline.detecting_logs import detect_files
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.many import detect_files
 from lidarcli.simulate.definitions import ros2_definition
 from tests.logs.mcap_samples import chunks
 from tests.logs.scan_messages import scan
@@ -179,7 +180,8 @@ PEAK = """
 import resource, sys
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import CsvOptions
-from lidarcli.pipeline.inputs import Source, find_logs
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 def peak():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)

@@ -18,7 +18,8 @@ from lidarcli.formalism import Parameters
 from lidarcli.logs import open_log
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source, find_logs
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.simulate.writers import write_log
 from lidarcli.tables import OBJECTS
 from tests.pipeline.folders import logs_apart

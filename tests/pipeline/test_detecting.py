@@ -15,8 +15,8 @@ from lidarcli.logs.base import CsvOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.summary import damage_lines
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.simulate.writers import write_log
 from tests.pipeline.in_memory import CLOUD, SCAN, SOURCE, Opens, block
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.pipeline.inputs import Nothing, Source, find_logs, log_name, refuse_clashes
+from lidarcli.pipeline.inputs.search import find_logs, log_name, refuse_clashes
+from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inspecting import inspect_log
 from tests.pipeline.folders import logs_apart
 from tests.unprivileged import lidarcli as lidarcli_command

@@ -10,8 +10,9 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import DetectOptions
-from lidarcli.pipeline.inputs import Nothing, Source
-from lidarcli.pipeline.many import Outcome, detect_files, exit_code, outcome_of
+from lidarcli.pipeline.detecting_logs import detect_files
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.running.outcomes import Outcome, exit_code, outcome_of
 from tests.fake_log import FakeLog
 from tests.pipeline.in_memory import SCAN, SOURCE, block
 
@@ -27,7 +28,7 @@ def test_one_bad_log_does_not_stop_the_rest(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(detecting, "open_source", opens)
     sources = [Source(name, name) for name in ("bad", "bug", "good")]
     absent = Nothing("absent", UnreadableError("no such file or folder"))
-    outcomes = list(detect_files([*sources, absent], tmp_path, DetectOptions()))
+    outcomes = list(detect_files([*sources, absent], tmp_path, DetectOptions(jobs=1)))
     assert [(outcome.label, outcome.exit_code, outcome.error) for outcome in outcomes] == [
         ("bad", 3, "byte 0: not a log"),
         ("bug", 70, "internal error: ZeroDivisionError: oops"),

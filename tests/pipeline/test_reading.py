@@ -10,10 +10,11 @@ import pytest
 
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline import reading as module
-from lidarcli.pipeline.inputs import Source, log_name
-from lidarcli.pipeline.opening import open_source
-from lidarcli.pipeline.reading import Reading
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import log_name
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading import reading as module
+from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.sweeps import SweepBatch
 from tests.places import SAMPLES
 

@@ -10,8 +10,8 @@ from rosbags.highlevel import AnyReader
 
 import lidarcli
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.subtracting import BackgroundOptions
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.sweeps import Float64
 from tests.places import REAL_LOGS, needs_real_logs
 from tests.poses.pose_messages import ROS1

@@ -12,7 +12,7 @@ import pytest
 from lidarcli.poses import foxglove, rosbytes
 from lidarcli.poses.rows import PoseRows
 from lidarcli.simulate.foxglove import JSON, PROTOBUF
-from lidarcli.simulate.odometry import PoseRows as Simulated
+from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.simulate.scene import Odometry
 from tests.poses.pose_messages import ODOMETRY, OLD_TF, POSE, TF, WITH_COVARIANCE, Maker, numbers
 
@@ -126,11 +126,11 @@ def test_random_bytes_do_no_harm() -> None:
         assert list(rosbytes.decode(TF, "cdr", [bytes(data)], refused)) or refused.total()
 
 
-def simulated(count: int = 5) -> Simulated:
+def simulated(count: int = 5) -> SimulatedPoses:
     poses = np.column_stack([np.arange(count), -np.arange(count), 0.1 * np.arange(count)]).astype(float)
     stamps = 1_700_000_000_000_000_000 + np.arange(count) * 100_000_000
     frames = Odometry(topic="/odom", frame_id="odom", child_frame_id="base_link", tf=True)
-    return Simulated(frames, "laser", stamps, poses, np.zeros(count), np.zeros(count))
+    return SimulatedPoses(frames, "laser", stamps, poses, np.zeros(count), np.zeros(count))
 
 
 @pytest.mark.parametrize("encoding", [JSON, PROTOBUF], ids=["json", "protobuf"])

@@ -17,10 +17,11 @@ from lidarcli.cli import run
 from lidarcli.errors import OptionError
 from lidarcli.logs import open_log
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.pipeline import inspecting, posing
-from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline import inspecting
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.posing import MOST_DELAY, find_poses
+from lidarcli.pipeline.reading import posing
+from lidarcli.pipeline.reading.posing import MOST_DELAY, find_poses
 from lidarcli.poses import delay as module
 from lidarcli.poses.delay import LEAST_SWEEPS, SWEEPS, DelaySample
 from lidarcli.simulate.generate import simulate_blocks

@@ -19,12 +19,12 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.logs.base import LASERSCAN, Message, Topic
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.posing import Posing
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.odometry import PoseRows, simulate_odometry
+from lidarcli.simulate.odometry import SimulatedPoses, simulate_odometry
 from lidarcli.simulate.scene import Scene
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, SweepPoses, normalise
@@ -34,7 +34,7 @@ from tests.poses.pose_messages import ODOMETRY, POSE, SECOND, TF, odometry, pose
 from tests.sweeping import START, raw_sweeps
 
 
-def drive() -> tuple[Scene, PoseRows]:
+def drive() -> tuple[Scene, SimulatedPoses]:
     """The scene of a robot that drives around, and what it believes of its way."""
     scene = load_scene(SAMPLES / "drive.toml")
     poses = simulate_odometry(scene, 12, seed=0)

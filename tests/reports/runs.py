@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lidarcli.reports.columns import Rows, Run, Source
+from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.schemas import OBJECTS, SWEEPS
 
@@ -81,7 +81,7 @@ def thing(index: int, number: int, **other: Any) -> dict[str, Any]:
 
 def run_of(sweeps: Sequence[Mapping[str, Any]], objects: Sequence[Mapping[str, Any]] = ()) -> Run:
     """A run of one log."""
-    source = Source("run.objects.parquet", "run", "mcap", 1000, "1", {"profile": "robust"})
+    source = Origin("run.objects.parquet", "run", "mcap", 1000, "1", {"profile": "robust"})
     return Run((source,), Rows.join([table(SWEEPS, sweeps)]), Rows.join([table(OBJECTS, objects)]))
 
 

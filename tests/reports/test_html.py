@@ -15,7 +15,7 @@ import pytest
 
 from lidarcli.reports import viewer
 from lidarcli.reports.summary import summarise
-from lidarcli.reports.viewer import Raw, choose, pack
+from lidarcli.reports.viewer import Raw, choose_sweeps, pack
 from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import run_of, sweep, thing, write_run
@@ -160,9 +160,9 @@ def test_long_logs_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> No
     rows[777] |= {"objects": 9}
     run = run_of(rows, [thing(k, 1) for k in range(1000)])
     summary = summarise(run)
-    assert choose(run, summary).note == ""
+    assert choose_sweeps(run, summary).note == ""
     monkeypatch.setattr(viewer, "BUDGET", 30_000)
-    choice = choose(run, summary)
+    choice = choose_sweeps(run, summary)
     (kept,) = choice.rows
     assert 90 < len(kept) < 110
     assert 777 in kept
@@ -194,7 +194,7 @@ def test_a_thousand_sweeps_of_361_beams_stay_below_three_megabytes(tmp_path: Pat
     from lidarcli.reports.report import Report
 
     summary = summarise(run)
-    packed = pack(run, summary, choose(run, summary), {(0, "/scan"): raw})
+    packed = pack(run, summary, choose_sweeps(run, summary), {(0, "/scan"): raw})
     page = html.render(Report(summary), {**packed, "note": ""})
     assert packed["streams"][0]["count"] == 1000
     assert len(page.encode()) < 2_000_000

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from lidarcli.choices import VIEWS
 from lidarcli.formalism import Parameters, detect, sweep
 from lidarcli.reports import panels
-from lidarcli.reports.drawing import VIEWS, animate, draw
+from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.picture import Picture, limits_of, printable
 from lidarcli.sweeps import Float64
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.reports import figures
-from lidarcli.reports.columns import Rows, Run, Source
+from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.distributions import density, nice_edges
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import START, TENTH, run_of, sweep, thing
@@ -93,7 +93,7 @@ def test_topics_and_frames_have_clocks_of_their_own() -> None:
 def test_logs_add_up() -> None:
     one = run_of([sweep(0, 1), sweep(5, 2)], [thing(0, 1), thing(5, 1), thing(5, 2)])
     other = run_of([sweep(0, 1, log="b")], [thing(0, 1, log="b", shape="round")])
-    sources = (Source("a", "run"), Source("b", "b", damage=("byte 5: cut",)))
+    sources = (Origin("a", "run"), Origin("b", "b", damage=("byte 5: cut",)))
     run = Run(
         sources,
         Rows.join([one.sweeps.table, other.sweeps.table]),

@@ -21,7 +21,7 @@ from lidarcli.pipeline.reporting import VIEWER_COLUMNS
 from lidarcli.pipeline.viewing import BEAM_COLUMNS
 from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS
 from lidarcli.tables.background import GEOMETRY
-from lidarcli.tables.reading import GREATEST, MOST, read_columns
+from lidarcli.tables.reading import GREATEST_VALUE, MOST_WHOLE, read_columns
 from lidarcli.tables.schemas import BACKGROUND, NULLABLE, OBJECTS, SCHEMAS
 from tests.places import SAMPLES
 
@@ -206,20 +206,20 @@ def test_nan_is_null(tables: Path) -> None:
         (
             "sweeps",
             "sweep",
-            lambda n: pa.array([MOST + 1] * n),
-            f"column sweep holds {MOST + 1}; the most that it can be is {MOST:g}",
+            lambda n: pa.array([MOST_WHOLE + 1] * n),
+            f"column sweep holds {MOST_WHOLE + 1}; the most that it can be is {MOST_WHOLE:g}",
         ),
         (
             "objects",
             "width",
             lambda n: pa.array([np.inf] * n),
-            f"column width holds inf; the most that it can be is {GREATEST:g}",
+            f"column width holds inf; the most that it can be is {GREATEST_VALUE:g}",
         ),
         (
             "objects",
             "x",
             lambda n: pa.array([-1e300] * n),
-            f"column x holds -1e+300; the least that it can be is {-GREATEST:g}",
+            f"column x holds -1e+300; the least that it can be is {-GREATEST_VALUE:g}",
         ),
         (
             "sweeps",
@@ -319,7 +319,7 @@ def changes(count: int, column: pa.ChunkedArray) -> Iterator[tuple[str, Any]]:
     yield "infinite", pa.array([np.inf, -np.inf] * count)[:count]
     yield "huge", pa.array([1.7e308, -1.7e308] * count)[:count]
     yield "tiny", pa.array([5e-324, -5e-324] * count)[:count]
-    yield "large", pa.array([GREATEST, -GREATEST] * count)[:count]
+    yield "large", pa.array([GREATEST_VALUE, -GREATEST_VALUE] * count)[:count]
     yield "nulls", pa.array([None] * count)
     yield "some nulls", pa.array([*column.to_pylist()[:-1], None], column.type)
     yield "ones", pa.array([1] * count)

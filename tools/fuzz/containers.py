@@ -17,7 +17,7 @@ import numpy as np
 import zstandard
 
 from lidarcli.simulate.csv_writer import LAYOUTS
-from lidarcli.simulate.odometry import PoseRows
+from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.simulate.scene import Odometry
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
@@ -72,9 +72,9 @@ def sweeps(topic: str = "/scan", beams: int = BEAMS, seed: int = 1) -> RawSweeps
     )
 
 
-def poses() -> PoseRows:
+def poses() -> SimulatedPoses:
     """A straight way for the sweeps."""
-    return PoseRows(
+    return SimulatedPoses(
         odometry=Odometry(),
         laser_frame="laser",
         stamp_ns=sweeps().stamp_ns,

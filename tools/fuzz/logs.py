@@ -20,9 +20,10 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source, find_logs
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import LogInfo, inspect_log
-from lidarcli.pipeline.many import INTERNAL_ERROR, attempt, outcome_of
+from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 
 CSV = CsvOptions(angle_min=-1.5, angle_increment=0.125, range_max=8.0)

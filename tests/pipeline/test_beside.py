@@ -5,17 +5,20 @@ from __future__ import annotations
 import threading
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline import parts_split, reading
 from lidarcli.pipeline.building import Building, BuildOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.parts_beside import Companion, Work
-from lidarcli.pipeline.subtracting import BackgroundOptions
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.objects.parts import Maker, Part
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading import reading
+from lidarcli.pipeline.running import splitting
+from lidarcli.threads import Beside
 from tests.places import SAMPLES
 
 DRIVE = Source(str(SAMPLES / "drive.db3"), "drive")
@@ -23,20 +26,19 @@ ALONE = DetectOptions(read=ReadOptions(batch_size=8), cores=1)
 
 
 @pytest.fixture
-def taken(monkeypatch: pytest.MonkeyPatch) -> list[Work]:
+def taken(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """What the thread was given, which is called after the first batch; another one reads ahead."""
-    monkeypatch.setattr(parts_split, "ALONE_BESIDE", 1)
+    monkeypatch.setattr(splitting, "ALONE", 1)
+    monkeypatch.setattr(splitting, "BLOCK", 1)
     monkeypatch.setattr(reading, "WORTH_A_THREAD", 0)
-    given: list[Work] = []
-    take = Companion.take
+    given: list[object] = []
 
-    def taking(self: Companion, batches: object) -> Work | None:
-        work = take(self, batches)  # type: ignore[arg-type]
-        if work is not None:
-            given.append(work)
-        return work
+    class Noting(Beside):
+        def submit(self, work: Any, /, *arguments: Any, **options: Any) -> Any:
+            given.append(arguments)
+            return super().submit(work, *arguments, **options)
 
-    monkeypatch.setattr(Companion, "take", taking)
+    monkeypatch.setattr(splitting, "Beside", Noting)
     return given
 
 
@@ -53,7 +55,7 @@ def background() -> BackgroundOptions:
 
 
 @pytest.mark.parametrize("kind", ["robust", "paper", "background", "beams"])
-def test_the_same_bytes(tmp_path: Path, taken: list[Work], kind: str) -> None:
+def test_the_same_bytes(tmp_path: Path, taken: list[object], kind: str) -> None:
     options = {
         "robust": lambda: ALONE,
         "paper": lambda: replace(ALONE, parameters=Parameters.for_profile("paper")),
@@ -67,12 +69,16 @@ def test_the_same_bytes(tmp_path: Path, taken: list[Work], kind: str) -> None:
 
 
 def test_an_error_in_the_thread_is_one_of_the_run(
-    tmp_path: Path, taken: list[Work], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, taken: list[object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def breaks(self: Companion, batches: object) -> None:
-        raise MemoryError("too much")
+    make = Maker.make
 
-    monkeypatch.setattr(Companion, "_make", breaks)
+    def breaks(self: Maker, batches: Any) -> Part:
+        if threading.current_thread() is not threading.main_thread():
+            raise MemoryError("too much")
+        return make(self, batches)
+
+    monkeypatch.setattr(Maker, "make", breaks)
     with pytest.raises(MemoryError, match="too much"):
         tables(tmp_path, replace(ALONE, cores=2))
     assert taken
@@ -81,6 +87,6 @@ def test_an_error_in_the_thread_is_one_of_the_run(
 
 
 def test_short_logs_need_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Companion, "__init__", None)
+    monkeypatch.setattr(splitting, "Beside", None)
     detect_to_files(DRIVE, tmp_path, replace(ALONE, cores=2))
     assert len(list(tmp_path.iterdir())) == 2

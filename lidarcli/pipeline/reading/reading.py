@@ -13,10 +13,10 @@ from typing import Any, Self
 from lidarcli.errors import NoScanError
 from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.posing import Posing
-from lidarcli.pipeline.summary import RunSummary
-from lidarcli.pipeline.topics import absent, choose, nothing_read, scan_topics
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.topics import absent, choose, nothing_read, scan_topics
+from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
 from lidarcli.threads import Beside
 

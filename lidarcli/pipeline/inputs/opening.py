@@ -12,7 +12,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import CsvOptions, Log
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.inputs import Source
+    from lidarcli.pipeline.inputs.sources import Source
 
 _TRIED = 3
 """A folder may hold a file or two that are no sweep (a README)."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.formalism.detection import Detection
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.posing import Posing
-from lidarcli.sweeps import Status, SweepBatch, count_statuses
+from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.sweeps import STATUSES, SweepBatch, count_statuses
 
 
 @dataclass(slots=True)
@@ -33,8 +33,6 @@ class RunSummary:
     notes: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
     seconds: float = 0.0
-    remark: str | None = None
-    """What happened on the way and was mended."""
 
     @property
     def beams(self) -> int:
@@ -52,9 +50,8 @@ class RunSummary:
         """Count the sweeps of one batch."""
         self.sweeps += len(batch)
         self.topics.add(batch.topic)
-        for status, count in zip(Status, count_statuses(batch.status).sum(axis=1).tolist(), strict=True):
-            if status != Status.PADDING:
-                self.by_status[status.name.lower()] += count
+        for status, count in zip(STATUSES, count_statuses(batch.status).sum(axis=1).tolist(), strict=False):
+            self.by_status[status] += count
 
     def add_objects(self, detection: Detection) -> None:
         """Count what was found in one batch."""

@@ -1,16 +1,15 @@
-"""One log over several processes: the same bytes, whatever happens to them; short logs start none."""
+"""One log over several threads, several logs over processes: the same bytes; short logs start neither."""
 
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import wait
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -22,21 +21,22 @@ import pytest
 
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline import cores, many, parts_split, parts_workers, processes
+from lidarcli.pipeline import detecting_logs
 from lidarcli.pipeline.building import Building, BuildOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Source
-from lidarcli.pipeline.many import detect_files, detect_stream
-from lidarcli.pipeline.parts import Maker, Recipe
-from lidarcli.pipeline.parts_split import Splitting
-from lidarcli.pipeline.parts_workers import Answer, Helpers
-from lidarcli.pipeline.subtracting import BackgroundOptions
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.detecting_logs import detect_files, detect_stream
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.objects.parts import Maker, Part, Recipe
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running import cores, processes, splitting
+from lidarcli.pipeline.running.splitting import Splitting
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import SweepBatch
+from lidarcli.threads import Beside
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
 
@@ -67,7 +67,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
 
 @dataclass
 class Seen:
-    """What the workers had to do."""
+    """What the threads had to do."""
 
     started: int = 0
     taken: int = 0
@@ -75,25 +75,21 @@ class Seen:
 
 @pytest.fixture
 def eager(monkeypatch: pytest.MonkeyPatch) -> Seen:
-    """Workers that are called after the first batch, and batches that are handed out one by one."""
+    """Threads that are called after the first batch, and batches that are handed out one by one."""
     seen = Seen()
-    monkeypatch.setattr(parts_split, "ALONE", 1)
-    monkeypatch.setattr(parts_split, "BLOCK", 1)
-    start, take = Helpers._start, Helpers.take
+    monkeypatch.setattr(splitting, "ALONE", 1)
+    monkeypatch.setattr(splitting, "BLOCK", 1)
 
-    def started(self: Helpers) -> None:
-        seen.started += 1
-        start(self)
-        if self._pool is not None:
-            wait(self._up)
+    class Counted(Beside):
+        def __init__(self, name: str, count: int = 1) -> None:
+            seen.started += count
+            super().__init__(name, count)
 
-    def taken(self: Helpers, batches: list[SweepBatch]) -> Any:
-        task = take(self, batches)
-        seen.taken += task is not None
-        return task
+        def submit(self, *arguments: Any, **options: Any) -> Any:
+            seen.taken += 1
+            return super().submit(*arguments, **options)
 
-    monkeypatch.setattr(Helpers, "_start", started)
-    monkeypatch.setattr(Helpers, "take", taken)
+    monkeypatch.setattr(splitting, "Beside", Counted)
     return seen
 
 
@@ -101,7 +97,7 @@ def files(source: Source, folder: Path, options: DetectOptions) -> tuple[dict[st
     """The bytes of every table, and the summary without what differs from run to run."""
     summary = detect_to_files(source, folder, options)
     tables = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
-    return tables, replace(summary, seconds=0.0, outputs=[], remark=None)
+    return tables, replace(summary, seconds=0.0, outputs=[])
 
 
 def background(source: Source) -> BackgroundOptions:
@@ -125,14 +121,15 @@ OPTIONS: dict[str, Callable[[Source], DetectOptions]] = {
 
 @pytest.mark.parametrize("name", OPTIONS)
 def test_the_same_bytes(source: Source, tmp_path: Path, eager: Seen, name: str) -> None:
-    options = OPTIONS[name](source)
-    expected = files(source, tmp_path / "1", options)
+    options = replace(OPTIONS[name](source), cores=4)
+    expected = files(source, tmp_path / "1", replace(options, jobs=1))
     assert expected[1].damage
     assert expected[1].sweeps > 200
     assert eager.started == 0
-    for jobs in (2, 3):
+    for jobs in (2, 3, 0):
         assert files(source, tmp_path / str(jobs), replace(options, jobs=jobs)) == expected
-    assert eager.started == 2
+    # This thread works, too.
+    assert eager.started == 1 + 2 + 3
     assert eager.taken > 3
 
 
@@ -140,7 +137,7 @@ def test_the_same_bytes(source: Source, tmp_path: Path, eager: Seen, name: str) 
 def test_the_same_stream(source: Source, eager: Seen, kind: str) -> None:
     def stream(jobs: int) -> bytes:
         out = BytesIO()
-        outcomes = list(detect_stream([source, source], out, kind, DetectOptions(jobs=jobs)))
+        outcomes = list(detect_stream([source, source], out, kind, DetectOptions(jobs=jobs, cores=2)))
         assert [outcome.exit_code for outcome in outcomes] == [3, 3]
         return out.getvalue()
 
@@ -148,120 +145,18 @@ def test_the_same_stream(source: Source, eager: Seen, kind: str) -> None:
     assert eager.taken > 3
 
 
-def test_without_shared_memory(
-    source: Source, tmp_path: Path, eager: Seen, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected = files(source, tmp_path / "1", DetectOptions())
-
-    def full(size: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(parts_workers, "SharedFile", full)
-    assert files(source, tmp_path / "2", DetectOptions(jobs=2)) == expected
-    assert eager.taken > 0
-
-
-def test_slots_that_are_too_small(
-    source: Source, tmp_path: Path, eager: Seen, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected = files(source, tmp_path / "1", DetectOptions())
-    monkeypatch.setattr(parts_workers, "SLOT", 400_000)
-    assert files(source, tmp_path / "2", DetectOptions(jobs=2)) == expected
-    monkeypatch.setattr(parts_workers, "SLOT", 4096)
-    assert files(source, tmp_path / "3", DetectOptions(jobs=2)) == expected
-
-
-# --- workers that die -------------------------------------------------------------------------------------
-
-MARK, FATAL = "LIDARCLI_TEST_MARK", "LIDARCLI_TEST_FATAL"
-REAL = parts_workers._make
-
-
-def _dies_once(parcel: Any, slot: int | None) -> Answer:
-    """The first part kills its worker; with `FATAL` in the environment every part does."""
-    answer = REAL(parcel, slot)
-    mark = Path(os.environ[MARK])
-    if FATAL in os.environ or not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return answer
-
-
-def _dies_at_once(recipe: Recipe, path: str | None, size: int) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-@pytest.fixture
-def deadly(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(parts_workers, "_make", _dies_once)
-    monkeypatch.setenv(MARK, str(tmp_path / "mark"))
-    # What is taken back from a worker before it dies is no loss, and on a busy machine that may be all.
-    monkeypatch.setattr(Helpers, "last", lambda self: None)
-
-
-@pytest.mark.usefixtures("deadly")
-def test_a_dead_worker_costs_no_part(source: Source, tmp_path: Path, eager: Seen) -> None:
-    options = DetectOptions(read=ReadOptions(batch_size=64))
-    expected = files(source, tmp_path / "1", options)
-    (outcome,) = detect_files([source], tmp_path / "2", replace(options, jobs=3))
-    assert outcome.remark == "a worker process died; its part of the log was done again"
-    assert {path.name: path.read_bytes() for path in sorted((tmp_path / "2").iterdir())} == expected[0]
-    assert eager.started == 2
-
-
-@pytest.mark.usefixtures("deadly", "eager")
-def test_a_part_that_kills_every_worker(
-    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv(FATAL, "1")
-    options = DetectOptions(read=ReadOptions(batch_size=32), jobs=3)
-    (outcome,) = detect_files([source], tmp_path / "out", options)
-    assert outcome.exit_code == 70
-    assert re.fullmatch(
-        r"sweeps \d+ to \d+ of /\w+: a worker process died twice of it, ended by the system \(out of memory\?\); "
-        "try --jobs 1",
-        outcome.error or "",
-    )
-    assert list((tmp_path / "out").iterdir()) == []
-
-
-def test_workers_that_cannot_start(
-    source: Source, tmp_path: Path, eager: Seen, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected = files(source, tmp_path / "1", DetectOptions())
-    monkeypatch.setattr(parts_workers, "_begin", _dies_at_once)
-    (outcome,) = detect_files([source], tmp_path / "2", DetectOptions(jobs=2))
-    assert outcome.remark == "worker processes could not be started; one process did all the work"
-    assert {path.name: path.read_bytes() for path in sorted((tmp_path / "2").iterdir())} == expected[0]
-    assert (eager.started, eager.taken) == (1, 0)
-
-
-def _fails(parcel: Any, slot: int | None) -> Answer:
-    raise ZeroDivisionError("oops")
-
-
-def test_a_bug_in_a_worker(
-    source: Source, tmp_path: Path, eager: Seen, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(parts_workers, "_make", _fails)
-    (outcome,) = detect_files([source], tmp_path / "out", DetectOptions(jobs=2))
-    assert (outcome.exit_code, outcome.error) == (70, "internal error: ZeroDivisionError: oops")
-    assert outcome.trace is not None
-    assert "in _fails" in outcome.trace
-    assert list((tmp_path / "out").iterdir()) == []
-
-
 # --- the end ----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def long_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Work for several seconds (with `--beams`), in a file that is quickly made."""
+    """Work for several seconds (with `--beams`), in a file that is quickly made and large enough for a process."""
     rows, beams = 250, 1800
     boxes = [(first, first + 30, 2.0) for first in range(100, beams - 100, 100)]
     ranges = round_room(rows, beams, *boxes)
     path = tmp_path_factory.mktemp("long") / "long.mcap"
-    write_log(path, [raw_sweeps(ranges)] * 40, compression="lz4")
+    write_log(path, [raw_sweeps(ranges)] * 40, compression="none")
+    os.link(path, path.with_name("other.mcap"))
     return path
 
 
@@ -293,66 +188,95 @@ def gone(pids: set[int]) -> bool:
     return False
 
 
+def threads(pid: int) -> set[int]:
+    """Threads of a process."""
+    try:
+        return {int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()}
+    except OSError:
+        return set()
+
+
+def begun(process: subprocess.Popen[bytes], helpers: Callable[[int], set[int]], count: int) -> set[int]:
+    """The processes or threads that a process has started, once there are `count` of them."""
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline and process.poll() is None:
+        if len(found := helpers(process.pid)) >= count:
+            return found
+        time.sleep(0.005)
+    raise AssertionError("nobody was called for help")
+
+
 @pytest.fixture
-def running(
-    long_log: Path, tmp_path: Path
-) -> Iterator[tuple[subprocess.Popen[bytes], Callable[[int], set[int]]]]:
-    """`detect --jobs 2` of a long log, and what waits for its workers (one and the tracker of resources)."""
-    options = ["-o", str(tmp_path / "out"), "--beams", "--jobs", "2"]
-    command = [sys.executable, "-m", "lidarcli", "detect", str(long_log), *options]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
+def detect(long_log: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """`detect --beams --jobs 2` of long logs."""
+    started = []
 
-    def workers(count: int) -> set[int]:
-        deadline = time.monotonic() + 30
-        while time.monotonic() < deadline and process.poll() is None:
-            if len(found := descendants(process.pid)) >= count:
-                return found
-            time.sleep(0.005)
-        raise AssertionError("no workers were started")
+    def start(*names: str) -> subprocess.Popen[bytes]:
+        logs = [str(long_log.with_name(name)) for name in names]
+        options = ["-o", str(tmp_path / "out"), "--beams", "--jobs", "2"]
+        command = [sys.executable, "-m", "lidarcli", "detect", *logs, *options]
+        started.append(subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True))
+        return started[-1]
 
-    yield process, workers
-    process.kill()
-    process.communicate()
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 @pytest.mark.parametrize("later", [0.0, 0.1, 0.6])
-def test_interrupt(running: Any, tmp_path: Path, later: float) -> None:
+def test_an_interrupt_leaves_no_process(detect: Any, tmp_path: Path, later: float) -> None:
     """Ctrl-C reaches the whole group of processes: while workers come up, and while they work."""
-    process, workers = running
-    pids = workers(2)
+    process = detect("long.mcap", "other.mcap")
+    # Two workers and the tracker of resources.
+    pids = begun(process, descendants, 2)
     time.sleep(later)
     pids |= descendants(process.pid)
     os.killpg(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=20)
     assert (process.returncode, err.decode()) == (130, "lidarcli: interrupted\n")
-    assert list((tmp_path / "out").iterdir()) == []
+    assert [*(tmp_path / "out").glob("**/*")] == []
     assert gone(pids)
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
-def test_workers_end_with_their_parent(running: Any) -> None:
-    process, workers = running
-    pids = workers(2)
+@pytest.mark.parametrize("later", [0.0, 0.01, 0.1, 0.6])
+@pytest.mark.parametrize(
+    ("number", "code", "said"), [("SIGINT", 130, "interrupted"), ("SIGTERM", -15, "terminated")]
+)
+def test_an_interrupt_while_threads_help(
+    detect: Any, tmp_path: Path, later: float, number: str, code: int, said: str
+) -> None:
+    process = detect("long.mcap")
+    begun(process, threads, 3)
+    time.sleep(later)
+    process.send_signal(signal.Signals[number])
+    _, err = process.communicate(timeout=20)
+    assert (process.returncode, err.decode()) == (code, f"lidarcli: {said}\n")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_workers_end_with_their_parent(detect: Any) -> None:
+    process = detect("long.mcap", "other.mcap")
+    pids = begun(process, descendants, 3)
     time.sleep(0.5)
-    opened = [Path(fd).resolve() for fd in Path(f"/proc/{process.pid}/fd").iterdir()]
-    (shared,) = {path for path in opened if path.name.startswith("lidarcli-")}
-    assert shared.exists()
     process.kill()
     assert gone(pids)
-    assert not shared.exists()
 
 
 # --- when it pays -----------------------------------------------------------------------------------------
 
 
 def _none_wanted(*arguments: object) -> None:
-    raise AssertionError("a process was started")
+    raise AssertionError("help was called for")
 
 
-def test_short_logs_start_no_process(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_short_logs_need_no_help(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "start", _none_wanted)
-    options = DetectOptions(jobs=8)
+    monkeypatch.setattr(splitting, "Beside", _none_wanted)
+    options = DetectOptions(jobs=8, cores=8)
     outcomes = list(detect_files([source, replace(source, name="again")], tmp_path, options))
     assert [outcome.exit_code for outcome in outcomes] == [3, 3]
 
@@ -373,39 +297,39 @@ def batch_of(sweeps: int, beams: int = 360) -> SweepBatch:
 
 @pytest.mark.parametrize(
     ("ahead", "counted", "calls"),
-    [(112_000, 100, True), (110_000, 100, False), (None, 100, False)],
+    [(18_600, 100, True), (18_500, 100, False), (None, 100, False)],
 )
-def test_workers_are_called_for_what_lies_ahead(
+def test_threads_are_called_for_what_lies_ahead(
     monkeypatch: pytest.MonkeyPatch, ahead: int | None, counted: int, calls: bool
 ) -> None:
-    """12,000,000 ranges are 111,111 sweeps of 108 beams, as a hundred that were read had them."""
-    monkeypatch.setattr(processes, "start", _none_wanted)
+    """2,000,000 ranges are 18,519 sweeps of 108 beams, as a hundred that were read had them."""
+    monkeypatch.setattr(splitting, "Beside", _none_wanted)
     stand_in, recipe = reading(iter([batch_of(30)]), ahead, counted)
     with Splitting(stand_in, recipe, 2) as work:
         if calls:
-            with pytest.raises(AssertionError, match="a process was started"):
+            with pytest.raises(AssertionError, match="help was called for"):
                 list(work.parts(None))
         else:
             assert len(list(work.parts(None))) == 1
 
 
 def test_of_a_pipe_what_lies_behind_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "start", _none_wanted)
-    monkeypatch.setattr(parts_split, "ALONE", 100_000)
+    monkeypatch.setattr(splitting, "Beside", _none_wanted)
+    monkeypatch.setattr(splitting, "ALONE", 100_000)
     # Nothing is waited for, however busy the machine is.
     monkeypatch.setattr(Splitting, "_timed", lambda self, batches: ((batch, 0.0) for batch in batches))
     stand_in, recipe = reading(iter([batch_of(256)] * 2))
     with Splitting(stand_in, recipe, 2) as work:
         parts = work.parts(None)
         next(parts)
-        with pytest.raises(AssertionError, match="a process was started"):
+        with pytest.raises(AssertionError, match="help was called for"):
             next(parts)
 
 
 def test_a_live_source_is_not_kept_waiting(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every batch that was long in coming is out before the next one is asked for."""
-    monkeypatch.setattr(parts_split, "PATIENCE", 0.05)
-    monkeypatch.setattr(parts_split, "BLOCK", 10**9)
+    monkeypatch.setattr(splitting, "PATIENCE", 0.05)
+    monkeypatch.setattr(splitting, "BLOCK", 10**9)
     asked = Counter[str]()
 
     def slowly() -> Iterator[SweepBatch]:
@@ -438,9 +362,9 @@ def test_parts_keep_their_order(eager: Seen) -> None:
 
 
 def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A worker that stands still holds up the others once enough is waiting for it."""
-    monkeypatch.setattr(parts_split, "WINDOW", 2)
-    monkeypatch.setattr(parts_workers, "DEPTH", 1)
+    """A thread that stands still holds up the others once enough is waiting for it."""
+    monkeypatch.setattr(splitting, "MOST_WAITING", 2)
+    monkeypatch.setattr(splitting, "DEPTH", 1)
     read = 0
 
     def batches() -> Iterator[SweepBatch]:
@@ -453,9 +377,18 @@ def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.Monke
     with Splitting(stand_in, recipe, 2) as work:
         parts = work.parts(None)
         next(parts)
-        monkeypatch.setattr(Helpers, "settle", lambda self: None)
+        make = work._maker.make
+
+        def slowly(batches: list[SweepBatch]) -> Part:
+            deadline = time.monotonic() + 30
+            while threading.current_thread() is not threading.main_thread() and len(work._line) < 5:
+                assert time.monotonic() < deadline
+                time.sleep(0.001)
+            return make(batches)
+
+        monkeypatch.setattr(work._maker, "make", slowly)
         next(parts)
-        # One at work in the worker, four behind it, and the one that was too many.
+        # The first, then one at work in the thread, and four behind it.
         assert read == 6
 
 
@@ -475,17 +408,20 @@ def test_logs_at_the_same_time(
     sizes: list[int], jobs: int, expected: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Source, "size", property(lambda source: int(source.path)))
-    assert many._at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs) == expected
+    assert (
+        detecting_logs._at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs)
+        == expected
+    )
 
 
 def test_processes_are_shared_between_logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def side_by_side(sources: Any, folder: Path, options: DetectOptions, jobs: int) -> Iterator[Any]:
-        asked.append((jobs, options.jobs))
+    def side_by_side(sources: Any, work: Any, jobs: int) -> Iterator[Any]:
+        asked.append((jobs, work.keywords["options"].jobs))
         return iter(sources)
 
-    monkeypatch.setattr("lidarcli.pipeline.workers.side_by_side", side_by_side)
+    monkeypatch.setattr("lidarcli.pipeline.running.side_by_side.side_by_side", side_by_side)
     sources = [Source(f"fifo{k}", f"log{k}") for k in range(3)]
     for jobs in (2, 3, 8):
         list(detect_files(sources, tmp_path, DetectOptions(jobs=jobs)))
@@ -512,4 +448,4 @@ def test_maker_counts_as_the_whole_run_does(source: Source) -> None:
         ("objects", "/scan", 4),
         ("sweeps", "/scan", 4),
     ]
-    assert (part.found.objects, part.found.by_set["O"], part.counted) == (7, 140, None)
+    assert (part.found.objects, part.found.by_set["O"]) == (7, 140)

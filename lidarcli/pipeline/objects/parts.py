@@ -1,21 +1,21 @@
-"""The parts of a log: batches in, rows of the tables out. All that a worker process has to know."""
+"""The parts of a log: batches in, rows of the tables out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
 from lidarcli.formalism import Parameters
-from lidarcli.pipeline.finding import finder
-from lidarcli.pipeline.summary import RunSummary
+from lidarcli.pipeline.objects.finders import finder
+from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 _ROWS = {"objects": objects_rows, "sweeps": sweeps_rows, "beams": beams_rows}
 
@@ -39,25 +39,23 @@ class Part:
     """(table, topic, rows), for each table in the order of the log."""
     found: RunSummary = field(default_factory=RunSummary)
     """Its objects, counted."""
-    counted: Any = None
-    """What the finder of another process has counted on the way."""
 
 
 class Maker:
-    """Makes parts by a recipe; one per process."""
+    """Makes parts by a recipe, in any order and in several threads at once."""
 
-    def __init__(self, recipe: Recipe, helping: bool = False) -> None:
-        self.recipe = recipe
-        self.find = finder(recipe.parameters, recipe.background, helping)
+    def __init__(self, recipe: Recipe) -> None:
+        self._recipe = recipe
+        self.find = finder(recipe.parameters, recipe.background)
 
     def make(self, batches: Sequence[SweepBatch]) -> Part:
         """The rows of some batches."""
         part = Part()
-        tables = self.recipe.tables
+        tables = self._recipe.tables
         for batch in batches:
             detection = self.find(batch, "beams" in tables)
             part.found.add_objects(detection)
             part.rows += [
-                (table, batch.topic, _ROWS[table](self.recipe.log, batch, detection)) for table in tables
+                (table, batch.topic, _ROWS[table](self._recipe.log, batch, detection)) for table in tables
             ]
         return part

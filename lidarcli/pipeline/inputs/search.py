@@ -7,63 +7,19 @@ import os
 import stat
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2_folder import is_bag
-from lidarcli.pipeline.opening import hold_one_sweep_each
+from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
+from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
 
-STDIN = "-"
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd")
 """What a search of a folder takes for a log; a file that is named is opened whatever its suffix."""
 
 _CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt")
 _WRAPPER = (".gz", ".zstd", ".active")
-
-
-@dataclass(frozen=True, slots=True)
-class Source:
-    """One log to read: where it is, and its name, which outputs carry (`run`, or `trip/run` below a folder)."""
-
-    path: str
-    name: str
-    files: tuple[str, ...] = ()
-    """The files of a log that a pattern names, one sweep each."""
-
-    @property
-    def label(self) -> str:
-        """How messages call it: as the user wrote it."""
-        return "standard input" if self.is_stdin else self.path
-
-    @property
-    def is_stdin(self) -> bool:
-        """Whether it is the standard input of this process."""
-        return self.path == STDIN
-
-    @property
-    def size(self) -> int:
-        """Bytes on disk; 0 where unknown."""
-        path = Path(self.path)
-        try:
-            files = [Path(file) for file in self.files] or ([*path.iterdir()] if path.is_dir() else [path])
-            return sum(file.stat().st_size for file in files if file.is_file())
-        except OSError:
-            return 0
-
-
-@dataclass(frozen=True, slots=True)
-class Nothing:
-    """An input in which there is no log to open, and why."""
-
-    path: str
-    error: UnreadableError
-
-    @property
-    def label(self) -> str:
-        """How messages call it: as the user wrote it."""
-        return self.path
 
 
 def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:

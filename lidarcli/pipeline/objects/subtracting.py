@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ class BackgroundOptions:
         }
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Seen:
     """What became of the sweeps of one frame."""
 
@@ -97,8 +98,7 @@ class Subtracting:
     A threshold in metres is the least difference from the background; discontinuities are found as without one.
     """
 
-    def __init__(self, options: BackgroundOptions, parameters: Parameters, helping: bool = False) -> None:
-        """`helping`: another one has admitted all batches, in the order of the log."""
+    def __init__(self, options: BackgroundOptions, parameters: Parameters) -> None:
         threshold = parameters.threshold
         fixed = None if isinstance(threshold, str) else float(threshold)
         if fixed is not None:
@@ -107,7 +107,6 @@ class Subtracting:
             )
         self._options = options
         self._parameters = parameters
-        self._helping = helping
         self._tolerance = Tolerance(
             threshold=fixed,
             distance=options.distance,
@@ -117,50 +116,36 @@ class Subtracting:
         )
         self._prepared: dict[int, Subtraction] = {}
         self._chosen: dict[tuple[str, str], Subtraction] = {}
+        self._counting = Lock()
         self._seen: dict[str, _Seen] = {}
         self._changes = np.zeros(2, np.int64)
 
     def admit(self, batch: SweepBatch) -> None:
         """Refuse the first batch of a frame that the background does not know or that looks elsewhere."""
-        for code in np.unique(batch.frame).tolist():
-            frame = batch.frame_ids[code]
-            if (batch.topic, frame) not in self._chosen:
-                self._subtraction(batch.rows(np.flatnonzero(batch.frame == code)), frame)
+        if not all((batch.topic, frame) in self._chosen for frame in batch.frame_ids):
+            for frame, _, mine in batch.by_frame():
+                self._subtraction(mine, frame)
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
         """The objects of a batch."""
         sigma = noise(batch)
         found = changes(batch, self.difference(batch, sigma), self._parameters, sigma, per_beam=per_beam)
         if found.change is not None:
-            self._changes += np.bincount(found.change[found.change >= 0], minlength=2)
+            counts = np.bincount(found.change[found.change >= 0], minlength=2)
+            with self._counting:
+                self._changes += counts
         return found
 
     def difference(self, batch: SweepBatch, sigma: np.ndarray[Any, np.dtype[np.float64]]) -> Difference:
         """r_w - r_e of a batch, whose sweeps may come from several frames."""
         parts: list[tuple[Int64, Difference]] = []
-        for code in np.unique(batch.frame).tolist():
-            rows = np.flatnonzero(batch.frame == code)
-            mine = batch if len(rows) == len(batch) else batch.rows(rows)
-            frame = batch.frame_ids[code]
+        for frame, rows, mine in batch.by_frame():
             part = self._subtraction(mine, frame).difference(mine, sigma[rows])
             self._count(frame, mine, part)
             parts.append((rows, part))
         if len(parts) == 1:
             return parts[0][1]
         return assemble(nothing_known(batch), parts)
-
-    def take(self) -> tuple[dict[str, _Seen], Int64]:
-        """What has been counted and not yet handed over."""
-        counted = self._seen, self._changes
-        self._seen, self._changes = {}, np.zeros(2, np.int64)
-        return counted
-
-    def add(self, counted: tuple[dict[str, _Seen], Int64]) -> None:
-        """Count what another one has counted."""
-        frames, found = counted
-        self._changes = self._changes + found
-        for frame, seen in frames.items():
-            self._seen[frame] = seen.plus(self._seen.get(frame, _Seen()))
 
     def notes(self) -> list[str]:
         """What was found, and what could not be compared, a line each."""
@@ -191,24 +176,26 @@ class Subtracting:
         if key not in self._chosen:
             index = choose_sensor(self._options, batch.topic, frame)
             sensor = self._options.sensors[index]
-            if not self._helping:
-                _refuse_apart(self._options.name, sensor, batch, frame)
+            _refuse_apart(self._options.name, sensor, batch, frame)
             self._chosen[key] = self._prepared.setdefault(index, Subtraction(sensor, self._tolerance))
         return self._chosen[key]
 
     def _count(self, frame: str, batch: SweepBatch, part: Difference) -> None:
-        seen = self._seen.setdefault(frame, _Seen())
         lost = part.station < 0
-        seen.sweeps += len(batch)
-        seen.without_station += int(np.count_nonzero(lost))
-        seen.without_pose += int(np.count_nonzero(lost & np.isinf(part.away)))
-        seen.nearest = min(seen.nearest, float(part.away[lost].min(initial=np.inf)))
         valid = (batch.status == Status.VALID) & ~lost[:, None]
-        seen.ranges += int(np.count_nonzero(valid))
-        seen.without_background += int(np.count_nonzero(valid & ~part.known))
         with np.errstate(invalid="ignore"):
             behind = np.isfinite(part.r_e) & (part.difference > BEHIND)
-        seen.differing += int(np.count_nonzero(valid & part.known & (part.appeared | behind)))
+        seen = _Seen(
+            sweeps=len(batch),
+            without_station=int(np.count_nonzero(lost)),
+            without_pose=int(np.count_nonzero(lost & np.isinf(part.away))),
+            nearest=float(part.away[lost].min(initial=np.inf)),
+            ranges=int(np.count_nonzero(valid)),
+            without_background=int(np.count_nonzero(valid & ~part.known)),
+            differing=int(np.count_nonzero(valid & part.known & (part.appeared | behind))),
+        )
+        with self._counting:
+            self._seen[frame] = seen.plus(self._seen.get(frame, _Seen()))
 
 
 def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:

@@ -2,40 +2,34 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.sweeps import SweepBatch
 
 if TYPE_CHECKING:
-    from lidarcli.pipeline.subtracting import BackgroundOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 
 class Finder(Protocol):
-    """Finds the objects of batches, in any order; counts what a user should know."""
+    """Finds the objects of batches, in any order and in several threads at once; counts what a user should know."""
 
     def admit(self, batch: SweepBatch) -> None:
-        """Refuse a batch for which it cannot be used; asked in the order of the log, by one process."""
+        """Refuse a batch for which it cannot be used; asked in the order of the log, before anything is found in it."""
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection: ...
-
-    def take(self) -> Any:
-        """What it has counted and not yet handed over, for the finder of another process."""
-
-    def add(self, counted: Any) -> None:
-        """Count what another one has counted."""
 
     def notes(self) -> list[str]:
         """What a user should know of it in the end, a line each."""
 
 
-def finder(parameters: Parameters, background: BackgroundOptions | None, helping: bool = False) -> Finder:
-    """Each sweep by itself, or what differs from a background; `helping` one that admits every batch."""
+def finder(parameters: Parameters, background: BackgroundOptions | None) -> Finder:
+    """Each sweep by itself, or what differs from a background."""
     if background is None:
         return _Alone(parameters)
-    from lidarcli.pipeline.subtracting import Subtracting
+    from lidarcli.pipeline.objects.subtracting import Subtracting
 
-    return Subtracting(background, parameters, helping)
+    return Subtracting(background, parameters)
 
 
 class _Alone:
@@ -49,12 +43,6 @@ class _Alone:
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
         return detect(batch, self._parameters, per_beam=per_beam)
-
-    def take(self) -> None:
-        """Nothing is counted."""
-
-    def add(self, counted: None) -> None:
-        """Nothing is counted."""
 
     def notes(self) -> list[str]:
         """Nothing."""

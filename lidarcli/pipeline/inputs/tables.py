@@ -11,12 +11,13 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
-from lidarcli.reports.columns import Source
+from lidarcli.reports.columns import Origin
 from lidarcli.tables import metadata
-from lidarcli.tables.reading import notes_of, parsed, read_batches, read_columns
+from lidarcli.tables.files import table_suffix
+from lidarcli.tables.reading import notes_of, parsed, read_columns, read_pieces
 from lidarcli.tables.schemas import SCHEMAS
 
-OBJECTS, SWEEPS, BEAMS = ".objects.parquet", ".sweeps.parquet", ".beams.parquet"
+_OBJECTS, _SWEEPS, _BEAMS = map(table_suffix, ("objects", "sweeps", "beams"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,17 +30,17 @@ class Pair:
     @property
     def objects(self) -> Path:
         """The objects table."""
-        return Path(f"{self.stem}{OBJECTS}")
+        return Path(f"{self.stem}{_OBJECTS}")
 
     @property
     def sweeps(self) -> Path:
         """The sweeps table."""
-        return Path(f"{self.stem}{SWEEPS}")
+        return Path(f"{self.stem}{_SWEEPS}")
 
     @property
     def beams(self) -> Path:
         """The beams table; it need not be there."""
-        return Path(f"{self.stem}{BEAMS}")
+        return Path(f"{self.stem}{_BEAMS}")
 
 
 def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]]:
@@ -64,15 +65,15 @@ def _stems(text: str) -> list[Path]:
     path = Path(text)
     if path.is_dir():
         # Hidden folders hold what is still being written.
-        there = (file for file in path.rglob(f"*{OBJECTS}") if not _is_hidden(file.relative_to(path)))
+        there = (file for file in path.rglob(f"*{_OBJECTS}") if not _is_hidden(file.relative_to(path)))
         found = sorted(map(_stem, there))
         if not found:
-            raise UnreadableError(f"{text}: no *{OBJECTS} in this folder; write some with lidarcli detect")
+            raise UnreadableError(f"{text}: no *{_OBJECTS} in this folder; write some with lidarcli detect")
         return found
     if path.exists():
         return [_stem(path)]
     files = sorted(glob.glob(text)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
-    tables = [Path(file) for file in files if file.endswith((OBJECTS, SWEEPS, BEAMS))]
+    tables = [Path(file) for file in files if file.endswith((_OBJECTS, _SWEEPS, _BEAMS))]
     if not tables:
         why = "no tables match this pattern" if glob.has_magic(text) else "no such file or folder"
         raise UnreadableError(f"{text}: {why}")
@@ -84,10 +85,10 @@ def _is_hidden(path: Path) -> bool:
 
 
 def _stem(path: Path) -> Path:
-    for suffix in (OBJECTS, SWEEPS, BEAMS):
+    for suffix in (_OBJECTS, _SWEEPS, _BEAMS):
         if path.name.endswith(suffix):
             return path.with_name(path.name.removesuffix(suffix))
-    raise UnreadableError(f"{path}: not a table of lidarcli detect (<log>{OBJECTS} or <log>{SWEEPS})")
+    raise UnreadableError(f"{path}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})")
 
 
 def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
@@ -100,14 +101,14 @@ def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
     return read_columns(path, kind, SCHEMAS[kind], columns)
 
 
-def source_of(pair: Pair, sweeps: pa.Table) -> Source:
+def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
     """What the sweeps table says of the log; another program that wrote it may have left that out."""
     notes = notes_of(sweeps)
     origin = _value(notes, metadata.SOURCE, dict)
     size = origin.get("size")
     # The name of the log as its rows have it: with its place below the folder that was given.
     log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else pair.stem.name
-    return Source(
+    return Origin(
         label=str(pair.objects),
         log=log,
         format=str(origin.get("format", "")),
@@ -120,7 +121,7 @@ def source_of(pair: Pair, sweeps: pa.Table) -> Source:
 
 def batches(pair: Pair, columns: list[str]) -> Iterator[pa.RecordBatch]:
     """Columns of the beams table piece by piece: it may be large."""
-    return read_batches(pair.beams, "beams", SCHEMAS["beams"], columns)
+    return read_pieces(pair.beams, "beams", SCHEMAS["beams"], columns)
 
 
 def _value(notes: dict[str, str], key: str, kind: type) -> Any:

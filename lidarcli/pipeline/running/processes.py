@@ -7,24 +7,22 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
-from pathlib import Path
 from types import FrameType
-from typing import Any
 
 
-def start(
-    count: int, initializer: Callable[..., None], *arguments: Any
-) -> tuple[ProcessPoolExecutor, list[Future[None]]]:
-    """A pool of `count` processes that are on their way up, and futures of which one is done when one of them is."""
+def start(count: int, initializer: Callable[[], object]) -> ProcessPoolExecutor:
+    """A pool of `count` processes that are on their way up."""
     # A fork of a process with threads (progress bar, Arrow) may hang; a spawned process cannot.
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer, initargs=arguments)
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer)
     try:
         with _signals_held():
-            return pool, [pool.submit(_up) for _ in range(count)]
+            for _ in range(count):
+                pool.submit(_up)
+        return pool
     except BaseException:
         stop(pool)
         raise
@@ -46,22 +44,20 @@ def stop(pool: ProcessPoolExecutor) -> None:
     pool.shutdown(cancel_futures=True)
 
 
-def obey_the_parent(left_behind: str | None = None) -> None:
-    """In a worker: ctrl-C is for the parent, which says when to stop. So does its end; remove a file that it left."""
+def obey_the_parent() -> None:
+    """In a worker: ctrl-C is for the parent, which says when to stop. So does its end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_follow, args=(left_behind,), daemon=True).start()
+    threading.Thread(target=_follow, daemon=True).start()
 
 
 def _up() -> None:
     """What a worker does first."""
 
 
-def _follow(left_behind: str | None) -> None:
+def _follow() -> None:
     """Wait for the end of the parent, whatever ended it: a worker without one would wait for work for ever."""
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
-        if left_behind is not None:
-            Path(left_behind).unlink(missing_ok=True)
         os.kill(os.getpid(), signal.SIGTERM)
 
 

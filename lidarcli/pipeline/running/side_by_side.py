@@ -9,13 +9,11 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
-from pathlib import Path
 
-from lidarcli.pipeline import processes
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs import Nothing, Source
-from lidarcli.pipeline.many import INTERNAL_ERROR, Outcome, outcome_of
-from lidarcli.pipeline.memory import keep_freed_memory
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.running import processes
+from lidarcli.pipeline.running.memory import keep_freed_memory
+from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
 
 _working = False
 """Whether this worker process is busy with a log (set in workers only)."""
@@ -25,10 +23,8 @@ class _Stopped(BaseException):
     """The parent wants this worker to end: unwinds through the writers, which remove their unfinished files."""
 
 
-def side_by_side(
-    sources: Sequence[Source | Nothing], folder: Path, options: DetectOptions, jobs: int
-) -> Iterator[Outcome]:
-    """Outcomes in the order of `sources`, from `jobs` worker processes.
+def side_by_side(sources: Sequence[Source | Nothing], work: Work, jobs: int) -> Iterator[Outcome]:
+    """What becomes of `work` for each of `sources`, in their order, from `jobs` worker processes.
 
     No more logs are handed out than there are workers, so that only these are done again when a worker dies.
     """
@@ -41,14 +37,14 @@ def side_by_side(
             while turn not in done:
                 try:
                     while waiting and len(running) < jobs:
-                        running[waiting[0]] = pool.submit(_work, sources[waiting[0]], folder, options)
+                        running[waiting[0]] = pool.submit(_do, work, sources[waiting[0]])
                         waiting.popleft()
                     _collect(running, done)
                 except BrokenProcessPool:
                     wait(running.values())
                     _collect_whole(running, done)
                     for index in sorted(running):
-                        done[index] = _again(sources[index], folder, options)
+                        done[index] = _again(work, sources[index])
                     running.clear()
                     pool.shutdown()
                     pool = _pool(jobs)
@@ -73,11 +69,11 @@ def _collect_whole(running: dict[int, Future[Outcome]], done: dict[int, Outcome]
         done[index] = running.pop(index).result()
 
 
-def _again(source: Source | Nothing, folder: Path, options: DetectOptions) -> Outcome:
+def _again(work: Work, source: Source | Nothing) -> Outcome:
     """Do one log again, alone in a fresh pool, after a worker died."""
     pool = _pool(1)
     try:
-        outcome = pool.submit(_work, source, folder, options).result()
+        outcome = pool.submit(_do, work, source).result()
     except BrokenProcessPool:
         error = (
             "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
@@ -91,8 +87,7 @@ def _again(source: Source | Nothing, folder: Path, options: DetectOptions) -> Ou
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    pool, _ = processes.start(jobs, _be_a_worker)
-    return pool
+    return processes.start(jobs, _be_a_worker)
 
 
 def _be_a_worker() -> None:
@@ -110,12 +105,12 @@ def _leave(number: int, frame: object) -> None:
     raise _Stopped
 
 
-def _work(source: Source | Nothing, folder: Path, options: DetectOptions) -> Outcome:
+def _do(work: Work, source: Source | Nothing) -> Outcome:
     """One log, in a worker process."""
     global _working
     _working = True
     try:
-        return outcome_of(source, lambda log: detect_to_files(log, folder, options))
+        return outcome_of(source, work)
     except _Stopped:
         os._exit(1)
     finally:

@@ -1,0 +1,18 @@
+"""What a user may choose, for commands that tell of it before they import the work."""
+
+from __future__ import annotations
+
+import math
+
+VIEWS = ("all", "scene", "sweep", "difference", "polar")
+"""What a picture of a sweep shows."""
+IMAGES = (".png", ".svg", ".pdf")
+"""Suffixes of pictures."""
+ANIMATIONS = (".gif", ".mp4")
+"""Suffixes of moving pictures."""
+STATION_DISTANCE = 0.25
+"""Sweeps up to this far from a station [m] belong to it, by default …"""
+STATION_DEGREES = 5.0
+"""… if their heading differs by no more than this [degrees]."""
+STATION_ANGLE = math.radians(STATION_DEGREES)
+"""The same in radians."""

@@ -1,0 +1,78 @@
+"""What becomes of each of several logs: one bad log never stops the rest."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from lidarcli.errors import LidarcliError, UnreadableError
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.reading.summary import RunSummary
+
+INTERNAL_ERROR = 70
+
+LogProgress = Callable[[Source, int], None]
+"""Progress: the log, and the position in it [bytes]."""
+
+Work = Callable[[Source], RunSummary]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one input."""
+
+    label: str
+    """The input as the user wrote it, or the log found below it."""
+    exit_code: int
+    summary: RunSummary | None = None
+    error: str | None = None
+    trace: str | None = None
+    """Traceback of an internal error."""
+    remark: str | None = None
+    """What happened on the way and was mended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Why there is no result for one input."""
+
+    error: str
+    exit_code: int
+    trace: str | None = None
+
+
+def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failure:
+    """Do the work for one input, and turn what goes wrong into a `Failure` so that the others go on."""
+    if isinstance(source, Nothing):
+        return Failure(str(source.error), source.error.exit_code)
+    try:
+        return work(source)
+    except LidarcliError as err:
+        return Failure(str(err).removeprefix(f"{source.path}: "), err.exit_code)
+    except BrokenPipeError:
+        raise
+    except OSError as err:
+        return Failure(err.strerror or str(err), UnreadableError.exit_code)
+    except Exception as err:
+        return Failure(f"internal error: {type(err).__name__}: {err}", INTERNAL_ERROR, traceback.format_exc())
+
+
+def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
+    """The outcome of the work for one input."""
+    result = attempt(source, work)
+    if isinstance(result, Failure):
+        return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace)
+    return Outcome(source.label, result.exit_code, summary=result)
+
+
+def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
+    """What is told of the progress of one log."""
+    return None if report is None else lambda position: report(source, position)
+
+
+def exit_code(codes: Iterable[int]) -> int:
+    """The exit code of a run over several logs: the first that is not zero."""
+    return next((code for code in codes if code), 0)
