@@ -9,8 +9,8 @@ from pathlib import Path
 
 _FORMALISM = Path(__file__).parent / "formalism"
 MISSING = (
-    "the compiled core is missing, so the detection takes some 200 times as long; "
-    "to get it, install a C compiler and then lidarcli again: pip install --force-reinstall --no-deps lidarcli"
+    "the detection is not compiled and takes a hundred times as long; "
+    "install a C compiler, then lidarcli again (docs/performance.md)"
 )
 
 
@@ -20,8 +20,13 @@ def is_wanted() -> bool:
 
 
 def is_there() -> bool:
-    """Whether it was built."""
+    """Whether it was built for this Python."""
     return any((_FORMALISM / f"core{suffix}").exists() for suffix in EXTENSION_SUFFIXES)
+
+
+def about_version() -> str:
+    """What `--version` says of it after the number."""
+    return "" if is_wanted() and is_there() else " (the detection is not compiled)"
 
 
 def use_source() -> None:

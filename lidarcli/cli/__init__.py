@@ -10,6 +10,7 @@ from importlib import import_module
 
 import click
 
+from lidarcli import compiled
 from lidarcli._version import __version__
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import LidarcliError, OutputError
@@ -44,7 +45,9 @@ class LazyCommands(click.Group):
 )
 @click.option("-v", "--verbose", is_flag=True, help="Say more on stderr.")
 @click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")
-@click.version_option(__version__, prog_name="lidarcli", message="%(prog)s %(version)s")
+@click.version_option(
+    __version__ + compiled.about_version(), prog_name="lidarcli", message="%(prog)s %(version)s"
+)
 @click.pass_context
 def cli(ctx: click.Context, verbose: bool, quiet: bool) -> None:
     """From a 2D LiDAR log to a table of objects, without a running ROS system.

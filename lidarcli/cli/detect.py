@@ -206,6 +206,7 @@ def _detect(
     from lidarcli.pipeline.running.outcomes import exit_code
 
     keep_freed_memory()
+    say.of_missing_core()
     sources = find_logs(logs)
     if kind is None:
         refuse_clashes(sources)

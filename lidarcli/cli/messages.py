@@ -11,6 +11,7 @@ from typing import Protocol, TextIO
 
 import click
 
+from lidarcli import compiled
 from lidarcli.errors import OutputError
 
 
@@ -82,6 +83,11 @@ class Messages:
         """A line of a summary."""
         if not self.quiet:
             self.write(one_line(line))
+
+    def of_missing_core(self) -> None:
+        """Why a detection takes so long, and how to mend it; not to those who asked for it."""
+        if compiled.is_wanted() and not compiled.is_there():
+            self.info(f"lidarcli: {compiled.MISSING}")
 
     def detail(self, line: str) -> None:
         """What only some want to know."""

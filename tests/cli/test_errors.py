@@ -18,6 +18,7 @@ import pytest
 
 import lidarcli.cli
 from lidarcli.cli.messages import one_line
+from lidarcli.compiled import about_version
 from lidarcli.logs import open_log
 from lidarcli.pipeline import detecting
 from lidarcli.simulate.writers import write_log
@@ -330,7 +331,7 @@ def test_full_disk_is_one_line_and_leaves_no_file(logs: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "code", "out", "err"),
     [
-        (["--version"], 0, f"lidarcli {lidarcli.__version__}\n", ""),
+        (["--version"], 0, f"lidarcli {lidarcli.__version__}{about_version()}\n", ""),
         (["info", "nothing.mcap"], 3, "", "lidarcli: nothing.mcap: no such file or folder\n"),
         (["--nothing"], 2, "", None),
     ],

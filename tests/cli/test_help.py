@@ -12,6 +12,7 @@ import pytest
 
 import lidarcli as package
 from lidarcli.cli import COMMANDS, cli
+from lidarcli.compiled import about_version
 from lidarcli.formalism import Parameters
 from lidarcli.sweeps import RangeRules, parse_no_return
 
@@ -80,7 +81,7 @@ def test_commands_and_version(lidarcli: Run) -> None:
     assert [line.split()[0] for line in ran.out.split("Commands:\n")[1].split("\n\n")[0].splitlines()] == [
         *COMMANDS
     ]
-    assert lidarcli("--version").out == f"lidarcli {package.__version__}\n"
+    assert lidarcli("--version").out == f"lidarcli {package.__version__}{about_version()}\n"
 
 
 HEAVY = ("numpy", "pandas", "pyarrow", "mcap", "rosbags", "rich")
