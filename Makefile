@@ -2,7 +2,7 @@
 
 VENV ?= .venv
 BIN := $(VENV)/bin
-CORE := $(wildcard lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd)
+CORE := $(wildcard lidarcli/*.pxd lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd)
 BUILD := pyproject.toml setup.py $(CORE) $(CORE:.pxd=.py)
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # The first interpreter that is new enough.

@@ -22,9 +22,7 @@ FLAGS = (
 )
 
 sources = [
-    path.with_suffix(".py")
-    for path in sorted(Path("lidarcli/formalism").rglob("*.pxd"))
-    if path.stem != "native"
+    path.with_suffix(".py") for path in sorted(Path("lidarcli").rglob("*.pxd")) if path.stem != "native"
 ]
 modules = cythonize(
     [

@@ -8,10 +8,17 @@
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from lidarcli._version import __version__
+
+if "LIDARCLI_COMPILED" in os.environ:
+    from lidarcli import compiled
+
+    if not compiled.is_wanted():
+        compiled.use_source()
 
 if TYPE_CHECKING:
     from lidarcli import formalism

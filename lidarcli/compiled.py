@@ -7,7 +7,7 @@ import sys
 from importlib.machinery import EXTENSION_SUFFIXES, SOURCE_SUFFIXES, FileFinder, SourceFileLoader
 from pathlib import Path
 
-_FORMALISM = Path(__file__).parent / "formalism"
+_PACKAGE = Path(__file__).parent
 MISSING = (
     "the detection is not compiled and takes a hundred times as long; "
     "install a C compiler, then lidarcli again (docs/performance.md)"
@@ -21,7 +21,7 @@ def is_wanted() -> bool:
 
 def is_there() -> bool:
     """Whether it was built for this Python."""
-    return any((_FORMALISM / f"core{suffix}").exists() for suffix in EXTENSION_SUFFIXES)
+    return any((_PACKAGE / "formalism" / f"core{suffix}").exists() for suffix in EXTENSION_SUFFIXES)
 
 
 def about_version() -> str:
@@ -31,5 +31,5 @@ def about_version() -> str:
 
 def use_source() -> None:
     """Let the core's files be imported as they are written, whatever was built from them."""
-    for folder in (_FORMALISM, *(path for path in _FORMALISM.iterdir() if path.is_dir())):
+    for folder in {path.parent for path in _PACKAGE.rglob("*.pxd")}:
         sys.path_importer_cache[str(folder)] = FileFinder(str(folder), (SourceFileLoader, SOURCE_SUFFIXES))

@@ -6,13 +6,14 @@ beam count changes from turn to turn stay in one batch: short rows are padded, p
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli import ranges as _ranges
 from lidarcli.errors import OptionError
 from lidarcli.records import record
 
@@ -335,69 +336,28 @@ def judge(
     low, high : (S,) limits [m]
     words : what is no return
     """
-    rows, width = ranges.shape
-    clean = np.array(ranges, np.float32, order="C")
-    padding = None
-    if (beams < width).any():
-        padding = np.arange(width, dtype=np.int32) >= beams[:, None]
-    lost = ~_has_range(clean, low[:, None], high[:, None], words)
-    if padding is not None:
-        lost &= ~padding
-    # Few beams are lost, or none: only these are looked at again.
-    at = np.flatnonzero(lost)
-    status = np.zeros((rows, width), np.uint8)
-    if len(at):
-        row, flat = at // width, clean.reshape(-1)
-        status.reshape(-1)[at] = _status_without_range(flat[at], low[row], high[row], words)
-        flat[at] = np.nan
-    if padding is not None:
-        status[padding] = Status.PADDING
-        clean[padding] = np.nan
+    # Messages lie in a log as they like.
+    raw = np.require(ranges, np.float32, ["C", "A"])
+    clean, status = np.empty(raw.shape, np.float32), np.empty(raw.shape, np.uint8)
+    if raw.size:
+        verdicts = np.array([_verdict(word, words) for word in _KINDS], np.uint8)
+        most = np.nextafter(high, np.float32(-np.inf)) if "max" in words else high
+        _ranges.judge(raw, np.ascontiguousarray(beams, np.int32), low, most, high, verdicts, clean, status)
     return clean, status
 
 
-def _has_range(ranges: Float32, low: Float32, high: Float32, words: frozenset[str]) -> Bool:
-    """Which of (S, B) raw values are a range within the limits (S, 1)."""
-    with np.errstate(invalid="ignore"):
-        valid = ranges < high if "max" in words else ranges <= high
-        valid &= ranges >= low
-    return valid
+_KINDS = ("nan", "inf", "-inf", "negative", "zero", "below", "max", "above", "padding")
+"""What a value is that is no range, in the order of `ranges`."""
+_VERDICTS = {"-inf": Status.TOO_CLOSE, "below": Status.TOO_CLOSE, "padding": Status.PADDING}
+"""What such values say unless they are named as no return; all others are invalid."""
 
 
-def _status_without_range(value: Float32, low: Float32, high: Float32, words: frozenset[str]) -> UInt8:
-    """Status of the (K,) raw values that are no valid range."""
-    with np.errstate(invalid="ignore"):
-        nan = np.isnan(value)
-        inf = value == np.inf
-        zero = value == 0
-        negative = (value < 0) & (value != -np.inf)
-        below = (value > 0) & (value < low)
-        at_max = (value == high) & ~inf
-        above = (value > high) & ~inf
-    status = np.full(len(value), Status.INVALID, np.uint8)
-    status[below | (value == -np.inf)] = Status.TOO_CLOSE
-    kinds: Iterable[tuple[str, Bool]] = (
-        ("nan", nan),
-        ("inf", inf),
-        ("zero", zero),
-        ("negative", negative),
-        ("below", below),
-        ("max", at_max),
-        ("above", above),
-    )
-    for word, mask in kinds:
-        if word in words:
-            status[mask] = Status.NO_RETURN
-    return status
+def _verdict(kind: str, words: frozenset[str]) -> int:
+    return Status.NO_RETURN if kind in words else _VERDICTS.get(kind, Status.INVALID)
 
 
 def count_statuses(status: UInt8) -> Int32:
     """(5, S) beams of each row of (S, B) by `Status`."""
-    rows, width = status.shape
-    flat = status.reshape(-1)
-    # Most beams are valid: the few others are counted one by one. (Bytes compared with an enumeration would be widened.)
-    other = np.flatnonzero(flat != Status.VALID.value)
-    place = flat[other].astype(np.int64) * rows + other // max(1, width)
-    counts = np.bincount(place, minlength=len(Status) * rows).reshape(len(Status), rows)
-    counts[Status.VALID] = width - counts.sum(axis=0)
-    return counts.astype(np.int32)
+    counts = np.zeros((len(Status), len(status)), np.int32)
+    _ranges.count_statuses(np.ascontiguousarray(status), counts)
+    return counts

@@ -12,7 +12,7 @@ import lidarcli
 PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
-GROUND = {"_version", "choices", "errors"}
+GROUND = {"_version", "choices", "errors", "native"}
 CORE = GROUND | {"records", "sweeps"}
 MAY_IMPORT = {
     "errors": set[str](),
@@ -23,16 +23,18 @@ MAY_IMPORT = {
     "compiled": set[str](),
     "threads": set[str](),
     "records": set[str](),
-    "sweeps": {"errors", "records"},
+    "native": set[str](),
+    "ranges": {"native"},
+    "sweeps": {"errors", "ranges", "records"},
     "logs": CORE,
     "poses": CORE | {"logs"},
-    "formalism": CORE | {"compiled"},
+    "formalism": CORE,
     "tables": CORE | {"formalism", "newfiles", "threads"},
     "simulate": CORE | {"newfiles", "tables"},
     "reports": CORE | {"formalism", "tables"},
     "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports", "newfiles", "threads"},
     "cli": CORE | {"compiled", "interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline"},
-    "__init__": {"_version", "formalism", "pipeline"},
+    "__init__": {"_version", "compiled", "formalism", "pipeline"},
 }
 """Room → the rooms below it that it may import."""
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parent.parent
 REAL_LOGS = "LIDARCLI_REAL_LOGS"
 ENVIRONMENT = {**os.environ, "LIDARCLI_COMPILED": "no", "LIDARCLI_BOUNDS": "1"}
 WILD = """
-from lidarcli.formalism import native
+from lidarcli import native
 values = native.doubles([], 2)
 for index in (-1, 2):
     try:

@@ -10,11 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidarcli import compiled
-
-if not compiled.is_wanted():
-    compiled.use_source()
-
 from lidarcli.formalism.detect import detect, difference, noise
 from lidarcli.formalism.detection import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
 from lidarcli.formalism.parameters import PROFILES, Parameters

@@ -1,6 +1,6 @@
 cimport cython
 
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 from lidarcli.formalism.description cimport columns as tables
 from lidarcli.formalism.description cimport describe as descriptions
 from lidarcli.formalism.description cimport parts as assembly

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lidarcli.formalism import native
+from lidarcli import native
 from lidarcli.formalism.description import columns as tables
 from lidarcli.formalism.description import describe as descriptions
 from lidarcli.formalism.description import parts as assembly

@@ -1,6 +1,6 @@
 cimport libc.math as math
 
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 
 cdef Py_ssize_t REFINEMENTS
 cdef double LARGEST, INFINITY

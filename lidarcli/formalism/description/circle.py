@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli.formalism import native
+from lidarcli import native
 
 REFINEMENTS = 4
 """Gauss-Newton steps; the algebraic guess is near enough that more change nothing that matters."""

@@ -1,4 +1,4 @@
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 
 
 cdef class Columns:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism import native
+from lidarcli import native
 
 _WHOLE: dict[str, Any] = {"row": np.int64, "object": np.int32, "set": np.uint8, "shape": np.uint8}
 _WHOLE |= {"visibility": np.uint8, "beam_i": np.int32, "beam_f": np.int32, "beams": np.int32}

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 from lidarcli.formalism.description.columns cimport Columns
 from lidarcli.formalism.description.parts cimport Parts
 from lidarcli.formalism.surfaces cimport faces as surfaces

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli.formalism import detection, native
+from lidarcli import native
+from lidarcli.formalism import detection
 from lidarcli.formalism.description.columns import Columns
 from lidarcli.formalism.description.parts import Parts
 from lidarcli.formalism.surfaces import faces as surfaces

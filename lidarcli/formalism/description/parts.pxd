@@ -1,4 +1,4 @@
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 from lidarcli.formalism.surfaces.survey cimport Survey
 from lidarcli.formalism.sweep cimport points as sweep
 from lidarcli.formalism.sweep cimport segments as cuts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lidarcli.formalism import native
+from lidarcli import native
 from lidarcli.formalism.surfaces.survey import Survey
 from lidarcli.formalism.sweep import points as sweep
 from lidarcli.formalism.sweep import segments as cuts

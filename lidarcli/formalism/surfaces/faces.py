@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli.formalism import native
+from lidarcli import native
 from lidarcli.formalism.sweep.points import Points
 from lidarcli.formalism.sweep.segments import Segments
 

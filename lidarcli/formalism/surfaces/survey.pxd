@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 from lidarcli.formalism.surfaces cimport faces as surfaces
 from lidarcli.formalism.surfaces.faces cimport Faces
 from lidarcli.formalism.sweep cimport points as sweep

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli.formalism import native
+from lidarcli import native
 from lidarcli.formalism.surfaces import faces as surfaces
 from lidarcli.formalism.surfaces.faces import Faces
 from lidarcli.formalism.sweep import segments as cuts

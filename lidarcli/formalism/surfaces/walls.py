@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lidarcli.formalism import native
+from lidarcli import native
 from lidarcli.formalism.surfaces import survey as surveys
 from lidarcli.formalism.surfaces.faces import Faces
 from lidarcli.formalism.surfaces.survey import Survey

@@ -1,6 +1,6 @@
 cimport cython
 
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 from lidarcli.formalism.sweep cimport points as sweep
 from lidarcli.formalism.sweep.points cimport Points, Scans
 

@@ -10,7 +10,7 @@ import math
 import sys
 from typing import Any
 
-from lidarcli.formalism import native
+from lidarcli import native
 from lidarcli.formalism.sweep import points as sweep
 from lidarcli.formalism.sweep.points import Points, Scans
 

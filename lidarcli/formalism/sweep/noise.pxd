@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 from lidarcli.formalism.sweep cimport points
 from lidarcli.formalism.sweep.points cimport Scans
 

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli.formalism cimport native
+from lidarcli cimport native
 
 cdef long long NEVER
 cdef double NAN, TURN

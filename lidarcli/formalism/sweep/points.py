@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli import sweeps
-from lidarcli.formalism import native
+from lidarcli import native, sweeps
 
 NEVER = 1 << 40
 """Number of lost beams between a point and a predecessor that does not exist."""

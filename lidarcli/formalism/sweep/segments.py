@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lidarcli.formalism import native
+from lidarcli import native
 from lidarcli.formalism.sweep import points as sweep
 from lidarcli.formalism.sweep.breakpoints import Breakpoints
 from lidarcli.formalism.sweep.points import Points, Scans

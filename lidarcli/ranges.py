@@ -1,0 +1,81 @@
+"""The loops over raw ranges: which are one, and what the others say. `sweeps.normalise` alone calls them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lidarcli import native
+
+NAN, INFINITY = float("nan"), float("inf")
+IS_NAN, IS_INF, IS_MINUS_INF, IS_NEGATIVE, IS_ZERO, IS_BELOW, IS_MAX, IS_ABOVE, IS_PADDING = range(9)
+"""What a raw value is that is no range; `judge` is told the status of each."""
+
+
+def judge(
+    ranges: Any, beams: Any, low: Any, most: Any, limit: Any, verdicts: Any, clean: Any, status: Any
+) -> None:
+    """Judge the raw ranges of a batch of S sweeps with up to B beams.
+
+    Parameters
+    ----------
+    ranges, beams : (S, B) float32 raw values [m], and (S,) int32 how many of a row are some
+    low, most : (S,) float32 least and greatest range [m]
+    limit : (S,) float32 greatest value [m] that is not above all ranges, whether it is one or not
+    verdicts : (9,) uint8, the status of each kind of value that is no range
+    clean, status : (S, B) float32 and uint8 to write to: ranges, NaN where there is none, and statuses, 0 for a range
+    """
+    rows, width = ranges.shape
+    raw, counted = native.at_singles(ranges), native.at_ints(beams)
+    least, greatest, limits = native.at_singles(low), native.at_singles(most), native.at_singles(limit)
+    says, target, codes = native.at_bytes(verdicts), native.at_singles(clean), native.at_bytes(status)
+    lock = native.release()
+    for row in range(rows):
+        count = min(counted[row], width)
+        judge_row(raw, target, codes, row * width, count, least[row], greatest[row])
+        for k in range(row * width, row * width + count):
+            if codes[k]:
+                codes[k] = says[_kind(raw[k], least[row], limits[row])]
+        for k in range(row * width + count, row * width + width):
+            target[k] = NAN
+            codes[k] = says[IS_PADDING]
+    native.resume(lock)
+
+
+def judge_row(raw: Any, clean: Any, status: Any, begin: int, count: int, least: float, most: float) -> None:
+    """Copy the ranges of one sweep; of what is none, the status is 1."""
+    for k in range(begin, begin + count):
+        clean[k] = raw[k] if (raw[k] >= least) & (raw[k] <= most) else NAN
+    for k in range(begin, begin + count):
+        status[k] = (not raw[k] >= least) | (not raw[k] <= most)
+
+
+def _kind(value: float, least: float, limit: float) -> int:
+    """What a raw value is that is no range."""
+    if value != value:
+        return IS_NAN
+    if value <= 0.0:
+        if value == -INFINITY:
+            return IS_MINUS_INF
+        return IS_NEGATIVE if value < 0.0 else IS_ZERO
+    if value < least:
+        return IS_BELOW
+    if value == INFINITY:
+        return IS_INF
+    return IS_MAX if value == limit else IS_ABOVE
+
+
+def count_statuses(status: Any, counts: Any) -> None:
+    """Count the beams of each row of (S, B) uint8 by status, into (5, S) int32 that are 0."""
+    rows, width = status.shape
+    codes, out = native.at_bytes(status), native.at_ints(counts)
+    lock = native.release()
+    for row in range(rows):
+        valid = 0
+        for k in range(row * width, row * width + width):
+            valid += codes[k] == 0
+        out[row] = valid
+        if valid < width:
+            for k in range(row * width, row * width + width):
+                if codes[k]:
+                    out[codes[k] * rows + row] += 1
+    native.resume(lock)
