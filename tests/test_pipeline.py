@@ -55,22 +55,25 @@ class FakeLog:
         self, blocks: list[RawSweeps], topics: list[Topic] | None, damage: str | None = None
     ) -> None:
         self.path = "run.fake"
-        self.report = ReadReport()
+        self.position = 0
+        self.met = ReadReport()
+        """What a pass over the sweeps meets."""
         self._blocks = blocks
         self._topics = topics
         if damage:
-            self.report.add_damage("byte 99", damage)
+            self.met.add_damage("byte 99", damage)
 
     def topics(self) -> list[Topic] | None:
         return self._topics
 
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        report.add(self.met)
         for part in self._blocks:
-            self.report.bytes_read += 100
+            self.position += 100
             if topics is None or part.topic in topics:
                 yield part
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         yield from ()
 
     def close(self) -> None: ...
@@ -274,8 +277,8 @@ def test_damage_is_in_the_metadata_and_the_rest_in_the_tables(tmp_path: Path, op
 
 def test_messages_that_are_refused_count_as_damage(tmp_path: Path, opened: Opens) -> None:
     log = opened(block(), topics=[SCAN])
-    log.report.refused["/scan", "NaN geometry"] = 2000
-    log.report.refused["/rear", "NaN geometry"] = 1
+    log.met.refused["/scan", "NaN geometry"] = 2000
+    log.met.refused["/rear", "NaN geometry"] = 1
     summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
     assert (summary.sweeps, summary.exit_code) == (4, 3)
     assert summary.damage == [
@@ -461,7 +464,7 @@ def test_inspection(opened: Opens) -> None:
     wide = replace(block(sweeps=2, first=4, beams=361), angle_increment=np.full(2, 2 * np.pi / 360))
     odom = Topic("/odom", "nav_msgs/msg/Odometry", "cdr", 9)
     log = opened(block(), wide, topics=[replace(SCAN, messages=None), odom])
-    log.report.refused["/scan", "NaN geometry"] = 2
+    log.met.refused["/scan", "NaN geometry"] = 2
     info = inspect_log(SOURCE)
     assert info.exit_code == 3
     assert info.damage == ("topic /scan: 2 messages left out: NaN geometry",)
@@ -668,8 +671,10 @@ def test_a_part_of_a_bag_among_other_logs_makes_no_bag(tmp_path: Path) -> None:
     shutil.copytree(Path(__file__).parent.parent / "samples" / "hall", bag)
     for name in ("c.bag", "t.csv"):
         (bag / name).touch()
+    report = ReadReport()
     with open_log(bag) as log:
-        assert log.report.notes == ["no part of this bag, and not read: c.bag, t.csv"]
+        assert list(log.messages((), report)) == []
+        assert report.notes == ["no part of this bag, and not read: c.bag, t.csv"]
 
 
 def test_one_bad_log_of_several_is_warned_of_in_python(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from lidarcli.cli.options import (
     option,
     range_options,
     range_rules,
+    read_options,
     reading_options,
 )
 
@@ -111,17 +112,14 @@ def build(
     walk through the scene in up to 30 % of the sweeps. Several logs make one background.
     Where a log has poses, every place gets a background of its own.
     """
-    if start is not None and end is not None and not start < end:
-        raise click.UsageError(f"--start {start:g} is not before --end {end:g}")
     if figure and Path(figure).suffix.lower() not in IMAGES:
         raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")
-    rules = range_rules(no_return, limits)
+    read = read_options(topics, start, end, every, range_rules(no_return, limits))
     csv = csv_geometry(**geometry)
 
     from lidarcli.cli.background_text import learned_lines
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
-    from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.building import (
         Building,
         BuildOptions,
@@ -138,9 +136,7 @@ def build(
     refuse_output(path, sources, overwrite, [Path(figure)] if figure else [])
     building = Building(
         BuildOptions(
-            read=ReadOptions(
-                topics=frozenset(topics) if topics else None, start=start, end=end, every=every, rules=rules
-            ),
+            read=read,
             csv=csv,
             pose=pose,
             pose_delay=pose_delay,

@@ -23,6 +23,7 @@ from lidarcli.cli.options import (
     option,
     range_options,
     range_rules,
+    read_options,
     reading_options,
 )
 
@@ -149,16 +150,13 @@ def detect(
         raise click.UsageError("--beams writes a file: give -o DIR")
     if output != STDOUT and kind is not None:
         raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
-    if start is not None and end is not None and not start < end:
-        raise click.UsageError(f"--start {start:g} is not before --end {end:g}")
-    rules = range_rules(no_return, limits)
+    read = read_options(topics, start, end, every, range_rules(no_return, limits))
     geometry = csv_geometry(angle_min, angle_increment, fov, range_max, degrees, range_unit)
 
     if background is None and (removed or any_frame or distance is not None or angle is not None):
         raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
 
     from lidarcli.formalism import Parameters
-    from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.detecting import DetectOptions
 
     compared = None
@@ -177,9 +175,7 @@ def detect(
             parameters["max_width"] = math.inf
     options = DetectOptions(
         parameters=Parameters.for_profile(**parameters),
-        read=ReadOptions(
-            topics=frozenset(topics) if topics else None, start=start, end=end, every=every, rules=rules
-        ),
+        read=read,
         csv=geometry,
         pose=pose,
         pose_delay=pose_delay,

@@ -10,6 +10,7 @@ import click
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.batches import ReadOptions
     from lidarcli.sweeps import RangeRules
 
 OTHER = "Other"
@@ -274,6 +275,19 @@ def range_rules(
         raise click.BadParameter(f"{limits[0]:g} is not below {limits[1]:g}.", param_hint="'--range'")
     words, markers = no_return
     return RangeRules(no_return=words, markers=markers, limits=limits)
+
+
+def read_options(
+    topics: tuple[str, ...], start: float | None, end: float | None, every: int, rules: RangeRules
+) -> ReadOptions:
+    """`ReadOptions` from the options."""
+    from lidarcli.errors import OptionError
+    from lidarcli.logs.batches import ReadOptions
+
+    try:
+        return ReadOptions(frozenset(topics) or None, start, end, every, rules=rules)
+    except OptionError as err:
+        raise click.UsageError(str(err)) from err
 
 
 def csv_geometry(

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from lidarcli.cli.messages import Messages
+from lidarcli.logs.choice import no_scan_topic
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.many import Outcome
@@ -68,7 +69,7 @@ def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
     for line in run.damage:
         say.error(label, line)
     for topic in run.missing_topics:
-        say.error(label, f"no LaserScan topic {topic} in this log")
+        say.error(label, no_scan_topic([topic]))
 
 
 def _speed(run: RunSummary) -> str:

@@ -46,12 +46,12 @@ class CsvLog:
     def __init__(
         self, source: str | os.PathLike[str] | Paths | BinaryIO, options: CsvOptions | None = None
     ) -> None:
-        self.report = ReadReport()
         self._options = options or CsvOptions()
         self._files: list[Path] = []
         self._stream: BinaryIO | None = None
         self._once = False
         self._used = False
+        self._read = 0
         if isinstance(source, (str, os.PathLike)):
             self.path = os.fspath(source)
             if Path(self.path).is_dir():
@@ -65,9 +65,9 @@ class CsvLog:
             self.size: int | None = sum(file.stat().st_size for file in self._files if file.is_file())
             self._layout, self.compression = self._sniff_files()
         else:
-            text, self.size = self._open()
-            self.compression = text.compression
-            self._blocks = text.blocks()
+            self._text, self.size = self._open()
+            self.compression = self._text.compression
+            self._blocks = self._text.blocks()
             try:
                 self._head = _head(self._blocks)
                 self._layout = self._recognise(self._head)
@@ -77,23 +77,28 @@ class CsvLog:
         name = PER_SWEEP if self._files else self._layout.name
         self.format = f"csv ({name})"
         times = time_notes(unit for scan in self._layout.scans for unit in scan.units.values())
-        self.report.notes.append("; ".join([f"CSV layout: {name}", *self._layout.notes, *times]))
+        self._note = "; ".join([f"CSV layout: {name}", *self._layout.notes, *times])
 
     def topics(self) -> list[Topic] | None:
         """The scans that the columns hold; none in a table without ranges."""
         return [Topic(scan.topic, LASERSCAN, "csv") for scan in self._layout.scans]
 
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+    @property
+    def position(self) -> int:
+        """Where the last pass stands [bytes]."""
+        return self._read if self._files else self._text.position
+
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Blocks of sweeps in the order of the file."""
+        report.notes.append(self._note)
         if self._files:
             if topics is None or self._layout.scans[0].topic in topics:
-                self._forget()
-                yield from gather(self._sweeps_of_files())
+                yield from gather(self._sweeps_of_files(report))
             return
-        blocks = self._start_over()
+        blocks = self._start_over(report)
         if not any(topics is None or scan.topic in topics for scan in self._layout.scans):
             return
-        decoder = self._decoder(topics)
+        decoder = self._decoder(topics, report)
         for block in blocks:
             yield from map(self._stamped, decoder.feed(block))
         yield from map(self._stamped, decoder.finish())
@@ -103,8 +108,9 @@ class CsvLog:
         """Whether rows are beams, not sweeps."""
         return self._layout.angle >= 0
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Nothing: CSV holds no other messages."""
+        report.notes.append(self._note)
         return iter(())
 
     def close(self) -> None:
@@ -126,13 +132,13 @@ class CsvLog:
         stamp = np.full(len(block), stamp_of_name(Path(self.path).name), np.int64)
         return replace(block, stamp_ns=stamp, record_ns=stamp)
 
-    def _decoder(self, topics: Collection[str] | None) -> Decoder:
+    def _decoder(self, topics: Collection[str] | None, report: ReadReport) -> Decoder:
         layout = self._layout
         if self.is_long:
-            return LongDecoder(layout, self._options, self.report)
+            return LongDecoder(layout, self._options, report)
         if layout.listed:
-            return ListDecoder(layout, self._options, self.report, topics)
-        return WideDecoder(layout, self._options, self.report, topics)
+            return ListDecoder(layout, self._options, report, topics)
+        return WideDecoder(layout, self._options, report, topics)
 
     def _open(self) -> tuple[TextSource, int | None]:
         size = None
@@ -144,30 +150,27 @@ class CsvLog:
                     size = status.st_size
                 else:
                     self._once = True
-            return TextSource(self._stream, self.report, size), size
+            return TextSource(self._stream, size), size
         except OSError as err:
             raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
 
-    def _start_over(self) -> Iterator[Block]:
+    def _start_over(self, report: ReadReport) -> Iterator[Block]:
         """The blocks from the first one on; a stream has them once."""
-        if not self._used:
-            self._used = True
-            return chain(self._head, self._blocks)
-        if self._once:
-            raise UnreadableError(f"{self.path}: a stream can be read only once")
-        self.close()
-        self._forget()
-        return self._open()[0].blocks()
-
-    def _forget(self) -> None:
-        self.report.damage.clear()
-        self.report.refused.clear()
-        self.report.damage_more = self.report.bytes_read = 0
+        head, blocks = self._head, self._blocks
+        if self._used:
+            if self._once:
+                raise UnreadableError(f"{self.path}: a stream can be read only once")
+            self.close()
+            self._text, _ = self._open()
+            head, blocks = [], self._text.blocks()
+        self._used = True
+        self._text.report_to(report)
+        return chain(head, blocks)
 
     def _recognise(self, head: Sequence[Block]) -> Layout:
         if not head:
-            if self.report.damage:
-                raise UnreadableError(f"{self.path}: {self.report.damage[0].cause}")
+            if self._text.report.damage:
+                raise UnreadableError(f"{self.path}: {self._text.report.damage[0].cause}")
             raise UnreadableError(f"{self.path}: empty file")
         text = b"".join(block.text for block in head)
         if (other := other_format(text)) is not None:
@@ -192,21 +195,23 @@ class CsvLog:
                 error = error or err
         raise error or UnreadableError(f"{self.path}: no file in it")
 
-    def _sweeps_of_files(self) -> Iterator[RawSweeps]:
+    def _sweeps_of_files(self, report: ReadReport) -> Iterator[RawSweeps]:
         """The sweeps of file after file; a bad file is damage and no more."""
+        self._read = 0
         for file in self._files:
+            met = ReadReport()
             try:
                 with CsvLog(file, self._options) as log:
                     if not log.is_long:
                         raise UnreadableError(f"{file}: {log.format}, not one sweep (bearing, range)")
-                    found = list(log.scans())
+                    found = list(log.scans(None, met))
             except UnreadableError as err:
-                self.report.add_damage(file.name, str(err).removeprefix(f"{file}: "))
+                report.add_damage(file.name, str(err).removeprefix(f"{file}: "))
                 continue
-            self.report.bytes_read += log.report.bytes_read
-            self.report.refused.update(log.report.refused)
-            for damage in log.report.damage:
-                self.report.add_damage(f"{file.name}: {damage.place}", damage.cause)
+            self._read += log.position
+            # The note on the layout is that of all files.
+            met.notes.clear()
+            report.add(met, f"{file.name}: ")
             yield from found
 
 

@@ -43,12 +43,20 @@ class TextSource:
     `limit` bounds the bytes taken from the stream, so that a file that grows while it is read has an end.
     """
 
-    def __init__(self, stream: Readable, report: ReadReport, limit: int | None = None) -> None:
+    def __init__(self, stream: Readable, limit: int | None = None) -> None:
         self._stream = stream
-        self._report = report
+        self.report = ReadReport()
+        """What has been met since `report_to`, or before."""
+        self.position = 0
+        """Bytes taken from the stream."""
         self._left = limit
         self._first = self._read(FIRST_BLOCK)
         self.compression = "gzip" if self._first[:2] == b"\x1f\x8b" else "none"
+
+    def report_to(self, report: ReadReport) -> None:
+        """From now on damage goes to `report`, and what has been met so far first."""
+        report.add(self.report)
+        self.report = report
 
     def blocks(self) -> Iterator[Block]:
         """Blocks of lines: a small first one, to be recognised by, then larger ones."""
@@ -63,7 +71,7 @@ class TextSource:
         data = self._stream.read(size) if size else b""
         if self._left is not None:
             self._left -= len(data)
-        self._report.bytes_read += len(data)
+        self.position += len(data)
         return data
 
     def _chunks(self) -> Iterator[bytes]:
@@ -73,7 +81,7 @@ class TextSource:
             try:
                 chunk = self._read(_CHUNK)
             except OSError as err:
-                self._report.add_damage(f"byte {self._report.bytes_read}", f"reading failed: {err.strerror}")
+                self.report.add_damage(f"byte {self.position}", f"reading failed: {err.strerror}")
                 return
 
     def _gunzip(self, chunks: Iterator[bytes]) -> Iterator[bytes]:
@@ -89,7 +97,7 @@ class TextSource:
                 try:
                     piece = unpack.decompress(data, _CHUNK)
                 except zlib.error as err:
-                    place = f"compressed byte {self._report.bytes_read - len(data)}"
+                    place = f"compressed byte {self.position - len(data)}"
                     self._lost(place, f"gzip data is damaged ({err}); what follows is lost")
                     return
                 if piece:
@@ -101,16 +109,14 @@ class TextSource:
         if not fresh:
             if rest := unpack.flush():
                 yield rest
-            self._lost(
-                f"compressed byte {self._report.bytes_read}", "gzip data ends early; what follows is lost"
-            )
+            self._lost(f"compressed byte {self.position}", "gzip data ends early; what follows is lost")
 
     def _lost(self, place: str, cause: str) -> None:
         """Record what explains all other damage, also when there is more of that than is kept."""
-        if len(self._report.damage) >= ReadReport.MAX_DAMAGE:
-            self._report.damage.pop()
-            self._report.damage_more += 1
-        self._report.add_damage(place, cause)
+        if len(self.report.damage) >= ReadReport.MAX_DAMAGE:
+            self.report.damage.pop()
+            self.report.damage_more += 1
+        self.report.add_damage(place, cause)
 
     def _whole_lines(self, chunks: Iterator[bytes]) -> Iterator[Block]:
         """Cut chunks into blocks at line ends, and drop lines beyond `MAX_LINE`."""
@@ -142,7 +148,7 @@ class TextSource:
                 line += count
                 whole, size, target = [], 0, BLOCK
             if too_long:
-                self._report.add_damage(f"line {line}", f"longer than {MAX_LINE >> 20} MiB: skipped")
+                self.report.add_damage(f"line {line}", f"longer than {MAX_LINE >> 20} MiB: skipped")
                 tail, tail_size, skipping = [], 0, True
         if size + tail_size:
             end_of_file = [b"\n"] if tail else []

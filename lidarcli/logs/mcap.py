@@ -119,10 +119,10 @@ class McapLog:
     """An MCAP as a `Log`: a file by its path, or a binary stream that is read once, in order."""
 
     def __init__(self, source: str | Path | BinaryIO, name: str | None = None) -> None:
-        self.report = ReadReport()
         self.format = "mcap"
         self.compression = "none"
         self.size: int | None = None
+        self._opening = ReadReport()
         self._used = False
         self._unpacking = Unpacking()
         """What messages that are packed one by one may still unpack to."""
@@ -161,11 +161,16 @@ class McapLog:
             raise UnreadableError(f"{self.path}: {what}")
         if len(head) == len(MAGIC):
             raise UnreadableError(f"{self.path}: an MCAP of its magic alone, without a record")
-        self._summary: Summary | None = read_summary(self._source, self.report)
+        self._summary: Summary | None = read_summary(self._source, self._opening)
         self._catalogue = self._summary.catalogue if self._summary is not None else Catalogue()
         if self._summary is not None:
             kinds = dict.fromkeys(chunk.compression or "none" for chunk in self._summary.chunks)
             self.compression = "+".join(kinds) or "none"
+
+    @property
+    def position(self) -> int:
+        """Where the last pass stands [bytes]."""
+        return self._source.position
 
     def topics(self) -> list[Topic] | None:
         """All topics: from the summary, or by a pass over a file that has none; None for a stream."""
@@ -187,7 +192,7 @@ class McapLog:
         return [Topic(*topic, count if counts is not None else None) for topic, count in messages.items()]
 
     def _count(self) -> Counter[int]:
-        """Messages by channel, from the indexes of chunks where they are there; damage is met again when reading."""
+        """Messages by channel, from the indexes of chunks where they are there; reading meets the damage."""
         counts: Counter[int] = Counter()
 
         def skip(_place: int, index: Mapping[int, int]) -> bool:
@@ -201,7 +206,7 @@ class McapLog:
             counts.update(dict(zip(channels.tolist(), seen.tolist(), strict=True)))
         return counts
 
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Blocks of sweeps in file order within each topic."""
         decoders: list[_Columns | _OneByOne] = []
         numbers: dict[tuple[str, str, str, int], int] = {}
@@ -214,22 +219,22 @@ class McapLog:
             own_types = channel.schema_id if channel.message_encoding == "protobuf" else 0
             group = (channel.topic, type_name, channel.message_encoding, own_types)
             if group not in numbers:
-                decoder = self._decoder(key)
+                decoder = self._decoder(key, report)
                 if decoder is None:
                     return _UNWANTED
                 numbers[group] = len(decoders)
                 decoders.append(decoder)
             return numbers[group]
 
-        for number, rows in self._pass(choose):
+        for number, rows in self._pass(choose, report):
             yield from decoders[number].decode(rows)
         for decoder in decoders:
             yield from decoder.flush()
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Raw messages of the given types in file order."""
         known = self._catalogue
-        for _, rows in self._pass(lambda key: 0 if known.type(key) in types else _UNWANTED):
+        for _, rows in self._pass(lambda key: 0 if known.type(key) in types else _UNWANTED, report):
             kinds = {
                 key: (known.channels[key].topic, known.type(key), known.channels[key].message_encoding)
                 for key in np.unique(rows.channel).tolist()
@@ -240,7 +245,7 @@ class McapLog:
                 if plain is not None:
                     yield Message(*kinds[key], log_ns, plain)
 
-    def _decoder(self, key: int) -> _Columns | _OneByOne | None:
+    def _decoder(self, key: int, report: ReadReport) -> _Columns | _OneByOne | None:
         """What decodes a channel's messages; None, with a note where one is due, if they are no sweeps."""
         channel, definition = self._catalogue.channels[key], self._catalogue.schema(key)
         type_name, encoding = self._catalogue.type(key), channel.message_encoding
@@ -251,23 +256,24 @@ class McapLog:
             text = definition.data.decode("utf-8", "replace")
             different = schema.differs(type_name, definition.encoding, text)
             if different is None:
-                return _Columns(Gather(channel.topic, type_name, encoding, self.report), self._unpacking)
+                return _Columns(Gather(channel.topic, type_name, encoding, report), self._unpacking)
             problem = f"its definition is not the standard one: {different}"
         elif type_name == FOXGLOVE_SCAN and encoding == "json":
-            return _OneByOne(channel.topic, foxglove.decode_json, self.report)
+            return _OneByOne(channel.topic, foxglove.decode_json, report)
         elif type_name == FOXGLOVE_SCAN and encoding == "protobuf":
             decoder = foxglove.protobuf_decoder(definition.name, definition.data)
             if decoder is not None:
-                return _OneByOne(channel.topic, decoder, self.report)
+                return _OneByOne(channel.topic, decoder, report)
             problem = "its protobuf schema does not describe a foxglove.LaserScan"
         elif type_name in (LASERSCAN, MULTI_ECHO, FOXGLOVE_SCAN):
             problem = f"the encoding '{encoding}' is not read"
         if problem is not None:
-            self.report.notes.append(f"{channel.topic} ({type_name}) is left out: {problem}")
+            report.notes.append(f"{channel.topic} ({type_name}) is left out: {problem}")
         return None
 
-    def _pass(self, choose: Callable[[int], int]) -> Iterator[tuple[int, Messages]]:
+    def _pass(self, choose: Callable[[int], int], report: ReadReport) -> Iterator[tuple[int, Messages]]:
         """Go through the log once and hand out messages with the group that `choose` gave their channel."""
+        report.add(self._opening)
         self._unpacking = Unpacking()
         wanted = _Wanted(self._catalogue, choose)
         places = frozenset[int]() if self._summary is None else self._summary.chunk_places
@@ -284,7 +290,7 @@ class McapLog:
                 trusted = index_is_complete(self._source, summary, chosen)
             return trusted and not walker.index_lies and place in places
 
-        walker = self._walker(self.report, skip)
+        walker = self._walker(report, skip)
         unknown: Counter[int] = Counter()
         for part in walker.parts():
             groups = wanted.groups()[part.channel]
@@ -298,15 +304,15 @@ class McapLog:
                 for number in present:
                     yield number, part.take(groups == number)
         self.compression = "+".join(walker.compressions) or "none"
-        self._report_unknown(unknown)
+        self._report_unknown(unknown, report)
 
-    def _report_unknown(self, unknown: Counter[int]) -> None:
+    def _report_unknown(self, unknown: Counter[int], report: ReadReport) -> None:
         """Messages whose type cannot be told are a loss."""
         hint = "; given as a file instead of a stream, its summary may tell" if self.size is None else ""
         for key, count in sorted(unknown.items()):
             channel = self._catalogue.channels.get(key)
             name, what = ("", "channel record") if channel is None else (f" ({channel.topic})", "schema")
-            self.report.add_damage(
+            report.add_damage(
                 f"channel {key}{name}", f"its {what} is missing: {count} messages are lost{hint}"
             )
 
@@ -317,11 +323,10 @@ class McapLog:
                     f"{self.path}: a stream can be read only once; give the file's name instead"
                 )
             self._used = True
-            source = self._source
         else:
-            source = Source(self._stream, self.size)
+            self._source = Source(self._stream, self.size)
         offsets = np.empty(0, np.int64) if self._summary is None else self._summary.chunk_offsets
-        return Walker(source, self._catalogue, report, offsets, skip)
+        return Walker(self._source, self._catalogue, report, offsets, skip)
 
     def close(self) -> None:
         """Close the file or the stream."""

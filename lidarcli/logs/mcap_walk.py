@@ -76,8 +76,6 @@ class Walker:
     skip: Callable[[int, Mapping[int, int]], bool]
     """May the chunk at this byte, whose indexes count so many messages by channel, be passed over?"""
     compressions: dict[str, None] = field(default_factory=dict)
-    closed: bool = False
-    """Whether the end of the data was reached."""
     index_lies: bool = False
     """Whether a message index did not agree with its chunk."""
     _messages: int = 0
@@ -130,7 +128,6 @@ class Walker:
         """Place, opcode and length of each record that can be one, which the caller passes; leads past damage."""
         while not self._cut:
             place = self.source.position
-            self.report.bytes_read = place
             head = self.source.peek(RECORD.size)
             if len(head) < RECORD.size:
                 self._damage(
@@ -139,7 +136,6 @@ class Walker:
                 return
             opcode, length = RECORD.unpack_from(head)
             if _END_LENGTHS.get(opcode) == length:
-                self.closed = True
                 self._finish(place)
                 return
             if opcode != Opcode.CHUNK and is_chunk(self.source.peek(CHUNK_PEEK)):
@@ -382,11 +378,11 @@ class Walker:
         """See whether the log was closed: what follows the data of a pipe is passed, of a file only its end counts."""
         if self.source.size is not None:
             tail = self.source.read_at(self.source.size - len(MAGIC), len(MAGIC))
+            self.source.skip(self.source.size)
         else:
             tail = b""
             while piece := self.source.take(WINDOW):
                 tail = (tail + piece)[-len(MAGIC) :]
-        self.report.bytes_read = self.source.size or self.source.position
         if tail != MAGIC:
             self._damage(
                 place, "the log is cut off in its summary, after the last message; no message is lost"

@@ -31,10 +31,10 @@ class Rosbag1Log:
     """A ROS 1 bag of a path or of a stream; a stream is copied to a temporary file, whose name nobody sees."""
 
     format = "ros1 bag"
+    position = 0
 
     def __init__(self, source: str | Path | BinaryIO) -> None:
         self.path = path = str(source) if isinstance(source, str | Path) else "-"
-        self.report = ReadReport()
         self._file = _open(path, source)
         try:
             self.size: int | None = self._file.seek(0, 2)
@@ -73,7 +73,7 @@ class Rosbag1Log:
             self._scanned = _topics(reading.connections, reading.counts)
         return self._scanned
 
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Blocks of sweeps in log order within each topic."""
 
         def wanted(connection: Connection) -> bool:
@@ -82,20 +82,20 @@ class Rosbag1Log:
             )
 
         gathers: dict[Connection, Gather] = {}
-        reading = self._pass(wanted, self.report)
+        reading = self._pass(wanted, report)
         for block in reading.blocks():
             for connections in _by_topic(block, reading, wanted):
                 first = reading.connections[connections[0]]
-                gather = gathers.setdefault(first, Gather(first.topic, first.type, "ros1", self.report))
+                gather = gathers.setdefault(first, Gather(first.topic, first.type, "ros1", report))
                 yield from _decode(block, np.flatnonzero(np.isin(block.connection, connections)), gather)
             self._progress(reading)
         for gather in gathers.values():
             yield from gather.flush()
         self._progress(reading)
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Raw messages of the given types in log order."""
-        reading = self._pass(lambda connection: connection.type in types, self.report)
+        reading = self._pass(lambda connection: connection.type in types, report)
         for block in reading.blocks():
             known = {
                 c: reading.connections[c]
@@ -122,14 +122,14 @@ class Rosbag1Log:
 
     def _pass(self, wanted: Wanted, report: ReadReport) -> Pass:
         def damaged(place: str, cause: str) -> None:
-            # A second pass meets the same damage.
+            # However many records of a chunk are broken, one line tells of it.
             if all(known.place != place for known in report.damage):
                 report.add_damage(place, cause)
 
         return Pass(self._file, self.size or 0, self._index, wanted, damaged)
 
     def _progress(self, reading: Pass) -> None:
-        self.report.bytes_read = reading.at
+        self.position = reading.at
         self._codecs.update(reading.codecs)
 
 

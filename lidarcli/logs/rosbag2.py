@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import tempfile
-from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidarcli.errors import LidarcliError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Log, Message, ReadReport, Topic, ros_type
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic, ros_type
 from lidarcli.logs.gather import Gather
 from lidarcli.logs.rosbag2_folder import METADATA, Folder, read_folder
 from lidarcli.logs.rosbag2_unpack import PACKED_CAUSE, ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
-from lidarcli.logs.sqlite_bag import Row, SqliteBag, has_type
+from lidarcli.logs.sqlite_bag import Known, Row, SqliteBag, has_type
 from lidarcli.logs.unpacking import Unpacking
 from lidarcli.sweeps import RawSweeps
 
@@ -31,8 +30,9 @@ class Rosbag2Log:
 
     def __init__(self, path: str | Path) -> None:
         self.path = str(path)
-        self.report = ReadReport()
-        self._seen: set[tuple[str, str]] = set()
+        self.position = 0
+        self._opening = ReadReport()
+        self._topics: list[Topic] | None = None
         self._unpacked: tuple[Path, tempfile.TemporaryDirectory[str], str] | None = None
         self._codecs: set[str] = set()
         self._unpacking = Unpacking()
@@ -46,9 +46,10 @@ class Rosbag2Log:
             raise UnreadableError(f"{path}: cannot be read: {err.strerror or err}") from err
         if not self._files:
             raise UnreadableError(f"{path}: no .db3 or .mcap file in this folder, hence no ROS 2 bag")
-        self.report.notes.extend(folder.notes)
+        self._known = [Known() for _ in self._files]
+        self._opening.notes += folder.notes
         for name in folder.missing:
-            self._damaged(name, f"{METADATA} names this file, but it is not there")
+            self._opening.add_damage(name, f"{METADATA} names this file, but it is not there")
         self.size: int | None = sum(self._sizes)
         kinds = {"mcap" if _is_mcap(file) else "sqlite3" for file in self._files}
         self.format = f"ros2 bag ({'+'.join(sorted(kinds, reverse=True))})"
@@ -66,9 +67,15 @@ class Rosbag2Log:
 
     def topics(self) -> list[Topic] | None:
         """Topics of all files, with the sum of their messages; None where a file has no index of them."""
+        if self._topics is None:
+            self._topics = self._counted()
+        return None if self._topics is None else list(self._topics)
+
+    def _counted(self) -> list[Topic] | None:
+        """The topics from a look at every file; reading meets the damage."""
         totals: dict[tuple[str, str, str], int | None] = {}
         for number in range(len(self._files)):
-            with self._storage(number) as storage:
+            with self._storage(number, ReadReport()) as (storage, _):
                 if storage is None:
                     continue
                 topics = _sqlite_topics(storage) if isinstance(storage, SqliteBag) else storage.topics()
@@ -81,31 +88,24 @@ class Rosbag2Log:
                 totals[key] = (before or 0) + (topic.messages or 0) if known else None
         return [Topic(*key, messages) for key, messages in totals.items()]
 
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Blocks of sweeps in log order within each topic, file after file."""
-        self._unpacking = Unpacking()
-        for number in range(len(self._files)):
-            with self._storage(number) as storage:
-                if isinstance(storage, SqliteBag):
-                    yield from self._sqlite_scans(storage, topics, number)
-                elif storage is not None:
-                    taken = _Taken()
-                    for block in storage.scans(topics):
-                        yield block
-                        self._take(storage, number, taken)
-                    self._take(storage, number, taken)
+        for number, storage, own in self._storages(report):
+            if isinstance(storage, SqliteBag):
+                storage.report_orphans()
+                yield from self._sqlite_scans(storage, topics, number, own)
+            else:
+                for block in storage.scans(topics, own):
+                    self._advance(number, storage.position / (storage.size or 1))
+                    yield block
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Raw messages of the given types in log order."""
-        self._unpacking = Unpacking()
-        for number in range(len(self._files)):
-            with self._storage(number) as storage:
-                if isinstance(storage, SqliteBag):
-                    yield from self._sqlite_messages(storage, types, number)
-                elif storage is not None:
-                    taken = _Taken()
-                    yield from storage.messages(types)
-                    self._take(storage, number, taken)
+        for _, storage, own in self._storages(report):
+            if isinstance(storage, SqliteBag):
+                yield from self._sqlite_messages(storage, types, own)
+            else:
+                yield from storage.messages(types, own)
 
     def close(self) -> None:
         if self._unpacked is not None:
@@ -123,46 +123,57 @@ class Rosbag2Log:
         first: UnreadableError | None = None
         for number in range(len(self._files)):
             try:
-                self._open(number).close()
+                self._open(number, ReadReport(), ReadReport()).close()
                 return
             except UnreadableError as err:
                 first = first or err
         if first is not None:
             raise first
 
+    def _storages(self, report: ReadReport) -> Iterator[tuple[int, SqliteBag | McapLog, ReadReport]]:
+        """The storage files that can be opened, each with a report of its own: one pass over the log."""
+        report.add(self._opening)
+        self._unpacking = Unpacking()
+        for number in range(len(self._files)):
+            with self._storage(number, report) as (storage, own):
+                if storage is not None:
+                    yield number, storage, own
+            self._advance(number, 1.0)
+
     @contextmanager
-    def _storage(self, number: int) -> Iterator[SqliteBag | Log | None]:
-        """One storage file, open; None where it cannot be read, which is damage."""
+    def _storage(
+        self, number: int, report: ReadReport
+    ) -> Iterator[tuple[SqliteBag | McapLog | None, ReadReport]]:
+        """One storage file, open, and the report of what is met in it; None where it cannot be read."""
+        file, own = self._files[number], ReadReport()
         try:
-            storage = self._open(number)
+            storage = self._open(number, report, own)
         except UnreadableError as err:
-            cause = str(err).removeprefix(f"{self._files[number]}: ")
-            self._damaged(self._files[number].name, f"the whole file is lost: {cause}")
-            yield None
+            cause = str(err).removeprefix(f"{file}: ")
+            report.add_damage(file.name, f"the whole file is lost: {cause}")
+            yield None, own
             return
         try:
-            yield storage
+            yield storage, own
         finally:
             storage.close()
+            self._codecs.update(storage.compression.split("+"))
+            report.add(own, f"{file.name}: " if self._is_folder else "")
 
-    def _open(self, number: int) -> SqliteBag | McapLog:
+    def _open(self, number: int, report: ReadReport, own: ReadReport) -> SqliteBag | McapLog:
+        """Open a storage file; `own` takes what it finds there, `report` what unpacking the file has met."""
         file = self._files[number]
-        path = self._plain(file)
+        path = self._plain(file, report)
         if _is_mcap(file):
             from lidarcli.logs.mcap import McapLog
 
-            log = McapLog(str(path))
-            self._codecs.add(log.compression)
-            return log
+            storage: SqliteBag | McapLog = McapLog(str(path))
+        else:
+            storage = SqliteBag(path, str(file), own, self._known[number])
+        self._codecs.add(storage.compression)
+        return storage
 
-        def damaged(place: str, cause: str) -> None:
-            self._damaged(self._place(number, place), cause)
-
-        bag = SqliteBag(path, str(file), damaged)
-        self._codecs.add("none")
-        return bag
-
-    def _plain(self, file: Path) -> Path:
+    def _plain(self, file: Path, report: ReadReport) -> Path:
         """The file itself, or what it unpacks to; the last one unpacked is kept until the log is closed."""
         try:
             if not is_zstd(file):
@@ -178,23 +189,14 @@ class Rosbag2Log:
             raise UnreadableError(f"{file}: cannot be read: {err.strerror or err}") from err
         file, folder, cause = self._unpacked
         if cause:
-            self._damaged(file.name, cause)
+            report.add_damage(file.name, cause)
         return Path(folder.name) / _plain_name(file)
 
-    def _place(self, number: int, place: str) -> str:
-        return f"{self._files[number].name}: {place}" if self._is_folder else place
-
-    def _damaged(self, place: str, cause: str) -> None:
-        # A second pass meets the same damage.
-        if (place, cause) not in self._seen:
-            self._seen.add((place, cause))
-            self.report.add_damage(place, cause)
-
     def _sqlite_scans(
-        self, bag: SqliteBag, topics: Collection[str] | None, number: int
+        self, bag: SqliteBag, topics: Collection[str] | None, number: int, report: ReadReport
     ) -> Iterator[RawSweeps]:
         gathers = {
-            topic.id: Gather(topic.name, ros_type(topic.type), "cdr", self.report)
+            topic.id: Gather(topic.name, ros_type(topic.type), "cdr", report)
             for topic in bag.topics.values()
             if has_type(topic, SCANS) and (topics is None or topic.name in topics)
         }
@@ -202,25 +204,26 @@ class Rosbag2Log:
             for batch in bag.batches(gathers):
                 for topic_id, times, messages in _by_topic(batch):
                     gather = gathers[topic_id]
-                    if gather.extend(*self._usable(gather.topic, times, messages)):
+                    if gather.extend(*self._usable(gather.topic, times, messages, report)):
+                        self._advance(number, bag.progress)
                         yield from gather.flush()
-                        self._progress(number, bag.progress)
         for gather in gathers.values():
             yield from gather.flush()
-        self._progress(number, 1.0)
 
-    def _sqlite_messages(self, bag: SqliteBag, types: Collection[str], number: int) -> Iterator[Message]:
+    def _sqlite_messages(
+        self, bag: SqliteBag, types: Collection[str], report: ReadReport
+    ) -> Iterator[Message]:
         wanted = {topic.id: topic for topic in bag.topics.values() if has_type(topic, types)}
         if wanted:
             for batch in bag.batches(wanted):
                 for _, topic_id, timestamp, data in batch:
                     topic = wanted[topic_id]
-                    for message, time in zip(*self._usable(topic.name, [timestamp], [data]), strict=True):
+                    usable = self._usable(topic.name, [timestamp], [data], report)
+                    for message, time in zip(*usable, strict=True):
                         yield Message(topic.name, ros_type(topic.type), "cdr", time, message)
-        self._progress(number, 1.0)
 
     def _usable(
-        self, topic: str, times: Sequence[int | None], messages: Sequence[bytes | None]
+        self, topic: str, times: Sequence[int | None], messages: Sequence[bytes | None], report: ReadReport
     ) -> tuple[Sequence[bytes], Sequence[int]]:
         """The messages that there are and their times, unpacked if they are packed.
 
@@ -230,7 +233,7 @@ class Rosbag2Log:
         rows = [(time, data) for time, data in with_data if time is not None]
         for cause, lost in ((NO_DATA, len(messages) - len(with_data)), (NO_TIME, len(with_data) - len(rows))):
             if lost:
-                self.report.refused[(topic, cause)] += lost
+                report.refused[(topic, cause)] += lost
         at, present = [time for time, _ in rows], [data for _, data in rows]
         if not present or not present[0].startswith(ZSTD_MAGIC):
             return present, at
@@ -240,34 +243,12 @@ class Rosbag2Log:
         ]
         usable = [(data, time) for data, time in unpacked if data is not None]
         if len(usable) < len(unpacked):
-            self.report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)
+            report.refused[(topic, PACKED_CAUSE)] += len(unpacked) - len(usable)
         return [data for data, _ in usable], [time for _, time in usable]
 
-    def _take(self, log: Log, number: int, taken: _Taken) -> None:
-        """Take over what the reader of one file has reported since the last time."""
-        report = log.report
-        for item in report.damage[taken.damage :]:
-            self._damaged(self._place(number, item.place), item.cause)
-        self.report.damage_more += report.damage_more - taken.damage_more
-        self.report.notes.extend(
-            note for note in report.notes[taken.notes :] if note not in self.report.notes
-        )
-        self.report.refused.update(report.refused - taken.refused)
-        taken.damage, taken.damage_more = len(report.damage), report.damage_more
-        taken.notes, taken.refused = len(report.notes), report.refused.copy()
-        self._codecs.update(log.compression.split("+"))
-        self._progress(number, report.bytes_read / (log.size or 1))
-
-    def _progress(self, number: int, share: float) -> None:
-        self.report.bytes_read = sum(self._sizes[:number]) + int(self._sizes[number] * min(share, 1.0))
-
-
-class _Taken:
-    """How much of another report has been taken over."""
-
-    def __init__(self) -> None:
-        self.damage = self.damage_more = self.notes = 0
-        self.refused: Counter[tuple[str, str]] = Counter()
+    def _advance(self, number: int, share: float) -> None:
+        """A share of one file has been read."""
+        self.position = sum(self._sizes[:number]) + int(self._sizes[number] * min(share, 1.0))
 
 
 def _plain_name(file: Path) -> str:

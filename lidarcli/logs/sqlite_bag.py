@@ -8,8 +8,9 @@ import shutil
 import sqlite3
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import islice, pairwise
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import quote
@@ -84,21 +85,35 @@ Row = tuple[int, int, int | None, bytes | None]
 """Row id, topic id, time [ns] and message; None where it has none that can be used."""
 
 
+@dataclass(slots=True)
+class Known:
+    """What one look at all of a storage file has told: no pass over the file needs a second look."""
+
+    counts: Counter[int] | None = None
+    """Topic id → messages."""
+    orphans: dict[int, int] = field(default_factory=dict)
+    """The same of topics that are not there, or whose row is broken."""
+    found: Found | None = None
+    """What its pages hold, where SQLite refuses it."""
+    size: int = 0
+    """Bytes of the file in which that was found."""
+
+
 class SqliteBag:
     """Topics and messages of one storage file: by SQLite as far as it goes, then straight from the pages."""
 
-    def __init__(self, path: Path, shown: str, damaged: Callable[[str, str], None]) -> None:
-        """`shown` names the file in errors, `damaged` takes place and cause."""
+    compression = "none"
+
+    def __init__(self, path: Path, shown: str, report: ReadReport, known: Known) -> None:
+        """`shown` names the file in errors; `known` is what is known of it, and takes what is found."""
         self.topics: dict[int, TopicRow] = {}
         self._last, self._newest = 0, 0
-        self._shown, self._damaged = shown, damaged
+        self._shown, self._report, self._known = shown, report, known
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._database: sqlite3.Connection | None = None
         self._file: BinaryIO | None = None
-        self._found: Found | None = None
         self._cause = ""
         self._size = self._steps = 0
-        self._orphans_told = False
         try:
             self._open(path)
         except OSError as err:
@@ -113,24 +128,27 @@ class SqliteBag:
         """How much of the file has been read, from 0 to 1."""
         return max(0.0, self._last / self._newest) if self._newest > 0 else 0.0
 
-    def counts(self) -> dict[int, int]:
+    def counts(self) -> Counter[int]:
         """Topic id → messages."""
-        if self._database is not None:
+        known = self._known
+        if known.counts is None and self._database is not None:
             try:
-                found = Counter(topic for (topic,) in self._ask(self._database, _COUNTED))
-                self._report_orphans(found)
-                return found
+                # Where most rows are read from the disk anyway, no statement that groups them is faster, and it holds all.
+                known.counts = Counter(chain.from_iterable(self._ask(self._database, _COUNTED)))
+                known.orphans = {id_: n for id_, n in known.counts.items() if id_ not in self.topics}
             except SQLITE_ERRORS as err:
                 self._cause = _cause(err)
-        return Counter(self._salvage()[1].topic_ids)
+        if known.counts is None:
+            known.counts = Counter(self._salvage()[1].topic_ids)
+        return known.counts
 
-    def _report_orphans(self, counts: Mapping[int, int]) -> None:
-        """Messages of a topic that is not there, or whose row is broken, are a loss: once is enough to say so."""
-        orphans = {topic: count for topic, count in counts.items() if topic not in self.topics}
-        if orphans and not self._orphans_told:
-            self._orphans_told = True
+    def report_orphans(self) -> None:
+        """Messages of a topic that is not there, or whose row is broken, are a loss."""
+        self.counts()
+        if orphans := self._known.orphans:
             which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
-            self._damaged("topics table", f"has no topic {which}; messages lost: {sum(orphans.values()):,}")
+            lost = f"has no topic {which}; messages lost: {sum(orphans.values()):,}"
+            self._report.add_damage("topics table", lost)
 
     def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
         """Messages of the given topic ids in the order they were recorded, a few at a time."""
@@ -264,7 +282,7 @@ class SqliteBag:
         needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
         if needed > DISK_SHARE * shutil.disk_usage(target.parent).free:
             names = ", ".join(sidecar.name for sidecar in sidecars)
-            self._damaged(
+            self._report.add_damage(
                 names, "not read: no room in the temporary folder to merge it into a copy of the bag"
             )
             return None
@@ -274,10 +292,10 @@ class SqliteBag:
     def _salvage(self) -> tuple[Salvage, Found]:
         if self._file is None:
             raise ValueError("the storage file is closed")
-        salvage = Salvage(self._file)
-        if self._found is None:
-            self._found = salvage.find()
-        return salvage, self._found
+        salvage, known = Salvage(self._file), self._known
+        if known.found is None or known.size != self._size:
+            known.found, known.size = salvage.find(), self._size
+        return salvage, known.found
 
     def _salvaged(self, topics: Collection[int], last: int) -> Iterator[list[Row]]:
         """Messages behind row `last`, page by page."""
@@ -302,7 +320,7 @@ class SqliteBag:
             cause += f", {lost:,} not whole"
         if found.missing:
             cause += f", {found.missing:,} of all topics missing before the last"
-        self._damaged("database", cause)
+        self._report.add_damage("database", cause)
 
 
 def _wrong_size(header: bytes, size: int) -> str:

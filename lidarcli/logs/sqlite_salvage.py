@@ -7,7 +7,7 @@ The file's table leaf pages are read one by one, wherever they stand, without fo
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO, NamedTuple
 
@@ -69,7 +69,6 @@ class Found:
     topic_ids: array[int] = field(default_factory=lambda: array("q"))
     places: array[int] = field(default_factory=lambda: array("q"))
     """Byte position of each message's cell in the file."""
-    broken_pages: int = 0
 
     def order(self) -> list[int]:
         """Indices of the messages by row id, each id once."""
@@ -94,8 +93,8 @@ class Salvage:
         self._wasted = 0
         """Bytes of chains that came to nothing: pages may lead to one another for ever."""
 
-    def find(self, progress: Callable[[int], None] = lambda _: None) -> Found:
-        """Go through all pages once; `progress` is told the position [bytes]."""
+    def find(self) -> Found:
+        """Go through all pages once."""
         found = Found()
         whole = PIECE // self._page * self._page
         for base in range(0, self._size, whole):
@@ -106,7 +105,6 @@ class Salvage:
                 starts.insert(0, 0)
             for start in starts:
                 self._leaf(piece[start : start + self._page], base + start, found)
-            progress(base + len(piece))
         return found
 
     def messages(self, found: Found, topics: Collection[int], after: int) -> Iterator[MessageRow | int]:
@@ -137,17 +135,15 @@ class Salvage:
         return self._file.read(max(0, size))
 
     def _leaf(self, page: bytes, base: int, found: Found) -> None:
-        """Note the rows of one leaf page."""
+        """Note the rows of one leaf page; what is no row is left out."""
         at = HEADER if base == 0 else 0
         count = int.from_bytes(page[at + 3 : at + 5], "big")
         pointers = page[at + 8 : at + 8 + 2 * count]
-        broken = len(pointers) < 2 * count or 8 + 2 * count > self._page
         for index in range(0, len(pointers) - 1, 2):
             place = int.from_bytes(pointers[index : index + 2], "big")
             cell = self._cell(page, place) if at + 8 <= place < len(page) else None
-            if cell is None or not self._row(page, cell, base + place, found):
-                broken = True
-        found.broken_pages += broken
+            if cell is not None:
+                self._row(page, cell, base + place, found)
 
     def _cell(self, page: bytes, at: int) -> _Cell | None:
         """The cell at a position of a page, None where it cannot be one."""

@@ -21,7 +21,7 @@ from lidarcli.logs import (
     sqlite_salvage,
     unpacking,
 )
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.csv_layouts import LAYOUTS
 from tools.make_docs import ROOT
 
@@ -85,7 +85,7 @@ def test_an_example_is_read_as_its_layout(layout: str, tmp_path: Path) -> None:
     told = CsvOptions(angle_min=-0.5, angle_increment=0.5) if layout == "plain wide" else CsvOptions()
     with open_log(path, csv=told) as log:
         assert log.format == f"csv ({layout})"
-        blocks = list(log.scans())
+        blocks = list(log.scans(None, ReadReport()))
     for block in blocks:
         assert block.ranges.tolist() == [pytest.approx([2.1, 2.0, 2.1])] * len(block)
         assert block.angle_min.tolist() == [-0.5] * len(block)

@@ -77,6 +77,7 @@ kernels.compiled = comparing
 # Only now, so that the functions are marked with the stand-in.
 from lidarcli.formalism import Parameters, detect  # noqa: E402
 from lidarcli.logs import open_log  # noqa: E402
+from lidarcli.logs.base import ReadReport  # noqa: E402
 from lidarcli.logs.batches import ReadOptions, read_batches  # noqa: E402
 from lidarcli.simulate.generate import simulate_sweep_arrays  # noqa: E402
 from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, random_scene, sensor_with  # noqa: E402
@@ -115,7 +116,7 @@ def main(logs: list[str], scenes: int = 6) -> None:
             sweeps_rows("log", batch, found)
     for log in logs:
         with open_log(log) as source:
-            for batch in read_batches(source, ReadOptions()):
+            for batch in read_batches(source, ReadOptions(), ReadReport()):
                 for parameters in PARAMETERS:
                     detect(batch, parameters)
     print(json.dumps(CALLS))

@@ -58,7 +58,9 @@ class FakeLog:
     size = None
 
     def __init__(self, blocks: list[RawSweeps], topics: list[Topic] | None = None) -> None:
-        self.report = ReadReport()
+        self.position = 0
+        self.met = ReadReport()
+        """What a pass over the sweeps meets."""
         self._blocks = blocks
         self._topics = topics
         self.asked: Any = "nothing"
@@ -66,11 +68,12 @@ class FakeLog:
     def topics(self) -> list[Topic] | None:
         return self._topics
 
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         self.asked = topics
+        report.add(self.met)
         return iter([block for block in self._blocks if topics is None or block.topic in topics])
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         return iter(())
 
     def close(self) -> None:
@@ -84,7 +87,7 @@ class FakeLog:
 
 
 def run(blocks: list[RawSweeps], **options: Any) -> list[SweepBatch]:
-    return list(read_batches(FakeLog(blocks), ReadOptions(**options)))
+    return list(read_batches(FakeLog(blocks), ReadOptions(**options), ReadReport()))
 
 
 def sweeps(found: list[SweepBatch]) -> list[int]:
@@ -199,7 +202,7 @@ def blocks_of(*topics: str) -> list[RawSweeps]:
 @pytest.mark.parametrize("name", ["/scan", "scan"])
 def test_a_leading_slash_makes_no_difference(topics: list[Topic] | None, name: str) -> None:
     log = FakeLog(blocks_of("/scan", "/rear"), topics)
-    found = list(read_batches(log, ReadOptions(topics=(name,))))
+    found = list(read_batches(log, ReadOptions(topics=(name,)), ReadReport()))
     assert [batch.topic for batch in found] == ["/scan"]
 
 
@@ -207,7 +210,9 @@ def test_a_leading_slash_counts_where_both_names_are_there() -> None:
     topics = [Topic("/scan", LASERSCAN, "cdr"), Topic("scan", LASERSCAN, "cdr")]
     for name in ("/scan", "scan"):
         log = FakeLog(blocks_of("/scan", "scan"), topics)
-        assert [batch.topic for batch in read_batches(log, ReadOptions(topics=(name,)))] == [name]
+        assert [batch.topic for batch in read_batches(log, ReadOptions(topics=(name,)), ReadReport())] == [
+            name
+        ]
 
 
 @pytest.mark.parametrize("wanted", ["/front", "/tf"])
@@ -215,26 +220,30 @@ def test_an_absent_topic_is_named_with_those_that_are_there(wanted: str) -> None
     for topics in (SCANS, None):
         log = FakeLog(blocks_of("/scan", "/rear"), topics)
         with pytest.raises(NoScanError) as caught:
-            list(read_batches(log, ReadOptions(topics=(wanted,))))
-        assert str(caught.value) == f"run.mcap: no LaserScan topic {wanted}; it has /rear, /scan"
+            list(read_batches(log, ReadOptions(topics=(wanted,)), ReadReport()))
+        words = f"no LaserScan topic {wanted} in this log (its LaserScan topics: /rear, /scan)"
+        if topics and wanted == "/tf":
+            words = "topic /tf is tf2_msgs/msg/TFMessage, not a LaserScan"
+        assert str(caught.value) == words
         assert log.asked == ("nothing" if topics else None)
 
 
 def test_a_log_without_a_scan() -> None:
-    for topics in (SCANS[2:], None):
+    listed = "no LaserScan topic in this log (its topics: /tf tf2_msgs/msg/TFMessage)"
+    for topics, words in ((SCANS[2:], listed), (None, "no LaserScan in it")):
         with pytest.raises(NoScanError) as caught:
-            list(read_batches(FakeLog([], topics), ReadOptions()))
-        assert str(caught.value) == "run.mcap: no LaserScan in it"
+            list(read_batches(FakeLog([], topics), ReadOptions(), ReadReport()))
+        assert str(caught.value) == words
 
 
 def test_a_topic_without_a_message_is_no_error() -> None:
-    assert list(read_batches(FakeLog([], SCANS), ReadOptions())) == []
+    assert list(read_batches(FakeLog([], SCANS), ReadOptions(), ReadReport())) == []
 
 
 def test_a_damaged_or_refused_log_is_not_called_one_without_scans() -> None:
     log = FakeLog([])
-    log.report.add_damage("byte 9", "cut off")
-    assert list(read_batches(log, ReadOptions())) == []
+    log.met.add_damage("byte 9", "cut off")
+    assert list(read_batches(log, ReadOptions(), ReadReport())) == []
     log = FakeLog([])
-    log.report.refused[("/scan", "angle_min is not finite")] += 1
-    assert list(read_batches(log, ReadOptions())) == []
+    log.met.refused[("/scan", "angle_min is not finite")] += 1
+    assert list(read_batches(log, ReadOptions(), ReadReport())) == []

@@ -15,9 +15,9 @@ import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, CsvOptions, Damage, Topic
-from lidarcli.logs.csv_log import CsvLog
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
+from tests.logs.watched import CsvLog
 from tests.sweeping import raw_sweeps
 
 START = 1_714_555_596_445_048_407
@@ -97,7 +97,7 @@ def test_layout_reads_back(layout: str, ragged: bool, tmp_path: Path) -> None:
     assert log.topics() == [Topic("/scan", LASERSCAN, "csv")]
     assert (log.report.damage, log.report.refused.total()) == ([], 0)
     sizes = [file.stat().st_size for file in ([path] if path.is_file() else path.iterdir())]
-    assert log.size == log.report.bytes_read == sum(sizes)
+    assert log.size == log.position == sum(sizes)
 
 
 @pytest.mark.parametrize(
@@ -118,6 +118,7 @@ def test_format_names_the_layout(layout: str, name: str, tmp_path: Path) -> None
     write_csv(tmp_path / "x.dat", [sweeps()], layout)
     with CsvLog(tmp_path / "x.dat", GEOMETRY) as log:
         assert (log.format, log.compression) == (f"csv ({name})", "none")
+        assert list(log.messages(())) == []
         assert log.report.notes[0].startswith(f"CSV layout: {name}")
 
 
@@ -641,7 +642,7 @@ def test_a_stream_can_be_read_once_and_a_file_again(tmp_path: Path) -> None:
             list(log.scans())
     with CsvLog(tmp_path / "wide.csv", GEOMETRY) as log:
         assert [sum(map(len, log.scans())) for _ in range(3)] == [40, 40, 40]
-        assert log.report.bytes_read == log.size == len(text)
+        assert log.position == log.size == len(text)
 
 
 def test_rows_of_a_hundred_thousand_beams() -> None:

@@ -14,8 +14,8 @@ import pytest
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv_dialect import _unlisted, empty_lists
-from lidarcli.logs.csv_log import CsvLog
 from lidarcli.logs.csv_names import _FIELDS, FieldIndex, canonical
+from tests.logs.watched import CsvLog
 
 SECONDS = 5.0
 SIZE = 1_000_000

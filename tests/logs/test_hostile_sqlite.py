@@ -16,10 +16,10 @@ from numbered import read_bag as read
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.rosbag2 import Rosbag2Log
 from lidarcli.logs.sqlite_journal import MAGIC, roll_back
 from lidarcli.logs.sqlite_salvage import Salvage
 from tests.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
+from tests.logs.watched import Rosbag2Log
 
 pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 

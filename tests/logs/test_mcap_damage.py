@@ -22,7 +22,7 @@ from scan_messages import scan
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import mcap_records
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.mcap import McapLog
+from tests.logs.watched import McapLog
 
 
 @pytest.fixture(autouse=True)
