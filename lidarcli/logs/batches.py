@@ -11,8 +11,8 @@ import numpy as np
 
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
+from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.choice import TopicChoice
-from lidarcli.logs.laserscan import split_rows
 from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
 
 MOST_EVERY = 1_000_000

@@ -15,8 +15,8 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.csv_doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, UNLIKE, no_ranges
-from lidarcli.logs.csv_runs import BACK, DOUBLED, TURNS
+from lidarcli.logs.csv.doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, UNLIKE, no_ranges
+from lidarcli.logs.csv.grid import BACK, DOUBLED, TURNS
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.watched import CsvLog
 

@@ -16,8 +16,8 @@ from numbered import read_bag as read
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.sqlite_journal import MAGIC, roll_back
-from lidarcli.logs.sqlite_salvage import Salvage
+from lidarcli.logs.rosbag2.journal import MAGIC, roll_back
+from lidarcli.logs.rosbag2.salvage import Salvage
 from tests.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
 from tests.logs.watched import Rosbag2Log
 

@@ -14,8 +14,9 @@ from mcap_samples import json_scan, protobuf_scan, ranges_of, sample
 from scan_messages import scan
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import foxglove, mcap_walk
+from lidarcli.logs import foxglove
 from lidarcli.logs.base import FOXGLOVE_SCAN, LASERSCAN, ReadReport, Topic
+from lidarcli.logs.mcap import walk as mcap_walk
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.watched import McapLog
 

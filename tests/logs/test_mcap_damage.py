@@ -20,8 +20,8 @@ from mcap_samples import ranges_of, sample
 from scan_messages import scan
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import mcap_records
 from lidarcli.logs.base import ReadReport
+from lidarcli.logs.mcap import records as mcap_records
 from tests.logs.watched import McapLog
 
 

@@ -26,7 +26,7 @@ from scan_messages import scan
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, CsvOptions, ReadReport
-from lidarcli.logs.csv_source import MAX_LINE
+from lidarcli.logs.csv.text import MAX_LINE
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs import Source, find_logs
 from lidarcli.pipeline.inspecting import inspect_log

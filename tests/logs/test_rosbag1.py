@@ -17,10 +17,11 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import rosbag1_run, unpacking
+from lidarcli.logs import unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag1_feeds import ChunkFeed
-from lidarcli.logs.rosbag1_records import Search, judge, parse, walk
+from lidarcli.logs.rosbag1 import run as rosbag1_run
+from lidarcli.logs.rosbag1.feeds import ChunkFeed
+from lidarcli.logs.rosbag1.records import Search, judge, parse, walk
 from tests.logs.watched import Rosbag1Log
 
 STORE = get_typestore(Stores.ROS1_NOETIC)

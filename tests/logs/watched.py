@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any
 
-from lidarcli.logs import csv_log, mcap, rosbag1, rosbag2
 from lidarcli.logs.base import Message, ReadReport
+from lidarcli.logs.csv import log as csv
+from lidarcli.logs.mcap import log as mcap
+from lidarcli.logs.rosbag1 import log as rosbag1
+from lidarcli.logs.rosbag2 import log as rosbag2
 from lidarcli.sweeps import RawSweeps
 
 
@@ -42,5 +45,5 @@ class Rosbag2Log(_Watched, rosbag2.Rosbag2Log):
     """A ROS 2 bag."""
 
 
-class CsvLog(_Watched, csv_log.CsvLog):
+class CsvLog(_Watched, csv.CsvLog):
     """A CSV."""

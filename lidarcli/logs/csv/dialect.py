@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.csv_source import Block
+from lidarcli.logs.csv.text import TextBlock
 from lidarcli.sweeps import Int64
 
 _QUOTED = re.compile(rb'"[^"]*"')
@@ -117,7 +117,9 @@ def plain_text(text: bytes, dialect: Dialect) -> bytes:
     return text
 
 
-def read_lines(block: Block, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport) -> Lines:
+def read_lines(
+    block: TextBlock, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport
+) -> Lines:
     """The lines of a block that can be rows, made plain where a dialect is given.
 
     Parameters

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 from lidarcli.errors import LidarcliError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic, ros_type
 from lidarcli.logs.gather import Gather
-from lidarcli.logs.rosbag2_folder import METADATA, Folder, read_folder
-from lidarcli.logs.rosbag2_unpack import PACKED_CAUSE, ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
-from lidarcli.logs.sqlite_bag import Known, Row, SqliteBag, has_type
+from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type
+from lidarcli.logs.rosbag2.folder import METADATA, Folder, read_folder
+from lidarcli.logs.rosbag2.unpack import PACKED_CAUSE, ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
 from lidarcli.logs.unpacking import Unpacking
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
-    from lidarcli.logs.mcap import McapLog
+    from lidarcli.logs.mcap.log import McapLog
 
 SCANS = (LASERSCAN, MULTI_ECHO)
 NO_DATA = "no data, or more than a sweep can have"
@@ -165,7 +165,7 @@ class Rosbag2Log:
         file = self._files[number]
         path = self._plain(file, report)
         if _is_mcap(file):
-            from lidarcli.logs.mcap import McapLog
+            from lidarcli.logs.mcap.log import McapLog
 
             storage: SqliteBag | McapLog = McapLog(str(path))
         else:

@@ -11,9 +11,9 @@ from itertools import groupby
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.csv_doubts import COUNTER_ROWS, is_turn, refuse_other_tables, restarts
-from lidarcli.logs.csv_head import Head, need_geometry, numeric, repeats, shown, units, unknown, value_of
-from lidarcli.logs.csv_layouts import (
+from lidarcli.logs.csv.doubts import COUNTER_ROWS, is_turn, refuse_other_tables, restarts
+from lidarcli.logs.csv.head import Head, need_geometry, numeric, repeats, shown, units, unknown, value_of
+from lidarcli.logs.csv.layouts import (
     ABBREVIATED,
     LONG,
     PER_SWEEP,
@@ -23,8 +23,8 @@ from lidarcli.logs.csv_layouts import (
     Layout,
     expected_beams,
 )
-from lidarcli.logs.csv_names import DEFAULT_TOPIC
-from lidarcli.logs.csv_times import DATE, DATE_UNPADDED, S, time_unit
+from lidarcli.logs.csv.names import DEFAULT_TOPIC
+from lidarcli.logs.csv.times import DATE, DATE_UNPADDED, S, time_unit
 from lidarcli.sweeps import TURN
 
 _SEQ_STEP = 10

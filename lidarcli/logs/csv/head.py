@@ -8,10 +8,10 @@ from itertools import pairwise
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import CsvOptions
-from lidarcli.logs.csv_cells import parse_number
-from lidarcli.logs.csv_dialect import Dialect, guess_dialect, split_line
-from lidarcli.logs.csv_layouts import LAYOUTS, given_geometry
-from lidarcli.logs.csv_times import NS, time_unit
+from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
+from lidarcli.logs.csv.layouts import LAYOUTS, given_geometry
+from lidarcli.logs.csv.numbers import parse_number
+from lidarcli.logs.csv.times import NS, time_unit
 
 SAMPLE_LINES = 3000
 SAMPLE_BYTES = 256 << 10

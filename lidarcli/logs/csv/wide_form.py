@@ -7,7 +7,11 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.csv_build import (
+from lidarcli.logs.blocks import split_rows
+from lidarcli.logs.csv.dialect import read_lines
+from lidarcli.logs.csv.layouts import Columns, Layout, expected_beams
+from lidarcli.logs.csv.numbers import Cells
+from lidarcli.logs.csv.raw_sweeps import (
     GEOMETRY,
     NO_TIME,
     bad_cell,
@@ -18,11 +22,7 @@ from lidarcli.logs.csv_build import (
     pad,
     read_times,
 )
-from lidarcli.logs.csv_cells import Cells
-from lidarcli.logs.csv_dialect import read_lines
-from lidarcli.logs.csv_layouts import Columns, Layout, expected_beams
-from lidarcli.logs.csv_source import Block
-from lidarcli.logs.laserscan import split_rows
+from lidarcli.logs.csv.text import TextBlock
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 VIEW = ("angle_min", "angle_max", "angle_increment")
@@ -40,7 +40,7 @@ class WideDecoder:
         self._scans = [scan for scan in layout.scans if topics is None or scan.topic in topics]
         self._usual = layout.width
 
-    def feed(self, block: Block) -> Iterator[RawSweeps]:
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """The sweeps of one block."""
         layout = self._layout
         lines = read_lines(block, layout.dialect, layout.header, layout.start, self._report)

@@ -10,12 +10,20 @@ from itertools import islice
 import numpy as np
 
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.csv_build import NO_TIME, build, encode_frames, keep_sound, number_type, pad, read_times
-from lidarcli.logs.csv_cells import not_a_number, parse_number, parse_rows, say
-from lidarcli.logs.csv_dialect import csv_cells, read_lines
-from lidarcli.logs.csv_layouts import Columns, Layout
-from lidarcli.logs.csv_source import MAX_LINE, Block
-from lidarcli.logs.laserscan import split_rows
+from lidarcli.logs.blocks import split_rows
+from lidarcli.logs.csv.dialect import csv_cells, read_lines
+from lidarcli.logs.csv.layouts import Columns, Layout
+from lidarcli.logs.csv.numbers import not_a_number, parse_number, parse_rows, say
+from lidarcli.logs.csv.raw_sweeps import (
+    NO_TIME,
+    build,
+    encode_frames,
+    keep_sound,
+    number_type,
+    pad,
+    read_times,
+)
+from lidarcli.logs.csv.text import MAX_LINE, TextBlock
 from lidarcli.sweeps import Int32, RawSweeps
 
 _SECONDS = re.compile(r"\bsecs?['\"]?\s*[:=]\s*(-?\d+)")
@@ -55,7 +63,7 @@ class ListDecoder:
         self._open: list[bytes] = []
         self._open_line = self._open_size = 0
 
-    def feed(self, block: Block) -> Iterator[RawSweeps]:
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """The sweeps of one block."""
         if self._scan is None:
             return

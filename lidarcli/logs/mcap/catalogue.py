@@ -16,8 +16,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Schema, Statistics
 
 from lidarcli.logs.base import ReadReport, ros_type
-from lidarcli.logs.mcap_records import MAX_SMALL, RECORD, walk
-from lidarcli.logs.mcap_source import Source
+from lidarcli.logs.mcap.cursor import Cursor
+from lidarcli.logs.mcap.records import MAX_SMALL, RECORD, list_records
 from lidarcli.sweeps import Int64
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -106,7 +106,7 @@ def parse(read: Callable[[ReadDataStream], T], content: bytes) -> T | None:
         return None
 
 
-def read_summary(source: Source, report: ReadReport) -> Summary | None:
+def read_summary(source: Cursor, report: ReadReport) -> Summary | None:
     """The summary of a file; None where the log was not closed, or where its summary is damaged.
 
     Nothing in it is needed to read the log: it saves time, it names what can be skipped, and it leads past damage.
@@ -138,7 +138,7 @@ def _summary(data: bytes) -> Summary:
     summary = Summary()
     place = 0
     while True:
-        found = walk(data, place, len(data))
+        found = list_records(data, place, len(data))
         for opcode, first, end in found.others:
             content = data[first:end]
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
@@ -157,7 +157,7 @@ def _summary(data: bytes) -> Summary:
     return summary
 
 
-def index_is_complete(source: Source, summary: Summary, wanted: set[int]) -> bool:
+def index_is_complete(source: Cursor, summary: Summary, wanted: set[int]) -> bool:
     """Whether the message indexes of all chunks together count what the statistics count, for each wanted channel.
 
     Only then may a chunk be passed over because its index does not mention a wanted channel.
@@ -170,7 +170,7 @@ def index_is_complete(source: Source, summary: Summary, wanted: set[int]) -> boo
         if chunk.message_index_length > MAX_SMALL or after > (source.size or 0):
             return False
         data = source.read_at(after, chunk.message_index_length)
-        for opcode, first, end in walk(data, 0, len(data)).others:
+        for opcode, first, end in list_records(data, 0, len(data)).others:
             if opcode == Opcode.MESSAGE_INDEX and end - first >= 6:
                 channel, size = struct.unpack_from("<HI", data, first)
                 if channel in seen:

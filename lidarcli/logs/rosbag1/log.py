@@ -13,11 +13,11 @@ import numpy as np
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic
 from lidarcli.logs.gather import Gather
-from lidarcli.logs.rosbag1_feeds import read_at
-from lidarcli.logs.rosbag1_index import Connection, State, read_index
-from lidarcli.logs.rosbag1_reader import Pass, Wanted
-from lidarcli.logs.rosbag1_records import MAGIC, MAX_HEADER, Op, parse
-from lidarcli.logs.rosbag1_run import Block
+from lidarcli.logs.rosbag1.feeds import read_at
+from lidarcli.logs.rosbag1.index import Connection, State, read_index
+from lidarcli.logs.rosbag1.reader import Pass, Wanted
+from lidarcli.logs.rosbag1.records import MAGIC, MAX_HEADER, Op, parse
+from lidarcli.logs.rosbag1.run import MessageBlock
 from lidarcli.sweeps import RawSweeps
 
 OLD_MAGIC = b"#ROS"
@@ -176,7 +176,7 @@ def _topics(connections: dict[int, Connection], counts: dict[int, int]) -> list[
     return [Topic(it.topic, it.type, "ros1", count) for it, count in totals.items()]
 
 
-def _by_topic(block: Block, reading: Pass, wanted: Wanted) -> list[list[int]]:
+def _by_topic(block: MessageBlock, reading: Pass, wanted: Wanted) -> list[list[int]]:
     """The wanted connections of a block, those of one topic and type together."""
     groups: dict[Connection, list[int]] = {}
     for number in np.unique(block.connection).tolist():
@@ -187,7 +187,7 @@ def _by_topic(block: Block, reading: Pass, wanted: Wanted) -> list[list[int]]:
 
 
 def _decode(
-    block: Block, rows: np.ndarray[tuple[int], np.dtype[np.intp]], gather: Gather
+    block: MessageBlock, rows: np.ndarray[tuple[int], np.dtype[np.intp]], gather: Gather
 ) -> Iterator[RawSweeps]:
     """Decode many messages where they lie, gather few."""
     starts, lengths, times = block.starts[rows], block.lengths[rows], block.time_ns[rows]

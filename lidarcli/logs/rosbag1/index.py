@@ -9,8 +9,8 @@ from typing import BinaryIO
 import numpy as np
 
 from lidarcli.logs.base import ros_type
-from lidarcli.logs.rosbag1_feeds import read_at
-from lidarcli.logs.rosbag1_records import MAGIC, MAX_HEADER, Op, Record, parse, parse_fields
+from lidarcli.logs.rosbag1.feeds import read_at
+from lidarcli.logs.rosbag1.records import MAGIC, MAX_HEADER, Op, Record, parse, parse_fields
 
 MAX_INDEX = 256 << 20
 """Longest index section that is read [bytes]."""

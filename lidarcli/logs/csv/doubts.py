@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.csv_head import Head, shown, value_of
-from lidarcli.logs.csv_others import TRAJECTORY
+from lidarcli.logs.csv.head import Head, shown, value_of
+from lidarcli.logs.csv.others import TRAJECTORY
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 LEAST_NUMBERS = 8

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
-from lidarcli.logs.csv_cells import not_a_number
-from lidarcli.logs.csv_layouts import Columns, given_geometry
-from lidarcli.logs.csv_times import seconds_and_nanoseconds, to_ns
-from lidarcli.logs.laserscan import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY
+from lidarcli.logs.blocks import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY
+from lidarcli.logs.csv.layouts import Columns, given_geometry
+from lidarcli.logs.csv.numbers import not_a_number
+from lidarcli.logs.csv.times import seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 GEOMETRY = (

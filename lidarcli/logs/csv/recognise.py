@@ -10,11 +10,10 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import CsvOptions
-from lidarcli.logs.csv_bare import long, without_header
-from lidarcli.logs.csv_cells import say
-from lidarcli.logs.csv_dialect import csv_cells, empty_lists
-from lidarcli.logs.csv_head import Head, need_geometry, read_head, repeats, shown, units, unknown
-from lidarcli.logs.csv_layouts import (
+from lidarcli.logs.csv.bare import long, without_header
+from lidarcli.logs.csv.dialect import csv_cells, empty_lists
+from lidarcli.logs.csv.head import Head, need_geometry, read_head, repeats, shown, units, unknown
+from lidarcli.logs.csv.layouts import (
     BAGPY,
     LIST,
     PLOTJUGGLER,
@@ -23,7 +22,7 @@ from lidarcli.logs.csv_layouts import (
     Columns,
     Layout,
 )
-from lidarcli.logs.csv_names import (
+from lidarcli.logs.csv.names import (
     Family,
     FieldIndex,
     LongColumns,
@@ -34,7 +33,8 @@ from lidarcli.logs.csv_names import (
     find_long,
     list_column,
 )
-from lidarcli.logs.csv_times import time_unit
+from lidarcli.logs.csv.numbers import say
+from lidarcli.logs.csv.times import time_unit
 from lidarcli.sweeps import TURN
 
 _SHOWN = 3

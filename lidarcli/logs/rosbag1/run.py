@@ -8,8 +8,8 @@ from enum import Enum
 
 import numpy as np
 
-from lidarcli.logs.rosbag1_feeds import Feed
-from lidarcli.logs.rosbag1_records import (
+from lidarcli.logs.rosbag1.feeds import Feed
+from lidarcli.logs.rosbag1.records import (
     MAX_HEADER,
     OVERLAP,
     Judged,
@@ -34,7 +34,7 @@ MAX_MESSAGE = 64 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class MessageBlock:
     """Messages in a buffer, by column, and the connections that were declared among them."""
 
     data: UInt8
@@ -56,7 +56,7 @@ class Stop(Enum):
     LARGE = "a record too large for memory stands here"
 
 
-class Run:
+class RecordRun:
     """Reads records until the feed ends or, where `others_end` says so, until a record of another kind."""
 
     def __init__(
@@ -83,7 +83,7 @@ class Run:
         self._lost: int | None = 0 if lost else None
         self._window = min(max(expected, OVERLAP), MAX_WINDOW) + BEHIND
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[MessageBlock]:
         """The messages, window by window."""
         at = self._slide(0)
         while True:
@@ -136,7 +136,7 @@ class Run:
                     yield from self._shorten(record, after)
                 at = after
 
-    def _shorten(self, record: Record, end: int) -> Iterator[Block]:
+    def _shorten(self, record: Record, end: int) -> Iterator[MessageBlock]:
         """A record whose own length is too large ends where the next one begins."""
         self._damaged(self._base + record.start, "a record has a wrong length")
         if record.op == Op.MESSAGE:
@@ -194,7 +194,9 @@ class Run:
         self._damaged(self._base + inside, "a record has a wrong length")
         return inside
 
-    def _block(self, walked: Walk, judged: Judged, cut: int | None = None, rows: int | None = None) -> Block:
+    def _block(
+        self, walked: Walk, judged: Judged, cut: int | None = None, rows: int | None = None
+    ) -> MessageBlock:
         """The first rows of a walk; `cut` is where the last of them really ends."""
         rows = judged.good if rows is None else rows
         starts = walked.starts[:rows] + 8 + walked.header_lengths[:rows]
@@ -207,13 +209,15 @@ class Run:
             if row < rows
         ]
         data = np.frombuffer(self._data, np.uint8)
-        return Block(data, judged.connection[:rows], judged.time_ns[:rows], starts, lengths, connections)
+        return MessageBlock(
+            data, judged.connection[:rows], judged.time_ns[:rows], starts, lengths, connections
+        )
 
 
-def _single(data: bytes, record: Record, end: int) -> Block:
+def _single(data: bytes, record: Record, end: int) -> MessageBlock:
     """One message, whose own length is wrong: it ends where the next record begins."""
     seconds, nanoseconds = np.frombuffer(record.value(b"time"), "<u4").tolist()
-    return Block(
+    return MessageBlock(
         np.frombuffer(data, np.uint8),
         np.array([record.number(b"conn")]),
         np.array([seconds * 1_000_000_000 + nanoseconds]),

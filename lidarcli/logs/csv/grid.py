@@ -1,4 +1,4 @@
-"""Runs of (bearing, range) rows as sweeps: an even step is recognised, an uneven one put on a grid."""
+"""BeamRuns of (bearing, range) rows as sweeps: an even step is recognised, an uneven one put on a grid."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ JITTER = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Runs:
+class BeamRuns:
     """Rows of many sweeps, one after the other."""
 
     angle: Float64
@@ -71,7 +71,7 @@ def cut_restarts(angle: Float64) -> Int64:
     return np.concatenate([start, jumps])
 
 
-def even_runs(runs: Runs) -> tuple[EvenRuns, list[str], bool]:
+def even_runs(runs: BeamRuns) -> tuple[EvenRuns, list[str], bool]:
     """Sweeps of even step from rows of bearings; per run why it is none (or ''), and whether a grid was needed."""
     starts, lengths = runs.starts, runs.lengths
     if not len(starts):

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.csv_times import time_unit, to_ns
+from lidarcli.logs.csv.times import time_unit, to_ns
 from lidarcli.sweeps import RawSweeps, concatenate
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xy", ".scan", ".gz")
@@ -53,7 +53,7 @@ def stamp_of_name(name: str) -> int:
     return 0 if unit is None else int(to_ns([stem.encode()], unit)[0][0])
 
 
-def gather(blocks: Iterator[RawSweeps]) -> Iterator[RawSweeps]:
+def join_blocks(blocks: Iterator[RawSweeps]) -> Iterator[RawSweeps]:
     """Join small blocks of one topic into larger ones, without letting a wide sweep widen many narrow ones."""
     waiting: list[RawSweeps] = []
     rows = width = 0

@@ -1,8 +1,8 @@
 """The MCAP reader: files with and without an index, cut-off ones, and pipes, on one path.
 
-Records are walked in file order, whatever the index says: an index only saves work (`mcap_records.records`,
-`Mcap._skip`), so that a missing, partial or lying one loses nothing. One chunk is held at a time; a chunk that
-declares more than 1 GiB (`mcap_codec.MAX_CHUNK`) is refused.
+Records are walked in file order, whatever the index says: an index only saves work (`records.stretches`,
+`McapLog._pass`), so that a missing, partial or lying one loses nothing. One chunk is held at a time; a chunk that
+declares more than 1 GiB (`codec.MAX_CHUNK`) is refused.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import foxglove, schema
+from lidarcli.logs import foxglove
 from lidarcli.logs.base import FOXGLOVE_SCAN, LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic
+from lidarcli.logs.definition import differs
 from lidarcli.logs.gather import Gather
-from lidarcli.logs.mcap_catalogue import MAGIC, Catalogue, Summary, index_is_complete, read_summary
-from lidarcli.logs.mcap_records import Messages
-from lidarcli.logs.mcap_source import Source
-from lidarcli.logs.mcap_walk import Walker
-from lidarcli.logs.rosbag2_unpack import PACKED_CAUSE, ZSTD_MAGIC, unpack_message
+from lidarcli.logs.mcap.catalogue import MAGIC, Catalogue, Summary, index_is_complete, read_summary
+from lidarcli.logs.mcap.cursor import Cursor
+from lidarcli.logs.mcap.records import Messages
+from lidarcli.logs.mcap.walk import Walker
+from lidarcli.logs.rosbag2.unpack import PACKED_CAUSE, ZSTD_MAGIC, unpack_message
 from lidarcli.logs.unpacking import Unpacking
 from lidarcli.sweeps import RawSweeps
 
@@ -78,7 +79,7 @@ class _OneByOne:
 
     def flush(self) -> Iterator[RawSweeps]:
         waiting, self.waiting = self.waiting, []
-        yield from foxglove.decode(self.topic, waiting, self.decoder, self.report)
+        yield from foxglove.decode_each(self.topic, waiting, self.decoder, self.report)
 
 
 def _are_packed(rows: Messages) -> bool:
@@ -138,7 +139,7 @@ class McapLog:
         else:
             self.path = name or "-"
             self._stream = source
-        self._source = Source(self._stream, self.size)
+        self._source = Cursor(self._stream, self.size)
         try:
             self._begin()
         except OSError as err:
@@ -254,7 +255,7 @@ class McapLog:
             return None
         if type_name in (LASERSCAN, MULTI_ECHO) and encoding in ("cdr", "ros1"):
             text = definition.data.decode("utf-8", "replace")
-            different = schema.differs(type_name, definition.encoding, text)
+            different = differs(type_name, definition.encoding, text)
             if different is None:
                 return _Columns(Gather(channel.topic, type_name, encoding, report), self._unpacking)
             problem = f"its definition is not the standard one: {different}"
@@ -324,7 +325,7 @@ class McapLog:
                 )
             self._used = True
         else:
-            self._source = Source(self._stream, self.size)
+            self._source = Cursor(self._stream, self.size)
         offsets = np.empty(0, np.int64) if self._summary is None else self._summary.chunk_offsets
         return Walker(self._source, self._catalogue, report, offsets, skip)
 

@@ -10,9 +10,10 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport, ros_type
-from lidarcli.logs.mcap_catalogue import MAGIC, Catalogue
-from lidarcli.logs.mcap_codec import MAX_CHUNK, CodecError, inflate, inflate_start
-from lidarcli.logs.mcap_records import (
+from lidarcli.logs.mcap.catalogue import MAGIC, Catalogue
+from lidarcli.logs.mcap.codec import MAX_CHUNK, CodecError, inflate, inflate_start
+from lidarcli.logs.mcap.cursor import Cursor
+from lidarcli.logs.mcap.records import (
     CHUNK_PEEK,
     MAX_ENTRIES,
     MAX_SMALL,
@@ -24,11 +25,10 @@ from lidarcli.logs.mcap_records import (
     find_record,
     index_entries,
     is_chunk,
+    list_records,
     messages_at,
-    records,
-    walk,
+    stretches,
 )
-from lidarcli.logs.mcap_source import Source
 from lidarcli.logs.unpacking import Unpacking
 from lidarcli.sweeps import Int64
 
@@ -68,7 +68,7 @@ class _Chunk:
 class Walker:
     """Goes from record to record and yields the messages; definitions go to the catalogue, damage to the report."""
 
-    source: Source
+    source: Cursor
     catalogue: Catalogue
     report: ReadReport
     chunk_offsets: Int64
@@ -224,7 +224,7 @@ class Walker:
     def _run(self, place: int, length: int) -> Iterator[Messages]:
         """Messages that stand outside chunks: all that are whole in one window, or a single large one."""
         window = self.source.peek(WINDOW)
-        found = walk(window, 0, min(len(window), self._next_chunk(place) - place), messages_only=True)
+        found = list_records(window, 0, min(len(window), self._next_chunk(place) - place), messages_only=True)
         if found.messages:
             self.source.skip(found.end)
             yield messages_at(np.frombuffer(window, np.uint8), np.frombuffer(found.messages, np.int64))
@@ -298,7 +298,7 @@ class Walker:
             return
         offsets = np.concatenate(list(chunk.offsets.values())) if chunk.sound and counts else None
         seen = end = 0
-        for found in records(content, offsets):
+        for found in stretches(content, offsets):
             self._define(found.others, content, f"chunk at byte {chunk.place}")
             yield found.messages
             seen, end = seen + len(found.messages), found.end
@@ -328,7 +328,7 @@ class Walker:
         """Channels that a damaged chunk described are needed after it: taken where they still name a known type."""
         start = inflate_start(chunk.head.compression, data, min(chunk.head.size, RESCUED))
         doubtful = Catalogue()
-        for opcode, first, end in walk(start, 0, len(start)).others:
+        for opcode, first, end in list_records(start, 0, len(start)).others:
             if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 doubtful.add(opcode, start[first:end])
         for key, channel in doubtful.channels.items():
@@ -349,7 +349,7 @@ class Walker:
         """The whole messages of a chunk that the log's end cuts off."""
         content = inflate_start(chunk.head.compression, data, chunk.head.size)
         seen = 0
-        for found in records(content, None):
+        for found in stretches(content, None):
             self._define(found.others, content, f"chunk at byte {chunk.place}")
             yield found.messages
             seen += len(found.messages)

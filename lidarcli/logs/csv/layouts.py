@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import CsvOptions
-from lidarcli.logs.csv_dialect import Dialect
+from lidarcli.logs.csv.dialect import Dialect
 from lidarcli.sweeps import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
@@ -30,7 +30,7 @@ class Columns:
     topic: str
     fields: dict[str, int]
     units: dict[str, int] = field(default_factory=dict)
-    """`record` and `stamp` → nanoseconds per unit, see `csv_times.time_unit`."""
+    """`record` and `stamp` → nanoseconds per unit, see `times.time_unit`."""
     ranges: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
     """(B,) the column of each beam; empty where `first` says it all."""
     first: int = 0

@@ -12,7 +12,7 @@ PIECE = 1 << 20
 """Most bytes asked of a pipe at once: a declared size is never allocated before the bytes are there."""
 
 
-class Source:
+class Cursor:
     """A position in a stream of bytes. A file can also be read elsewhere (`read_at`), and ends where it ended at open."""
 
     def __init__(self, stream: BinaryIO, size: int | None) -> None:

@@ -8,10 +8,10 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarcli.logs.rosbag1_feeds import CODECS, ChunkFeed, FileFeed, read_at
-from lidarcli.logs.rosbag1_index import Connection, Index, State, connection_of
-from lidarcli.logs.rosbag1_records import MAGIC, MAX_HEADER, Op, Record, Search, parse
-from lidarcli.logs.rosbag1_run import WINDOW, Block, Run, Stop
+from lidarcli.logs.rosbag1.feeds import CODECS, ChunkFeed, FileFeed, read_at
+from lidarcli.logs.rosbag1.index import Connection, Index, State, connection_of
+from lidarcli.logs.rosbag1.records import MAGIC, MAX_HEADER, Op, Record, Search, parse
+from lidarcli.logs.rosbag1.run import WINDOW, MessageBlock, RecordRun, Stop
 from lidarcli.logs.unpacking import Unpacking, too_much
 
 AHEAD = 1 << 16
@@ -43,7 +43,7 @@ class Pass:
         """How many wanted messages have been read so far."""
         return sum(count for connection, count in self.counts.items() if self._is_wanted(connection))
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[MessageBlock]:
         """Every message of the bag, in file order."""
         while self.at < self._size and not self._cut:
             record = self._record(self.at)
@@ -75,7 +75,7 @@ class Pass:
                 return by_count
         return record.end
 
-    def _pass_over(self, record: Record, end: int) -> Iterator[Block]:
+    def _pass_over(self, record: Record, end: int) -> Iterator[MessageBlock]:
         """Go on behind a record that needs no reading, or search where its length cannot be right."""
         if self._sane(end):
             self.at = end
@@ -84,10 +84,10 @@ class Pass:
         else:
             self._cut_off(record.start, "inside a record that holds no messages")
 
-    def _run(self, start: int, lost: bool = False, expected: int = WINDOW) -> Iterator[Block]:
+    def _run(self, start: int, lost: bool = False, expected: int = WINDOW) -> Iterator[MessageBlock]:
         """Messages and connections that stand in the file itself: those of an uncompressed chunk, too."""
         feed = FileFeed(self._file, start, self._size)
-        run = Run(
+        run = RecordRun(
             feed,
             self._search,
             lambda at, cause: self._damaged(f"byte {start + at}", cause),
@@ -104,7 +104,7 @@ class Pass:
         elif run.stop is Stop.LARGE:
             yield from self._large(self._record(self.at))
 
-    def _large(self, record: Record | None) -> Iterator[Block]:
+    def _large(self, record: Record | None) -> Iterator[MessageBlock]:
         """A message too large for memory, such as a dense point cloud: a LaserScan cannot be."""
         if record is None:
             return
@@ -112,7 +112,7 @@ class Pass:
             self._damaged(f"byte {record.start}", f"a message of {record.data_length:,} bytes was not read")
         yield from self._pass_over(record, record.end)
 
-    def _chunk(self, record: Record) -> Iterator[Block]:
+    def _chunk(self, record: Record) -> Iterator[MessageBlock]:
         codec = self._codec(record)
         self.codecs[codec] = None
         behind = self._unwanted(record)
@@ -141,7 +141,7 @@ class Pass:
             return next((known for known, magic in CODECS.items() if head.startswith(magic)), codec)
         return codec
 
-    def _unpack(self, record: Record, codec: str) -> Iterator[Block]:
+    def _unpack(self, record: Record, codec: str) -> Iterator[MessageBlock]:
         """Messages of a compressed chunk."""
         place = f"chunk at byte {record.start}"
         sane = self._sane(record.end)
@@ -151,7 +151,7 @@ class Pass:
         feed = ChunkFeed(
             self._file, record.data_start, record.end if sane else self._size, codec, min(size, room)
         )
-        run = Run(
+        run = RecordRun(
             feed,
             self._search,
             lambda _, cause: self._damaged(place, cause),
@@ -193,7 +193,7 @@ class Pass:
             return None
         return at
 
-    def _take(self, block: Block) -> Block:
+    def _take(self, block: MessageBlock) -> MessageBlock:
         """Note connections and count messages."""
         for record, data in block.connections:
             connection = connection_of(record, data)

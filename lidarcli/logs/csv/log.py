@@ -1,6 +1,6 @@
 """CSV as a log: whatever its layout, it is read in blocks of lines and decoded by column.
 
-`csv_recognise` says from the first lines what a file is; `csv_wide`, `csv_list` and `csv_long` decode it.
+`recognise` says from the first lines what a file is; `wide_form`, `list_form` and `long_form` decode it.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, CsvOptions, Message, ReadReport, Topic
-from lidarcli.logs.csv_folder import gather, in_order, stamp_of_name, sweep_files
-from lidarcli.logs.csv_layouts import PER_SWEEP, Layout
-from lidarcli.logs.csv_list import ListDecoder
-from lidarcli.logs.csv_long import LongDecoder
-from lidarcli.logs.csv_others import other_format
-from lidarcli.logs.csv_recognise import recognise
-from lidarcli.logs.csv_source import FIRST_BLOCK, MAX_LINE, Block, TextSource
-from lidarcli.logs.csv_times import time_notes
-from lidarcli.logs.csv_wide import WideDecoder
+from lidarcli.logs.csv.folder import in_order, join_blocks, stamp_of_name, sweep_files
+from lidarcli.logs.csv.layouts import PER_SWEEP, Layout
+from lidarcli.logs.csv.list_form import ListDecoder
+from lidarcli.logs.csv.long_form import LongDecoder
+from lidarcli.logs.csv.others import other_format
+from lidarcli.logs.csv.recognise import recognise
+from lidarcli.logs.csv.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextSource
+from lidarcli.logs.csv.times import time_notes
+from lidarcli.logs.csv.wide_form import WideDecoder
 from lidarcli.sweeps import RawSweeps
 
 Paths = Sequence[str | os.PathLike[str]]
@@ -35,7 +35,7 @@ Paths = Sequence[str | os.PathLike[str]]
 class Decoder(Protocol):
     """Lines in, sweeps out."""
 
-    def feed(self, block: Block) -> Iterator[RawSweeps]: ...
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]: ...
 
     def finish(self) -> Iterator[RawSweeps]: ...
 
@@ -93,7 +93,7 @@ class CsvLog:
         report.notes.append(self._note)
         if self._files:
             if topics is None or self._layout.scans[0].topic in topics:
-                yield from gather(self._sweeps_of_files(report))
+                yield from join_blocks(self._sweeps_of_files(report))
             return
         blocks = self._start_over(report)
         if not any(topics is None or scan.topic in topics for scan in self._layout.scans):
@@ -154,7 +154,7 @@ class CsvLog:
         except OSError as err:
             raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
 
-    def _start_over(self, report: ReadReport) -> Iterator[Block]:
+    def _start_over(self, report: ReadReport) -> Iterator[TextBlock]:
         """The blocks from the first one on; a stream has them once."""
         head, blocks = self._head, self._blocks
         if self._used:
@@ -167,7 +167,7 @@ class CsvLog:
         self._text.report_to(report)
         return chain(head, blocks)
 
-    def _recognise(self, head: Sequence[Block]) -> Layout:
+    def _recognise(self, head: Sequence[TextBlock]) -> Layout:
         if not head:
             if self._text.report.damage:
                 raise UnreadableError(f"{self.path}: {self._text.report.damage[0].cause}")
@@ -215,9 +215,9 @@ class CsvLog:
             yield from found
 
 
-def _head(blocks: Iterator[Block]) -> list[Block]:
+def _head(blocks: Iterator[TextBlock]) -> list[TextBlock]:
     """The first blocks: enough for three lines, or all there is."""
-    head: list[Block] = []
+    head: list[TextBlock] = []
     for block in blocks:
         head.append(block)
         if sum(block.text.count(b"\n") for block in head) >= 3 or sum(len(b.text) for b in head) > MAX_LINE:

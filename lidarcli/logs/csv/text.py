@@ -25,7 +25,7 @@ class Readable(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class TextBlock:
     """Whole lines of a text, each ended by one newline."""
 
     text: bytes
@@ -58,7 +58,7 @@ class TextSource:
         report.add(self.report)
         self.report = report
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[TextBlock]:
         """Blocks of lines: a small first one, to be recognised by, then larger ones."""
         chunks = self._chunks()
         if self.compression == "gzip":
@@ -118,7 +118,7 @@ class TextSource:
             self.report.damage_more += 1
         self.report.add_damage(place, cause)
 
-    def _whole_lines(self, chunks: Iterator[bytes]) -> Iterator[Block]:
+    def _whole_lines(self, chunks: Iterator[bytes]) -> Iterator[TextBlock]:
         """Cut chunks into blocks at line ends, and drop lines beyond `MAX_LINE`."""
         line, target = 1, FIRST_BLOCK
         whole: list[bytes] = []
@@ -144,7 +144,7 @@ class TextSource:
             too_long = tail_size > MAX_LINE
             if size >= target or (too_long and size):
                 text = b"".join(whole)
-                yield Block(text, line, count := text.count(b"\n"))
+                yield TextBlock(text, line, count := text.count(b"\n"))
                 line += count
                 whole, size, target = [], 0, BLOCK
             if too_long:
@@ -153,7 +153,7 @@ class TextSource:
         if size + tail_size:
             end_of_file = [b"\n"] if tail else []
             text = b"".join(whole + tail + end_of_file)
-            yield Block(text, line, text.count(b"\n"), cut=bool(tail))
+            yield TextBlock(text, line, text.count(b"\n"), cut=bool(tail))
 
 
 def _as_utf8(chunks: Iterator[bytes]) -> Iterator[bytes]:
@@ -184,7 +184,7 @@ def _newlines(chunks: Iterator[bytes]) -> Iterator[bytes]:
         yield chunk.replace(b"\r", b"\n") if alone else chunk
 
 
-def _line_ends(blocks: Iterator[Block]) -> Iterator[Block]:
+def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
     """Write every line end as one newline, and a stray carriage return as a space."""
     for block in blocks:
         if b"\r" not in block.text:

@@ -20,8 +20,8 @@ import numpy as np
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, ReadReport, ros_type
 from lidarcli.logs.laserscan import decode
-from lidarcli.logs.sqlite_journal import JOURNAL, WAL, is_needed, merge
-from lidarcli.logs.sqlite_salvage import (
+from lidarcli.logs.rosbag2.journal import JOURNAL, WAL, is_needed, merge
+from lidarcli.logs.rosbag2.salvage import (
     BEFORE_ALL,
     HEADER,
     MAGIC,

@@ -127,7 +127,7 @@ def messages_at(data: UInt8, at: Int64) -> Messages:
 
 
 @dataclass(slots=True)
-class Walk:
+class Records:
     """Where the records of a piece of bytes begin. `end` is where the last whole record ends."""
 
     messages: array[int]
@@ -136,7 +136,9 @@ class Walk:
     end: int
 
 
-def walk(data: bytes, first: int, last: int, most: int = PART, messages_only: bool = False) -> Walk:
+def list_records(
+    data: bytes, first: int, last: int, most: int = PART, messages_only: bool = False
+) -> Records:
     """Go from record to record; stop at the first that is not whole, or has no opcode, or after `most` messages."""
     messages: array[int] = array("q")
     others: list[tuple[int, int, int]] = []
@@ -156,11 +158,11 @@ def walk(data: bytes, first: int, last: int, most: int = PART, messages_only: bo
         else:
             break
         place = end
-    return Walk(messages, others, place)
+    return Records(messages, others, place)
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class Stretch:
     """Messages and other records of a stretch of a chunk, in order. `end`: where whole records end so far."""
 
     messages: Messages
@@ -168,7 +170,7 @@ class Found:
     end: int
 
 
-def records(data: bytes, offsets: Int64 | None) -> Iterator[Found]:
+def stretches(data: bytes, offsets: Int64 | None) -> Iterator[Stretch]:
     """All records of a chunk's bytes.
 
     `offsets` are where its message index says that messages begin. What the index says is only used as far as the
@@ -182,14 +184,14 @@ def records(data: bytes, offsets: Int64 | None) -> Iterator[Found]:
         at, others = known
         for first in range(0, len(at), PART):
             some = at[first : first + PART]
-            yield Found(messages_at(array_of_bytes, some), others, len(data))
+            yield Stretch(messages_at(array_of_bytes, some), others, len(data))
             others = []
         return
     place = 0
     while True:
-        found = walk(data, place, len(data))
+        found = list_records(data, place, len(data))
         at = np.frombuffer(found.messages, np.int64) if found.messages else np.empty(0, np.int64)
-        yield Found(messages_at(array_of_bytes, at), found.others, found.end)
+        yield Stretch(messages_at(array_of_bytes, at), found.others, found.end)
         if found.end == place or found.end == len(data) or len(found.messages) < PART:
             return
         place = found.end
@@ -211,7 +213,7 @@ def _proved(data: bytes, view: UInt8, offsets: Int64) -> tuple[Int64, list[tuple
     others: list[tuple[int, int, int]] = []
     missing: list[Int64] = []
     for gap in np.flatnonzero(gap_first < gap_last).tolist():
-        found = walk(data, int(gap_first[gap]), int(gap_last[gap]), MAX_ENTRIES)
+        found = list_records(data, int(gap_first[gap]), int(gap_last[gap]), MAX_ENTRIES)
         if found.end != gap_last[gap]:
             return None
         others += found.others

@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
-from lidarcli.logs.csv_build import (
+from lidarcli.logs.blocks import TOO_MANY, split_rows
+from lidarcli.logs.csv.dialect import Lines, read_lines
+from lidarcli.logs.csv.grid import BeamRuns, cut_restarts, even_runs
+from lidarcli.logs.csv.layouts import Columns, Layout
+from lidarcli.logs.csv.numbers import Cells, parse_rows
+from lidarcli.logs.csv.raw_sweeps import (
     NO_TIME,
     bad_cell,
     build,
@@ -19,12 +24,7 @@ from lidarcli.logs.csv_build import (
     pad,
     read_times,
 )
-from lidarcli.logs.csv_cells import Cells, parse_rows
-from lidarcli.logs.csv_dialect import Lines, read_lines
-from lidarcli.logs.csv_layouts import Columns, Layout
-from lidarcli.logs.csv_runs import Runs, cut_restarts, even_runs
-from lidarcli.logs.csv_source import Block
-from lidarcli.logs.laserscan import TOO_MANY, split_rows
+from lidarcli.logs.csv.text import TextBlock
 from lidarcli.sweeps import Float64, Int32, Int64, RawSweeps
 
 CUT = "the file ends within this sweep: it is dropped"
@@ -59,7 +59,7 @@ class LongDecoder:
         self._broken = False
         self._noted = False
 
-    def feed(self, block: Block) -> Iterator[RawSweeps]:
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """The sweeps of one block that are known to be whole."""
         layout = self._layout
         lines = read_lines(block, layout.dialect, layout.header, layout.start, self._report)
@@ -209,7 +209,7 @@ class LongDecoder:
         self._carry_numbers = numbers[rows]
 
     def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
-        runs, causes, uneven = even_runs(Runs(rows.angle, rows.ranges, starts, ends - starts))
+        runs, causes, uneven = even_runs(BeamRuns(rows.angle, rows.ranges, starts, ends - starts))
         if uneven and not self._noted:
             self._noted = True
             self._report.notes.append(
