@@ -9,9 +9,18 @@ from itertools import pairwise
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
-from lidarcli.logs.csv.layouts import LAYOUTS, given_geometry
+from lidarcli.logs.csv.layouts import (
+    DEFAULT_TOPIC,
+    LAYOUTS,
+    LONG,
+    PER_SWEEP,
+    Columns,
+    Layout,
+    given_geometry,
+)
 from lidarcli.logs.csv.numbers import parse_number
 from lidarcli.logs.csv.times import NS, time_unit
+from lidarcli.sweeps import TURN
 
 SAMPLE_LINES = 3000
 SAMPLE_BYTES = 256 << 10
@@ -138,3 +147,29 @@ def shown(text: bytes, most: int = 60) -> str:
 def unknown(head: Head, found: str) -> UnreadableError:
     """The error for a table that no layout fits."""
     return UnreadableError(f"{head.path}: {found} is none of the CSV layouts: {'; '.join(LAYOUTS)}")
+
+
+def long_layout(
+    head: Head, angle: int, distance: int, key: int | None, degrees: bool | None, fields: dict[str, int]
+) -> Layout:
+    """The layout of one beam per row; bearings are degrees where the name says so or radians cannot be that large."""
+    notes = []
+    if degrees is None:
+        numbers = [abs(value) for cell in head.column(angle) if (value := value_of(cell)) is not None]
+        degrees = bool(numbers) and max(numbers) > TURN + 0.1
+        if degrees:
+            notes.append("bearings beyond a turn in radians: taken as degrees")
+    scan = Columns(DEFAULT_TOPIC, fields, units(head, fields), first=distance)
+    width = len(head.names) or len(head.rows[0])
+    return Layout(
+        PER_SWEEP if key is None else LONG,
+        head.dialect,
+        head.start,
+        head.header,
+        width,
+        (scan,),
+        angle=angle,
+        key=key,
+        degrees=degrees,
+        notes=tuple(notes),
+    )

@@ -20,6 +20,9 @@ LONG = "long form"
 PER_SWEEP = "one file per sweep"
 LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, LIST, WIDE, LONG, PER_SWEEP)
 
+DEFAULT_TOPIC = "/scan"
+"""That of a file which names none."""
+
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
 

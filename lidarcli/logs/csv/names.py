@@ -10,9 +10,8 @@ from string import whitespace
 
 import numpy as np
 
+from lidarcli.logs.csv.layouts import BAGPY, DEFAULT_TOPIC, PLOTJUGGLER, ROSTOPIC, WIDE
 from lidarcli.sweeps import Int64
-
-DEFAULT_TOPIC = "/scan"
 
 _MARKS = re.compile(r"[./\[\]\s%#:]+")
 _DECIMAL = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
@@ -238,3 +237,23 @@ def list_column(names: Sequence[str], cells: Mapping[int, str]) -> tuple[int, st
             end = name.lower().rfind("ranges")
             return column, name[:end] if end >= 0 else ""
     return None
+
+
+def ros_name(names: Sequence[str]) -> str:
+    """The layout that a tool of ROS names its columns by; plain wide where it is none of them."""
+    plain = [name.strip().lower() for name in names]
+    if plain[0] == "%time":
+        return ROSTOPIC
+    if "__time" in plain:
+        return PLOTJUGGLER
+    if any(name.startswith("header.") for name in plain):
+        return BAGPY
+    return WIDE
+
+
+def has_ros_header(names: Sequence[str]) -> bool:
+    """Columns of a ROS header: a log of something else than ranges."""
+    plain = {canonical(name) for name in names}
+    return bool(
+        plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}
+    )

@@ -79,71 +79,92 @@ class RecordRun:
         self._feed, self._search, self._damaged, self._others_end = feed, search, damaged, others_end
         self._data = b""
         self._base = 0
-        self._ended = False
+        """Position of the window in the feed."""
+        self._at = 0
+        """Where the next record should begin in the window."""
+        self._ended = self._done = False
         self._lost: int | None = 0 if lost else None
         self._window = min(max(expected, OVERLAP), MAX_WINDOW) + BEHIND
 
     def blocks(self) -> Iterator[MessageBlock]:
         """The messages, window by window."""
-        at = self._slide(0)
-        while True:
-            if self._lost is not None:
-                found = self._find(at)
-                if found is None:
-                    return
-                at = found
-            walked = walk(self._data, at)
-            judged = judge(self._data, walked)
-            whole = judged.good == len(walked.starts)
-            at = walked.stop if whole else int(walked.starts[judged.good])
-            record = parse(self._data, at) if whole else judged.foreign
-            if record is not None and self._others_end and record.op not in (Op.MESSAGE, Op.CONNECTION):
-                yield self._block(walked, judged)
-                return self._finish(Stop.OTHER, at)
-            if not whole or (record is None and len(self._data) - at >= 8 + MAX_HEADER):
-                cut = self._end_of_last(walked, judged.good, at)
-                yield self._block(walked, judged, cut=cut)
-                at = self._lose(at, at + 1) if cut is None else cut
-            elif record is not None and record.end - at > MAX_MESSAGE:
-                yield self._block(walked, judged)
-                if record.end - len(self._data) > self._feed.left:
-                    after = self._search.next(self._data, record.data_start)
-                    if after is None:
-                        at = self._lose(at, record.data_start)
-                    else:
-                        yield from self._shorten(record, after)
-                        at = after
-                elif self._others_end:
-                    return self._finish(Stop.LARGE, at)
-                else:
-                    at = self._skip(record)
-            elif not self._ended:
-                # The last whole record waits: only a sane record behind it proves its length.
-                held = max(0, judged.good - 1)
-                yield self._block(walked, judged, rows=held)
-                keep = int(walked.starts[held]) if judged.good else at
-                at = self._slide(keep, 0 if record is None else record.end - at)
+        self._slide(0)
+        while not self._done and (self._lost is None or self._find()):
+            walked = walk(self._data, self._at)
+            yield from self._step(walked, judge(self._data, walked))
+
+    def _step(self, walked: Walk, judged: Judged) -> Iterator[MessageBlock]:
+        """The messages of what has been walked of a window, and on to where the next step begins."""
+        whole = judged.good == len(walked.starts)
+        self._at = walked.stop if whole else int(walked.starts[judged.good])
+        record = parse(self._data, self._at) if whole else judged.foreign
+        left = len(self._data) - self._at
+        if record is not None and self._others_end and record.op not in (Op.MESSAGE, Op.CONNECTION):
+            yield self._block(walked, judged)
+            self._finish(Stop.OTHER, self._at)
+        elif not whole or (record is None and left >= 8 + MAX_HEADER):
+            yield self._broken(walked, judged)
+        elif record is not None and record.end - self._at > MAX_MESSAGE:
+            yield self._block(walked, judged)
+            yield from self._large(record)
+        elif not self._ended:
+            # The last whole record waits: only a sane record behind it proves its length.
+            held = max(0, judged.good - 1)
+            yield self._block(walked, judged, rows=held)
+            keep = int(walked.starts[held]) if judged.good else self._at
+            self._slide(keep, 0 if record is None else record.end - self._at)
+        else:
+            yield self._block(walked, judged)
+            yield from self._end(record)
+
+    def _broken(self, walked: Walk, judged: Judged) -> MessageBlock:
+        """The messages before a broken record, which the last of them may have swallowed."""
+        cut = self._end_of_last(walked, judged.good, self._at)
+        block = self._block(walked, judged, cut=cut)
+        if cut is None:
+            self._lose(self._at + 1)
+        else:
+            self._at = cut
+        return block
+
+    def _large(self, record: Record) -> Iterator[MessageBlock]:
+        """A record too large for memory: where it ends behind the feed, its length is wrong."""
+        if record.end - len(self._data) <= self._feed.left:
+            if self._others_end:
+                self._finish(Stop.LARGE, self._at)
             else:
-                yield self._block(walked, judged)
-                if at == len(self._data):
-                    return self._finish(Stop.END, at)
-                after = self._search.next(self._data, at + 1 if record is None else record.data_start)
-                if after is None:
-                    return self._finish(Stop.CUT, at)
-                if record is None:
-                    self._damaged(self._base + at, f"{after - at:,} bytes are broken and were skipped")
-                else:
-                    yield from self._shorten(record, after)
-                at = after
+                self._skip(record)
+            return
+        after = self._search.next(self._data, record.data_start)
+        if after is None:
+            self._lose(record.data_start)
+        else:
+            yield from self._shorten(record, after)
+
+    def _end(self, record: Record | None) -> Iterator[MessageBlock]:
+        """The feed has ended: what is left is no whole record, but others may stand in it."""
+        at = self._at
+        if at == len(self._data):
+            self._finish(Stop.END, at)
+            return
+        after = self._search.next(self._data, at + 1 if record is None else record.data_start)
+        if after is None:
+            self._finish(Stop.CUT, at)
+        elif record is None:
+            self._damaged(self._base + at, f"{after - at:,} bytes are broken and were skipped")
+            self._at = after
+        else:
+            yield from self._shorten(record, after)
 
     def _shorten(self, record: Record, end: int) -> Iterator[MessageBlock]:
         """A record whose own length is too large ends where the next one begins."""
         self._damaged(self._base + record.start, "a record has a wrong length")
+        self._at = end
         if record.op == Op.MESSAGE:
             yield _single(self._data, record, end)
 
-    def _slide(self, keep: int, need: int = 0) -> int:
-        """Drop what stands before `keep` and read on; 0, where `keep` stands now."""
+    def _slide(self, keep: int, need: int = 0) -> None:
+        """Drop what stands before `keep` and read on."""
         more = max(self._window, need)
         self._window = WINDOW
         new = self._feed.read(more)
@@ -151,9 +172,9 @@ class RecordRun:
         self._base += keep
         self.at = self._base
         self._data = self._data[keep:] + new
-        return 0
+        self._at = 0
 
-    def _skip(self, record: Record) -> int:
+    def _skip(self, record: Record) -> None:
         """Read past a record that is too large for memory."""
         self._damaged(self._base + record.start, f"a message of {record.data_length:,} bytes was not read")
         missing = record.end - len(self._data)
@@ -161,27 +182,27 @@ class RecordRun:
         self._data = b""
         while missing > 0 and (data := self._feed.read(min(missing, WINDOW))):
             missing -= len(data)
-        return self._slide(0)
+        self._slide(0)
 
     def _finish(self, stop: Stop, at: int) -> None:
-        self.stop, self.at = stop, self._base + at
+        self.stop, self.at, self._done = stop, self._base + at, True
 
-    def _lose(self, at: int, search_from: int) -> int:
-        """A broken record stands at `at`."""
-        self._lost = self._base + at
-        return search_from
+    def _lose(self, search_from: int) -> None:
+        """A broken record stands here: the next one is looked for from `search_from` on."""
+        self._lost = self._base + self._at
+        self._at = search_from
 
-    def _find(self, at: int) -> int | None:
-        """Go to the next plausible record, None where there is none up to the feed's end."""
+    def _find(self) -> bool:
+        """Go to the next plausible record; False where there is none up to the feed's end."""
         lost = self._lost or 0
-        while (found := self._search.next(self._data, at)) is None:
+        while (found := self._search.next(self._data, self._at)) is None:
             if self._ended or self._search.budget <= 0:
                 self._finish(Stop.CUT, lost - self._base)
-                return None
-            at = self._slide(max(at, len(self._data) - OVERLAP))
+                return False
+            self._slide(max(self._at, len(self._data) - OVERLAP))
         self._damaged(lost, f"{self._base + found - lost:,} bytes are broken and were skipped")
-        self._lost = None
-        return found
+        self._lost, self._at = None, found
+        return True
 
     def _end_of_last(self, walked: Walk, good: int, at: int) -> int | None:
         """Where the record before the broken one at `at` really ends, if it swallowed the start of others."""

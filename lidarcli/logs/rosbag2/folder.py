@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import stat
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path, PureWindowsPath
@@ -54,30 +54,29 @@ def is_bag(names: Iterable[str]) -> bool:
 
 def read_folder(folder: Path) -> Folder:
     """Find the storage files of a bag: those that are there count, the metadata gives their order."""
-    there = {path.name: path for path in sorted(folder.iterdir()) if is_storage(path.name) and path.is_file()}
+    files = [path for path in sorted(folder.iterdir()) if path.is_file()]
+    there = {path.name: path for path in files if is_storage(path.name)}
     named, note = _named_files(folder / METADATA)
     notes = [note] if note else []
     ordered, missing = _matched(named, there)
-    alike = _by_content(ordered or there)
-    twins = {it for it in there if any(other != it for other in alike[_content(it)])}
-    if not ordered:
-        twins = {it for it in twins if _PACKED.search(it)}
-    unnamed = [it for it in there if it not in ordered and it not in twins]
+    unnamed = _unnamed(ordered, there)
     if unnamed and named:
         notes.append(f"{METADATA} does not name {', '.join(sorted(unnamed, key=natural))}: read as well")
-    others = [
-        it.name
-        for it in sorted(folder.iterdir())
-        if it.name not in there and _is_log(it.name) and it.is_file()
-    ]
+    logs = (*BINARY_SUFFIXES, *TEXT_SUFFIXES)
+    others = [path.name for path in files if path.name not in there and path.name.lower().endswith(logs)]
     if others:
         notes.append(f"no part of this bag, and not read: {', '.join(others)}")
     names = sorted([*ordered, *unnamed], key=natural) if unnamed else [*ordered]
     return Folder([there[name] for name in names], notes, missing)
 
 
-def _is_log(name: str) -> bool:
-    return name.lower().endswith((*BINARY_SUFFIXES, *TEXT_SUFFIXES))
+def _unnamed(ordered: Collection[str], there: Collection[str]) -> list[str]:
+    """Files that the metadata does not name, but for those that are others packed or unpacked."""
+    alike = _by_content(ordered or there)
+    twins = {name for name in there if any(other != name for other in alike[_content(name)])}
+    if not ordered:
+        twins = {name for name in twins if _PACKED.search(name)}
+    return [name for name in there if name not in ordered and name not in twins]
 
 
 def natural(name: str) -> list[tuple[int, str]]:

@@ -162,32 +162,21 @@ class Salvage:
         overflow = int.from_bytes(page[end : end + 4], "big") if size > local else 0
         return _Cell(rowid, size, at, local, overflow)
 
-    def _row(self, page: bytes, cell: _Cell, place: int, found: Found) -> bool:
-        """Note a row if it is a message or a topic; False where its bytes make no row at all."""
+    def _row(self, page: bytes, cell: _Cell, place: int, found: Found) -> None:
+        """Note a row if it is a message or a topic."""
         local = page[cell.start : cell.start + cell.local]
-        types = _serial_types(local)
-        if types is None:
-            return False
+        types = _serial_types(local) or []
         # The first column is the id: NULL, as it is the row's own number, but where a table keeps it beside that.
         if len(types) == 4 and types[1] in _INT_BYTES and types[2] in _INT_BYTES:
-            blob = types[3]
-            if blob >= 12 and blob % 2 == 0:
+            if types[3] >= 12 and types[3] % 2 == 0:
                 head = _varint(local, 0)[0] + _width(types[0])
-                width = _INT_BYTES[types[1]]
-                topic = types[1] - 8 if types[1] > 6 else _integer(local[head : head + width])
                 found.rowids.append(cell.rowid)
-                found.topic_ids.append(topic)
+                found.topic_ids.append(_number(local, head, types[1]))
                 found.places.append(place)
         elif 4 <= len(types) <= 8 and types[0] == 0 and all(t >= 13 and t % 2 for t in types[1:4]):
-            at, texts = _varint(local, 0)[0], []
-            for serial in types[1:4]:
-                texts.append(local[at : at + (serial - 13) // 2].decode("utf-8", "replace"))
-                at += (serial - 13) // 2
-            name, kind, encoding = texts
-            # The table of message definitions has the same shape, but an encoding of definitions.
-            if at <= len(local) and "/" in kind and not encoding.startswith("ros2"):
-                found.topics.setdefault(cell.rowid, TopicRow(cell.rowid, name, kind, encoding))
-        return True
+            topic = _topic_row(local, cell.rowid, types)
+            if topic is not None:
+                found.topics.setdefault(cell.rowid, topic)
 
     def _message(self, place: int) -> MessageRow | None:
         """The message whose cell stands at a byte of the file, None where a part of it is lost."""
@@ -207,9 +196,8 @@ class Salvage:
             return None
         at, numbers = _varint(row, 0)[0] + _width(types[0]), []
         for serial in types[1:3]:
-            width = _INT_BYTES.get(serial, 0)
-            numbers.append(serial - 8 if serial > 6 else _integer(row[at : at + width]))
-            at += width
+            numbers.append(_number(row, at, serial))
+            at += _INT_BYTES.get(serial, 0)
         size = (types[3] - 12) // 2
         if at + size != len(row):
             return None
@@ -275,5 +263,22 @@ def _serial_types(row: bytes) -> list[int] | None:
     return types if at == head else None
 
 
-def _integer(data: bytes) -> int:
-    return int.from_bytes(data, "big", signed=True)
+def _number(row: bytes, at: int, serial: int) -> int:
+    """The integer of this serial type at a byte of a row; 8 and 9 stand for 0 and 1."""
+    return (
+        serial - 8
+        if serial > 6
+        else int.from_bytes(row[at : at + _INT_BYTES.get(serial, 0)], "big", signed=True)
+    )
+
+
+def _topic_row(row: bytes, rowid: int, types: list[int]) -> TopicRow | None:
+    """A row of three texts behind its id as a topic; None where it is none."""
+    at, texts = _varint(row, 0)[0], []
+    for serial in types[1:4]:
+        texts.append(row[at : at + (serial - 13) // 2].decode("utf-8", "replace"))
+        at += (serial - 13) // 2
+    name, kind, encoding = texts
+    # The table of message definitions has the same shape, but an encoding of definitions.
+    is_topic = at <= len(row) and "/" in kind and not encoding.startswith("ros2")
+    return TopicRow(rowid, name, kind, encoding) if is_topic else None
