@@ -1,4 +1,4 @@
-"""The containers lidarcli reads. A new one is one file in `logs/` and one entry here."""
+"""The containers lidarcli reads. A new one is a package in `logs/` and one entry here."""
 
 from __future__ import annotations
 

@@ -10,16 +10,13 @@ import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice, pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import quote
 
-import numpy as np
-
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import LASERSCAN, ReadReport, ros_type
-from lidarcli.logs.laserscan import decode
+from lidarcli.logs.base import ReadReport, ros_type
 from lidarcli.logs.rosbag2.journal import JOURNAL, WAL, is_needed, merge
 from lidarcli.logs.rosbag2.salvage import (
     BEFORE_ALL,
@@ -30,6 +27,7 @@ from lidarcli.logs.rosbag2.salvage import (
     MessageRow,
     Salvage,
     TopicRow,
+    guess_topics,
 )
 
 SIDECARS = (JOURNAL, WAL)
@@ -133,7 +131,7 @@ class SqliteBag:
         known = self._known
         if known.counts is None and self._database is not None:
             try:
-                # Where most rows are read from the disk anyway, no statement that groups them is faster, and it holds all.
+                # GROUP BY would take as long, for the time goes into reading pages, and sort all rows in memory.
                 known.counts = Counter(chain.from_iterable(self._ask(self._database, _COUNTED)))
                 known.orphans = {id_: n for id_, n in known.counts.items() if id_ not in self.topics}
             except SQLITE_ERRORS as err:
@@ -271,7 +269,7 @@ class SqliteBag:
         salvage, found = self._salvage()
         self.topics = dict(sorted(found.topics.items()))
         if not self.topics and found.rowids:
-            self.topics = _guess_topics(salvage, found)
+            self.topics = guess_topics(salvage, found)
         if not self.topics:
             raise UnreadableError(f"{self._shown}: holds no ROS 2 messages ({self._cause})")
 
@@ -368,31 +366,6 @@ def _cause(err: Exception) -> str:
     if "interrupted" in str(err):
         return "reading it takes far more steps than a sound file of its size needs"
     return f"SQLite says: {err if isinstance(err, sqlite3.Error) else 'malformed database schema'}"
-
-
-def _guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
-    """LaserScan topics of a bag that lost its topics table: those whose first messages make sane sweeps."""
-    guessed = {}
-    for topic in sorted(set(found.topic_ids)):
-        sample = [
-            row.data
-            for row in islice(salvage.messages(found, {topic}, BEFORE_ALL), 5)
-            if isinstance(row, MessageRow)
-        ]
-        if sample and all(map(_is_scan, sample)):
-            guessed[topic] = TopicRow(topic, f"/topic_{topic}", LASERSCAN, "cdr")
-    return guessed
-
-
-def _is_scan(data: bytes) -> bool:
-    """Whether a message decodes to a sweep with a geometry that a scanner can have."""
-    whole = np.array([len(data)])
-    start = np.array([0])
-    sweeps = decode("", np.frombuffer(data, np.uint8), start, whole, start, "cdr", ReadReport())
-    if sweeps is None:
-        return False
-    sane = (sweeps.beams > 1) & (np.abs(sweeps.angle_min) < 10) & (np.abs(sweeps.angle_increment) < 1)
-    return bool((sane & (sweeps.range_min >= 0) & (sweeps.range_max > sweeps.range_min)).all())
 
 
 def has_type(topic: TopicRow, types: Collection[str]) -> bool:

@@ -9,9 +9,13 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
+
+from lidarcli.logs.base import LASERSCAN, ReadReport
+from lidarcli.logs.laserscan import decode
 
 MAGIC = b"SQLite format 3\0"
 LEAF = 0x0D
@@ -282,3 +286,28 @@ def _topic_row(row: bytes, rowid: int, types: list[int]) -> TopicRow | None:
     # The table of message definitions has the same shape, but an encoding of definitions.
     is_topic = at <= len(row) and "/" in kind and not encoding.startswith("ros2")
     return TopicRow(rowid, name, kind, encoding) if is_topic else None
+
+
+def guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
+    """LaserScan topics of a bag that lost its topics table: those whose first messages make sane sweeps."""
+    guessed = {}
+    for topic in sorted(set(found.topic_ids)):
+        sample = [
+            row.data
+            for row in islice(salvage.messages(found, {topic}, BEFORE_ALL), 5)
+            if isinstance(row, MessageRow)
+        ]
+        if sample and all(map(_is_scan, sample)):
+            guessed[topic] = TopicRow(topic, f"/topic_{topic}", LASERSCAN, "cdr")
+    return guessed
+
+
+def _is_scan(data: bytes) -> bool:
+    """Whether a message decodes to a sweep with a geometry that a scanner can have."""
+    whole = np.array([len(data)])
+    start = np.array([0])
+    sweeps = decode("", np.frombuffer(data, np.uint8), start, whole, start, "cdr", ReadReport())
+    if sweeps is None:
+        return False
+    sane = (sweeps.beams > 1) & (np.abs(sweeps.angle_min) < 10) & (np.abs(sweeps.angle_increment) < 1)
+    return bool((sane & (sweeps.range_min >= 0) & (sweeps.range_max > sweeps.range_min)).all())
