@@ -149,7 +149,7 @@ def test_several_topics_in_one_pass(tmp_path: Path, detect: Any, monkeypatch: py
     passes = []
     scans = McapLog.scans
     monkeypatch.setattr(
-        McapLog, "scans", lambda log, topics=None: passes.append(topics) or scans(log, topics)
+        McapLog, "scans", lambda log, topics, report: passes.append(topics) or scans(log, topics, report)
     )
     code, _, rows = detect(tmp_path / "run.mcap")
     assert (code, len(passes)) == (0, 1)

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from lidarcli.cli.messages import Messages
-from lidarcli.logs.choice import no_scan_topic
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.many import Outcome
@@ -66,6 +65,8 @@ def _show_run(label: str, run: RunSummary, say: Messages) -> None:
 
 
 def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
+    from lidarcli.logs.choice import no_scan_topic
+
     for line in run.damage:
         say.error(label, line)
     for topic in run.missing_topics:
