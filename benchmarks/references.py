@@ -18,6 +18,7 @@ from mcap.stream_reader import StreamReader
 from sklearn.cluster import DBSCAN
 
 from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 
 FEW = 300
@@ -66,7 +67,8 @@ def main(what: str, log: str) -> None:
         seconds, sweeps = read(Path(log))
     else:
         with open_log(log) as source:
-            batch = next(iter(read_batches(source, ReadOptions(end=FEW / 10.0, batch_size=FEW))))
+            options = ReadOptions(end=FEW / 10.0, batch_size=FEW)
+            batch = next(iter(read_batches(source, options, ReadReport())))
         ranges, step = list(batch.ranges.astype(float)), float(batch.angle_increment[0])
         started = time.perf_counter()
         {"dbscan": dbscan, "loop": loop}[what](ranges, step)

@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from lidarcli.formalism import Parameters, detect
 from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.memory import keep_freed_memory
@@ -54,11 +55,11 @@ def once(log: Path, parameters: Parameters) -> Stages:
     """One pass over a log: read, normalise, detect, make rows, write."""
     stage = Stages()
     with tempfile.TemporaryDirectory() as folder, open_log(str(log)) as source:
-        decoded = stage.each("read and decode", source.scans())
-        source.scans = lambda topics=None: decoded  # type: ignore[method-assign]
+        decoded = stage.each("read and decode", source.scans(None, ReadReport()))
+        source.scans = lambda topics, report: decoded  # type: ignore[method-assign]
         process, thread = time.process_time(), time.thread_time()
         with TableFiles(Path(folder), log.stem, ("objects", "sweeps"), _first_topic(log)) as files:
-            for batch in stage.each("batches", read_batches(source, ReadOptions())):
+            for batch in stage.each("batches", read_batches(source, ReadOptions(), ReadReport())):
                 with stage("detect"):
                     found = detect(batch, parameters)
                 with stage("count"):
@@ -79,7 +80,7 @@ def once(log: Path, parameters: Parameters) -> Stages:
 
 def _first_topic(log: Path) -> str | None:
     with open_log(str(log)) as source:
-        return next((block.topic for block in source.scans()), None)
+        return next((block.topic for block in source.scans(None, ReadReport())), None)
 
 
 def main() -> None:

@@ -82,6 +82,11 @@ class RawSweeps:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
+    @property
+    def time_ns(self) -> Int64:
+        """(S,) when each sweep was taken: its header stamp, or the record time where the header has none."""
+        return np.where(self.stamp_ns == 0, self.record_ns, self.stamp_ns)
+
     def rows(self, index: slice | NDArray[np.intp] | Bool) -> RawSweeps:
         """The same block with the rows of `index` alone."""
         picked = {name: getattr(self, name)[index] for name in _ROW_FIELDS}
@@ -311,7 +316,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
         frame_ids=raw.frame_ids,
         frame=raw.frame,
         sweep=sweep,
-        stamp_ns=np.where(raw.stamp_ns == 0, raw.record_ns, raw.stamp_ns),
+        stamp_ns=raw.time_ns,
         record_ns=raw.record_ns,
         angle_min=raw.angle_min,
         angle_increment=raw.angle_increment,

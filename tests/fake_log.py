@@ -26,7 +26,9 @@ class FakeLog:
         size: int | None = 1234,
     ) -> None:
         self.size = size
-        self.report = ReadReport()
+        self.position = 0
+        self.met = ReadReport()
+        """What a pass over the sweeps meets."""
         self.asked: Any = "nothing"
         """The topics that the last reader of sweeps named."""
         self.passes = 0
@@ -35,22 +37,23 @@ class FakeLog:
         self._topics = topics
         self._messages = messages
         if damage:
-            self.report.add_damage("byte 99", damage)
+            self.met.add_damage("byte 99", damage)
 
     def topics(self) -> list[Topic] | None:
         return self._topics
 
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         self.asked = topics
+        report.add(self.met)
         return self._scans(topics)
 
     def _scans(self, topics: Collection[str] | None) -> Iterator[RawSweeps]:
         for block in self._blocks:
-            self.report.bytes_read += 100
+            self.position += 100
             if topics is None or block.topic in topics:
                 yield block
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         self.passes += 1
         return iter([message for message in self._messages if message.type in types])
 

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.logs.mcap import McapLog
+from lidarcli.logs.mcap.log import McapLog
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from tests.sweeping import START, STEP, raw_sweeps, round_room
@@ -149,7 +149,7 @@ def test_several_topics_in_one_pass(tmp_path: Path, detect: Any, monkeypatch: py
     passes = []
     scans = McapLog.scans
     monkeypatch.setattr(
-        McapLog, "scans", lambda log, topics=None: passes.append(topics) or scans(log, topics)
+        McapLog, "scans", lambda log, topics, report: passes.append(topics) or scans(log, topics, report)
     )
     code, _, rows = detect(tmp_path / "run.mcap")
     assert (code, len(passes)) == (0, 1)

@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
 from lidarcli.simulate.writers import write_log
 from tests.sweeping import BOX, raw_sweeps, round_room
 
@@ -219,7 +220,7 @@ def test_logs_on_a_read_only_disk(log: Path, tmp_path: Path) -> None:
     disk, out = tmp_path / "disk", tmp_path / "out"
     disk.mkdir()
     with open_log(log) as source:
-        blocks = [block for block in source.scans() if block.topic == "/a"]
+        blocks = [block for block in source.scans(None, ReadReport()) if block.topic == "/a"]
     with mounted(disk, "size=64m"):
         (disk / "run.mcap").write_bytes(log.read_bytes())
         write_log(disk / "cut.bag", blocks)

@@ -173,17 +173,15 @@ class Selection:
     pose: str | None
     pose_delay: float
 
-    def __post_init__(self) -> None:
-        """Refuse an end before the start."""
-        if self.start is not None and self.end is not None and not self.start < self.end:
-            raise click.UsageError(f"--start {self.start:g} is not before --end {self.end:g}")
-
     def read(self, rules: RangeRules) -> ReadOptions:
         """What to read, with how ranges are judged."""
+        from lidarcli.errors import OptionError
         from lidarcli.logs.batches import ReadOptions
 
-        topics = frozenset(self.topics) or None
-        return ReadOptions(topics=topics, start=self.start, end=self.end, every=self.every, rules=rules)
+        try:
+            return ReadOptions(frozenset(self.topics) or None, self.start, self.end, self.every, rules=rules)
+        except OptionError as err:
+            raise click.UsageError(str(err)) from err
 
 
 def _gathered(command: F, name: str, gather: Callable[..., Any]) -> F:

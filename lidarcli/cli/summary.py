@@ -65,10 +65,12 @@ def _show_run(label: str, run: RunSummary, say: Messages) -> None:
 
 
 def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
+    from lidarcli.logs.choice import no_scan_topic
+
     for line in run.damage:
         say.error(label, line)
     for topic in run.missing_topics:
-        say.error(label, f"no LaserScan topic {topic} in this log")
+        say.error(label, no_scan_topic([topic]))
 
 
 def _speed(run: RunSummary) -> str:

@@ -79,7 +79,7 @@ class Message:
 
 @dataclass(slots=True)
 class ReadReport:
-    """What reading has met so far. A reader appends; the pipeline and `info` show it."""
+    """What one pass over a log has met: whoever asks for the pass owns it, and a reader appends."""
 
     damage: list[Damage] = field(default_factory=list)
     """Damaged parts (exit code 3). At most `MAX_DAMAGE` are kept, the rest is counted in `damage_more`."""
@@ -88,8 +88,6 @@ class ReadReport:
     """(topic, cause) → messages that were whole but cannot be a sweep (NaN geometry, count beyond the message)."""
     notes: list[str] = field(default_factory=list)
     """Choices the reader made that a user should know (the CSV layout taken, a missing metadata.yaml)."""
-    bytes_read: int = 0
-    """Progress: position in the source [bytes]."""
 
     MAX_DAMAGE = 20
 
@@ -99,6 +97,14 @@ class ReadReport:
             self.damage.append(Damage(place, cause))
         else:
             self.damage_more += 1
+
+    def add(self, other: ReadReport, within: str = "") -> None:
+        """Take over what else has been met; `within` names the part of the log whose places `other` tells."""
+        for part in other.damage:
+            self.add_damage(within + part.place, part.cause)
+        self.damage_more += other.damage_more
+        self.refused.update(other.refused)
+        self.notes += [note for note in other.notes if note not in self.notes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +123,8 @@ class Log(Protocol):
     """One open log. Closing it releases files; using it as a context manager closes it.
 
     A constructor reads as little as it needs to know the format and raises `UnreadableError` when nothing at all can be
-    read. Later damage never raises: it goes to `report`, and everything readable is still yielded.
+    read. Later damage never raises: it goes to the report that the caller of a pass (`scans`, `messages`) hands in, and
+    everything readable is still yielded. A report tells all that its pass has met, and what opening has met before.
     """
 
     path: str
@@ -128,15 +135,18 @@ class Log(Protocol):
     """`none`, `lz4`, `zstd`, `bz2`, `gzip`, or several joined by `+`."""
     size: int | None
     """Bytes of the source; None where unknown (a pipe)."""
-    report: ReadReport
+
+    @property
+    def position(self) -> int:
+        """Where in the source the last pass stands [bytes]."""
 
     def topics(self) -> list[Topic] | None:
         """All topics where the log has an index of them, else None (a pipe, a log that lost its summary)."""
 
-    def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Blocks of sweeps in log order within each topic; `topics` None means every LaserScan topic."""
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Raw messages of the given types in log order (poses)."""
 
     def close(self) -> None: ...

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.errors import NoScanError, OptionError
-from lidarcli.logs.base import SCAN_TYPES, Log
-from lidarcli.logs.laserscan import split_rows
+from lidarcli.errors import OptionError
+from lidarcli.logs.base import Log, ReadReport
+from lidarcli.logs.blocks import split_rows
+from lidarcli.logs.choice import TopicChoice
 from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
 
 MOST_EVERY = 1_000_000
@@ -49,20 +50,32 @@ class ReadOptions:
             raise OptionError(f"--start {self.start:g} is not before --end {self.end:g}")
 
 
-def read_batches(log: Log, options: ReadOptions) -> Iterator[SweepBatch]:
+def read_batches(
+    log: Log, options: ReadOptions, report: ReadReport, choice: TopicChoice | None = None
+) -> Iterator[SweepBatch]:
     """Batches of `batch_size` sweeps per topic or of `BATCH_VALUES` ranges, in log order; the last has what is left.
 
-    A sweep's index counts all sweeps of its topic, also those that are left out. Raises `NoScanError` where a topic
-    that was asked for is not there: at once where the log knows its topics, in the end of a stream otherwise.
+    A sweep's index counts all sweeps of its topic, also those that are left out.
+
+    Parameters
+    ----------
+    report : takes what reading meets
+    choice : the topics, where the caller judges which of them are missing; by default all those of `options`
+
+    Raises
+    ------
+    NoScanError
+        A topic is not there: at once where the log knows its topics, in the end of a stream otherwise.
     """
-    known = log.topics()
-    there = None if known is None else sorted({topic.name for topic in known if topic.type in SCAN_TYPES})
-    names = None if there is None or not options.topics else _resolve(log, options.topics, there)
-    asked = _Asked(options.topics if names is None else None)
+    strict = choice is None
+    if choice is None:
+        choice = TopicChoice(options.topics, log.topics())
+        if choice.is_listed and (error := choice.error(every=True)) is not None:
+            raise error
     lines: dict[str, _Line] = {}
     beyond: Counter[str] = Counter()
-    for block in log.scans(names):
-        if block.topic not in asked:
+    for block in log.scans(choice.asked, report):
+        if not choice.takes(block.topic):
             continue
         line = lines.get(block.topic)
         if line is None and len(lines) == MAX_TOPICS:
@@ -74,45 +87,15 @@ def read_batches(log: Log, options: ReadOptions) -> Iterator[SweepBatch]:
     for topic, line in lines.items():
         yield from line.batches(final=True)
         if (note := line.empty_window(topic)) is not None:
-            log.report.notes.append(note)
+            report.notes.append(note)
     if beyond:
-        log.report.add_damage(
+        report.add_damage(
             "topics",
             f"{beyond.total():,} sweeps of {len(beyond):,} LaserScan topics are not read: the log has more than "
             f"{MAX_TOPICS:,}; name some of them with --topic",
         )
-    if not lines and not there and not log.report.damage and not log.report.refused:
-        raise _absent(log, options.topics or (), asked.others)
-
-
-def _resolve(log: Log, topics: Collection[str], there: list[str]) -> list[str]:
-    """The names of the log's topics that are meant: a leading slash counts only where both names are there."""
-    by_name = {name.lstrip("/"): name for name in there} | {name: name for name in there}
-    missing = [name for name in topics if name not in by_name and name.lstrip("/") not in by_name]
-    if missing:
-        raise _absent(log, missing, there)
-    return sorted({by_name.get(name) or by_name[name.lstrip("/")] for name in topics})
-
-
-def _absent(log: Log, missing: Collection[str], there: Collection[str]) -> NoScanError:
-    if not missing:
-        return NoScanError(f"{log.path}: no LaserScan in it")
-    has = f"it has {', '.join(sorted(there))}" if there else "it has none"
-    return NoScanError(f"{log.path}: no LaserScan topic {', '.join(sorted(missing))}; {has}")
-
-
-class _Asked:
-    """Names asked for in a log whose topics show only while it is read; remembers the others."""
-
-    def __init__(self, topics: Collection[str] | None) -> None:
-        self._names = frozenset(name.lstrip("/") for name in topics) if topics else None
-        self.others: set[str] = set()
-
-    def __contains__(self, name: object) -> bool:
-        if self._names is None or str(name).lstrip("/") in self._names:
-            return True
-        self.others.add(str(name))
-        return False
+    if strict and not report.damage and not report.refused and (error := choice.error()) is not None:
+        raise error
 
 
 class _Line:
@@ -146,12 +129,12 @@ class _Line:
         start, end = self._options.start, self._options.end
         if start is None and end is None:
             return keep
-        stamp_ns = np.where(block.stamp_ns == 0, block.record_ns, block.stamp_ns)
+        time_ns = block.time_ns
         first = np.zeros(len(block.frame_ids), np.int64)
         codes, rows = np.unique(block.frame, return_index=True)
         for code, row in zip(codes.tolist(), rows.tolist(), strict=True):
-            first[code] = self._first_ns.setdefault(block.frame_ids[code], int(stamp_ns[row]))
-        seconds = (stamp_ns - first[block.frame]) / 1e9
+            first[code] = self._first_ns.setdefault(block.frame_ids[code], int(time_ns[row]))
+        seconds = (time_ns - first[block.frame]) / 1e9
         low, high = self._seconds
         self._seconds = min(low, float(seconds.min())), max(high, float(seconds.max()))
         if start is not None:

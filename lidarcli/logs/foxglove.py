@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
-from lidarcli.logs.laserscan import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY, pad_rows, split_rows
+from lidarcli.logs.blocks import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY, pad_rows, split_rows
 from lidarcli.sweeps import Float32, RawSweeps
 
 NOT_JSON = "not JSON"
@@ -42,7 +42,7 @@ class RefusedError(ValueError):
 Decoder = Callable[[bytes], Sweep]
 
 
-def decode(
+def decode_each(
     topic: str, messages: Iterable[tuple[int, bytes]], decoder: Decoder, report: ReadReport
 ) -> Iterator[RawSweeps]:
     """Blocks of sweeps from (record time, payload) pairs, in their order; refused messages are counted."""

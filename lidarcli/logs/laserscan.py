@@ -14,13 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
+from lidarcli.logs.blocks import (
+    ANGLE_MIN,
+    BLOCK_ROWS,
+    INCREMENT,
+    INCREMENT_ZERO,
+    TOO_MANY,
+    pad_rows,
+    split_rows,
+)
 from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate
 
-BLOCK_ROWS = 1024
-"""Most sweeps of one block."""
-BLOCK_VALUES = 1 << 20
-"""Most ranges of one block, padding included, unless one sweep alone has more."""
 MAX_FRAME_ID = 4096
 """Longest frame name [bytes] that is believed."""
 
@@ -32,10 +37,6 @@ ENCAPSULATION = "not plain CDR (unknown encapsulation)"
 FRAME_BEYOND = "frame_id longer than the message"
 FRAME_LONG = f"frame_id of more than {MAX_FRAME_ID} bytes"
 RANGES_BEYOND = "more ranges declared than the message holds"
-TOO_MANY = f"more than {MAX_BEAMS} beams declared"
-ANGLE_MIN = "angle_min is not finite"
-INCREMENT = "angle_increment is not finite"
-INCREMENT_ZERO = "angle_increment is zero"
 
 # Plain CDR and plain XCDR2 (both ids in use): without 8-byte members a LaserScan looks the same in both.
 _BIG_ENDIAN_CDR = (0x00, 0x06, 0x10)
@@ -109,24 +110,6 @@ def decode(
     """`decode_blocks` as one block, None without a sweep: for callers that know their messages to be few."""
     blocks = list(decode_blocks(topic, buffer, offsets, lengths, record_ns, encoding, report, multi_echo))
     return concatenate(blocks) if blocks else None
-
-
-def split_rows(
-    counts: Int32 | Int64, max_rows: int = BLOCK_ROWS, max_values: int = BLOCK_VALUES
-) -> Iterator[slice]:
-    """Cut sweeps of `counts` beams into runs that may be padded to one width.
-
-    A run has at most `max_rows` sweeps and `max_values` values, more than three quarters of them padding
-    only where the run is small. One sweep always fits.
-    """
-    first = 0
-    while first < len(counts):
-        ahead = np.maximum(counts[first : first + max_rows].astype(np.int64), 1)
-        values = np.maximum.accumulate(ahead) * np.arange(1, len(ahead) + 1)
-        fits = (values <= max_values) & (values <= np.maximum(4 * np.cumsum(ahead), max_values // 8))
-        rows = len(ahead) if fits.all() else max(1, int(np.argmin(fits)))
-        yield slice(first, first + rows)
-        first += rows
 
 
 def _windows(buffer: UInt8, at: Int64, width: int) -> UInt8:
@@ -263,14 +246,6 @@ def _block(topic: str, buffer: UInt8, heads: _Heads, record_ns: Int64, ranges: F
         beams=heads.beams.astype(np.int32),
         ranges=ranges,
     )
-
-
-def pad_rows(rows: list[Float32]) -> Float32:
-    """Rows of different length as one array, padded with NaN."""
-    padded = np.full((len(rows), max(map(len, rows), default=0)), np.nan, np.float32)
-    for values, row in zip(padded, rows, strict=True):
-        values[: len(row)] = row
-    return padded
 
 
 def _first_echoes(

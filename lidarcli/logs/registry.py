@@ -1,4 +1,4 @@
-"""The containers lidarcli reads. A new one is one file in `logs/` and one entry here."""
+"""The containers lidarcli reads. A new one is a package in `logs/` and one entry here."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
-from lidarcli.logs.rosbag2_folder import is_bag, is_storage
+from lidarcli.logs.rosbag2.folder import is_bag, is_storage
 
 HEAD = 4096
 """Bytes that a sniffer sees."""
@@ -95,20 +95,24 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("MCAP", "lidarcli.logs.mcap", "McapLog", lambda head: head.startswith(MCAP), streams=True),
+    Format("MCAP", "lidarcli.logs.mcap.log", "McapLog", lambda head: head.startswith(MCAP), streams=True),
     Format(
-        "ROS 1 bag", "lidarcli.logs.rosbag1", "Rosbag1Log", lambda head: head.startswith(ROS1), streams=True
+        "ROS 1 bag",
+        "lidarcli.logs.rosbag1.log",
+        "Rosbag1Log",
+        lambda head: head.startswith(ROS1),
+        streams=True,
     ),
     Format(
         "ROS 2 bag (folder, .db3, compressed)",
-        "lidarcli.logs.rosbag2",
+        "lidarcli.logs.rosbag2.log",
         "Rosbag2Log",
         _is_rosbag2,
         _is_rosbag2_folder,
     ),
     Format(
         "CSV (also .gz, or a folder of one file per sweep)",
-        "lidarcli.logs.csv_log",
+        "lidarcli.logs.csv.log",
         "CsvLog",
         _is_csv,
         _is_csv_folder,

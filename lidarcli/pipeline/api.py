@@ -19,7 +19,7 @@ from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import LidarcliError, OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background.model import Background
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.building import (
     Building,
@@ -86,9 +86,10 @@ def _batches(
     for source in sources:
         with failed.noted(source), open_source(source, csv) as log:
             posing = Posing.of(log, pose, delay)
-            for batch in read_batches(log, options):
+            report = ReadReport()
+            for batch in read_batches(log, options, report):
                 yield replace(posing.attach(batch), log=source.name)
-            for line in damage_lines(log.report):
+            for line in damage_lines(posing.together(report)):
                 warnings.warn(f"{source.path}: {line}", stacklevel=2)
     failed.conclude()
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, ReadReport, Topic
+from lidarcli.logs.choice import scan_topics
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.inputs.topics import scan_topics
 from lidarcli.pipeline.reading.clock import Clock, ClockInfo
 from lidarcli.pipeline.reading.posing import FoundPoses, PoseInfo, alike_note, find_poses, pose_infos
 from lidarcli.pipeline.reading.summary import damage_lines
@@ -105,7 +105,8 @@ def inspect_log(
     only_counted: Counter[str] = Counter()
     with open_source(source, csv) as log:
         poses = find_poses(log)
-        for block in log.scans():
+        report = ReadReport()
+        for block in log.scans(None, report):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MAX_SCANS:
@@ -115,9 +116,9 @@ def inspect_log(
                 else:
                     only_counted[block.topic] += int(sweeps)
             if progress is not None:
-                progress(log.report.bytes_read)
+                progress(log.position)
         topics = _with_counts(log.topics() or (), found, only_counted)
-        report = log.report
+        report = report if poses is None else poses.together(report)
         return LogInfo(
             path=source.label,
             format=log.format,
@@ -129,7 +130,7 @@ def inspect_log(
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(*report.notes, *_pose_notes(poses, found), *_not_shown(only_counted)),
-            damage=_damage(report, poses),
+            damage=tuple(damage_lines(report)),
         )
 
 
@@ -173,11 +174,6 @@ def _delay_sample(poses: FoundPoses | None, frame_id: str, others: int) -> Delay
     from lidarcli.poses.delay import DelaySample
 
     return DelaySample(way)
-
-
-def _damage(report: ReadReport, poses: FoundPoses | None) -> tuple[str, ...]:
-    """Damaged parts that were met while reading the sweeps, and those that hold poses alone."""
-    return (*damage_lines(report), *(poses.damage_lines(report) if poses is not None else ()))
 
 
 class _Scan:

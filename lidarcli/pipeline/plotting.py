@@ -11,12 +11,12 @@ import numpy as np
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
-from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.newfiles import NewFiles, unwritable, write_whole
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inputs.topics import choose, nothing_read
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
 from lidarcli.pipeline.reading.posing import NONE, Posing
 from lidarcli.pipeline.reading.summary import damage_lines
@@ -73,14 +73,16 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn:
 
 def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     with open_source(source, options.csv) as log:
-        topic, notes = _topic(log, options.topic)
+        choice = TopicChoice([options.topic] if options.topic else [], log.topics())
+        topic, notes = _topic(choice)
         read = ReadOptions(
             topics=frozenset({topic}) if topic else None, batch_size=BATCH, rules=options.rules
         )
         rows: list[SweepBatch] = []
         seen = -1
         posing = Posing.of(log, None if options.background else NONE)
-        for raw in read_batches(log, read):
+        report = ReadReport()
+        for raw in read_batches(log, read, report):
             batch = posing.attach(raw)
             topic = topic or batch.topic
             if batch.topic != topic:
@@ -91,7 +93,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
                 break
             if len(rows) > MOST_PICTURES:
                 raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
-        damage = tuple(damage_lines(log.report))
+        damage = tuple(damage_lines(posing.together(report)))
     if seen < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])
     _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {seen}", damage)
@@ -101,15 +103,13 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     return Drawn(pictures, (*notes, *work.notes()), damage)
 
 
-def _topic(log: Log, wanted: str | None) -> tuple[str | None, tuple[str, ...]]:
+def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
     """The topic to draw; of several the first, and a note that names the others."""
-    topics = log.topics()
-    if topics is None:
-        return wanted, ()
-    chosen, _ = choose(topics, [wanted] if wanted else [])
-    if len(chosen) == 1:
-        return chosen[0], ()
-    return chosen[0], (f"drawn is {chosen[0]}; also there: {', '.join(chosen[1:])} (--topic NAME)",)
+    if choice.is_listed and (error := choice.error()) is not None:
+        raise error
+    others = choice.chosen[1:]
+    notes = (f"drawn is {choice.first}; also there: {', '.join(others)} (--topic NAME)",) if others else ()
+    return choice.first, notes
 
 
 def _wanted(batch: SweepBatch, sweeps: Sequence[int] | None) -> Iterator[SweepBatch]:

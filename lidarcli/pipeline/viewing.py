@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
@@ -117,7 +117,7 @@ def _from_log(
     gathered: dict[str, _Gathered] = {}
     with open_source(log, _csv(source.parameters)) as opened:
         options = ReadOptions(topics=frozenset(topics), rules=_rules(source.parameters))
-        for batch in read_batches(opened, options):
+        for batch in read_batches(opened, options, ReadReport()):
             rows = np.flatnonzero(np.isin(batch.sweep, topics.get(batch.topic, [])))
             if not len(rows):
                 continue

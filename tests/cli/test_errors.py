@@ -20,6 +20,7 @@ import lidarcli.cli
 from lidarcli.cli.messages import one_line
 from lidarcli.compiled import about_version
 from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting
 from lidarcli.simulate.writers import write_log
 
@@ -405,7 +406,7 @@ def test_a_line_is_of_bounded_length() -> None:
 def test_names_in_a_log_do_not_steer_the_terminal(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     path = tmp_path / "run.mcap"
     with open_log(logs / "run.mcap") as log:
-        write_log(path, [replace(block, topic="/scan\n\x1b[31m") for block in log.scans()])
+        write_log(path, [replace(block, topic="/scan\n\x1b[31m") for block in log.scans(None, ReadReport())])
     for ran in (lidarcli("info", path), lidarcli("detect", path, "--topic", "/x", "-o", tmp_path)):
         assert "/scan\\n\\x1b[31m" in ran.out + ran.err
         assert "\x1b" not in ran.out + ran.err

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from lidarcli.logs.base import Log
+from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline import plotting
 from lidarcli.pipeline.inputs.search import find_logs
@@ -149,8 +149,8 @@ def test_the_log_is_read_only_up_to_the_sweep(
     (tmp_path / "large.mcap").write_bytes(large)
     seen: list[int] = []
 
-    def counted(log: Log, options: ReadOptions) -> Iterator[SweepBatch]:
-        for batch in read_batches(log, options):
+    def counted(log: Log, options: ReadOptions, report: ReadReport) -> Iterator[SweepBatch]:
+        for batch in read_batches(log, options, report):
             seen.append(len(batch))
             yield batch
 

@@ -11,14 +11,14 @@ from lidarcli.tables.schemas import BACKGROUND
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "background.md").read_text(encoding="utf-8")
-MODULES = ("alignment", "background", "cells", "grid", "learning", "stations", "subtraction")
+MODULES = ("alignment", "model", "cells", "grid", "learning", "stations", "subtraction")
 
 
 def constants() -> dict[str, float]:
     """Every number that these modules name in capitals and assign themselves."""
     found = {}
     for name in MODULES:
-        module = importlib.import_module(f"lidarcli.formalism.{name}")
+        module = importlib.import_module(f"lidarcli.formalism.background.{name}")
         for statement in ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body:
             if not isinstance(statement, ast.Assign):
                 continue

@@ -7,21 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli.logs import (
-    base,
-    batches,
-    csv_source,
-    mcap_codec,
-    mcap_walk,
-    open_log,
-    rosbag1_run,
-    rosbag2_folder,
-    sqlite_bag,
-    sqlite_salvage,
-    unpacking,
-)
-from lidarcli.logs.base import CsvOptions
-from lidarcli.logs.csv_layouts import LAYOUTS
+from lidarcli.logs import base, batches, open_log, unpacking
+from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.csv import text
+from lidarcli.logs.csv.layouts import LAYOUTS
+from lidarcli.logs.mcap import codec, walk
+from lidarcli.logs.rosbag1 import run
+from lidarcli.logs.rosbag2 import database, folder, salvage
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -50,24 +42,24 @@ def test_the_bounds_are_those_of_the_code() -> None:
         for row in table.splitlines()
         if " | " in row
     }
-    small, message = unpacking.SMALL >> 20, rosbag1_run.MAX_MESSAGE >> 20
+    small, message = unpacking.SMALL >> 20, run.MAX_MESSAGE >> 20
     assert said == {
         "what": "bound",
         "a sweep": f"{base.MAX_BEAMS:,} beams",
         "LaserScan topics of a log": f"{batches.MAX_TOPICS:,} (`--topic` chooses among more)",
         "what a log unpacks to, whatever its compression": f"{small} MiB, and {unpacking.MAX_RATIO:,} times what is packed",
         "a chunk of an MCAP, which is held as a whole": (
-            f"{mcap_codec.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
+            f"{codec.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
         ),
-        "messages of an MCAP": f"{mcap_walk.FREE_MESSAGES:,}, and one for each byte of the file",
-        "a message of a ROS 1 bag; of a ROS 2 database": f"{message} MiB; {sqlite_salvage.MAX_BLOB >> 20} MiB",
+        "messages of an MCAP": f"{walk.FREE_MESSAGES:,}, and one for each byte of the file",
+        "a message of a ROS 1 bag; of a ROS 2 database": f"{message} MiB; {salvage.MAX_BLOB >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",
         "steps of SQLite for one statement": (
-            f"{sqlite_bag.STEPS:,}, and {sqlite_bag.STEPS_PER_BYTE} for each byte of the file"
+            f"{database.STEPS:,}, and {database.STEPS_PER_BYTE} for each byte of the file"
         ),
-        "a text in the schema and the topics of a database": f"{sqlite_bag.MAX_TEXT >> 10} KiB",
-        "`metadata.yaml`": f"{rosbag2_folder.MAX_METADATA >> 20} MiB",
-        "a line of a CSV": f"{csv_source.MAX_LINE >> 20} MiB",
+        "a text in the schema and the topics of a database": f"{database.MAX_TEXT >> 10} KiB",
+        "`metadata.yaml`": f"{folder.MAX_METADATA >> 20} MiB",
+        "a line of a CSV": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
     }
 
@@ -83,7 +75,7 @@ def test_an_example_is_read_as_its_layout(layout: str, tmp_path: Path) -> None:
     told = CsvOptions(angle_min=-0.5, angle_increment=0.5) if layout == "plain wide" else CsvOptions()
     with open_log(path, csv=told) as log:
         assert log.format == f"csv ({layout})"
-        blocks = list(log.scans())
+        blocks = list(log.scans(None, ReadReport()))
     for block in blocks:
         assert block.ranges.tolist() == [pytest.approx([2.1, 2.0, 2.1])] * len(block)
         assert block.angle_min.tolist() == [-0.5] * len(block)

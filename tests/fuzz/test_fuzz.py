@@ -17,6 +17,7 @@ import pytest
 
 from lidarcli import cli
 from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
 from tests.places import ROOT
 from tools.fuzz import commands, judge, run
 from tools.fuzz.containers import CONTAINERS
@@ -93,7 +94,7 @@ def test_logs_of_libraries_are_read_whole_as_they_are(name: str, tmp_path: Path)
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).write_bytes(data)
     with open_log(tmp_path / sample.log) as log:
-        sweeps = sum(len(block) for block in log.scans())
+        sweeps = sum(len(block) for block in log.scans(None, ReadReport()))
         assert sweeps == (7 if name == "db3-by-sqlite-deleted" else SWEEPS)
 
 

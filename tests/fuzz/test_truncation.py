@@ -35,8 +35,9 @@ Ends = list[tuple[int, str]]
 def read(path: Path) -> tuple[dict[str, list[Sweep]], ReadReport]:
     """The sweeps of each topic in the order of the log."""
     sweeps: dict[str, list[Sweep]] = {}
+    report = ReadReport()
     with open_log(path, csv=CSV) as log:
-        for block in log.scans():
+        for block in log.scans(None, report):
             for row, beams in enumerate(block.beams.tolist()):
                 sweeps.setdefault(block.topic, []).append(
                     (
@@ -45,7 +46,7 @@ def read(path: Path) -> tuple[dict[str, list[Sweep]], ReadReport]:
                         block.ranges[row, :beams].tobytes(),
                     )
                 )
-        return sweeps, log.report
+        return sweeps, report
 
 
 def mcap_ends(data: bytes) -> Ends:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rosbags.typesys import Stores, get_typestore
 
-from lidarcli.logs.sqlite_journal import MAGIC
+from lidarcli.logs.rosbag2.journal import MAGIC
 from tests.logs.numbered import laser_scan, record_time
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)

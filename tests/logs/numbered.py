@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.logs.rosbag2 import Rosbag2Log
+from tests.logs.watched import Rosbag2Log
 
 EPOCH = 1_700_000_000
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs import batches
-from lidarcli.logs.base import LASERSCAN, Topic
+from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.sweeps import RangeRules, RawSweeps, Status, SweepBatch
 from tests.fake_log import FakeLog
@@ -50,7 +50,7 @@ def block(
 
 
 def run(blocks: list[RawSweeps], **options: Any) -> list[SweepBatch]:
-    return list(read_batches(FakeLog(blocks), ReadOptions(**options)))
+    return list(read_batches(FakeLog(blocks), ReadOptions(**options), ReadReport()))
 
 
 def sweeps(found: list[SweepBatch]) -> list[int]:
@@ -165,7 +165,7 @@ def blocks_of(*topics: str) -> list[RawSweeps]:
 @pytest.mark.parametrize("name", ["/scan", "scan"])
 def test_a_leading_slash_makes_no_difference(topics: list[Topic] | None, name: str) -> None:
     log = FakeLog(blocks_of("/scan", "/rear"), topics)
-    found = list(read_batches(log, ReadOptions(topics=(name,))))
+    found = list(read_batches(log, ReadOptions(topics=(name,)), ReadReport()))
     assert [batch.topic for batch in found] == ["/scan"]
 
 
@@ -173,7 +173,9 @@ def test_a_leading_slash_counts_where_both_names_are_there() -> None:
     topics = [Topic("/scan", LASERSCAN, "cdr"), Topic("scan", LASERSCAN, "cdr")]
     for name in ("/scan", "scan"):
         log = FakeLog(blocks_of("/scan", "scan"), topics)
-        assert [batch.topic for batch in read_batches(log, ReadOptions(topics=(name,)))] == [name]
+        assert [batch.topic for batch in read_batches(log, ReadOptions(topics=(name,)), ReadReport())] == [
+            name
+        ]
 
 
 @pytest.mark.parametrize("wanted", ["/front", "/tf"])
@@ -181,26 +183,30 @@ def test_an_absent_topic_is_named_with_those_that_are_there(wanted: str) -> None
     for topics in (SCANS, None):
         log = FakeLog(blocks_of("/scan", "/rear"), topics)
         with pytest.raises(NoScanError) as caught:
-            list(read_batches(log, ReadOptions(topics=(wanted,))))
-        assert str(caught.value) == f"run.fake: no LaserScan topic {wanted}; it has /rear, /scan"
+            list(read_batches(log, ReadOptions(topics=(wanted,)), ReadReport()))
+        words = f"no LaserScan topic {wanted} in this log (its LaserScan topics: /rear, /scan)"
+        if topics and wanted == "/tf":
+            words = "topic /tf is tf2_msgs/msg/TFMessage, not a LaserScan"
+        assert str(caught.value) == words
         assert log.asked == ("nothing" if topics else None)
 
 
 def test_a_log_without_a_scan() -> None:
-    for topics in (SCANS[2:], None):
+    listed = "no LaserScan topic in this log (its topics: /tf tf2_msgs/msg/TFMessage)"
+    for topics, words in ((SCANS[2:], listed), (None, "no LaserScan in it")):
         with pytest.raises(NoScanError) as caught:
-            list(read_batches(FakeLog([], topics), ReadOptions()))
-        assert str(caught.value) == "run.fake: no LaserScan in it"
+            list(read_batches(FakeLog([], topics), ReadOptions(), ReadReport()))
+        assert str(caught.value) == words
 
 
 def test_a_topic_without_a_message_is_no_error() -> None:
-    assert list(read_batches(FakeLog([], SCANS), ReadOptions())) == []
+    assert list(read_batches(FakeLog([], SCANS), ReadOptions(), ReadReport())) == []
 
 
 def test_a_damaged_or_refused_log_is_not_called_one_without_scans() -> None:
     log = FakeLog([])
-    log.report.add_damage("byte 9", "cut off")
-    assert list(read_batches(log, ReadOptions())) == []
+    log.met.add_damage("byte 9", "cut off")
+    assert list(read_batches(log, ReadOptions(), ReadReport())) == []
     log = FakeLog([])
-    log.report.refused[("/scan", "angle_min is not finite")] += 1
-    assert list(read_batches(log, ReadOptions())) == []
+    log.met.refused[("/scan", "angle_min is not finite")] += 1
+    assert list(read_batches(log, ReadOptions(), ReadReport())) == []

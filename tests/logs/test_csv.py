@@ -14,10 +14,10 @@ import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, CsvOptions, Damage, Topic
-from lidarcli.logs.csv_log import CsvLog
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
+from tests.logs.watched import CsvLog
 from tests.places import REAL_LOGS, needs_real_logs
 
 GEOMETRY = CsvOptions(angle_min=FIRST, angle_increment=STEP)
@@ -74,7 +74,7 @@ def test_layout_reads_back(layout: str, ragged: bool, tmp_path: Path) -> None:
     assert log.topics() == [Topic("/scan", LASERSCAN, "csv")]
     assert (log.report.damage, log.report.refused.total()) == ([], 0)
     sizes = [file.stat().st_size for file in ([path] if path.is_file() else path.iterdir())]
-    assert log.size == log.report.bytes_read == sum(sizes)
+    assert log.size == log.position == sum(sizes)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +95,7 @@ def test_format_names_the_layout(layout: str, name: str, tmp_path: Path) -> None
     write_csv(tmp_path / "x.dat", [sweeps()], layout)
     with CsvLog(tmp_path / "x.dat", GEOMETRY) as log:
         assert (log.format, log.compression) == (f"csv ({name})", "none")
+        assert list(log.messages(())) == []
         assert log.report.notes[0].startswith(f"CSV layout: {name}")
 
 
@@ -619,7 +620,7 @@ def test_a_stream_can_be_read_once_and_a_file_again(tmp_path: Path) -> None:
             list(log.scans())
     with CsvLog(tmp_path / "wide.csv", GEOMETRY) as log:
         assert [sum(map(len, log.scans())) for _ in range(3)] == [40, 40, 40]
-        assert log.report.bytes_read == log.size == len(text)
+        assert log.position == log.size == len(text)
 
 
 @pytest.mark.slow

@@ -13,11 +13,11 @@ import pytest
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CsvOptions
-from lidarcli.logs.csv_doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, UNLIKE, no_ranges
-from lidarcli.logs.csv_log import CsvLog
-from lidarcli.logs.csv_runs import BACK, DOUBLED, TURNS
+from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.csv.doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, UNLIKE, no_ranges
+from lidarcli.logs.csv.grid import BACK, DOUBLED, TURNS
 from lidarcli.sweeps import RawSweeps, concatenate
+from tests.logs.watched import CsvLog
 from tests.places import REAL_LOGS, needs_real_logs
 
 FOV = CsvOptions(fov=2 * np.pi)
@@ -416,7 +416,7 @@ def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
 )
 def test_sweeps_of_real_sensors_are_ranges(name: str) -> None:
     with open_log(REAL_LOGS / name) as log:
-        ranges = concatenate(list(log.scans())).ranges.astype(np.float64)
+        ranges = concatenate(list(log.scans(None, ReadReport()))).ranges.astype(np.float64)
     judged = 0
     for table in (ranges, np.where(np.isfinite(ranges), np.rint(ranges * 1000), ranges)):
         for rows in (5, 30, len(ranges)):

@@ -13,9 +13,9 @@ import pytest
 
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import CsvOptions
-from lidarcli.logs.csv_log import CsvLog
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RangeRules, normalise
+from tests.logs.watched import CsvLog
 from tests.sweeping import STEP, raw_sweeps
 
 CASES = 240

@@ -14,12 +14,12 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.rosbag2 import Rosbag2Log
-from lidarcli.logs.sqlite_journal import MAGIC, roll_back
-from lidarcli.logs.sqlite_salvage import Salvage
+from lidarcli.logs.rosbag2.journal import MAGIC, roll_back
+from lidarcli.logs.rosbag2.salvage import Salvage
 from tests.logs.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
 from tests.logs.numbered import indices
 from tests.logs.numbered import read_bag as read
+from tests.logs.watched import Rosbag2Log
 
 pytestmark = pytest.mark.usefixtures("nothing_left_behind")
 

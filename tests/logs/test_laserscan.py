@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lidarcli.logs import blocks as block_bounds
 from lidarcli.logs import laserscan
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
-from lidarcli.logs.laserscan import decode, decode_blocks, split_rows
+from lidarcli.logs.blocks import split_rows
+from lidarcli.logs.laserscan import decode, decode_blocks
 from lidarcli.sweeps import RawSweeps
 from tests.logs.scan_messages import GEOMETRY, scan
 
@@ -95,11 +97,11 @@ def test_any_mixture_equals_its_parts(rows: list[tuple[Any, ...]], encoding: str
         (scan([1.0])[:12] + b"\xff\xff\xff\xff" + scan([1.0])[16:], laserscan.FRAME_BEYOND),
         (scan([1.0], frame=b"x" * 5000), laserscan.FRAME_LONG),
         (scan([1.0], declared=3), laserscan.RANGES_BEYOND),
-        (scan([1.0], declared=MAX_BEAMS + 1), laserscan.TOO_MANY),
-        (scan([1.0], declared=2**32 - 1), laserscan.TOO_MANY),
-        (scan([1.0], geometry=(np.nan, *GEOMETRY[1:])), laserscan.ANGLE_MIN),
-        (scan([1.0], geometry=(*GEOMETRY[:2], np.inf, *GEOMETRY[3:])), laserscan.INCREMENT),
-        (scan([1.0, 2.0], geometry=(*GEOMETRY[:2], 0.0, *GEOMETRY[3:])), laserscan.INCREMENT_ZERO),
+        (scan([1.0], declared=MAX_BEAMS + 1), block_bounds.TOO_MANY),
+        (scan([1.0], declared=2**32 - 1), block_bounds.TOO_MANY),
+        (scan([1.0], geometry=(np.nan, *GEOMETRY[1:])), block_bounds.ANGLE_MIN),
+        (scan([1.0], geometry=(*GEOMETRY[:2], np.inf, *GEOMETRY[3:])), block_bounds.INCREMENT),
+        (scan([1.0, 2.0], geometry=(*GEOMETRY[:2], 0.0, *GEOMETRY[3:])), block_bounds.INCREMENT_ZERO),
     ],
 )
 def test_a_bad_message_is_refused_alone(bad: bytes, cause: str) -> None:
@@ -143,7 +145,7 @@ def test_one_wide_sweep_does_not_widen_its_neighbours() -> None:
     assert np.concatenate([block.beams for block in blocks]).tolist() == counts
     assert np.concatenate([block.record_ns for block in blocks]).tolist() == [100 * i for i in range(1401)]
     assert sum(block.ranges.size for block in blocks) < 5 * sum(counts)
-    assert max(block.ranges.size for block in blocks) <= laserscan.BLOCK_VALUES
+    assert max(block.ranges.size for block in blocks) <= block_bounds.BLOCK_VALUES
 
 
 @given(st.lists(st.integers(0, 5000), max_size=60), st.integers(1, 20), st.integers(1, 20_000))

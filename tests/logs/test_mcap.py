@@ -11,13 +11,14 @@ import pytest
 from mcap.writer import IndexType, Writer
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import foxglove, mcap_walk
+from lidarcli.logs import foxglove
 from lidarcli.logs.base import FOXGLOVE_SCAN, LASERSCAN, ReadReport, Topic
-from lidarcli.logs.mcap import McapLog
+from lidarcli.logs.mcap import walk as mcap_walk
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs import mcap_samples as samples
 from tests.logs.mcap_samples import json_scan, protobuf_scan, ranges_of, sample
 from tests.logs.scan_messages import scan
+from tests.logs.watched import McapLog
 
 N = 40
 IDL = ("sensor_msgs/msg/LaserScan", "ros2idl", samples.LASERSCAN_IDL)
@@ -123,7 +124,7 @@ def test_what_a_log_tells_of_itself(tmp_path: Path) -> None:
             assert sum(map(len, log.scans())) == N
             assert sum(map(len, log.scans())) == N
             assert log.compression == "lz4"
-            assert log.report.bytes_read == len(data)
+            assert log.position == len(data)
     stream = McapLog(io.BytesIO(sample(2)))
     assert (stream.path, stream.size, stream.topics()) == ("-", None, None)
 

@@ -17,12 +17,12 @@ import zstandard
 from mcap.writer import IndexType
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import mcap_records
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.mcap import McapLog
+from lidarcli.logs.mcap import records as mcap_records
 from tests.logs import mcap_samples as samples
 from tests.logs.mcap_samples import ranges_of, sample
 from tests.logs.scan_messages import scan
+from tests.logs.watched import McapLog
 
 
 @pytest.fixture(autouse=True)

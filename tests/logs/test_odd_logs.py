@@ -23,8 +23,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, CsvOptions
-from lidarcli.logs.csv_source import MAX_LINE
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, CsvOptions, ReadReport
+from lidarcli.logs.csv.text import MAX_LINE
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.detecting_logs import detect_files
 from lidarcli.pipeline.inputs.search import find_logs
@@ -100,14 +100,15 @@ def written(name: str, folder: Path, topics: Topics) -> Path:
 
 def sweeps(path: Path, topic: str = "/scan") -> tuple[list[list[float]], Any]:
     """The ranges of every sweep of a topic, and the report."""
+    report = ReadReport()
     with open_log(path) as log:
         rows = [
             block.ranges[row, : block.beams[row]].tolist()
-            for block in log.scans()
+            for block in log.scans(None, report)
             if block.topic == topic
             for row in range(len(block))
         ]
-        return rows, log.report
+        return rows, report
 
 
 # Messages.
@@ -320,7 +321,7 @@ def test_a_log_that_grows_while_it_is_read(name: str, tmp_path: Path) -> None:
     message = scan([1.0, 2.0, 3.0], encoding=WRITERS[name][0])
     path = written(name, tmp_path, {"/scan": (LASERSCAN, [message] * 500)})
     with open_log(path) as log:
-        blocks = log.scans()
+        blocks = log.scans(None, ReadReport())
         with path.open("ab") as file:
             file.write(os.urandom(50_000))
         found = sum(map(len, blocks))
@@ -331,7 +332,7 @@ def test_a_csv_that_grows_while_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("time,r0,r1,r2\n" + "".join(f"{k / 10},1.0,2.0,3.0\n" for k in range(60_000)))
     with open_log(path, csv=CsvOptions(fov=3.0)) as log:
-        blocks = log.scans()
+        blocks = log.scans(None, ReadReport())
         found = len(next(iter(blocks)))
         with path.open("a") as file:
             file.write("6000.0,1.0,2.0,3.0\n6000.1,1.0,")

@@ -20,6 +20,7 @@ import zstandard
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log, opening
+from lidarcli.logs.base import ReadReport
 from lidarcli.logs.registry import FORMATS
 from lidarcli.sweeps import concatenate
 from tests.logs import mcap_samples
@@ -31,7 +32,7 @@ CSV = b"".join(f"{i}.0,{i}.5,{i}.6,{i}.7\n".encode() for i in range(1, 9))
 
 def sweeps(source: Any) -> int:
     with open_log(source) as log:
-        return sum(map(len, log.scans()))
+        return sum(map(len, log.scans(None, ReadReport())))
 
 
 @pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.csv", "run"])
@@ -41,7 +42,7 @@ def test_content_decides_not_the_suffix(tmp_path: Path, name: str) -> None:
     for source in (path, str(path)):
         with open_log(source) as log:
             assert (log.path, log.format) == (str(path), "mcap")
-            assert sum(map(len, log.scans())) == 5
+            assert sum(map(len, log.scans(None, ReadReport()))) == 5
 
 
 @pytest.mark.parametrize(
@@ -56,7 +57,7 @@ def test_content_decides_not_the_suffix(tmp_path: Path, name: str) -> None:
 def test_every_container_among_the_samples(sample: str, format_name: str) -> None:
     with open_log(SAMPLES / sample) as log:
         assert log.format.startswith(format_name)
-        blocks = list(log.scans())
+        blocks = list(log.scans(None, ReadReport()))
         assert sum(map(len, blocks)) > 10
         assert np.isfinite(concatenate(blocks).ranges).any()
 
@@ -78,7 +79,7 @@ def test_standard_input(sample: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data)))
     with open_log("-") as log:
         assert log.path == "-"
-        assert sum(map(len, log.scans())) == sweeps(SAMPLES / sample)
+        assert sum(map(len, log.scans(None, ReadReport()))) == sweeps(SAMPLES / sample)
 
 
 class Trickle(io.RawIOBase):
@@ -187,7 +188,7 @@ def test_a_named_pipe_is_a_stream(tmp_path: Path) -> None:
     writer.start()
     with open_log(path) as log:
         assert (log.path, log.size) == (str(path), None)
-        assert sum(map(len, log.scans())) == 7
+        assert sum(map(len, log.scans(None, ReadReport()))) == 7
     writer.join()
 
 
@@ -217,7 +218,8 @@ def test_a_log_costs_only_the_libraries_of_its_container(tmp_path: Path) -> None
     path.write_bytes(mcap_samples.sample(3))
     program = (
         "import sys; from lidarcli.logs import open_log\n"
-        "with open_log(sys.argv[1]) as log: print(sum(map(len, log.scans())))\n"
+        "from lidarcli.logs.base import ReadReport\n"
+        "with open_log(sys.argv[1]) as log: print(sum(map(len, log.scans(None, ReadReport()))))\n"
         "print(sorted({'pandas', 'pyarrow', 'rosbags', 'sqlite3', 'click', 'rich'} & set(sys.modules)))"
     )
     done = subprocess.run(
@@ -275,7 +277,7 @@ def test_a_pattern_is_one_log(tmp_path: Path) -> None:
     pattern = str(tmp_path / "sweep_*.csv")
     with open_log(pattern) as log:
         assert log.path == pattern
-        raw = concatenate(list(log.scans()))
+        raw = concatenate(list(log.scans(None, ReadReport())))
     assert raw.ranges[:, 0].tolist() == [2.5, 3.5, 4.5]
     assert refusal(str(tmp_path / "none_*.csv")) == f"{tmp_path}/none_*.csv: no file matches this pattern"
 

@@ -15,12 +15,13 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import rosbag1_run, unpacking
+from lidarcli.logs import unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag1 import Rosbag1Log
-from lidarcli.logs.rosbag1_feeds import ChunkFeed
-from lidarcli.logs.rosbag1_records import Search, judge, parse, walk
+from lidarcli.logs.rosbag1 import run as rosbag1_run
+from lidarcli.logs.rosbag1.feeds import ChunkFeed
+from lidarcli.logs.rosbag1.records import Search, judge, parse, walk
 from tests.logs.numbered import header, indices, laser_scan, record_time
+from tests.logs.watched import Rosbag1Log
 from tests.places import REAL_LOGS, needs_real_logs
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
@@ -84,7 +85,7 @@ def test_reads_back_every_value(tmp_path: Path, codec: str) -> None:
         ]
         assert indices(log) == list(range(300))
         assert log.report.damage == []
-        assert log.report.bytes_read == log.size
+        assert log.position == log.size
 
 
 def test_geometry(tmp_path: Path) -> None:

@@ -79,8 +79,8 @@ def test_damage_is_in_the_metadata_and_the_rest_in_the_tables(tmp_path: Path, op
 
 def test_messages_that_are_refused_count_as_damage(tmp_path: Path, opened: Opens) -> None:
     log = opened(block(), topics=[SCAN])
-    log.report.refused["/scan", "NaN geometry"] = 2000
-    log.report.refused["/rear", "NaN geometry"] = 1
+    log.met.refused["/scan", "NaN geometry"] = 2000
+    log.met.refused["/rear", "NaN geometry"] = 1
     summary = detect_to_files(SOURCE, tmp_path, DetectOptions())
     assert (summary.sweeps, summary.exit_code) == (4, 3)
     assert summary.damage == [

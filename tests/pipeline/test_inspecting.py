@@ -17,7 +17,7 @@ def test_inspection(opened: Opens) -> None:
     wide = replace(block(sweeps=2, first=4, beams=361), angle_increment=np.full(2, 2 * np.pi / 360))
     odom = Topic("/odom", "nav_msgs/msg/Odometry", "cdr", 9)
     log = opened(block(), wide, topics=[replace(SCAN, messages=None), odom])
-    log.report.refused["/scan", "NaN geometry"] = 2
+    log.met.refused["/scan", "NaN geometry"] = 2
     info = inspect_log(SOURCE)
     assert info.exit_code == 3
     assert info.damage == ("topic /scan: 2 messages left out: NaN geometry",)

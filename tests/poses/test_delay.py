@@ -16,6 +16,7 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import OptionError
 from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline import inspecting
 from lidarcli.pipeline.inputs.sources import Source
@@ -68,7 +69,7 @@ def sample_of(path: Path, size: int = 1024) -> DelaySample:
         way = found.sources.way("laser")
         assert way is not None
         sample = DelaySample(way)
-        for batch in read_batches(log, ReadOptions(batch_size=size)):
+        for batch in read_batches(log, ReadOptions(batch_size=size), ReadReport()):
             sample.add(batch)
     return sample
 
@@ -175,7 +176,7 @@ def test_a_sensor_that_stands_tells_nothing(folder: Path, tmp_path: Path) -> Non
     moving = sample_of(folder / "late.mcap")
     parked = DelaySample(moving.way)
     with open_log(str(folder / "late.mcap")) as log:
-        for batch in read_batches(log, ReadOptions()):
+        for batch in read_batches(log, ReadOptions(), ReadReport()):
             still = replace(batch, stamp_ns=np.full(len(batch), batch.stamp_ns[5]))
             for _ in range(3):
                 parked.add(still)

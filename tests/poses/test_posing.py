@@ -17,7 +17,7 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.logs.base import LASERSCAN, Message, Topic
+from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
@@ -152,10 +152,10 @@ class PosesLog(FakeLog):
         super().__init__((), None if size is None else topics, messages, size=size)
         self.damage = damage
 
-    def messages(self, types: Collection[str]) -> Iterator[Message]:
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         if self.damage:
-            self.report.add_damage("byte 7", self.damage)
-        return super().messages(types)
+            report.add_damage("byte 7", self.damage)
+        return super().messages(types, report)
 
 
 def batch_of(
@@ -314,12 +314,10 @@ def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
 
 def test_damage_met_in_the_first_pass_is_kept_once() -> None:
     log = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))], damage="torn")
-    posing = Posing.of(log)
-    assert log.report.damage == []
-    assert posing.found is not None
-    assert posing.found.damage_lines(log.report) == ["byte 7: torn"]
-    log.report.add_damage("byte 7", "torn, as the sweeps show")
-    assert posing.found.damage_lines(log.report) == []
+    posing, report = Posing.of(log), ReadReport()
+    assert posing.together(report).damage == [Damage("byte 7", "torn")]
+    report.add_damage("byte 7", "torn, as the sweeps show")
+    assert posing.together(report).damage == report.damage == [Damage("byte 7", "torn, as the sweeps show")]
 
 
 def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
@@ -434,7 +432,7 @@ def test_info_lists_the_sources() -> None:
 
 def test_info_says_between_which_topics_to_choose(monkeypatch: pytest.MonkeyPatch) -> None:
     class Scanned(PosesLog):
-        def scans(self, topics: Collection[str] | None = None) -> Iterator[RawSweeps]:
+        def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
             yield raw_sweeps(np.full((3, 8), 2.0, np.float32), frame_ids=("laser",))
 
     messages = [pose_stamped(START, "map", (0, 0, 0), topic) for topic in ("/robot_1", "/robot_2")]

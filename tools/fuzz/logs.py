@@ -17,7 +17,7 @@ from lidarcli.cli.messages import Messages
 from lidarcli.cli.summary import show
 from lidarcli.errors import LidarcliError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
@@ -84,7 +84,7 @@ def _streamed(data: bytes) -> Iterator[str]:
     """The same bytes from a stream that cannot seek."""
     try:
         with open_log(_Pipe(data), csv=CSV) as log:
-            for _ in read_batches(log, ReadOptions()):
+            for _ in read_batches(log, ReadOptions(), ReadReport()):
                 pass
     except LidarcliError:
         pass

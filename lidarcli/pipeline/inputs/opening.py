@@ -21,7 +21,7 @@ _TRIED = 3
 def open_source(source: Source, csv: CsvOptions | None = None) -> Log:
     """The open log of a source; many CSV files with one sweep each are one log."""
     if source.files:
-        from lidarcli.logs.csv_log import CsvLog
+        from lidarcli.logs.csv.log import CsvLog
 
         return CsvLog(source.files, csv)
     return open_log(source.path, csv=csv)
@@ -29,7 +29,7 @@ def open_source(source: Source, csv: CsvOptions | None = None) -> Log:
 
 def hold_one_sweep_each(files: Sequence[Path]) -> bool:
     """Whether several text files are the sweeps of one log, as far as the first readable one shows."""
-    from lidarcli.logs.csv_layouts import PER_SWEEP
+    from lidarcli.logs.csv.layouts import PER_SWEEP
 
     if len(files) < 2:
         return False

@@ -11,7 +11,7 @@ from pathlib import Path, PurePath
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
-from lidarcli.logs.rosbag2_folder import is_bag
+from lidarcli.logs.rosbag2.folder import is_bag
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
 

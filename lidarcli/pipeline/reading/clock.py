@@ -93,7 +93,7 @@ class Clock:
         has_stamp = block.stamp_ns != 0
         self._zero += int(np.count_nonzero(~has_stamp))
         self._offsets.add((block.record_ns - block.stamp_ns)[has_stamp])
-        stamps = np.where(has_stamp, block.stamp_ns, block.record_ns)
+        stamps = block.time_ns
         before = stamps[:1] if self._last is None else np.array([self._last])
         steps = np.diff(np.concatenate([before, stamps]))[self._last is None :]
         self._steps.add(steps[steps > 0])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.logs.base import POSE_TYPES, Damage, Log, ReadReport, Topic
+from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
@@ -41,13 +41,19 @@ class FoundPoses:
 
     sources: PoseSources
     notes: tuple[str, ...] = ()
-    damage: tuple[Damage, ...] = ()
-    """Damaged parts that hold poses; reading the sweeps may meet some of them again."""
+    report: ReadReport = field(default_factory=ReadReport)
+    """What the pass over their messages has met."""
 
-    def damage_lines(self, report: ReadReport) -> list[str]:
-        """Damaged parts that reading the sweeps has not met."""
-        met = {part.place for part in report.damage}
-        return [f"{part.place}: {part.cause}" for part in self.damage if part.place not in met]
+    def together(self, sweeps: ReadReport) -> ReadReport:
+        """What the passes over poses and sweeps have met, each damaged part once: the sweeps may have met it, too."""
+        both = ReadReport()
+        both.add(replace(self.report, damage=[], damage_more=0))
+        both.add(sweeps)
+        met = {part.place for part in sweeps.damage}
+        for part in self.report.damage:
+            if part.place not in met:
+                both.add_damage(part.place, part.cause)
+        return both
 
 
 def find_poses(log: Log, wanted: str | None = None) -> FoundPoses | None:
@@ -73,16 +79,15 @@ def find_poses(log: Log, wanted: str | None = None) -> FoundPoses | None:
     from lidarcli.poses.tracks import Tracks
 
     tracks = Tracks()
-    kept = _Kept(log.report)
-    tracks.add(log.messages(POSE_TYPES))
-    damage = kept.give_back()
+    report = ReadReport()
+    tracks.add(log.messages(POSE_TYPES, report))
     found = tracks.finish()
     notes = [
         f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())
     ]
     if tracks.left_out:
         notes.append(f"{tracks.left_out:,} poses left out: too many to keep")
-    return FoundPoses(PoseSources(found, wanted), tuple(notes), damage)
+    return FoundPoses(PoseSources(found, wanted), tuple(notes), report)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,21 +130,6 @@ def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
             )
         )
     return tuple(infos)
-
-
-class _Kept:
-    """A report as it was before a pass over other messages: that pass must not count as reading the sweeps."""
-
-    def __init__(self, report: ReadReport) -> None:
-        self._report = report
-        self._damage, self._more = len(report.damage), report.damage_more
-
-    def give_back(self) -> tuple[Damage, ...]:
-        """Restore the report; the damage that the pass has met."""
-        met = tuple(self._report.damage[self._damage :])
-        del self._report.damage[self._damage :]
-        self._report.damage_more = self._more
-        return met
 
 
 def _absent(wanted: str, topics: Sequence[Topic], there: Sequence[Topic]) -> str:
@@ -191,6 +181,10 @@ class Posing:
             wanted != NONE and log.size is None and log.topics() is None and not log.format.startswith("csv")
         )
         return cls(find_poses(log, wanted), _PIPE if pipe else "", delay)
+
+    def together(self, report: ReadReport) -> ReadReport:
+        """What reading the log has met: the pass over its sweeps, and the one over its poses."""
+        return report if self.found is None else self.found.together(report)
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
         """The batch with its poses, if the log has poses at all."""

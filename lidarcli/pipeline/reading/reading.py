@@ -5,18 +5,16 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from lidarcli.errors import NoScanError
-from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.base import CsvOptions, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.inputs.topics import absent, choose, nothing_read, scan_topics
 from lidarcli.pipeline.reading.posing import Posing
-from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
 from lidarcli.sweeps import SweepBatch
 from lidarcli.threads import Beside
 
@@ -65,33 +63,25 @@ class Reading:
 
     def __init__(self, log: Log, options: ReadOptions, pose: str | None, pose_delay: float = 0.0) -> None:
         self._log = log
-        self._wanted = sorted(options.topics or ())
+        self._report = ReadReport()
         self.summary = RunSummary()
         """What has been counted so far."""
         self._read = options
-        self.first: str | None = None
-        """The topic that comes first in the tables, where that is known before reading."""
         topics = log.topics()
-        self._known = topics is not None
+        self._choice = choice = TopicChoice(options.topics, topics)
+        self.first = choice.first
+        """The topic that comes first in the tables, where that is known before reading."""
         self._expected: int | None = None
         self._started = time.perf_counter()
         if topics is not None:
-            try:
-                chosen, self.summary.missing_topics = choose(topics, self._wanted)
-            except NoScanError as err:
-                # Listing topics reports no damage; reading does, and steps over whatever is not wanted.
-                for _ in log.scans(frozenset(self._wanted) or None):
-                    pass
-                raise nothing_read(self._damage(), err, self._wanted) from None
-            names = frozenset(chosen)
-            self._read = replace(options, topics=names)
-            self.first = chosen[0]
-            counts = [topic.messages for topic in topics if topic.name in names]
+            if (error := choice.error()) is not None:
+                raise nothing_read(self._damage(), error, choice.wanted)
+            self.summary.missing_topics = choice.missing
+            chosen = set(choice.chosen)
+            counts = [topic.messages for topic in topics if topic.name in chosen]
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
-        elif len(self._wanted) == 1:
-            self.first = self._wanted[0]
         self._posing = Posing.of(log, pose, pose_delay)
         self._position = 0
         self._thread: Beside | None = None
@@ -119,8 +109,8 @@ class Reading:
             yield batch
 
     def _read_now(self) -> Iterator[tuple[SweepBatch, int]]:
-        for batch in read_batches(self._log, self._read):
-            yield self._posing.attach(batch), self._log.report.bytes_read
+        for batch in read_batches(self._log, self._read, self._report, self._choice):
+            yield self._posing.attach(batch), self._log.position
 
     def ahead(self) -> int | None:
         """Sweeps still to come, as far as the index or else the file's size tells; None where nothing does."""
@@ -132,9 +122,9 @@ class Reading:
     def close(self) -> RunSummary:
         """The counts, or the error of a log that turned out to have no LaserScan."""
         summary = self.summary
-        summary.close(self._log.report, self._posing)
+        summary.close(self._report, self._posing)
         summary.seconds = time.perf_counter() - self._started
-        if not self._known:
+        if not self._choice.is_listed:
             self._judge_topics()
         return summary
 
@@ -150,27 +140,16 @@ class Reading:
         if self._thread is not None:
             self._thread.close()
 
-    def _judge_topics(self) -> None:
-        """A log without an index shows its topics only in the end."""
-        summary = self.summary
-        topics = self._log.topics()
-        seen = {name.lstrip("/") for name in summary.topics}
-        seen |= {topic.lstrip("/") for topic, _, _ in summary.dropped}
-        if topics is not None:
-            seen |= {name.lstrip("/") for name in scan_topics(topics)}
-        missing = tuple(name for name in self._wanted if name.lstrip("/") not in seen)
-        if seen and not missing:
-            return
-        if missing:
-            error = NoScanError(absent(missing, topics or ()))
-            if len(missing) < len(self._wanted):
-                summary.missing_topics = missing
-                return
-        else:
-            error = NoScanError("no LaserScan in it")
-        raise nothing_read(summary.damage, error, self._wanted)
-
     def _damage(self) -> list[str]:
-        summary = RunSummary()
-        summary.close(self._log.report)
-        return summary.damage
+        """The damage of a log that lists nothing to read: reading meets it on its way past all that is not wanted."""
+        for _ in self._log.scans(frozenset(self._choice.wanted) or None, self._report):
+            pass
+        return damage_lines(self._report)
+
+    def _judge_topics(self) -> None:
+        """A log without an index shows its topics only in the end, those of refused messages too."""
+        for topic, _ in self._report.refused:
+            self._choice.takes(topic)
+        if (error := self._choice.error()) is not None:
+            raise nothing_read(self.summary.damage, error, self._choice.wanted)
+        self.summary.missing_topics = self._choice.missing

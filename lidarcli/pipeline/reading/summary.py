@@ -67,14 +67,12 @@ class RunSummary:
         self.agents += other.agents
         self.by_set.update(other.by_set)
 
-    def close(self, report: ReadReport, posing: Posing | None = None) -> None:
+    def close(self, report: ReadReport, posing: Posing) -> None:
         """Take over what reading has met, the sweeps and their poses."""
+        report = posing.together(report)
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
         self.damage = damage_lines(report)
-        self.notes = list(report.notes)
-        if posing is not None:
-            self.damage += posing.found.damage_lines(report) if posing.found is not None else []
-            self.notes += posing.notes()
+        self.notes = [*report.notes, *posing.notes()]
 
 
 def damage_lines(report: ReadReport) -> list[str]:

@@ -1,0 +1,1 @@
+"""CSV in all its layouts."""

@@ -1,0 +1,176 @@
+"""How the cells of a text are set apart, and lines made plain: no comments, quotes, repeated headers, blanks."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli.logs.base import ReadReport
+from lidarcli.logs.csv.text import TextBlock
+from lidarcli.sweeps import Int64
+
+_QUOTED = re.compile(rb'"[^"]*"')
+# A bracket that nothing closes takes all that follows: to try each of many costs the square of their number.
+_LISTS = re.compile(rb"\[[^\]]*(?:\]|\Z)")
+_LISTS_AND_QUOTED = re.compile(rb'\[[^\]]*(?:\]|\Z)|"[^"]*"')
+_DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
+_ENOUGH = 64 << 10
+"""Bytes of a line that show how its cells are set apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a file separates its cells."""
+
+    separator: bytes
+    decimal_comma: bool = False
+    trailing: bool = False
+    """Every line ends with a separator, behind which there is no cell."""
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return {b",": "comma", b";": "semicolon", b"\t": "tab"}.get(self.separator, "space")
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Plain lines and their numbers in the file."""
+
+    text: bytes
+    """Each line ended by one newline."""
+    numbers: Int64
+    cut: bool
+    """The last line had no line end."""
+
+
+def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
+    """The separator that most lines hold, outside quotes and lists; None for text that is no table."""
+    # The head counts for more than what follows: damage must not hide what the file is.
+    lines = lines[:12]
+    if max(map(len, lines)) <= _ENOUGH:
+        # A quoted cell may span lines.
+        bare = _unlisted(b"\n".join(lines)).split(b"\n")
+    else:
+        bare = [_unlisted(line[:_ENOUGH]) for line in lines]
+    enough = max(1, (len(bare) + 1) // 2)
+
+    def common(separator: bytes) -> bool:
+        found = [separator in line.strip() for line in bare]
+        return sum(found) >= enough or (len(found) > 2 and all(found[:2]))
+
+    if common(b",") and common(b" ") and not common(b";") and not common(b"\t"):
+        # Decimal commas set apart by spaces: every word of a line is such a number.
+        words = max(bare, key=len).split()
+        if len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words):
+            return Dialect(b" ", decimal_comma=True)
+    for separator in (b";", b"\t", b",", b" "):
+        if common(separator):
+            break
+    else:
+        return None
+    trailing = separator != b" " and all(line.rstrip(b" ").endswith(separator) for line in lines)
+    comma = separator in b";\t" and any(
+        _DECIMAL_COMMA.fullmatch(cell.strip(b'"'))
+        for line in lines
+        for cell in line[:_ENOUGH].split(separator)
+    )
+    return Dialect(separator, comma, trailing)
+
+
+def empty_lists(text: bytes) -> bytes:
+    """The text with `[]` in place of each list in brackets."""
+    return _LISTS.sub(lambda match: b"[]" if match[0].endswith(b"]") else match[0], text)
+
+
+def _unlisted(text: bytes) -> bytes:
+    """The text with a mark in place of each list in brackets and each quoted cell."""
+
+    def mark(match: re.Match[bytes]) -> bytes:
+        whole = match[0].startswith(b'"') or match[0].endswith(b"]")
+        return b'"' if whole else _QUOTED.sub(b'"', match[0])
+
+    return _LISTS_AND_QUOTED.sub(mark, text)
+
+
+def split_line(line: bytes, dialect: Dialect) -> list[bytes]:
+    """The cells of one line, quotes taken off."""
+    plain = plain_text(line + b"\n", dialect)[:-1]
+    return [cell.strip() for cell in plain.split(dialect.separator)]
+
+
+def plain_text(text: bytes, dialect: Dialect) -> bytes:
+    """Lines without quotes, runs of spaces, decimal commas and trailing separators."""
+    separator = dialect.separator
+    if b'"' in text:
+        text = _unquote(text, separator)
+    if separator == b" ":
+        text = re.sub(rb"[ \t]+", b" ", text).replace(b" \n", b"\n").replace(b"\n ", b"\n").removeprefix(b" ")
+    if dialect.decimal_comma:
+        text = text.replace(b",", b".")
+    if dialect.trailing:
+        text = text.replace(separator + b"\n", b"\n")
+    return text
+
+
+def read_lines(
+    block: TextBlock, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport
+) -> Lines:
+    """The lines of a block that can be rows, made plain where a dialect is given.
+
+    Parameters
+    ----------
+    skip : a line that is left out wherever it stands (the header, repeated where files were joined); b'' for none
+    start : number of the first line that is data
+    """
+    text = block.text
+    numbers = block.line + np.arange(block.lines)
+    awkward = block.line < start or b"#" in text or b"\0" in text
+    last = block.line + len(numbers) - 1
+    if awkward or (skip and skip[:32] in text):
+        kept, place = [], []
+        for number, line in enumerate(text.split(b"\n")[:-1], block.line):
+            if number < start or line == skip or not line.strip(b" \t\0,;") or line.lstrip()[:1] == b"#":
+                if b"\0" in line:
+                    report.add_damage(f"line {number}", "nothing but NUL bytes")
+            elif b"\0" in line:
+                report.add_damage(f"line {number}", "NUL bytes among the text: the line is dropped")
+            else:
+                kept.append(line)
+                place.append(number)
+        text = b"".join(line + b"\n" for line in kept)
+        numbers = np.array(place, np.int64)
+    if dialect is not None:
+        text = plain_text(text, dialect)
+    return Lines(text, numbers, block.cut and bool(len(numbers)) and int(numbers[-1]) == last)
+
+
+def csv_cells(line: str, separator: str) -> list[str]:
+    """The cells of a record with quotes, the first one of `line`; ValueError where the quotes do not match."""
+    try:
+        return next(csv.reader(line.split("\n"), delimiter=separator, skipinitialspace=True), [])
+    except csv.Error as err:
+        raise ValueError(str(err)) from err
+
+
+def _unquote(text: bytes, separator: bytes) -> bytes:
+    """Take off quotes; a separator inside them becomes a space, or a decimal point between two digits."""
+    buffer = np.frombuffer(text, np.uint8)
+    quotes = np.flatnonzero(buffer == ord('"'))
+    marks = np.flatnonzero(buffer == separator[0])
+    ends = np.flatnonzero(buffer == ord("\n"))
+    before_line = np.searchsorted(quotes, np.append(0, ends + 1))
+    # A line with a quote too many has no inside and outside: its quotes go, its separators stay.
+    matched = np.diff(before_line) % 2 == 0
+    line = np.searchsorted(ends, marks)
+    inside = marks[((np.searchsorted(quotes, marks) - before_line[line]) % 2 == 1) & matched[line]]
+    if len(inside):
+        changed = buffer.copy()
+        digit = (buffer >= ord("0")) & (buffer <= ord("9"))
+        changed[inside] = np.where(digit[inside - 1] & digit[inside + 1], ord("."), ord(" "))
+        text = changed.tobytes()
+    return text.replace(b'"', b"")

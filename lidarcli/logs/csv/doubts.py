@@ -1,0 +1,239 @@
+"""What speaks against one sweep per row in a table without column names: then it is refused, not read as sweeps.
+
+Numbers alone do not say what they are. The beams of a scan are of one kind, though: none goes below zero time and
+again, none counts, none is far beyond all others, and neighbours are mostly alike.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.csv.head import Head, shown, value_of
+from lidarcli.logs.csv.others import TRAJECTORY
+from lidarcli.sweeps import TURN, Bool, Float64, Int64
+
+LEAST_NUMBERS = 8
+"""Numbers in a row; with fewer, a table without column names is no sweep per row."""
+LEAST_ROWS = 5
+"""Rows; with fewer, nothing is concluded from the numbers in the columns."""
+COUNTER_ROWS = 30
+"""Rows without a step back that make a column a counter; rows that show a bearing that starts over."""
+FAR_BEYOND = 100.0
+"""A column before a scan whose median exceeds those of all other columns by this factor holds no ranges ..."""
+FAR_COLUMNS = 32
+"""... where there are so many columns; a scan of fewer may see far in one direction alone."""
+UNLIKE = 10.0
+"""Neighbouring columns whose medians differ by more than this factor are unlike each other."""
+MOST_UNLIKE = 0.6
+"""Share of unlike neighbours that no scan has."""
+_FEW = 4
+"""Columns side by side that may be something else; more of them are a part of the scan that differs."""
+_DISTINCT = 3
+"""Distinct values that make a column vary, or go below zero; fewer may be markers of missing ranges."""
+_BELOW_ALONE = 10
+"""Distinct values below zero of a column that alone goes there."""
+_MANY = 4
+"""Columns of whole numbers that vary, for each of decimals, that make it another kind."""
+_COUNTS = 10
+"""Distinct values of a counter."""
+_WHOLE = 5
+"""Distinct values of a column of whole numbers among decimals."""
+_DECIMAL = 0.1
+"""Where this share of all numbers is whole, or less, the ranges are decimals."""
+_LEAST_PAIRS = 5
+"""Neighbours that are compared; of fewer nothing is concluded."""
+
+
+def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int) -> None:
+    """Raise UnreadableError where rows (the ranges from column `first` on) are not one sweep each."""
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    alike = [row for row in rows if len(row) == width]
+    same = _numbers(alike, LEAST_NUMBERS)
+    if first and width == LEAST_NUMBERS and is_trajectory(same):
+        raise UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
+    for column in range(min(width, 3)):
+        # In few rows, a range may climb and fall back as well.
+        long_enough = width < LEAST_NUMBERS or (len(same) >= COUNTER_ROWS and is_turn(same[:, column]))
+        if long_enough and restarts(same[:, column]):
+            raise UnreadableError(f"{head.path}: {_one_beam_per_row(same[:, column], column, width)}")
+    if width < LEAST_NUMBERS:
+        raise UnreadableError(
+            f"{head.path}: rows of {width} numbers without column names, such as {shown(head.lines[0])}, are too"
+            " short for a sweep each: name the columns in a first line (`angle,range` for one beam per row,"
+            " `time,r0,r1,r2` for one sweep per row)"
+        )
+    if len(alike) >= LEAST_ROWS and (why := no_ranges(_numbers(alike, width)[:, first:], first)):
+        raise UnreadableError(
+            f"{head.path}: a table without column names in which not all numbers are ranges ({why}): name the"
+            " columns in a first line, the ranges r0, r1, ..., or take the other columns out"
+        )
+
+
+def _numbers(rows: Sequence[Sequence[bytes]], columns: int) -> Float64:
+    """(R, C) the numbers in the first columns; NaN where there is none."""
+    return np.array([[value_of(cell) for cell in row[:columns]] for row in rows], np.float64)
+
+
+def is_trajectory(table: Float64) -> bool:
+    """Whether rows of 8 are a time, a place and a unit quaternion, as trajectories of TUM are."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
+    return bool((np.abs(length - 1) < 0.01).all())
+
+
+def restarts(values: Float64) -> bool:
+    """Whether a column climbs (or falls) nearly always, and starts over by more than half of all it covers."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(values[np.isfinite(values)])
+        if len(steps) < 2 or not (middle := np.median(steps)):
+            return False
+        back = steps * np.sign(middle) < 0
+        over = back & (np.abs(steps) > 0.5 * np.ptp(values[np.isfinite(values)]))
+    return bool(over.any() and (back & ~over).mean() <= 0.1)
+
+
+def is_turn(values: Float64) -> bool:
+    """Whether a column covers a turn, in degrees or radians."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return False
+    with np.errstate(over="ignore"):
+        view = float(np.ptp(known))
+    return any(0.9 * turn <= view <= 1.01 * turn for turn in (360.0, TURN))
+
+
+def _one_beam_per_row(values: Float64, column: int, width: int) -> str:
+    low, high = np.nanmin(values), np.nanmax(values)
+    names = [*["time", "sweep"][:column], "angle", "range", *(["quality"] if width == column + 3 else [])]
+    names += [f"column{place}" for place in range(len(names) + 1, width + 1)]
+    return (
+        f"a table without column names that looks like one beam per row (column {column + 1} runs from {low:g} to"
+        f" {high:g} and starts over): name the columns in a first line, such as `{','.join(names[:width])}`"
+    )
+
+
+def no_ranges(table: Float64, first: int) -> str:
+    """Which columns of an (R, C) table hold no ranges and why, in words; empty where nothing speaks against it.
+
+    `first` is the number of columns before the table.
+    """
+    varying = _distinct(table) >= _DISTINCT
+    below = np.where(np.isfinite(table) & (table < 0), table, np.nan)
+    signed = _distinct(below) >= _DISTINCT
+    if signed.sum() > 1 or (_distinct(below) >= _BELOW_ALONE).any():
+        return f"below zero: {_columns(signed, first)}"
+    for columns, words in (
+        (_counters(table, varying), "counters"),
+        (_far_beyond(table, varying), "far beyond all others"),
+        (_other_digits(table, varying), "decimals among whole numbers, or the reverse"),
+    ):
+        if columns.any():
+            return f"{words}: {_columns(columns, first)}"
+    return "columns far from their neighbours" if _unlike(table, varying) else ""
+
+
+def _columns(chosen: Bool, first: int) -> str:
+    places = (np.flatnonzero(chosen) + first + 1).tolist()
+    more = f" and {len(places) - 3} more" if len(places) > 3 else ""
+    return f"column{'s' if len(places) > 1 else ''} {', '.join(map(str, places[:3]))}{more}"
+
+
+def _distinct(table: Float64) -> Int64:
+    """(C,) distinct finite values of each column."""
+    ordered = np.sort(np.where(np.isfinite(table), table, np.nan), axis=0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        changes = np.diff(ordered, axis=0) > 0
+    found: Int64 = changes.sum(axis=0) + np.isfinite(ordered[0])
+    return found
+
+
+def _in_few(columns: Bool) -> Bool:
+    """(C,) those of the chosen columns that stand side by side with few others of them."""
+    edges = np.diff(np.concatenate([[False], columns, [False]]).astype(np.int8))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    few: Bool = np.zeros(len(columns), np.bool_)
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        few[start:end] = end - start <= _FEW
+    return few
+
+
+def _counters(table: Float64, varying: Bool) -> Bool:
+    """(C,) whole numbers that never fall, between columns that hardly change: wheel ticks, sequence numbers, times.
+
+    What moves away from a sensor is seen by beams whose neighbours change, too.
+    """
+    if len(table) < COUNTER_ROWS:
+        return np.zeros(table.shape[1], np.bool_)
+    with np.errstate(invalid="ignore", over="ignore"):
+        rising = (np.diff(table, axis=0) >= 0).all(axis=0) & (table == np.rint(table)).all(axis=0)
+    rising &= _distinct(table) >= _COUNTS
+    around = np.concatenate([[False], varying & ~rising, [False]])
+    few = _in_few(rising)
+    edges = np.diff(np.concatenate([[False], rising, [False]]).astype(np.int8))
+    for start, end in zip(
+        np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True
+    ):
+        few[start:end] &= not around[start] and not around[end + 1]
+    return few
+
+
+def _medians(table: Float64, chosen: Bool) -> Float64:
+    """(C,) the median of what is above zero in the chosen columns; NaN in others."""
+    medians = np.full(table.shape[1], np.nan)
+    for column in np.flatnonzero(chosen).tolist():
+        values = table[:, column]
+        values = values[np.isfinite(values) & (values > 0)]
+        if len(values):
+            with np.errstate(over="ignore"):
+                medians[column] = np.median(values)
+    return medians
+
+
+def _far_beyond(table: Float64, varying: Bool) -> Bool:
+    """(C,) few columns before the scan whose medians are far beyond all of the scan."""
+    if table.shape[1] < FAR_COLUMNS:
+        return np.zeros(table.shape[1], np.bool_)
+    medians = _medians(table, np.ones(table.shape[1], np.bool_))
+    start = table.shape[1] // 4
+    top = np.nanmax(medians[start:], initial=0.0) if np.isfinite(medians[start:]).any() else 0.0
+    with np.errstate(over="ignore"):
+        beyond = varying & (medians > FAR_BEYOND * top) & (top > 0)
+    beyond[start:] = False
+    return _in_few(beyond)
+
+
+def _other_digits(table: Float64, varying: Bool) -> Bool:
+    """(C,) few columns of decimals among whole numbers, or of whole numbers among decimals."""
+    known = np.isfinite(table) & (table != 0)
+    whole = known & (table == np.rint(table))
+    decimals = np.where(known & ~whole, table, np.nan)
+    cells = known.sum(axis=0)
+    fractional = _distinct(decimals) >= _DISTINCT
+    none = np.zeros(table.shape[1], np.bool_)
+    if cells.sum() == 0:
+        return none
+    share = whole.sum() / cells.sum()
+    # Whole numbers that hardly change are markers, among which a few beams may see something.
+    counted = (varying & ~fractional).sum() >= _MANY * fractional.sum()
+    if fractional.sum() <= _FEW and counted and whole[:, ~fractional].sum() == cells[~fractional].sum():
+        return fractional & varying
+    if share < _DECIMAL and len(table) >= COUNTER_ROWS:
+        counts = (whole.sum(axis=0) == cells) & (_distinct(np.where(whole, table, np.nan)) >= _WHOLE)
+        return _in_few(counts)
+    return none
+
+
+def _unlike(table: Float64, varying: Bool) -> bool:
+    """Whether most neighbours among the columns that vary differ by far."""
+    medians = _medians(table, varying)
+    pairs: NDArray[np.float64] = medians[np.isfinite(medians)]
+    if len(pairs) <= _LEAST_PAIRS:
+        return False
+    with np.errstate(over="ignore"):
+        ratio = pairs[1:] / pairs[:-1]
+    return bool(((ratio > UNLIKE) | (ratio < 1 / UNLIKE)).mean() > MOST_UNLIKE)

@@ -1,0 +1,98 @@
+"""The CSV layouts, and what a reader must know of a file that has one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.csv.dialect import Dialect
+from lidarcli.sweeps import TURN, Float64, Int64
+
+ROSTOPIC = "rostopic echo -p"
+ROS2 = "ros2 topic echo --csv"
+PLOTJUGGLER = "PlotJuggler"
+BAGPY = "bagpy"
+LIST = "list of ranges"
+WIDE = "plain wide"
+LONG = "long form"
+PER_SWEEP = "one file per sweep"
+LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, LIST, WIDE, LONG, PER_SWEEP)
+
+DEFAULT_TOPIC = "/scan"
+"""That of a file which names none."""
+
+ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Where the fields of one scan stand, and the units of its times."""
+
+    topic: str
+    fields: dict[str, int]
+    units: dict[str, int] = field(default_factory=dict)
+    """`record` and `stamp` → nanoseconds per unit, see `times.time_unit`."""
+    ranges: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
+    """(B,) the column of each beam; empty where `first` says it all."""
+    first: int = 0
+    """The first column of ranges."""
+    doubled: bool = False
+    """As many intensities follow the ranges, up to the end of the row."""
+    open_end: bool = False
+    """Nothing but ranges (and intensities) stands from `first` to the end of the row: rows may be ragged."""
+    geometry: tuple[float, float] | None = None
+    """angle_min and angle_increment where column names or options give them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What a CSV is, as far as its first lines say."""
+
+    name: str
+    dialect: Dialect
+    start: int
+    """Number of the first line of data."""
+    header: bytes = b""
+    """The header line as it stands, to be left out wherever it is repeated."""
+    width: int = 0
+    """Cells of a regular row; 0: rows are what they are."""
+    scans: tuple[Columns, ...] = ()
+    sparse: bool = False
+    """Rows hold one topic or another: a row without any range of a topic is no sweep of it."""
+    angle: int = -1
+    """Long form: the column of the bearing."""
+    key: int | None = None
+    """Long form: the column that changes from sweep to sweep."""
+    degrees: bool = False
+    listed: bool = False
+    """One cell holds all ranges of a sweep."""
+    brackets: bytes = b"["
+    """How such a list begins."""
+    notes: tuple[str, ...] = ()
+
+
+def given_geometry(options: CsvOptions, beams: int) -> tuple[float, float] | None:
+    """angle_min and angle_increment [rad] from the options, for a sweep of `beams`; None where they do not say.
+
+    >>> given_geometry(CsvOptions(angle_min=-1.0, angle_increment=0.5), 5)
+    (-1.0, 0.5)
+    """
+    if options.angle_min is not None and options.angle_increment is not None:
+        return options.angle_min, options.angle_increment
+    if options.fov is None:
+        return None
+    if abs(options.fov - TURN) <= 1e-6 * TURN:
+        first, step = -np.pi, TURN / max(beams, 1)
+    else:
+        first, step = -0.5 * options.fov, options.fov / max(beams - 1, 1)
+    return (first if options.angle_min is None else options.angle_min), step
+
+
+def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -> Int64:
+    """(K,) beams that the view and the increment make; -1 where they make none."""
+    with np.errstate(all="ignore"):
+        steps = (angle_max - angle_min) / increment
+    sane = np.isfinite(steps) & (steps > -0.5) & (steps < 1e7)
+    return np.where(sane, np.rint(np.where(sane, steps, 0)).astype(np.int64) + 1, -1)

@@ -1,0 +1,248 @@
+"""One beam per row: sweeps are runs of rows with one key, or what lies between two restarts of the bearing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
+from lidarcli.logs.blocks import TOO_MANY, split_rows
+from lidarcli.logs.csv.dialect import Lines, read_lines
+from lidarcli.logs.csv.grid import BeamRuns, cut_restarts, even_runs
+from lidarcli.logs.csv.layouts import Columns, Layout
+from lidarcli.logs.csv.numbers import Cells, parse_rows
+from lidarcli.logs.csv.raw_sweeps import (
+    NO_TIME,
+    bad_cell,
+    build,
+    encode_frames,
+    keep_sound,
+    number_type,
+    pad,
+    read_times,
+)
+from lidarcli.logs.csv.text import TextBlock
+from lidarcli.sweeps import Float64, Int32, Int64, RawSweeps
+
+CUT = "the file ends within this sweep: it is dropped"
+CUT_ROW = "the file ends within the first row of a sweep: it is dropped"
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """Rows of a block by column; texts are kept as codes into their distinct values."""
+
+    angle: Float64
+    ranges: NDArray[np.floating]
+    texts: dict[int, tuple[Int64, list[bytes]]]
+
+    def column(self, index: int, at: Int64) -> list[bytes]:
+        codes, distinct = self.texts[index]
+        return [distinct[code] for code in codes[at].tolist()]
+
+
+class LongDecoder:
+    """Blocks of lines → blocks of sweeps; the lines of the last sweep wait for the next block."""
+
+    def __init__(self, layout: Layout, options: CsvOptions, report: ReadReport) -> None:
+        self._layout = layout
+        self._scan: Columns = layout.scans[0]
+        self._options = options
+        self._report = report
+        self._carry = b""
+        self._carry_numbers = np.empty(0, np.int64)
+        self._cut = False
+        self._usual = 0
+        self._broken = False
+        self._noted = False
+
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
+        """The sweeps of one block that are known to be whole."""
+        layout = self._layout
+        lines = read_lines(block, layout.dialect, layout.header, layout.start, self._report)
+        self._cut |= lines.cut
+        text, numbers = self._carry + lines.text, np.concatenate([self._carry_numbers, lines.numbers])
+        yield from self._take(Lines(text, numbers, lines.cut), last=False)
+
+    def finish(self) -> Iterator[RawSweeps]:
+        """The last sweep."""
+        lines = Lines(self._carry, self._carry_numbers, self._cut)
+        self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
+        yield from self._take(lines, last=True)
+
+    def _take(self, lines: Lines, last: bool) -> Iterator[RawSweeps]:
+        cells, whole = self._whole_rows(lines)
+        if not len(whole):
+            self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
+            return
+        rows, good = self._parse(cells, whole, lines.numbers)
+        whole = whole[good]
+        if not len(whole):
+            self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
+            return
+        starts = self._starts(rows)
+        ends = np.append(starts[1:], len(rows.angle))
+        if not last:
+            self._keep(cells, whole[starts[-1] :], lines.numbers)
+            starts, ends = starts[:-1], ends[:-1]
+        elif self._is_cut(int(ends[-1] - starts[-1])):
+            self._report.add_damage(f"line {lines.numbers[whole[starts[-1]]]}", CUT)
+            starts, ends = starts[:-1], ends[:-1]
+        elif self._broken:
+            self._report.add_damage(f"after line {lines.numbers[whole[-1]]}", CUT_ROW)
+        if len(starts):
+            self._usual = int(ends[-1] - starts[-1])
+            yield from self._sweeps(rows, starts, ends, lines.numbers[whole])
+
+    def _whole_rows(self, lines: Lines) -> tuple[Cells, Int64]:
+        """Rows with the right number of cells; the others are damage."""
+        cells = Cells(lines.text, self._layout.dialect.separator)
+        fits = cells.count == self._layout.width
+        if lines.cut and len(fits) and fits[-1]:
+            end = cells.column(np.array([len(fits) - 1]), self._layout.width - 1)[0].strip()
+            fits[-1] = bool(end) and end[-1:] not in b".-+eE"
+        for row in np.flatnonzero(~fits).tolist():
+            if cells.length[row]:
+                if lines.cut and row == len(fits) - 1:
+                    self._broken = True
+                    continue
+                self._report.add_damage(
+                    f"line {lines.numbers[row]}",
+                    f"{cells.count[row]} cells where {self._layout.width} are usual: the row is dropped",
+                )
+        return cells, np.flatnonzero(fits)
+
+    def _is_cut(self, beams: int) -> bool:
+        """Whether the last sweep has lost its end: the text stops well before the usual end, or in a row of it."""
+        if self._broken:
+            # With as many beams as the sweep before, it is whole, and the broken row would begin the next.
+            return self._usual == 0 or beams < self._usual
+        return beams < 0.9 * self._usual
+
+    def _parse(self, cells: Cells, whole: Int64, numbers: Int64) -> tuple[_Rows, NDArray[np.intp]]:
+        """The columns of `whole` rows, and which of these could be parsed."""
+        texts = sorted(
+            {*self._scan.fields.values(), *([] if self._layout.key is None else [self._layout.key])}
+        )
+        wanted = [column for column in texts if column not in (self._layout.angle, self._scan.first)]
+        try:
+            return self._parse_fast(cells, whole, wanted), np.arange(len(whole))
+        except ValueError:
+            return self._parse_slowly(cells, whole, numbers, wanted)
+
+    def _parse_fast(self, cells: Cells, whole: Int64, wanted: list[int]) -> _Rows:
+        import pyarrow as pa
+        from pyarrow import csv
+
+        layout = self._layout
+        text = cells.text
+        if len(whole) != len(cells.count):
+            text = b"".join(line + b"\n" for line in cells.spans(whole, 0, layout.width))
+        number = pa.float32() if number_type(self._options) is np.float32 else pa.float64()
+        kinds = {str(column): pa.dictionary(pa.int32(), pa.binary()) for column in wanted}
+        kinds |= {str(layout.angle): pa.float64(), str(self._scan.first): number}
+        table = csv.read_csv(
+            pa.py_buffer(text),
+            read_options=csv.ReadOptions(
+                column_names=[str(c) for c in range(layout.width)], block_size=1 << 20
+            ),
+            parse_options=csv.ParseOptions(delimiter=layout.dialect.separator.decode(), quote_char=False),
+            convert_options=csv.ConvertOptions(
+                column_types=kinds,
+                include_columns=list(kinds),
+                null_values=["", "null", "None"],
+                strings_can_be_null=False,
+                check_utf8=False,
+            ),
+        )
+        if len(table) != len(whole):
+            raise ValueError("rows were skipped")
+        texts = {}
+        for column in wanted:
+            coded = table.column(str(column)).unify_dictionaries().combine_chunks()
+            coded = coded.chunk(0) if isinstance(coded, pa.ChunkedArray) else coded
+            texts[column] = (np.asarray(coded.indices, np.int64), coded.dictionary.to_pylist())
+        angle = table.column(str(layout.angle)).to_numpy()
+        ranges = table.column(str(self._scan.first)).to_numpy()
+        return self._in_radians(_Rows(angle, ranges, texts))
+
+    def _parse_slowly(
+        self, cells: Cells, whole: Int64, numbers: Int64, wanted: list[int]
+    ) -> tuple[_Rows, NDArray[np.intp]]:
+        """The same where a cell is no number: its row is damage."""
+        separator, ones = cells.separator, np.ones(len(whole), np.int64)
+        angle = parse_rows(cells.column(whole, self._layout.angle), ones, separator, np.float64)
+        ranges = parse_rows(
+            cells.column(whole, self._scan.first), ones, separator, number_type(self._options)
+        )
+        bad = angle.bad | ranges.bad
+        for row, cell in sorted(bad.items()):
+            bad_cell(self._report, int(numbers[whole[row]]), cell)
+        good = np.delete(np.arange(len(whole)), list(bad))
+        texts = {}
+        for column in wanted:
+            values = cells.column(whole[good], column)
+            distinct = {value: code for code, value in enumerate(dict.fromkeys(values))}
+            texts[column] = (np.array([distinct[value] for value in values], np.int64), list(distinct))
+        return self._in_radians(_Rows(angle.values[good], ranges.values[good], texts)), good
+
+    def _in_radians(self, rows: _Rows) -> _Rows:
+        return _Rows(np.deg2rad(rows.angle), rows.ranges, rows.texts) if self._layout.degrees else rows
+
+    def _starts(self, rows: _Rows) -> Int64:
+        """The first row of each sweep."""
+        if self._layout.key is None:
+            return cut_restarts(rows.angle)
+        codes = rows.texts[self._layout.key][0]
+        return np.concatenate([np.zeros(1, np.int64), np.flatnonzero(np.diff(codes)) + 1])
+
+    def _keep(self, cells: Cells, rows: Int64, numbers: Int64) -> None:
+        """Keep the lines of the last sweep, unless it has grown beyond all bounds."""
+        if len(rows) > MAX_BEAMS:
+            self._report.refused[(self._scan.topic, TOO_MANY)] += 1
+            self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
+            return
+        self._carry = b"".join(line + b"\n" for line in cells.spans(rows, 0, self._layout.width))
+        self._carry_numbers = numbers[rows]
+
+    def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
+        runs, causes, uneven = even_runs(BeamRuns(rows.angle, rows.ranges, starts, ends - starts))
+        if uneven and not self._noted:
+            self._noted = True
+            self._report.notes.append(
+                "bearings are not evenly spaced: beams are placed on a grid, gaps have no range"
+            )
+        for cause in causes:
+            if cause:
+                self._report.refused[(self._scan.topic, cause)] += 1
+        kept = np.array([not cause for cause in causes], np.bool_)
+        starts = starts[kept]
+        stamp, record, untimed = read_times(self._scan, lambda index: rows.column(index, starts), len(starts))
+        good = np.ones(len(starts), np.bool_)
+        if untimed is not None:
+            good = ~untimed
+            for row in np.flatnonzero(untimed).tolist():
+                self._report.add_damage(f"line {numbers[starts[row]]}", NO_TIME)
+        frame: tuple[Int32, tuple[str, ...]] = np.zeros(len(starts), np.int32), ("",)
+        if "frame" in self._scan.fields:
+            frame = encode_frames(rows.column(self._scan.fields["frame"], starts))
+        offsets = np.append(0, np.cumsum(runs.lengths))
+        for part in split_rows(runs.lengths):
+            beams = runs.lengths[part]
+            flat = runs.values[offsets[part.start] : offsets[part.start + len(beams)]]
+            known = {"angle_min": runs.first[part], "angle_increment": runs.step[part]}
+            block = build(
+                self._scan,
+                (stamp[part], record[part]),
+                (frame[0][part], frame[1]),
+                known,
+                beams,
+                pad(flat, beams, self._options.range_scale),
+                self._options,
+            )
+            sound = keep_sound(block, good[part], self._report)
+            if sound is not None:
+                yield sound

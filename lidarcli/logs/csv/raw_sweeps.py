@@ -1,0 +1,157 @@
+"""What all CSV layouts share on the way from cells to `RawSweeps`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
+from lidarcli.logs.blocks import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY
+from lidarcli.logs.csv.layouts import Columns, given_geometry
+from lidarcli.logs.csv.numbers import not_a_number
+from lidarcli.logs.csv.times import seconds_and_nanoseconds, to_ns
+from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
+
+GEOMETRY = (
+    "angle_min",
+    "angle_max",
+    "angle_increment",
+    "time_increment",
+    "scan_time",
+    "range_min",
+    "range_max",
+)
+NO_TIME = "the time cannot be read"
+
+
+def bad_cell(report: ReadReport, line: int, cell: bytes) -> None:
+    """Record a row that is dropped for a cell that is no number; only what is kept is put into words."""
+    if len(report.damage) < ReadReport.MAX_DAMAGE:
+        report.add_damage(f"line {line}", not_a_number(cell))
+    else:
+        report.damage_more += 1
+
+
+def read_times(
+    scan: Columns, column: Callable[[int], Sequence[bytes]], rows: int
+) -> tuple[Int64, Int64, Bool | None]:
+    """Header stamp and record time [ns] of each row, and the rows whose times cannot be read (None: no such row).
+
+    Where a file has only one of the two, it stands for both.
+    """
+    fields, units = scan.fields, scan.units
+    bad: Bool | None = None
+    found: dict[str, Int64] = {}
+    if "seconds" in fields:
+        found["stamp"], bad = seconds_and_nanoseconds(
+            column(fields["seconds"]), column(fields["nanoseconds"])
+        )
+    for name in ("stamp", "record"):
+        if name not in units or name in found:
+            continue
+        found[name], wrong = to_ns(column(fields[name]), units[name])
+        if wrong is not None:
+            bad = wrong if bad is None else bad | wrong
+    none = np.zeros(rows, np.int64)
+    stamp = found.get("stamp", found.get("record", none))
+    return stamp, found.get("record", stamp), bad
+
+
+def encode_frames(names: Sequence[bytes]) -> tuple[Int32, tuple[str, ...]]:
+    """The frame of each row as an index, and the distinct frames."""
+    distinct = {name: code for code, name in enumerate(dict.fromkeys(names))}
+    if len(distinct) == 1:
+        codes = np.zeros(len(names), np.int32)
+    else:
+        codes = np.fromiter((distinct[name] for name in names), np.int32, len(names))
+    # Spellings that differ by spaces alone are one frame to people, two codes here: harmless.
+    return codes, tuple(name.strip(b" \"'").decode("utf-8", "replace") for name in distinct)
+
+
+def fill_geometry(
+    scan: Columns, known: dict[str, Float64], beams: Int64, options: CsvOptions
+) -> tuple[Float64, Float64, Float32, Float32]:
+    """angle_min, angle_increment [rad], range_min and range_max [m] of each row: the file's, else the options'."""
+    rows = len(beams)
+    if "angle_min" in known and "angle_increment" in known:
+        first, step = known["angle_min"], known["angle_increment"]
+    elif scan.geometry is not None:
+        first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
+    else:
+        distinct, inverse = np.unique(beams, return_inverse=True)
+        pairs = [given_geometry(options, int(count)) or (np.nan, np.nan) for count in distinct]
+        both = np.array(pairs, np.float64).reshape(-1, 2)[inverse]
+        first, step = both[:, 0], both[:, 1]
+    far = np.inf if options.range_max is None else options.range_max
+    range_min = known.get("range_min", np.zeros(rows)) * options.range_scale
+    range_max = known["range_max"] * options.range_scale if "range_max" in known else np.full(rows, far)
+    return first, step, _float32(range_min), _float32(range_max)
+
+
+def build(
+    scan: Columns,
+    times: tuple[Int64, Int64],
+    frame: tuple[Int32, tuple[str, ...]],
+    known: dict[str, Float64],
+    beams: Int64,
+    ranges: Float32,
+    options: CsvOptions,
+) -> RawSweeps:
+    """A block from its columns; `known` is the geometry that the file gives."""
+    first, step, range_min, range_max = fill_geometry(scan, known, beams, options)
+    return RawSweeps(
+        topic=scan.topic,
+        frame_ids=frame[1],
+        frame=frame[0],
+        stamp_ns=times[0],
+        record_ns=times[1],
+        angle_min=first,
+        angle_increment=step,
+        range_min=range_min,
+        range_max=range_max,
+        beams=beams.astype(np.int32),
+        ranges=ranges,
+    )
+
+
+def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSweeps | None:
+    """The `good` rows that can be sweeps; the others are counted as refused, as in every other container."""
+    if good is not None and not good.all():
+        block = block.rows(good)
+    whole = np.ones(len(block), np.bool_)
+    for bad, cause in (
+        (block.beams > MAX_BEAMS, TOO_MANY),
+        (~np.isfinite(block.angle_min), ANGLE_MIN),
+        (~np.isfinite(block.angle_increment), INCREMENT),
+        ((block.angle_increment == 0) & (block.beams > 1), INCREMENT_ZERO),
+    ):
+        fresh = bad & whole
+        if fresh.any():
+            report.refused[(block.topic, cause)] += int(fresh.sum())
+            whole &= ~fresh
+    if not whole.any():
+        return None
+    return block if whole.all() else block.rows(whole)
+
+
+def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
+    """(S, B) rows of `beams` values in metres, short ones padded with NaN; `flat` holds them one after the other."""
+    values = _float32(flat * scale) if scale != 1.0 else flat.astype(np.float32, copy=False)
+    width = int(beams.max(initial=0))
+    if (beams == width).all():
+        return values.reshape(len(beams), width)
+    ranges = np.full((len(beams), width), np.nan, np.float32)
+    ranges[np.arange(width) < beams[:, None]] = values
+    return ranges
+
+
+def number_type(options: CsvOptions) -> type[np.floating]:
+    """Ranges are parsed as float32, or as float64 where they are scaled before they are rounded."""
+    return np.float32 if options.range_scale == 1.0 else np.float64
+
+
+def _float32(values: NDArray[np.floating]) -> Float32:
+    with np.errstate(over="ignore"):
+        return values.astype(np.float32)

@@ -1,0 +1,194 @@
+"""Text as blocks of whole lines, whatever wraps it: gzip, UTF-16, a BOM, CRLF, lines without an end."""
+
+from __future__ import annotations
+
+import codecs
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Protocol
+
+from lidarcli.logs.base import ReadReport
+
+MAX_LINE = 8 << 20
+"""Bytes of the longest line that is read (100,000 beams with intensities fit); a longer one is skipped and reported."""
+FIRST_BLOCK = 64 << 10
+BLOCK = 512 << 10
+_CHUNK = 256 << 10
+
+
+class Readable(Protocol):
+    """What a source needs of a stream."""
+
+    def read(self, size: int = -1, /) -> bytes: ...
+
+
+@dataclass(frozen=True, slots=True)
+class TextBlock:
+    """Whole lines of a text, each ended by one newline."""
+
+    text: bytes
+    line: int
+    """Number of the first line, from 1."""
+    lines: int
+    """How many there are."""
+    cut: bool = False
+    """The last line had no line end: the text may have been cut off there."""
+
+
+class TextSource:
+    """The lines of one byte stream; `blocks` reads it once, in bounded memory.
+
+    `limit` bounds the bytes taken from the stream, so that a file that grows while it is read has an end.
+    """
+
+    def __init__(self, stream: Readable, limit: int | None = None) -> None:
+        self._stream = stream
+        self.report = ReadReport()
+        """What has been met since `report_to`, or before."""
+        self.position = 0
+        """Bytes taken from the stream."""
+        self._left = limit
+        self._first = self._read(FIRST_BLOCK)
+        self.compression = "gzip" if self._first[:2] == b"\x1f\x8b" else "none"
+
+    def report_to(self, report: ReadReport) -> None:
+        """From now on damage goes to `report`, and what has been met so far first."""
+        report.add(self.report)
+        self.report = report
+
+    def blocks(self) -> Iterator[TextBlock]:
+        """Blocks of lines: a small first one, to be recognised by, then larger ones."""
+        chunks = self._chunks()
+        if self.compression == "gzip":
+            chunks = self._gunzip(chunks)
+        return _line_ends(self._whole_lines(_newlines(_as_utf8(chunks))))
+
+    def _read(self, size: int) -> bytes:
+        if self._left is not None:
+            size = min(size, self._left)
+        data = self._stream.read(size) if size else b""
+        if self._left is not None:
+            self._left -= len(data)
+        self.position += len(data)
+        return data
+
+    def _chunks(self) -> Iterator[bytes]:
+        chunk = self._first
+        while chunk:
+            yield chunk
+            try:
+                chunk = self._read(_CHUNK)
+            except OSError as err:
+                self.report.add_damage(f"byte {self.position}", f"reading failed: {err.strerror}")
+                return
+
+    def _gunzip(self, chunks: Iterator[bytes]) -> Iterator[bytes]:
+        """Every byte that can be unpacked, member by member, in pieces of bounded size."""
+        unpack = zlib.decompressobj(31)
+        fresh = True
+        for chunk in chunks:
+            data = chunk
+            while data:
+                if fresh and not data.strip(b"\0"):
+                    break
+                fresh = False
+                try:
+                    piece = unpack.decompress(data, _CHUNK)
+                except zlib.error as err:
+                    place = f"compressed byte {self.position - len(data)}"
+                    self._lost(place, f"gzip data is damaged ({err}); what follows is lost")
+                    return
+                if piece:
+                    yield piece
+                data = unpack.unused_data if unpack.eof else unpack.unconsumed_tail
+                if unpack.eof:
+                    unpack = zlib.decompressobj(31)
+                    fresh = True
+        if not fresh:
+            if rest := unpack.flush():
+                yield rest
+            self._lost(f"compressed byte {self.position}", "gzip data ends early; what follows is lost")
+
+    def _lost(self, place: str, cause: str) -> None:
+        """Record what explains all other damage, also when there is more of that than is kept."""
+        if len(self.report.damage) >= ReadReport.MAX_DAMAGE:
+            self.report.damage.pop()
+            self.report.damage_more += 1
+        self.report.add_damage(place, cause)
+
+    def _whole_lines(self, chunks: Iterator[bytes]) -> Iterator[TextBlock]:
+        """Cut chunks into blocks at line ends, and drop lines beyond `MAX_LINE`."""
+        line, target = 1, FIRST_BLOCK
+        whole: list[bytes] = []
+        tail: list[bytes] = []
+        size = tail_size = 0
+        skipping = False
+        for piece in chunks:
+            chunk = piece
+            if skipping:
+                after = chunk.find(b"\n") + 1
+                if not after:
+                    continue
+                chunk, skipping = chunk[after:], False
+                line += 1
+            end = chunk.rfind(b"\n") + 1
+            if end:
+                whole += [*tail, chunk[:end]]
+                size += tail_size + end
+                tail, tail_size = [], 0
+            if end < len(chunk):
+                tail.append(chunk[end:])
+                tail_size += len(chunk) - end
+            too_long = tail_size > MAX_LINE
+            if size >= target or (too_long and size):
+                text = b"".join(whole)
+                yield TextBlock(text, line, count := text.count(b"\n"))
+                line += count
+                whole, size, target = [], 0, BLOCK
+            if too_long:
+                self.report.add_damage(f"line {line}", f"longer than {MAX_LINE >> 20} MiB: skipped")
+                tail, tail_size, skipping = [], 0, True
+        if size + tail_size:
+            end_of_file = [b"\n"] if tail else []
+            text = b"".join(whole + tail + end_of_file)
+            yield TextBlock(text, line, text.count(b"\n"), cut=bool(tail))
+
+
+def _as_utf8(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    """Drop a byte order mark; turn UTF-16, with or without one, into UTF-8."""
+    first = next(chunks, b"")
+    encoding = ""
+    if first[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        encoding = "utf-16"
+    elif len(first) >= 4 and 0 not in first[0:64:2] and not any(first[1:64:2]):
+        encoding = "utf-16-le"
+    elif len(first) >= 4 and 0 not in first[1:64:2] and not any(first[0:64:2]):
+        encoding = "utf-16-be"
+    if not encoding:
+        yield first.removeprefix(codecs.BOM_UTF8)
+        yield from chunks
+        return
+    decoder = codecs.getincrementaldecoder(encoding)(errors="replace")
+    yield decoder.decode(first).encode()
+    for chunk in chunks:
+        yield decoder.decode(chunk).encode()
+
+
+def _newlines(chunks: Iterator[bytes]) -> Iterator[bytes]:
+    """Text whose lines end with a carriage return alone gets newlines in their place."""
+    first = next(chunks, b"")
+    alone = b"\r" in first[:-1] and b"\n" not in first
+    for chunk in chain([first], chunks):
+        yield chunk.replace(b"\r", b"\n") if alone else chunk
+
+
+def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
+    """Write every line end as one newline, and a stray carriage return as a space."""
+    for block in blocks:
+        if b"\r" not in block.text:
+            yield block
+            continue
+        text = block.text.replace(b"\r\n", b"\n").replace(b"\r", b" ")
+        yield replace(block, text=text)

@@ -1,0 +1,373 @@
+"""One SQLite storage file of a ROS 2 bag, whole or damaged; nothing is ever written beside it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sqlite3
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, pairwise
+from pathlib import Path
+from typing import BinaryIO
+from urllib.parse import quote
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.base import ReadReport, ros_type
+from lidarcli.logs.rosbag2.journal import JOURNAL, WAL, is_needed, merge
+from lidarcli.logs.rosbag2.salvage import (
+    BEFORE_ALL,
+    HEADER,
+    MAGIC,
+    MAX_BLOB,
+    Found,
+    MessageRow,
+    Salvage,
+    TopicRow,
+    guess_topics,
+)
+
+SIDECARS = (JOURNAL, WAL)
+"""Files beside a database that hold a part of it when the recorder was not stopped properly."""
+
+
+class UnsoundError(Exception):
+    """A database that SQLite would read, but not in bounded time and memory, or only by running what it holds."""
+
+
+SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError, UnsoundError)
+"""What reading by SQLite raises for a damaged database: SQLite's messages may quote bytes of it that are no text."""
+DISK_SHARE = 0.9
+BATCH = 32
+"""Messages fetched at a time: at most BATCH times `MAX_BLOB` bytes are held."""
+
+MAX_TEXT = 1 << 16
+"""Longest text of the schema and of the topics table that is read [bytes]."""
+STEPS_PER_BYTE = 4
+"""Most steps of SQLite's machine for one statement and byte of the file; a row, of ten bytes or more, takes about 20."""
+STEPS = 1_000_000
+"""And these are always allowed."""
+ASKED_EVERY = 10_000
+"""Steps from one look at the bound to the next."""
+
+_SCHEMA = "SELECT type, name, sql FROM sqlite_master"
+_PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
+"""How SQLite writes down what holds rows and nothing that it would have to compute."""
+_TABLES = ("topics", "messages")
+# Rows come in the order of their ids, in which tables keep them: sorting would hold all of them.
+_TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
+_TYPES = (int, str, str, str)
+_NEWEST = "SELECT max(id) FROM messages"
+_COUNTED = (
+    "SELECT CASE WHEN CAST(topic_id AS INTEGER) = topic_id THEN CAST(topic_id AS INTEGER) ELSE typeof(topic_id) END"
+    " FROM messages"
+)
+_ROWS = (
+    "SELECT id, CAST(topic_id AS INTEGER), CASE WHEN typeof(timestamp) IN ('integer', 'real') THEN"
+    " CAST(timestamp AS INTEGER) END,"
+    f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_BLOB} THEN data END"
+    " FROM messages NOT INDEXED WHERE topic_id IN ({})"
+)
+_ALLOWED = {
+    sqlite3.SQLITE_SELECT: None,
+    sqlite3.SQLITE_READ: {"sqlite_master", *_TABLES},
+    sqlite3.SQLITE_PRAGMA: {"temp_store", "cell_size_check", "table_xinfo"},
+    sqlite3.SQLITE_FUNCTION: {"max", "typeof", "length"},
+}
+"""What statements may do, and with which of its objects."""
+
+Row = tuple[int, int, int | None, bytes | None]
+"""Row id, topic id, time [ns] and message; None where it has none that can be used."""
+
+
+@dataclass(slots=True)
+class Known:
+    """What one look at all of a storage file has told: no pass over the file needs a second look."""
+
+    counts: Counter[int] | None = None
+    """Topic id → messages."""
+    orphans: dict[int, int] = field(default_factory=dict)
+    """The same of topics that are not there, or whose row is broken."""
+    found: Found | None = None
+    """What its pages hold, where SQLite refuses it."""
+    size: int = 0
+    """Bytes of the file in which that was found."""
+
+
+class SqliteBag:
+    """Topics and messages of one storage file: by SQLite as far as it goes, then straight from the pages."""
+
+    compression = "none"
+
+    def __init__(self, path: Path, shown: str, report: ReadReport, known: Known) -> None:
+        """`shown` names the file in errors; `known` is what is known of it, and takes what is found."""
+        self.topics: dict[int, TopicRow] = {}
+        self._last, self._newest = 0, 0
+        self._shown, self._report, self._known = shown, report, known
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._database: sqlite3.Connection | None = None
+        self._file: BinaryIO | None = None
+        self._cause = ""
+        self._size = self._steps = 0
+        try:
+            self._open(path)
+        except OSError as err:
+            self.close()
+            raise UnreadableError(f"{shown}: cannot be read: {err.strerror or err}") from err
+        except UnreadableError:
+            self.close()
+            raise
+
+    @property
+    def progress(self) -> float:
+        """How much of the file has been read, from 0 to 1."""
+        return max(0.0, self._last / self._newest) if self._newest > 0 else 0.0
+
+    def counts(self) -> Counter[int]:
+        """Topic id → messages."""
+        known = self._known
+        if known.counts is None and self._database is not None:
+            try:
+                # GROUP BY would take as long, for the time goes into reading pages, and sort all rows in memory.
+                known.counts = Counter(chain.from_iterable(self._ask(self._database, _COUNTED)))
+                known.orphans = {id_: n for id_, n in known.counts.items() if id_ not in self.topics}
+            except SQLITE_ERRORS as err:
+                self._cause = _cause(err)
+        if known.counts is None:
+            known.counts = Counter(self._salvage()[1].topic_ids)
+        return known.counts
+
+    def report_orphans(self) -> None:
+        """Messages of a topic that is not there, or whose row is broken, are a loss."""
+        self.counts()
+        if orphans := self._known.orphans:
+            which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
+            lost = f"has no topic {which}; messages lost: {sum(orphans.values()):,}"
+            self._report.add_damage("topics table", lost)
+
+    def batches(self, topics: Collection[int]) -> Iterator[list[Row]]:
+        """Messages of the given topic ids in the order they were recorded, a few at a time."""
+        self._last = BEFORE_ALL
+        if self._database is not None:
+            try:
+                (newest,) = self._ask(self._database, _NEWEST).fetchone()
+                self._newest = newest if isinstance(newest, int) else 0
+                sql = _ROWS.format(", ".join(map(str, topics)))
+                cursor = self._ask(self._database, sql)
+                left = self._size
+                while rows := cursor.fetchmany(BATCH):
+                    ids = [self._last, *(row[0] for row in rows)]
+                    if not _ascending(ids):
+                        raise UnsoundError("row numbers are out of order")
+                    left -= sum(len(row[3]) for row in rows if row[3] is not None)
+                    if left < 0:
+                        raise UnsoundError("its rows hold more bytes than the file")
+                    self._last = ids[-1]
+                    yield rows
+                return
+            except SQLITE_ERRORS as err:
+                self._cause = _cause(err)
+        yield from self._salvaged(topics, self._last)
+
+    def close(self) -> None:
+        """Release and delete all that was opened and copied."""
+        if self._database is not None:
+            self._database.close()
+        if self._file is not None:
+            self._file.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def _open(self, path: Path) -> None:
+        self._file = path.open("rb")
+        if path.stat().st_size == 0:
+            raise UnreadableError(f"{self._shown}: the file is empty")
+        path = self._merged(path)
+        self._size = path.stat().st_size
+        self._cause = self._cause or _wrong_size(self._file.read(HEADER), self._size)
+        if self._cause:
+            return self._open_damaged()
+        try:
+            self._database = self._connect(path)
+            rows = self._ask(self._database, _TOPICS)
+            topics = list(_bounded((row for row in rows if all(map(isinstance, row, _TYPES))), self._size))
+            if not _ascending([row[0] for row in topics]):
+                raise UnsoundError("row numbers of topics are out of order")
+            self.topics = {row[0]: TopicRow(*row) for row in topics}
+            self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOB)
+            self._ask(self._database, _NEWEST).fetchone()
+        except SQLITE_ERRORS as err:
+            self._cause = _cause(err)
+            if self._database is not None:
+                self._database.close()
+                self._database = None
+            self._open_damaged()
+
+    def _connect(self, path: Path) -> sqlite3.Connection:
+        """A connection that can do nothing but read rows of plain tables, in bounded time.
+
+        Raises
+        ------
+        UnsoundError
+            The database holds more than rows: SQL of its own would run whenever it is read.
+        """
+        # `immutable` keeps SQLite from making files beside the log, from looking for a journal there, and works in a
+        # read-only folder.
+        where = f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1"
+        database = self._database = sqlite3.connect(where, uri=True, check_same_thread=False)
+        database.text_factory = lambda text: text.decode("utf-8", "replace")
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_TEXT)
+        database.setlimit(sqlite3.SQLITE_LIMIT_ATTACHED, 0)
+        database.set_progress_handler(self._is_endless, ASKED_EVERY)
+        database.set_authorizer(_authorize)
+        database.execute("PRAGMA temp_store = memory")
+        database.execute("PRAGMA cell_size_check = on")
+        for kind, name, sql in self._ask(database, _SCHEMA):
+            if sql is not None and not (isinstance(sql, str) and _PLAIN.match(sql)):
+                raise UnsoundError(
+                    f"{name} is a {kind} that would run; a bag has plain tables and indexes alone"
+                )
+        for table in _TABLES:
+            if any(column[-1] for column in database.execute(f"PRAGMA table_xinfo({table})")):
+                raise UnsoundError(f"{table} has columns that would be computed")
+        return database
+
+    def _ask(self, database: sqlite3.Connection, sql: str) -> sqlite3.Cursor:
+        """Run a statement, which gets its own number of steps."""
+        self._steps = 0
+        return database.execute(sql)
+
+    def _is_endless(self) -> bool:
+        """Whether a statement has taken more steps than a sound file of this size can need."""
+        self._steps += ASKED_EVERY
+        return self._steps > STEPS + STEPS_PER_BYTE * self._size
+
+    def _merged(self, path: Path) -> Path:
+        """The storage file, or a copy of it with what stands beside it."""
+        sidecars = [Path(f"{path}{suffix}") for suffix in SIDECARS if is_needed(path, suffix)]
+        copy = self._copy(path, sidecars) if sidecars else None
+        if copy is None:
+            return path
+        try:
+            merge(copy, path)
+        except SQLITE_ERRORS as err:
+            self._cause = _cause(err)
+        most = sum(file.stat().st_size for file in [path, *sidecars])
+        if copy.stat().st_size > most:
+            self._cause = f"{sidecars[-1].name} declares more pages than there are"
+            os.truncate(copy, most)
+        if self._file is not None:
+            self._file.close()
+        self._file = copy.open("rb")
+        return copy
+
+    def _open_damaged(self) -> None:
+        """SQLite refuses the file: find its topics by reading pages."""
+        salvage, found = self._salvage()
+        self.topics = dict(sorted(found.topics.items()))
+        if not self.topics and found.rowids:
+            self.topics = guess_topics(salvage, found)
+        if not self.topics:
+            raise UnreadableError(f"{self._shown}: holds no ROS 2 messages ({self._cause})")
+
+    def _copy(self, path: Path, sidecars: list[Path]) -> Path | None:
+        """A copy in a temporary folder, as nothing may be changed beside the log; None where there is no room for it."""
+        self._folder = tempfile.TemporaryDirectory(prefix="lidarcli-")
+        target = Path(self._folder.name) / "bag.db3"
+        needed = 2 * sum(file.stat().st_size for file in [path, *sidecars])
+        if needed > DISK_SHARE * shutil.disk_usage(target.parent).free:
+            names = ", ".join(sidecar.name for sidecar in sidecars)
+            self._report.add_damage(
+                names, "not read: no room in the temporary folder to merge it into a copy of the bag"
+            )
+            return None
+        shutil.copyfile(path, target)
+        return target
+
+    def _salvage(self) -> tuple[Salvage, Found]:
+        if self._file is None:
+            raise ValueError("the storage file is closed")
+        salvage, known = Salvage(self._file), self._known
+        if known.found is None or known.size != self._size:
+            known.found, known.size = salvage.find(), self._size
+        return salvage, known.found
+
+    def _salvaged(self, topics: Collection[int], last: int) -> Iterator[list[Row]]:
+        """Messages behind row `last`, page by page."""
+        salvage, found = self._salvage()
+        self._newest = max(found.rowids, default=0)
+        lost = 0
+        batch: list[Row] = []
+        for row in salvage.messages(found, topics, last):
+            if isinstance(row, MessageRow):
+                self._last = row.id
+                batch.append(row)
+                if len(batch) == BATCH:
+                    yield batch
+                    batch = []
+            else:
+                lost += 1
+        if batch:
+            yield batch
+        wanted = sum(found.topic_ids[index] in topics for index in found.order())
+        cause = f"{self._cause}; read page by page: {wanted - lost:,} messages recovered"
+        if lost:
+            cause += f", {lost:,} not whole"
+        if found.missing:
+            cause += f", {found.missing:,} of all topics missing before the last"
+        self._report.add_damage("database", cause)
+
+
+def _wrong_size(header: bytes, size: int) -> str:
+    """What is wrong with the file's size by its own header, if anything: SQLite reads over either in silence."""
+    page = int.from_bytes(header[16:18], "big")
+    page = 65536 if page == 1 else page
+    if not header.startswith(MAGIC) or header[24:28] != header[92:96]:
+        return ""
+    whole = page * int.from_bytes(header[28:32], "big")
+    if size < whole:
+        return f"cut off: {size:,} of {whole:,} bytes"
+    if size > whole:
+        return f"not closed properly: {size - whole:,} bytes behind its declared end"
+    return ""
+
+
+def _authorize(
+    action: int, first: str | None, second: str | None, _database: str | None, inside: str | None
+) -> int:
+    """Whether a statement may do this; nothing that stands in a view or a trigger may."""
+    wanted = second if action == sqlite3.SQLITE_FUNCTION else first
+    allowed: Collection[str] | None = _ALLOWED.get(action, ())
+    fine = inside is None and (allowed is None or str(wanted).lower() in allowed)
+    return sqlite3.SQLITE_OK if fine else sqlite3.SQLITE_DENY
+
+
+def _bounded(rows: Iterable[tuple[int, str, str, str]], most: int) -> Iterator[tuple[int, str, str, str]]:
+    """Rows whose texts together are no longer than the file that they come from [bytes]."""
+    for row in rows:
+        most -= sum(map(len, row[1:]))
+        if most < 0:
+            raise UnsoundError("its topics hold more text than the file")
+        yield row
+
+
+def _ascending(ids: Sequence[object]) -> bool:
+    """Whether values are whole numbers, each above the one before."""
+    whole = [value for value in ids if isinstance(value, int)]
+    return len(whole) == len(ids) and all(before < after for before, after in pairwise(whole))
+
+
+def _cause(err: Exception) -> str:
+    if isinstance(err, UnsoundError):
+        return str(err)
+    if "interrupted" in str(err):
+        return "reading it takes far more steps than a sound file of its size needs"
+    return f"SQLite says: {err if isinstance(err, sqlite3.Error) else 'malformed database schema'}"
+
+
+def has_type(topic: TopicRow, types: Collection[str]) -> bool:
+    """Whether a topic is of one of the types, serialised as ROS 2 does."""
+    return topic.encoding.lower() == "cdr" and ros_type(topic.type) in types

@@ -1,0 +1,160 @@
+"""The folder of a ROS 2 bag: which storage files it has, whatever its metadata.yaml says."""
+
+from __future__ import annotations
+
+import re
+import stat
+from collections import defaultdict
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
+from itertools import takewhile
+from pathlib import Path, PureWindowsPath
+
+from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
+
+METADATA = "metadata.yaml"
+MAX_METADATA = 16 << 20
+"""Longest metadata.yaml that is read [bytes]."""
+
+_PATHS = "relative_file_paths:"
+_CONFLICT = re.compile(r"^(<{7,}|={7,}|>{7,})", re.MULTILINE)
+_STORAGE = re.compile(r"\.(db3|mcap)(\.(zstd|zst))?$", re.IGNORECASE)
+_PART = re.compile(r"(.+)_(\d+)\.(?:db3|db3\.zstd|mcap\.zstd)")
+_PACKED = re.compile(r"\.(zstd|zst)$", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class Folder:
+    """Storage files in the order they were recorded, and what is wrong with the metadata."""
+
+    files: list[Path] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    """Names of files that the metadata lists and nobody finds."""
+
+
+def is_storage(name: str) -> bool:
+    """Whether a file's name is that of a storage file."""
+    return _STORAGE.search(name) is not None
+
+
+def is_bag(names: Iterable[str]) -> bool:
+    """Whether the files of a folder are those of one bag, by their names.
+
+    A bag may have lost its metadata.yaml: then all logs in the folder are parts of one name, `NAME_0`, `NAME_1`, ...
+
+    >>> is_bag(["run_0.db3", "run_1.db3"]), is_bag(["monday.db3", "run_0.db3"])
+    (True, False)
+    """
+    names = list(names)
+    logs = [_PART.fullmatch(name) for name in names if name.lower().endswith(BINARY_SUFFIXES)]
+    stems = {part[1] if part else None for part in logs}
+    return METADATA in names or (len(stems) == 1 and None not in stems)
+
+
+def read_folder(folder: Path) -> Folder:
+    """Find the storage files of a bag: those that are there count, the metadata gives their order."""
+    files = [path for path in sorted(folder.iterdir()) if path.is_file()]
+    there = {path.name: path for path in files if is_storage(path.name)}
+    named, note = _named_files(folder / METADATA)
+    notes = [note] if note else []
+    ordered, missing = _matched(named, there)
+    unnamed = _unnamed(ordered, there)
+    if unnamed and named:
+        notes.append(f"{METADATA} does not name {', '.join(sorted(unnamed, key=natural))}: read as well")
+    logs = (*BINARY_SUFFIXES, *TEXT_SUFFIXES)
+    others = [path.name for path in files if path.name not in there and path.name.lower().endswith(logs)]
+    if others:
+        notes.append(f"no part of this bag, and not read: {', '.join(others)}")
+    names = sorted([*ordered, *unnamed], key=natural) if unnamed else [*ordered]
+    return Folder([there[name] for name in names], notes, missing)
+
+
+def _unnamed(ordered: Collection[str], there: Collection[str]) -> list[str]:
+    """Files that the metadata does not name, but for those that are others packed or unpacked."""
+    alike = _by_content(ordered or there)
+    twins = {name for name in there if any(other != name for other in alike[_content(name)])}
+    if not ordered:
+        twins = {name for name in twins if _PACKED.search(name)}
+    return [name for name in there if name not in ordered and name not in twins]
+
+
+def natural(name: str) -> list[tuple[int, str]]:
+    """Sort key that puts `_2` before `_10`.
+
+    >>> sorted(["bag_10.db3", "bag_2.db3"], key=natural)
+    ['bag_2.db3', 'bag_10.db3']
+    """
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _listed(text: str) -> list[str]:
+    """The items of the list of files: within brackets, or one in a line each."""
+    lines = iter(text.split("\n"))
+    for line in lines:
+        if line.strip().startswith(_PATHS):
+            rest = line.strip().removeprefix(_PATHS).strip()
+            if rest.startswith("["):
+                # Brackets may be closed lines later.
+                inside, closed, _ = "\n".join([rest, *lines]).partition("]")
+                return inside.strip("[").split(",") if closed else []
+            items = takewhile(lambda item: item.strip().startswith(("- ", "-\t")), lines)
+            return [item.strip()[2:] for item in items]
+    return []
+
+
+def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None], list[str]]:
+    """The files that the metadata names, in its order, and the names to which there is none.
+
+    Bags are packed, unpacked and renamed without anybody changing the metadata.
+    """
+    alike = _by_content(there)
+    ordered: dict[str, None] = {}
+    missing: dict[str, None] = {}
+    for name in named:
+        left = alike[_content(name)]
+        match = name if name in left else next(iter(left), None)
+        if match is not None:
+            left.remove(match)
+            ordered[match] = None
+        elif name not in ordered:
+            missing[name] = None
+    return ordered, list(missing)
+
+
+def _by_content(names: Iterable[str]) -> defaultdict[str, list[str]]:
+    """Names that differ by the packing alone, together."""
+    alike: defaultdict[str, list[str]] = defaultdict(list)
+    for name in names:
+        alike[_content(name)].append(name)
+    return alike
+
+
+def _content(name: str) -> str:
+    """What a file is called without its packing."""
+    return _PACKED.sub("", name).lower()
+
+
+def _named_files(path: Path) -> tuple[list[str], str]:
+    """File names of a metadata.yaml, and what is wrong with it.
+
+    The names are all that is wanted of it: they are taken from their lines, which neither a broken part elsewhere nor
+    a hostile YAML can spoil.
+    """
+    without = "the storage files were read without it"
+    try:
+        # Whoever opens a pipe waits for its writer.
+        if not stat.S_ISREG(path.stat().st_mode):
+            return [], f"{METADATA} is no file, {without}"
+        with path.open("rb") as file:
+            text = file.read(MAX_METADATA).decode("utf-8", "replace")
+    except FileNotFoundError:
+        return [], f"{METADATA} is missing, {without}"
+    except OSError as err:
+        return [], f"{METADATA} cannot be read ({err.strerror}), {without}"
+    if _CONFLICT.search(text):
+        return [], f"{METADATA} holds an unresolved merge conflict, {without}"
+    names = [item.strip().strip("\"'") for item in _listed(text)]
+    # Old bags put the folder's name before the file's; nothing outside of the folder is ever read.
+    names = [PureWindowsPath(name).name for name in names if name]
+    return names, "" if names else f"{METADATA} lists no files, {without}"
