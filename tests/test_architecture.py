@@ -38,8 +38,13 @@ MAY_IMPORT = {
 }
 """Room → the rooms below it that it may import."""
 
-PIPELINE = ("inputs", "reading", "objects", "running")
-"""Rooms of the pipeline, each of which may import those before it; the files for each command may import all of them."""
+ROOMS = {
+    "pipeline": ("inputs", "reading", "objects", "running"),
+    "formalism": ("sweep", "surfaces", "description"),
+}
+"""Rooms within rooms, each of which may import those before it; the files beside them may import all of them."""
+SHARED = {"detection", "parameters"}
+"""What the rooms of the formalism may import beside them."""
 
 ROOMS_OF = {
     "click": {"cli"},
@@ -78,13 +83,16 @@ def test_imports_run_one_way(path: Path) -> None:
         assert here in ROOMS_OF[name], f"{name} belongs to {ROOMS_OF[name]}"
 
 
-@pytest.mark.parametrize("name", PIPELINE)
-def test_rooms_of_the_pipeline_stand_on_each_other(name: str) -> None:
-    below = PIPELINE[: PIPELINE.index(name) + 1]
+@pytest.mark.parametrize(
+    ("outer", "name"), [(outer, name) for outer, names in ROOMS.items() for name in names]
+)
+def test_inner_rooms_stand_on_each_other(outer: str, name: str) -> None:
+    names = ROOMS[outer]
+    below = {*names[: names.index(name) + 1], *SHARED}
     for path in MODULES:
-        if path.parts[:2] == ("pipeline", name):
-            own = {full.split(".")[2] for full in imported(path) if full.startswith("lidarcli.pipeline.")}
-            assert own <= {*below}, path
+        if path.parts[:2] == (outer, name):
+            own = {full.split(".")[2] for full in imported(path) if full.startswith(f"lidarcli.{outer}.")}
+            assert own <= below, path
 
 
 def test_formalism_imports_numpy_alone() -> None:
