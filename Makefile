@@ -4,7 +4,14 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 CORE := $(wildcard lidarcli/*.pxd lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd)
 BUILD := pyproject.toml setup.py $(CORE) $(CORE:.pxd=.py)
-PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# What pip installs, with one line for each module that is compiled; all it says when it fails.
+define install
+	@mkdir -p build
+	@{ $(BIN)/python -m pip --disable-pip-version-check install --verbose --editable $(1) 2>&1; echo "exit $$?"; } \
+		| tee build/install.log | awk -v all=$(words $(CORE)) \
+		'/^ *building .lidarcli.* extension/ { printf "  compiling the detection, %d of %d\n", ++done, all - 1; fflush() }'
+	@tail -n 1 build/install.log | grep -q '^exit 0$$' || { cat build/install.log; exit 1; }
+endef
 # The first interpreter that is new enough.
 PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.11 python; do \
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
@@ -81,12 +88,12 @@ clean: ## remove the environment and everything that was built
 # install is editable, so that the code at hand is the code that runs.
 $(VENV)/installed: $(BUILD) | $(BIN)/python
 	@echo "Installing lidarcli into $(VENV) ..."
-	@$(PIP) install --editable .
+	$(call install,.)
 	@touch $@
 
 $(VENV)/installed-dev: $(BUILD) | $(BIN)/python
 	@echo "Installing lidarcli and what its tests need into $(VENV) ..."
-	@$(PIP) install --editable '.[dev]'
+	$(call install,'.[dev]')
 	@touch $(VENV)/installed $@
 
 # Debian leaves ensurepip to the package python3-venv; without it the pip at hand fills the environment.
