@@ -2,14 +2,14 @@
 
 VENV ?= .venv
 BIN := $(VENV)/bin
-CORE := $(wildcard lidarcli/*.pxd lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd)
-BUILD := pyproject.toml setup.py $(CORE) $(CORE:.pxd=.py)
+CORE := $(filter-out %/native.pxd,$(wildcard lidarcli/*.pxd lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd))
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # What pip installs, with one line for each module that is compiled; all it says when it fails.
 define install
 	@mkdir -p build
 	@{ $(BIN)/python -m pip --disable-pip-version-check install --verbose --editable $(1) 2>&1; echo "exit $$?"; } \
 		| tee build/install.log | awk -v all=$(words $(CORE)) \
-		'/^ *building .lidarcli.* extension/ { printf "  compiling the detection, %d of %d\n", ++done, all - 1; fflush() }'
+		'/^ *building .lidarcli.* extension/ { printf "  compiling the detection, %d of %d\n", ++done, all; fflush() }'
 	@tail -n 1 build/install.log | grep -q '^exit 0$$' || { cat build/install.log; exit 1; }
 endef
 # The first interpreter that is new enough.
@@ -22,7 +22,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: $(VENV)/installed ## install, detect the objects of a sample log, show the table, a picture and a report
+demo: $(VENV)/compiled ## install, detect the objects of a sample log, show the table, a picture and a report
 	$(BIN)/lidarcli detect samples/room.mcap -o demo --overwrite
 	@$(BIN)/python -m tools.show_objects demo/room.objects.parquet
 	@echo
@@ -49,7 +49,7 @@ format: $(VENV)/installed-dev ## sort imports and format the code
 	$(BIN)/ruff check --select I --fix
 	$(BIN)/ruff format
 
-samples: $(VENV)/installed ## make the sample logs again from their scenes
+samples: $(VENV)/compiled ## make the sample logs again from their scenes
 	PYTHON="$(abspath $(BIN))/python" sh samples/make.sh
 
 golden: $(VENV)/installed-dev ## accept today's tables and reports as the expected ones (then read the diff)
@@ -57,10 +57,10 @@ golden: $(VENV)/installed-dev ## accept today's tables and reports as the expect
 	$(BIN)/python -m tools.golden_reports
 	git diff --stat -- tests/golden
 
-docs: $(VENV)/installed ## write docs/cli.md and docs/tables.md from the code
+docs: $(VENV)/compiled ## write docs/cli.md and docs/tables.md from the code
 	$(BIN)/python -m tools.make_docs
 
-bench: $(VENV)/installed ## throughput and memory of detect, beside merely reading the log
+bench: $(VENV)/compiled ## throughput and memory of detect, beside merely reading the log
 	$(BIN)/python benchmarks/bench.py $(BENCH)
 
 bench-full: $(VENV)/installed-dev ## the same over containers, sensors, profiles and lengths, with more references
@@ -84,17 +84,23 @@ bounds: $(VENV)/installed-dev ## the core with all indices checked: random batch
 clean: ## remove the environment and everything that was built
 	rm -rf $(CORE:.pxd=.*.so) $(VENV) build dist demo .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
-# The environments' stamps: installed again only when the dependencies or the compiled core may have changed. The
-# install is editable, so that the code at hand is the code that runs.
-$(VENV)/installed: $(BUILD) | $(BIN)/python
+# Stamps of what is done in the environment. The install is editable, so that the code at hand is the code that runs; what
+# changed in the core since is compiled in place.
+$(VENV)/installed: pyproject.toml setup.py | $(BIN)/python
 	@echo "Installing lidarcli into $(VENV) ..."
 	$(call install,.)
 	@touch $@
 
-$(VENV)/installed-dev: $(BUILD) | $(BIN)/python
-	@echo "Installing lidarcli and what its tests need into $(VENV) ..."
-	$(call install,'.[dev]')
-	@touch $(VENV)/installed $@
+$(VENV)/compiled: $(CORE) $(CORE:.pxd=.py) | $(VENV)/installed
+	@if [ -n "$$(find $^ -newer $(VENV)/installed)" ]; then echo "Compiling what has changed ..."; \
+		$(BIN)/python -m tools.requirements build-system > build/needs.txt && $(PIP) install -r build/needs.txt \
+		&& $(BIN)/python setup.py --quiet build_ext --inplace; fi
+	@touch $@
+
+$(VENV)/installed-dev: pyproject.toml $(VENV)/compiled
+	@echo "Installing what its tests need ..."
+	@$(BIN)/python -m tools.requirements dev > build/needs.txt && $(PIP) install -r build/needs.txt
+	@touch $@
 
 # Debian leaves ensurepip to the package python3-venv; without it the pip at hand fills the environment.
 $(BIN)/python:
