@@ -7,7 +7,7 @@ from pathlib import Path
 
 from lidarcli import compiled
 
-CORE = sorted(Path(__file__).parent.glob("lidarcli/formalism/**/*.pxd"))
+CORE = sorted(Path(__file__).parent.glob("lidarcli/**/*.pxd"))
 
 if compiled.is_there() and compiled.is_wanted():
     # Doctests are collected from files; a module that was compiled from one would be imported in its place.

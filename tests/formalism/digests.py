@@ -11,6 +11,7 @@ import numpy as np
 
 from lidarcli.formalism import Detection, Parameters, detect, noise
 from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, random_scene, sensor_with
@@ -36,7 +37,7 @@ def batches(logs: list[str], scenes: int) -> Iterator[SweepBatch]:
     yield from odd_batches()
     for log in logs:
         with open_log(log) as source:
-            yield from read_batches(source, ReadOptions(every=10))
+            yield from read_batches(source, ReadOptions(every=10), ReadReport())
 
 
 def digest(found: Detection) -> str:

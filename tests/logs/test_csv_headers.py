@@ -113,10 +113,10 @@ def plotjuggler(topics: int, rows: int) -> bytes:
 @pytest.mark.slow
 def test_thousands_of_scans_in_one_table() -> None:
     data = plotjuggler(5000, 3)
-    started = time.monotonic()
+    started = time.process_time()
     with CsvLog(io.BytesIO(data)) as log:
         blocks = list(log.scans())
-    assert time.monotonic() - started < SECONDS
+    assert time.process_time() - started < SECONDS
     assert [block.topic for block in blocks] == [f"/robot{topic}/scan" for topic in range(5000)]
     assert all(block.stamp_ns.tolist() == [500_000_000, 1_500_000_000, 2_500_000_000] for block in blocks)
     assert all((block.angle_min == -0.5).all() and (block.range_max == 12).all() for block in blocks)
@@ -129,10 +129,10 @@ def test_a_header_of_a_megabyte_is_looked_at_quickly(begin: str, unit: str) -> N
     header = begin + unit * (SIZE // len(unit))
     row = ",".join(["1"] * (header.count(",") + 1))
     data = f"{header}\n{row}\n{row}\n".encode()
-    started = time.monotonic()
+    started = time.process_time()
     with suppress(LidarcliError):
         CsvLog(io.BytesIO(data), CsvOptions(fov=1.0))
-    assert time.monotonic() - started < SECONDS
+    assert time.process_time() - started < SECONDS
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def test_many_scans_beside_many_columns_of_time() -> None:
     ranges = ",".join(f"{scan}/ranges{beam}" for scan in range(10_000) for beam in range(3))
     header = f"time,{ranges}," + "t," * 200_000
     row = ",".join(["1"] * (header.count(",") + 1))
-    started = time.monotonic()
+    started = time.process_time()
     with CsvLog(io.BytesIO(f"{header}\n{row}\n".encode()), CsvOptions(fov=1.0)) as log:
         assert len(log.topics() or []) == 10_000
-    assert time.monotonic() - started < SECONDS
+    assert time.process_time() - started < SECONDS
