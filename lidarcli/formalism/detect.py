@@ -46,7 +46,7 @@ def detect(
     Raises
     ------
     ValueError
-        `angle_min` or `angle_increment` of a sweep is NaN or infinite.
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite, or an array has another shape than its sweeps.
 
     Examples
     --------
@@ -76,7 +76,27 @@ def detect(
 
 
 def noise(batch: SweepBatch) -> Float64:
-    """Standard deviation σ of the ranges of each sweep [m], from the median of second differences. (S,)"""
+    """Standard deviation σ of the ranges of each sweep, from the median of second differences of 1/r.
+
+    Parameters
+    ----------
+    batch : SweepBatch, S sweeps of up to B beams; beams without a range (NaN) count not
+
+    Returns
+    -------
+    (S,) metres, at least 3 mm
+
+    Raises
+    ------
+    ValueError
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite, or an array has another shape than its sweeps.
+
+    Examples
+    --------
+    >>> from lidarcli.formalism import sweep
+    >>> noise(sweep([2.0, 2.0, 2.0, 2.0], angle_increment=0.01)).tolist()
+    [0.003]
+    """
     sigma = np.empty(len(batch))
     Core(scans(batch), Parameters()).measure_noise(sigma)
     return sigma
@@ -98,7 +118,7 @@ def difference(batch: SweepBatch) -> Float64:
     Raises
     ------
     ValueError
-        `angle_min` or `angle_increment` of a sweep is NaN or infinite.
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite, or an array has another shape than its sweeps.
 
     Examples
     --------
@@ -113,19 +133,39 @@ def difference(batch: SweepBatch) -> Float64:
 
 
 def scans(batch: SweepBatch, within: Bool | None = None, sigma: Float64 | None = None) -> Scans:
-    """The columns of a batch as the loops over one sweep read them; `ValueError` where its bearings are no numbers."""
-    refuse_geometry(batch)
-    return Scans(batch, _directions(batch), within, sigma)
-
-
-def refuse_geometry(batch: SweepBatch) -> None:
-    """Refuse sweeps whose bearings are no numbers; the readers of logs have done so before.
+    """The columns of a batch as the loops over one sweep read them.
 
     Raises
     ------
     ValueError
-        `angle_min` or `angle_increment` of a sweep is NaN or infinite.
+        `angle_min` or `angle_increment` of a sweep is NaN or infinite, or an array has another shape than its sweeps.
     """
+    _refuse_shapes(batch, within, sigma)
+    _refuse_angles(batch)
+    return Scans(batch, _directions(batch), within, sigma)
+
+
+def _refuse_shapes(batch: SweepBatch, within: Bool | None, sigma: Float64 | None) -> None:
+    """The loops look no further than the arrays of a batch tell them, so these have to agree."""
+    rows, width = batch.ranges.shape
+    columns = {name: getattr(batch, name) for name in ("beams", "closure", "angle_min", "angle_increment")}
+    shapes: dict[str, Any] = {name: (values, (rows,)) for name, values in columns.items()}
+    shapes["status"] = batch.status, (rows, width)
+    if within is not None:
+        shapes["within"] = within, (rows, width)
+    if sigma is not None:
+        shapes["sigma"] = sigma, (rows,)
+    for name, (values, shape) in shapes.items():
+        if values.shape != shape:
+            raise ValueError(f"{name} of {batch.topic} has the shape {values.shape}, not {shape}")
+    if rows and not (batch.beams.min() >= 0 and batch.beams.max() <= width):
+        raise ValueError(
+            f"beams of {batch.topic} go from {batch.beams.min()} to {batch.beams.max()}, of {width}"
+        )
+
+
+def _refuse_angles(batch: SweepBatch) -> None:
+    """Refuse sweeps whose bearings are no numbers; the readers of logs have done so before."""
     for name in ("angle_min", "angle_increment"):
         values = getattr(batch, name)
         wrong = np.flatnonzero(~np.isfinite(values))

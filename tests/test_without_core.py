@@ -1,0 +1,57 @@
+"""Where no compiler was at hand: the same tables, and one line that says why it takes so long."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+import lidarcli
+from lidarcli import compiled
+from tests.places import SAMPLES
+
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "LIDARCLI_COMPILED"}
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package as it is installed without a compiler."""
+    folder = tmp_path_factory.mktemp("package")
+    source = Path(lidarcli.__file__).parent
+    shutil.copytree(
+        source, folder / "lidarcli", ignore=shutil.ignore_patterns("*.so", "*.pyd", "__pycache__")
+    )
+    return folder
+
+
+def run(package: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "lidarcli", *arguments]
+    environment = {**ENVIRONMENT, "PYTHONPATH": str(package), **variables}
+    return subprocess.run(command, cwd=package, env=environment, capture_output=True, text=True, check=True)
+
+
+def test_the_version_tells(package: Path) -> None:
+    version = f"lidarcli {lidarcli.__version__}"
+    assert run(package, "--version").stdout == f"{version} (the detection is not compiled)\n"
+
+
+def test_detect_says_it_once_and_finds_the_same(package: Path, tmp_path: Path) -> None:
+    logs = [str(SAMPLES / "room.mcap"), str(SAMPLES / "drive.db3")]
+    options = ["--every", "40", "-o", str(tmp_path)]
+    lines = run(package, "detect", *logs, *options).stderr.splitlines()
+    assert [line for line in lines if "compiled" in line] == [f"lidarcli: {compiled.MISSING}"]
+    found = pq.read_table(tmp_path / "room.objects.parquet")
+    expected = lidarcli.detect(logs[0], every=40)
+    assert found.num_rows == len(expected) > 5
+    assert found["box_x"].to_pylist() == list(expected["box_x"].to_pylist())
+
+
+def test_nobody_is_told_who_asked_for_it(package: Path, tmp_path: Path) -> None:
+    options = ["--every", "50", "-o", str(tmp_path)]
+    told = run(package, "detect", str(SAMPLES / "room.mcap"), *options, LIDARCLI_COMPILED="no").stderr
+    assert "compiled" not in told
