@@ -13,7 +13,13 @@ from lidarcli.sweeps import Closure, Status
 from tests.formalism.oracles import sweeps
 from tests.formalism.oracles.recording import ROBUST, Recorded, recordings
 
-EDGES = {cuts.OWN: "own", cuts.HIDDEN: "hidden", cuts.OPEN: "open", cuts.UNKNOWN: "unknown", cuts.VIEW: "view"}
+EDGES = {
+    cuts.OWN: "own",
+    cuts.HIDDEN: "hidden",
+    cuts.OPEN: "open",
+    cuts.UNKNOWN: "unknown",
+    cuts.VIEW: "view",
+}
 
 
 def circle_of(one: Recorded) -> sweeps.Circle:
