@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import dist, hypot, inf, radians, sin, sqrt, tan
@@ -116,9 +117,7 @@ def faces_between(places: list[Place], vertices: list[int]) -> list[Face]:
     if len(places) < 2:
         return []
     ends = [0, *vertices, len(places) - 1]
-    return [
-        Face(a, b, b - a + 1, *line_through(places[a : b + 1])) for a, b in zip(ends, ends[1:], strict=False)
-    ]
+    return [Face(a, b, b - a + 1, *line_through(places[a : b + 1])) for a, b in itertools.pairwise(ends)]
 
 
 def meeting(one: Face, other: Face) -> Place | None:
@@ -167,7 +166,7 @@ def bend(faces: list[Face]) -> str:
     """No corner, all point at the sensor, or one points away."""
     if len(faces) < 2:
         return "flat"
-    away = any(turn(a, b) > 0 for a, b in zip(faces, faces[1:], strict=False))
+    away = any(turn(a, b) > 0 for a, b in itertools.pairwise(faces))
     return "concave" if away else "convex"
 
 
@@ -196,7 +195,7 @@ def protrusions(
     points at the sensor; at a free end it has, or is shorter than the wall; there what is seen past the edge (`past`)
     does not lie behind the line of the wall by more than 10 cm + 2σ.
     """
-    turns = [turn(a, b) for a, b in zip(faces, faces[1:], strict=False)]
+    turns = [turn(a, b) for a, b in itertools.pairwise(faces)]
     if not turns:
         return []
     stretches, group = [], [0]

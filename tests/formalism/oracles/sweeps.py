@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from math import cos, inf, nan, pi, sin, sqrt
 from statistics import median_low
@@ -82,7 +83,7 @@ class Step:
 def steps(circle: Circle) -> list[Step]:
     """One step onto each point; onto the first of a partial view there is none."""
     points = circle.points
-    found = [Step(a, b, b - a - 1) for a, b in zip(points, points[1:], strict=False)]
+    found = [Step(a, b, b - a - 1) for a, b in itertools.pairwise(points)]
     if circle.is_turn and len(points) > 1:
         found.insert(0, Step(points[-1], points[0], points[0] + len(circle.beams) - points[-1] - 1))
     return found
@@ -142,10 +143,9 @@ def is_discontinuous(circle: Circle, sigma: float, step: Step, max_gap: int) -> 
     before, after = circle.beams[step.before].r, circle.beams[step.after].r
     from_left = foreseen(circle, step.before, -1, step.lost + 1, max_gap) - before
     from_right = after - foreseen(circle, step.after, 1, step.lost + 1, max_gap)
-    for limit in (from_left, from_right):
-        if min(0.0, limit) - allowed <= s <= max(0.0, limit) + allowed:
-            return False
-    return True
+    return all(
+        not min(0.0, limit) - allowed <= s <= max(0.0, limit) + allowed for limit in (from_left, from_right)
+    )
 
 
 def breakpoints(circle: Circle, sigma: float, max_gap: int) -> list[int]:
