@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
+from math import inf, nan
 from types import ModuleType
 from typing import Any, NamedTuple
 from unittest.mock import patch
@@ -19,6 +20,7 @@ from lidarcli.formalism.sweep import breakpoints, noise, points, segments
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.batches import batch_of, rows_of
 from tests.formalism.random_sweeps import random_sweep
+from tests.formalism.reference import NO_TURN, Sweep
 from tests.formalism.surroundings import simulated
 
 STEPS: tuple[tuple[ModuleType, str], ...] = (
@@ -100,7 +102,7 @@ class State:
         return [face for face in self.faces if face.segment == j]
 
 
-@dataclass
+@dataclass(eq=False)
 class Recorded:
     """One sweep, what was found in it, and the state after each step by the name of its function."""
 
@@ -175,12 +177,29 @@ def record(batch: SweepBatch, parameters: Parameters) -> Recorded:
 
 
 ROBUST = Parameters.for_profile("robust", group_gap=0.45, walls=True)
-RANDOM = 600
+RANDOM, WALLS = 600, 40
+
+
+def interrupted_wall(rng: np.random.Generator) -> Sweep:
+    """A straight wall behind posts: short pieces on one line, some of them set back or forward."""
+    beams = int(rng.integers(100, 200))
+    theta = np.linspace(-1.2, 1.2, beams)
+    distance, direction = rng.uniform(1.0, 3.0), rng.uniform(-0.5, 0.5)
+    ranges = np.full(beams, inf)
+    begin = 0
+    while begin < beams:
+        end = begin + int(rng.integers(8, 40))
+        depth = distance + rng.choice([0.0, 0.0, 0.0, rng.uniform(-0.2, 0.6)])
+        ranges[begin:end] = depth / np.maximum(np.cos(theta[begin:end] - direction), 0.1)
+        begin = end + int(rng.integers(2, 8))
+        ranges[end:begin] = rng.choice([0.5 * distance, inf, nan])
+    ranges += rng.choice([0.003, 0.01, 0.03]) * rng.standard_normal(beams)
+    return Sweep([float(r) for r in ranges.astype(np.float32)], -1.2, 2.4 / (beams - 1), NO_TURN)
 
 
 @cache
 def random_batches() -> list[SweepBatch]:
-    """Random sweeps of every closing and direction, and those of rooms, corridors and halls, one at a time."""
+    """Random sweeps of every closing and direction, walls, rooms, corridors and halls: one sweep at a time."""
     rng = np.random.default_rng(20240407)
     some = []
     for k in range(RANDOM):
@@ -188,6 +207,7 @@ def random_batches() -> list[SweepBatch]:
         # Every third is a crowd of small things close to the sensor.
         nearer = 0.2 if k % 3 == 0 else 1.0
         some.append(batch_of([replace(sweep, ranges=[nearer * r for r in sweep.ranges])]))
+    some += [batch_of([interrupted_wall(rng)]) for _ in range(WALLS)]
     scenes = simulated()
     return some + [rows_of(scenes, slice(row, row + 1)) for row in range(len(scenes))]
 

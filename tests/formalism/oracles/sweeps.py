@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 from math import cos, inf, nan, pi, sin, sqrt
 from statistics import median_low
 
@@ -35,10 +36,15 @@ class Circle:
     step: float
     is_turn: bool
 
-    @property
+    @cached_property
     def points(self) -> list[int]:
         """Places of the beams that have a range."""
         return [n for n, beam in enumerate(self.beams) if beam.has_range]
+
+    @cached_property
+    def rank(self) -> dict[int, int]:
+        """The how-manieth point is at a place."""
+        return {n: k for k, n in enumerate(self.points)}
 
 
 def lay_out(
@@ -113,7 +119,7 @@ def slope(circle: Circle, at: int, way: int, max_gap: int) -> float:
     """
     points, count = circle.points, len(circle.beams)
     slopes = []
-    k, beams_away = points.index(at), 0
+    k, beams_away = circle.rank[at], 0
     for lag in (1, 2, 3):
         following = k + way
         if not circle.is_turn and not 0 <= following < len(points):
@@ -186,11 +192,11 @@ def segments(circle: Circle, breaks: list[int], max_gap: int) -> list[Segment]:
     onto = {step.after: step for step in steps(circle)}
     runs = []
     for a, b in zip(breaks, [*breaks[1:], None], strict=True):
-        first = points.index(a)
+        first = circle.rank[a]
         if b is not None:
-            runs.append(points[first : points.index(b)])
+            runs.append(points[first : circle.rank[b]])
         else:
-            runs.append(points[first:] + (points[: points.index(breaks[0])] if circle.is_turn else []))
+            runs.append(points[first:] + (points[: circle.rank[breaks[0]]] if circle.is_turn else []))
     found = []
     for number, run in enumerate(runs):
         edges, differences = [], []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from math import cos, dist, hypot, inf, pi, sin
 from typing import Any, NamedTuple
 
@@ -36,6 +37,7 @@ def bearings_of(one: Recorded, state: State, segment: Segment) -> list[float]:
     return [value + 2 * pi if value < theta[0] else value for value in theta]
 
 
+@cache
 def things(one: Recorded) -> list[Thing]:
     """What is to be reported, in its order: objects, then walls, each by their first bearing."""
     state = one.after["core._settle"]
@@ -69,6 +71,7 @@ def lies_past_the_seam(one: Recorded) -> bool:
     return any(segment.first >= state.points.count for segment in state.segments)
 
 
+@cache
 def all_things() -> list[tuple[Recorded, State, int, Thing]]:
     """Of every sweep every object with its number in the detection."""
     return [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from math import inf, nan
 
 import numpy as np
@@ -22,6 +23,7 @@ EDGES = {
 }
 
 
+@cache
 def circle_of(one: Recorded) -> sweeps.Circle:
     """A recorded sweep as the references read it."""
     batch = one.batch
