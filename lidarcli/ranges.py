@@ -43,8 +43,9 @@ def judge(
 
 def judge_row(raw: Any, clean: Any, status: Any, begin: int, count: int, least: float, most: float) -> None:
     """Copy the ranges of one sweep; of what is none, the status is 1."""
+    nothing = NAN
     for k in range(begin, begin + count):
-        clean[k] = raw[k] if (raw[k] >= least) & (raw[k] <= most) else NAN
+        clean[k] = raw[k] if (raw[k] >= least) & (raw[k] <= most) else nothing
     for k in range(begin, begin + count):
         status[k] = (not raw[k] >= least) | (not raw[k] <= most)
 

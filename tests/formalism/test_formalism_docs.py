@@ -22,7 +22,7 @@ DERIVED = re.compile(
     r"\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|NOTHING|ONE|INFINITY|TINY|NEAR|FAR|FEW)"
 )
 """Functions of other constants, factors of the normal distribution, and what only saves time."""
-CODES = {"detection", "points", "segments", "detect"}
+CODES = {"detection", "points", "segments", "detect", "native"}
 """Modules whose numbers are codes or the layout of arrays, not constants of the method."""
 BENDS = {"FLAT", "CONVEX", "CONCAVE"}
 """Codes of a module that has constants, too."""

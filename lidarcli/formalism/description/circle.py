@@ -69,11 +69,13 @@ def _algebraic(circle: Circle) -> None:
     for k in range(n):
         sum_x += circle.x[k]
         sum_y += circle.y[k]
-    circle.middle_x, circle.middle_y = sum_x / n, sum_y / n
+    middle_x, middle_y = sum_x / n, sum_y / n
+    for k in range(n):
+        u[k] = circle.x[k] - middle_x
+        v[k] = circle.y[k] - middle_y
+    circle.middle_x, circle.middle_y = middle_x, middle_y
     uu, vv, uv, uw, vw = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        u[k] = circle.x[k] - circle.middle_x
-        v[k] = circle.y[k] - circle.middle_y
         w = u[k] * u[k] + v[k] * v[k]
         uu += u[k] * u[k]
         vv += v[k] * v[k]
@@ -93,11 +95,12 @@ def _algebraic(circle: Circle) -> None:
 
 def _measure(circle: Circle) -> None:
     """How far the points are from the centre, and in which direction."""
+    from_x, from_y, distance = circle.from_x, circle.from_y, circle.distance
+    centre_x, centre_y = circle.centre_x, circle.centre_y
     for k in range(circle.n):
-        dx, dy = circle.u[k] - circle.centre_x, circle.v[k] - circle.centre_y
-        circle.from_x[k] = dx
-        circle.from_y[k] = dy
-        circle.distance[k] = math.sqrt(dx * dx + dy * dy)
+        dx, dy = circle.u[k] - centre_x, circle.v[k] - centre_y
+        from_x[k], from_y[k] = dx, dy
+        distance[k] = math.sqrt(dx * dx + dy * dy)
 
 
 def _rms(circle: Circle) -> float:
@@ -115,6 +118,7 @@ def _refine(circle: Circle) -> None:
         inverse = 1.0 / max(distance[k], 1e-9)
         from_x[k] *= inverse
         from_y[k] *= inverse
+    for k in range(n):
         mean += distance[k]
         mean_x += from_x[k]
         mean_y += from_y[k]

@@ -68,19 +68,22 @@ def adaptive_threshold(points: Points, explained: float, r: float, s: float) -> 
 
 def find(breakpoints: Breakpoints, points: Points, scans: Scans) -> None:
     """Find the breakpoints; with a mask of beams that belong to objects, its borders are some, too."""
-    s, missing, at = points.s, points.missing, breakpoints.at
+    s, missing, d_th, masked = points.s, points.missing, points.d_th, scans.has_within
     count = 0
     for k in range(points.count):
+        if missing[k] == 0 and not abs(s[k]) > d_th and not masked:
+            continue
         if missing[k] > breakpoints.max_gap:
             breaks = True
-        elif abs(s[k]) > points.d_th:
+        elif abs(s[k]) > d_th:
             breaks = not breakpoints.adaptive or is_unexplained(points, k, breakpoints.max_gap)
         else:
             breaks = False
-        if scans.has_within and not breaks:
+        if masked and not breaks:
             breaks = is_within(points, scans, k) != is_within(points, scans, k - 1 if k else points.count - 1)
-        at[count] = k
-        count += breaks
+        if breaks:
+            breakpoints.at[count] = k
+            count += 1
     breakpoints.count = count
 
 

@@ -57,8 +57,9 @@ def middle_second_difference(noise: Noise, scans: Scans, row: int) -> float:
     # Storing rounds to single precision, so every step is stored.
     around[0] = 2.0 * math.cos(scans.angle_increment[row])
     cosine = around[0]
+    one = ONE
     for k in range(width):
-        u[k] = ONE / r[begin + k]
+        u[k] = one / r[begin + k]
     around[0] = around[width - 1] = NOTHING
     for k in range(1, width - 1):
         around[k] = u[k - 1] + u[k + 1]
@@ -71,11 +72,8 @@ def middle_second_difference(noise: Noise, scans: Scans, row: int) -> float:
         around[last] = u[last - 1] + u[0]
     for k in range(width):
         u[k] = cosine * u[k]
-    for k in range(width):
         second[k] = around[k] - u[k]
-    for k in range(width):
         around[k] = r[begin + k] * r[begin + k]
-    for k in range(width):
         second[k] = abs(second[k] * around[k])
     noise.guess = lower_median(noise, width)
     return noise.guess

@@ -9,7 +9,8 @@ from math import atan2, cos, hypot, pi, sin
 import numpy as np
 import pytest
 
-from lidarcli.formalism import SHAPES, Detection, Parameters, native
+from lidarcli import native
+from lidarcli.formalism import SHAPES, Detection, Parameters
 from lidarcli.formalism.description import box as boxes
 from lidarcli.formalism.description import circle as circles
 from lidarcli.formalism.description import columns, outline, shape
