@@ -1,6 +1,6 @@
 """One log over several threads: this one reads, writes and keeps the order; others help with what is between.
 
-The compiled kernels let go of the interpreter, so that threads work side by side. Whatever their number, the batches and
+The compiled core lets go of the interpreter, so that threads work side by side. Whatever their number, the batches and
 their order are the same, and so is every byte that is written.
 """
 
