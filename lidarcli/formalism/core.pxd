@@ -1,5 +1,3 @@
-cimport cython
-
 from lidarcli cimport native
 from lidarcli.formalism.description cimport columns as tables
 from lidarcli.formalism.description cimport describe as descriptions
