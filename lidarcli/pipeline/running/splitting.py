@@ -88,7 +88,8 @@ class Splitting:
             elif waited > PATIENCE:
                 yield from self._finished(0)
                 yield self._make(batches)
-            elif sum(batch.ranges.size for batch in batches) < BLOCK:
+            elif sum(batch.ranges.size + len(batch) for batch in batches) < BLOCK:
+                # Sweeps without beams take room, too.
                 continue
             else:
                 self._line.append(self._handed_out(batches))
