@@ -470,3 +470,22 @@ def test_sweeps_without_beams_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) ->
         next(parts)
         assert taken["batches"] < 40
         list(parts)
+
+
+def test_a_system_without_threads_to_give_does_without(
+    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eager: Seen
+) -> None:
+    monkeypatch.setattr("lidarcli.pipeline.reading.reading.WORTH_A_THREAD", 0)
+    expected, _ = files(source, tmp_path / "with", DetectOptions(jobs=2, cores=2))
+    start = threading.Thread.start
+
+    def refuse(thread: threading.Thread) -> None:
+        if thread.name.startswith(("detect", "read")):
+            raise RuntimeError("can't start new thread")
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    eager.taken = 0
+    found, _ = files(source, tmp_path / "without", DetectOptions(jobs=2, cores=2))
+    assert found == expected
+    assert eager.taken == 0

@@ -131,7 +131,11 @@ class Splitting:
         else:
             worth_it = ahead * self._ranges >= ALONE * self._reading.summary.sweeps
         if worth_it:
-            self._helpers = Beside("detect", self._helping)
+            try:
+                self._helpers = Beside("detect", self._helping)
+            except RuntimeError:
+                # The system has no thread to give; it goes without.
+                self._helping = 0
 
     def _handed_out(self, batches: list[SweepBatch]) -> _Block:
         """A block in the hands of another thread, or made here where all have enough to do."""
