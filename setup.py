@@ -13,6 +13,7 @@ from pathlib import Path
 
 from Cython.Build import cythonize
 from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
 
 # No fused multiply-add, so that every machine gives the same bits. Exception flags and errno, which nobody asks for,
 # keep compilers from using vector instructions.
@@ -59,8 +60,24 @@ for module in modules:
     # Said here, as Cython makes extensions of its own, which forget it.
     module.optional = os.environ.get("LIDARCLI_BUILD") != "required"
 
+
+class BuildAllOrNone(build_ext):
+    """Compiled modules call each other without Python between them: where one could not be compiled, all are left out."""
+
+    def run(self) -> None:
+        """Compile, and remove what is of no use by itself."""
+        super().run()
+        built = [Path(self.get_ext_fullpath(module.name)) for module in self.extensions]
+        built += [Path(self.build_lib, self.get_ext_filename(module.name)) for module in self.extensions]
+        there = sum(path.exists() for path in built[: len(self.extensions)])
+        if there < len(self.extensions):
+            for path in built:
+                path.unlink(missing_ok=True)
+
+
 setup(
     ext_modules=modules,
+    cmdclass={"build_ext": BuildAllOrNone},
     options={
         "build_ext": {"parallel": os.cpu_count() or 1},
         "bdist_wheel": {"py_limited_api": "cp311"} if STABLE else {},

@@ -31,5 +31,8 @@ def about_version() -> str:
 
 def use_source() -> None:
     """Let the core's files be imported as they are written, whatever was built from them."""
-    for folder in {path.parent for path in _PACKAGE.rglob("*.pxd")}:
-        sys.path_importer_cache[str(folder)] = FileFinder(str(folder), (SourceFileLoader, SOURCE_SUFFIXES))
+    # Spelled as imports do, which look a folder up by its name: a `Path` would leave out a slash too many.
+    package = __file__.rpartition(os.sep)[0]
+    for folder in {path.parent.relative_to(_PACKAGE) for path in _PACKAGE.rglob("*.pxd")}:
+        name = package + "".join(f"{os.sep}{part}" for part in folder.parts)
+        sys.path_importer_cache[name] = FileFinder(name, (SourceFileLoader, SOURCE_SUFFIXES))

@@ -340,7 +340,15 @@ def judge(
     beams : (S,) number of values of each row, the others are padding
     low, high : (S,) limits [m]
     words : what is no return
+
+    Raises
+    ------
+    ValueError
+        There are not as many beams or limits as rows, or more beams than values.
     """
+    rows, width = ranges.shape
+    if not (len(beams) == len(low) == len(high) == rows) or (beams < 0).any() or (beams > width).any():
+        raise ValueError(f"beams and limits do not fit {rows} sweeps of up to {width} ranges")
     # Messages lie in a log as they like.
     raw = np.require(ranges, np.float32, ["C", "A"])
     clean, status = np.empty(raw.shape, np.float32), np.empty(raw.shape, np.uint8)
@@ -362,7 +370,9 @@ def _verdict(kind: str, words: frozenset[str]) -> int:
 
 
 def count_statuses(status: UInt8) -> Int32:
-    """(5, S) beams of each row of (S, B) by `Status`."""
+    """(5, S) beams of each row of (S, B) by `Status`; `ValueError` where one is none."""
+    if status.max(initial=0) >= len(Status):
+        raise ValueError(f"{status.max()} is no status of a beam")
     counts = np.zeros((len(Status), len(status)), np.int32)
-    _ranges.count_statuses(np.ascontiguousarray(status), counts)
+    _ranges.count_statuses(np.ascontiguousarray(status, np.uint8), counts)
     return counts

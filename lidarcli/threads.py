@@ -17,7 +17,8 @@ class Beside:
     """One thread or several that do what they are given, in its order, behind `concurrent.futures`.
 
     Their first work comes only after all of them are up. An interrupt while `submit` waits for the start of a thread would
-    leave one that works and that nobody knows of, so that `close` does not wait for it.
+    leave one that works and that nobody knows of, so that `close` does not wait for it. `RuntimeError` where the system
+    starts no more of them.
     """
 
     def __init__(self, name: str, count: int = 1) -> None:
@@ -28,7 +29,12 @@ class Beside:
         self._closed = False
         self._idle = False
         self._pool = ThreadPoolExecutor(count, name)
-        self._meet()
+        try:
+            self._meet()
+        except RuntimeError:
+            # The system has no more threads to give: those that are up have nothing to wait for.
+            self._pool.shutdown(wait=False)
+            raise
 
     def submit(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         """Have some work begun after all that was submitted before."""

@@ -1,5 +1,3 @@
-cimport cython
-
 from lidarcli cimport native
 from lidarcli.formalism.description cimport columns as tables
 from lidarcli.formalism.description cimport describe as descriptions
@@ -48,6 +46,7 @@ cdef class Core:
     cpdef measure_differences(self, object s)
 
 
+cdef void write_noise(Core core, double* out) noexcept nogil
 cdef void write_differences(Points points, Scans scans, double* out) noexcept nogil
 cdef void detect_row(Core core, Columns columns, Py_ssize_t row) noexcept nogil
 cdef void _as_printed(Core core) noexcept nogil

@@ -71,8 +71,7 @@ class Core:
         """Write the noise of every sweep to an array (S,) [m]."""
         out = native.at_doubles(sigma)
         lock = native.release()
-        for row in range(self.scans.rows):
-            out[row] = noises.sigma_of(self.noise, self.scans, row)
+        write_noise(self, out)
         native.resume(lock)
 
     def measure_differences(self, s: Any) -> None:
@@ -82,6 +81,12 @@ class Core:
             sweep.load(self.points, self.scans, row)
             sweep.differences(self.points)
             write_differences(self.points, self.scans, out)
+
+
+def write_noise(core: Core, out: Any) -> None:
+    """Write the noise of every sweep; apart, as methods that hold the lock count references to what they hand on."""
+    for row in range(core.scans.rows):
+        out[row] = noises.sigma_of(core.noise, core.scans, row)
 
 
 def write_differences(points: Points, scans: Scans, out: Any) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.formalism.checks import check
 from lidarcli.formalism.core import Core
 from lidarcli.formalism.description import columns as tables
 from lidarcli.formalism.description.columns import Columns
@@ -41,12 +42,12 @@ def detect(
 
     Returns
     -------
-    Detection
+    Detection of K objects [m, rad]; NaN where a number is not defined
 
     Raises
     ------
     ValueError
-        `angle_min` or `angle_increment` of a sweep is NaN or infinite, or an array has another shape than its sweeps.
+        What `check` refuses: arrays of another shape, bearings that are no numbers, ranges that are none.
 
     Examples
     --------
@@ -76,26 +77,26 @@ def detect(
 
 
 def noise(batch: SweepBatch) -> Float64:
-    """Standard deviation σ of the ranges of each sweep, from the median of second differences of 1/r.
+    """The noise of every sweep, which Definition 3's adaptive threshold needs: from the median of second differences.
 
     Parameters
     ----------
-    batch : SweepBatch, S sweeps of up to B beams; beams without a range (NaN) count not
+    batch : SweepBatch, S sweeps of up to B beams
 
     Returns
     -------
-    (S,) metres, at least 3 mm
+    (S,) standard deviation σ of a range [m], never NaN and at least 0.003: no scanner is better
 
     Raises
     ------
     ValueError
-        `angle_min` or `angle_increment` of a sweep is NaN or infinite, or an array has another shape than its sweeps.
+        What `check` refuses.
 
     Examples
     --------
     >>> from lidarcli.formalism import sweep
-    >>> noise(sweep([2.0, 2.0, 2.0, 2.0], angle_increment=0.01)).tolist()
-    [0.003]
+    >>> noise(sweep([2.0, 2.01, 1.98, 2.0, 2.02], angle_min=0.0, angle_increment=0.01)).round(3)
+    array([0.025])
     """
     sigma = np.empty(len(batch))
     Core(scans(batch), Parameters()).measure_noise(sigma)
@@ -118,7 +119,7 @@ def difference(batch: SweepBatch) -> Float64:
     Raises
     ------
     ValueError
-        `angle_min` or `angle_increment` of a sweep is NaN or infinite, or an array has another shape than its sweeps.
+        What `check` refuses.
 
     Examples
     --------
@@ -133,47 +134,9 @@ def difference(batch: SweepBatch) -> Float64:
 
 
 def scans(batch: SweepBatch, within: Bool | None = None, sigma: Float64 | None = None) -> Scans:
-    """The columns of a batch as the loops over one sweep read them.
-
-    Raises
-    ------
-    ValueError
-        `angle_min` or `angle_increment` of a sweep is NaN or infinite, or an array has another shape than its sweeps.
-    """
-    _refuse_shapes(batch, within, sigma)
-    _refuse_angles(batch)
+    """The columns of a batch as the loops over one sweep read them, checked."""
+    check(batch, within, sigma)
     return Scans(batch, _directions(batch), within, sigma)
-
-
-def _refuse_shapes(batch: SweepBatch, within: Bool | None, sigma: Float64 | None) -> None:
-    """The loops look no further than the arrays of a batch tell them, so these have to agree."""
-    rows, width = batch.ranges.shape
-    columns = {name: getattr(batch, name) for name in ("beams", "closure", "angle_min", "angle_increment")}
-    shapes: dict[str, Any] = {name: (values, (rows,)) for name, values in columns.items()}
-    shapes["status"] = batch.status, (rows, width)
-    if within is not None:
-        shapes["within"] = within, (rows, width)
-    if sigma is not None:
-        shapes["sigma"] = sigma, (rows,)
-    for name, (values, shape) in shapes.items():
-        if values.shape != shape:
-            raise ValueError(f"{name} of {batch.topic} has the shape {values.shape}, not {shape}")
-    if rows and not (batch.beams.min() >= 0 and batch.beams.max() <= width):
-        raise ValueError(
-            f"beams of {batch.topic} go from {batch.beams.min()} to {batch.beams.max()}, of {width}"
-        )
-
-
-def _refuse_angles(batch: SweepBatch) -> None:
-    """Refuse sweeps whose bearings are no numbers; the readers of logs have done so before."""
-    for name in ("angle_min", "angle_increment"):
-        values = getattr(batch, name)
-        wrong = np.flatnonzero(~np.isfinite(values))
-        if len(wrong):
-            row = int(wrong[0])
-            raise ValueError(
-                f"sweep {int(batch.sweep[row])} of {batch.topic}: {name} is {values[row]}, not a finite angle"
-            )
 
 
 def _directions(batch: SweepBatch) -> tuple[Float64, Float64, Int64]:

@@ -22,9 +22,9 @@ class Parameters:
     threshold: Literal["adaptive", "mean"] | float = "adaptive"
     """d_th: `adaptive` (noise and one-sided limits), `mean` (Def. 3), or metres."""
     min_beams: int = 3
-    """Runs with fewer valid beams are noise."""
+    """Segments with fewer valid beams are noise."""
     max_width: float = 2.0
-    """A run that extends further than this [m] is background."""
+    """A segment that extends further than this [m] is background."""
     max_gap: int = 2
     """Up to so many lost beams are bridged where both sides continue each other."""
     group_gap: float = 0.0

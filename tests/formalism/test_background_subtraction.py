@@ -590,3 +590,18 @@ def test_foliage_beside_a_wall_is_background(depth: float, gaps: float) -> None:
     found = found_in(bush(200), learned(bush(400)))
     assert found.beam_object is not None
     assert (found.beam_object > 0).mean() < 0.01
+
+
+def test_padding_beyond_the_bearings_of_the_background_is_nothing() -> None:
+    """Of a batch of several widths the sweeps of one may be picked: they keep the columns of the widest."""
+    empty, now = flat(), flat()
+    now[20:28] = 2.5
+    batch = partial(np.stack([now] * 3))
+    padding = ((0, 0), (0, 10))
+    wide = replace(
+        batch,
+        ranges=np.pad(batch.ranges, padding, constant_values=np.nan),
+        status=np.pad(batch.status, padding, constant_values=np.uint8(Status.PADDING)),
+    )
+    found = found_in(wide, learned(partial(np.stack([empty] * 5))))
+    assert spans(found) == [(row, 20, 27) for row in range(3)]

@@ -6,11 +6,10 @@ from dataclasses import replace
 from math import inf, nan
 from typing import Any
 
-import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.formalism import Parameters, detect, difference, noise, sweep
+from lidarcli.formalism import Parameters, detect, difference, sweep
 
 
 def test_defaults_of_both_profiles() -> None:
@@ -85,31 +84,3 @@ def test_bearings_that_are_no_numbers_are_refused(name: str, value: float, profi
             function()
     with pytest.raises(ValueError, match=r"is not a finite angle$"):
         sweep([1.0, 2.0], **{"angle_increment": 0.1, name: value})
-
-
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("status", np.zeros((2, 6), np.uint8)),
-        ("status", np.zeros((1, 5), np.uint8)),
-        ("closure", np.empty(0, np.uint8)),
-        ("angle_min", np.zeros(3)),
-        ("angle_increment", np.zeros((2, 1))),
-        ("beams", np.zeros(1, np.int32)),
-        ("beams", np.array([5, 6], np.int32)),
-        ("beams", np.array([5, -1], np.int32)),
-    ],
-)
-def test_arrays_that_do_not_agree_are_refused(name: str, values: np.ndarray) -> None:
-    batch = replace(sweep(np.full((2, 5), 2.0), angle_increment=0.1), **{name: values})
-    for measure in (detect, difference, noise):
-        with pytest.raises(ValueError, match=f"^{name} of /scan "):
-            measure(batch)
-
-
-def test_a_mask_or_a_noise_of_another_shape_is_refused() -> None:
-    batch = sweep(np.full((2, 5), 2.0), angle_increment=0.1)
-    with pytest.raises(ValueError, match=r"^within of /scan has the shape \(2, 4\), not \(2, 5\)$"):
-        detect(batch, within=np.ones((2, 4), bool))
-    with pytest.raises(ValueError, match=r"^sigma of /scan has the shape \(1,\), not \(2,\)$"):
-        detect(batch, sigma=np.ones(1))

@@ -449,3 +449,43 @@ def test_maker_counts_as_the_whole_run_does(source: Source) -> None:
         ("sweeps", "/scan", 4),
     ]
     assert (part.found.objects, part.found.by_set["O"]) == (7, 140)
+
+
+def test_sweeps_without_beams_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(splitting, "ALONE", 1)
+    empty = replace(batch_of(1, 120), beams=np.zeros(1, np.int32), ranges=np.empty((1, 0), np.float32))
+    empty = replace(empty, status=np.empty((1, 0), np.uint8)).rows(np.zeros(40_000, np.int64))
+    taken = Counter[str]()
+
+    def batches() -> Iterator[SweepBatch]:
+        yield batch_of(30)
+        for _ in range(40):
+            taken["batches"] += 1
+            yield empty
+
+    stand_in, recipe = reading(batches(), 10_000, 30)
+    with Splitting(stand_in, recipe, 2) as work:
+        parts = work.parts(None)
+        next(parts)
+        next(parts)
+        assert taken["batches"] < 40
+        list(parts)
+
+
+def test_a_system_without_threads_to_give_does_without(
+    source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eager: Seen
+) -> None:
+    monkeypatch.setattr("lidarcli.pipeline.reading.reading.WORTH_A_THREAD", 0)
+    expected, _ = files(source, tmp_path / "with", DetectOptions(jobs=2, cores=2))
+    start = threading.Thread.start
+
+    def refuse(thread: threading.Thread) -> None:
+        if thread.name.startswith(("detect", "read")):
+            raise RuntimeError("can't start new thread")
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", refuse)
+    eager.taken = 0
+    found, _ = files(source, tmp_path / "without", DetectOptions(jobs=2, cores=2))
+    assert found == expected
+    assert eager.taken == 0

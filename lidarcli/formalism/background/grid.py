@@ -6,7 +6,7 @@ import numpy as np
 
 from lidarcli.formalism.background.stations import Shift
 from lidarcli.records import record
-from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, SweepBatch
+from lidarcli.sweeps import NEAREST, TURN, Bool, Closure, Float64, Int32, SweepBatch
 
 SAME_BEAM = 0.05
 """Bearings that differ by less than this share of a step are the same."""
@@ -131,5 +131,5 @@ def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Fl
     row, column = np.nonzero((beam >= 0) & ~np.isnan(ranges))
     known[row, beam[row, column]] = True
     row, column = np.nonzero((beam >= 0) & finite)
-    np.minimum.at(seen, (row, beam[row, column]), np.hypot(x, y)[row, column])
+    np.minimum.at(seen, (row, beam[row, column]), np.maximum(np.hypot(x, y), NEAREST)[row, column])
     return np.where(known, seen, np.nan)

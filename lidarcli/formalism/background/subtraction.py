@@ -99,7 +99,7 @@ class Subtraction:
                 found = self._here(part, station[rows], sigma[rows])
             else:
                 found = self._elsewhere(part, station[rows], sigma[rows], moved and moved.rows(rows))
-            if whole:
+            if whole and found.known.shape == result.known.shape:
                 return replace(found, station=station, away=away)
             assemble(result, [(rows, replace(found, station=station[rows], away=away[rows]))])
         return result

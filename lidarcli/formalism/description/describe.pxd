@@ -1,5 +1,4 @@
 cimport cython
-cimport libc.math as math
 
 from lidarcli.formalism.description cimport box as boxes
 from lidarcli.formalism.description cimport outline as outlines

@@ -1,4 +1,3 @@
-cimport cython
 cimport libc.math as math
 
 from lidarcli.formalism.description cimport circle as circles

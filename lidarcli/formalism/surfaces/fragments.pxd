@@ -1,5 +1,3 @@
-cimport cython
-
 from lidarcli cimport native
 from lidarcli.formalism.surfaces.survey cimport Survey
 from lidarcli.formalism.sweep cimport points as sweep

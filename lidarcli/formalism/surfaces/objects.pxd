@@ -1,5 +1,4 @@
 cimport cython
-cimport libc.math as math
 
 from lidarcli.formalism.surfaces cimport survey as surveys
 from lidarcli.formalism.surfaces.fragments cimport Bodies

@@ -1,5 +1,4 @@
 cimport cython
-cimport libc.math as math
 
 from lidarcli cimport native
 from lidarcli.formalism.surfaces cimport faces as surfaces

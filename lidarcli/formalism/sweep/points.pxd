@@ -3,7 +3,7 @@ cimport libc.math as math
 
 from lidarcli cimport native
 
-cdef long long NEVER
+cdef Py_ssize_t NEVER
 cdef double NAN, TURN
 cdef int OPEN, SHARED
 

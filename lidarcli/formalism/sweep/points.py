@@ -9,8 +9,8 @@ import numpy as np
 
 from lidarcli import native, sweeps
 
-NEVER = 1 << 40
-"""Number of lost beams between a point and a predecessor that does not exist."""
+NEVER = 1 << 24
+"""Number of lost beams between a point and a predecessor that does not exist: above every `max_gap`, in 32 bits, too."""
 NAN = float("nan")
 TURN = sweeps.TURN
 OPEN, SHARED = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
@@ -35,7 +35,7 @@ class Scans:
             (np.zeros(0) if within is None else within, np.bool_),
             (np.zeros(0) if sigma is None else sigma, np.float64),
         )
-        self.owner: list[Any] = [np.ascontiguousarray(values, kind) for values, kind in columns]
+        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
         self.rows = len(batch)
         self.width = batch.width
         self.ranges = native.at_singles(self.owner[0])

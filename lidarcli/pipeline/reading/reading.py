@@ -102,7 +102,12 @@ class Reading:
         if self._log.size is None or self._log.size < WORTH_A_THREAD:
             yield from batches
             return
-        self._thread = Beside("read")
+        try:
+            self._thread = Beside("read")
+        except RuntimeError:
+            # The system has no thread to give; it goes without.
+            yield from batches
+            return
         waiting = deque(self._thread.submit(next, batches, None) for _ in range(AHEAD))
         while (batch := waiting.popleft().result()) is not None:
             waiting.append(self._thread.submit(next, batches, None))

@@ -1,6 +1,6 @@
 """One log over several threads: this one reads, writes and keeps the order; others help with what is between.
 
-The compiled kernels let go of the interpreter, so that threads work side by side. Whatever their number, the batches and
+The compiled core lets go of the interpreter, so that threads work side by side. Whatever their number, the batches and
 their order are the same, and so is every byte that is written.
 """
 
@@ -88,7 +88,8 @@ class Splitting:
             elif waited > PATIENCE:
                 yield from self._finished(0)
                 yield self._make(batches)
-            elif sum(batch.ranges.size for batch in batches) < BLOCK:
+            elif sum(batch.ranges.size + len(batch) for batch in batches) < BLOCK:
+                # Sweeps without beams take room, too.
                 continue
             else:
                 self._line.append(self._handed_out(batches))
@@ -130,7 +131,11 @@ class Splitting:
         else:
             worth_it = ahead * self._ranges >= ALONE * self._reading.summary.sweeps
         if worth_it:
-            self._helpers = Beside("detect", self._helping)
+            try:
+                self._helpers = Beside("detect", self._helping)
+            except RuntimeError:
+                # The system has no thread to give; it goes without.
+                self._helping = 0
 
     def _handed_out(self, batches: list[SweepBatch]) -> _Block:
         """A block in the hands of another thread, or made here where all have enough to do."""
