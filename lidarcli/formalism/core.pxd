@@ -47,6 +47,7 @@ cdef class Core:
 
 
 cdef void write_noise(Core core, double* out) noexcept nogil
+cdef void write_all_differences(Core core, double* out) noexcept nogil
 cdef void write_differences(Points points, Scans scans, double* out) noexcept nogil
 cdef void detect_row(Core core, Columns columns, Py_ssize_t row) noexcept nogil
 cdef void _as_printed(Core core) noexcept nogil

@@ -77,16 +77,23 @@ class Core:
     def measure_differences(self, s: Any) -> None:
         """Write Def. 2's difference of every beam to an array (S, B) [m]."""
         out = native.at_doubles(s)
-        for row in range(self.scans.rows):
-            sweep.load(self.points, self.scans, row)
-            sweep.differences(self.points)
-            write_differences(self.points, self.scans, out)
+        lock = native.release()
+        write_all_differences(self, out)
+        native.resume(lock)
 
 
 def write_noise(core: Core, out: Any) -> None:
     """Write the noise of every sweep; apart, as methods that hold the lock count references to what they hand on."""
     for row in range(core.scans.rows):
         out[row] = noises.sigma_of(core.noise, core.scans, row)
+
+
+def write_all_differences(core: Core, out: Any) -> None:
+    """Write s at the beams of every sweep."""
+    for row in range(core.scans.rows):
+        sweep.load(core.points, core.scans, row)
+        sweep.differences(core.points)
+        write_differences(core.points, core.scans, out)
 
 
 def write_differences(points: Points, scans: Scans, out: Any) -> None:

@@ -184,10 +184,10 @@ def _room(batch: SweepBatch, per_beam: bool) -> dict[str, NDArray[Any]]:
 
 
 def _enlarge(arrays: dict[str, NDArray[Any]], columns: Columns, more: float) -> None:
-    """Make the columns so many times as long, or twice."""
+    """Make the columns so many times as long, but at least twice and at most four times."""
     for group in (tables.OBJECT, tables.OFFSETS, tables.VERTEX, tables.FACE):
         for name in group:
-            arrays[name].resize(int(max(more, 2.0) * len(arrays[name])) + 1, refcheck=False)
+            arrays[name].resize(int(min(max(more, 2.0), 4.0) * len(arrays[name])) + 1, refcheck=False)
 
 
 def _shorten(arrays: dict[str, NDArray[Any]], columns: Columns) -> None:

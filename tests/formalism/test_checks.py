@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import detect, difference, noise, sweep
+from lidarcli.formalism.checks import check
 from lidarcli.sweeps import RangeRules as Rules
 from lidarcli.sweeps import SweepBatch, count_statuses, normalise
 from tests.sweeping import room_sweeps
@@ -35,7 +36,7 @@ FEW = np.array([8, 2, 8], np.int32)
         ({"ranges": np.full((3, 8), np.inf)}, r"inf m is no range"),
     ],
 )
-@pytest.mark.parametrize("function", [detect, noise, difference])
+@pytest.mark.parametrize("function", [check, detect, noise, difference])
 def test_batches_that_do_not_fit_are_refused(
     changed: dict[str, Any], message: str, function: Callable[[SweepBatch], Any]
 ) -> None:

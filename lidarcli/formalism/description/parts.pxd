@@ -24,6 +24,7 @@ cdef class Parts:
 
 cdef void assemble(Parts parts, Survey survey, Points points, Segments segments, bint walls) noexcept nogil
 cdef void _sort(Parts parts, Survey survey, Points points, Segments segments, bint walls) noexcept nogil
+cdef void _insert(Parts parts, Survey survey, Points points, Segments segments, bint objects) noexcept nogil
 cdef bint _comes_before(Parts parts, Survey survey, Py_ssize_t a, Py_ssize_t b) noexcept nogil
 cdef void _divide(Parts parts, Survey survey) noexcept nogil
 cdef void _unwrap(Parts parts, Points points, Py_ssize_t k) noexcept nogil

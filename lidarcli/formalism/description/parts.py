@@ -63,10 +63,18 @@ def assemble(parts: Parts, survey: Survey, points: Points, segments: Segments, w
 
 
 def _sort(parts: Parts, survey: Survey, points: Points, segments: Segments, walls: bool) -> None:
-    """By kind, label and bearing: by insertion, as the segments are nearly in order already."""
-    count = 0
+    """By kind, label and bearing."""
+    parts.count = 0
+    _insert(parts, survey, points, segments, True)
+    if walls:
+        _insert(parts, survey, points, segments, False)
+
+
+def _insert(parts: Parts, survey: Survey, points: Points, segments: Segments, objects: bool) -> None:
+    """Add the objects, or the walls, in their order: by insertion, as they are nearly in order already."""
+    count = parts.count
     for j in range(segments.count):
-        if not (survey.is_object[j] or (walls and survey.wall[j])):
+        if survey.is_object[j] != objects or not (objects or survey.wall[j]):
             continue
         if not survey.is_object[j]:
             survey.label[j] = j

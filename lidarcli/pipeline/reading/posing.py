@@ -53,6 +53,9 @@ class FoundPoses:
         for part in self.report.damage:
             if part.place not in met:
                 both.add_damage(part.place, part.cause)
+        if not met:
+            # Past the limit nobody knows which parts are the same; where the sweeps met none, none are.
+            both.damage_more += self.report.damage_more
         return both
 
 
