@@ -71,12 +71,10 @@ def count_statuses(status: Any, counts: Any) -> None:
     codes, out = native.at_bytes(status), native.at_ints(counts)
     lock = native.release()
     for row in range(rows):
-        valid = 0
+        lost = 0
         for k in range(row * width, row * width + width):
-            valid += codes[k] == 0
-        out[row] = valid
-        if valid < width:
-            for k in range(row * width, row * width + width):
-                if codes[k]:
-                    out[codes[k] * rows + row] += 1
+            if codes[k]:
+                out[codes[k] * rows + row] += 1
+                lost += 1
+        out[row] = width - lost
     native.resume(lock)
