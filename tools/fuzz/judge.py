@@ -9,6 +9,8 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 from tools.fuzz.place import Place, differences, snapshot
@@ -25,12 +27,26 @@ _RESET = Path("/proc/self/clear_refs")
 _STATUS = Path("/proc/self/status")
 
 
+@cache
+def import_once() -> None:
+    """What the commands import: a case that comes first would be blamed for it."""
+    for name in (
+        "reports.html",
+        "reports.charts",
+        "pipeline.reporting",
+        "pipeline.viewing",
+        "pipeline.detecting_logs",
+    ):
+        import_module(f"lidarcli.{name}")
+
+
 def judge(target: Target, place: Place) -> list[str]:
     """What went wrong with a case that lies in its place."""
     watched = {name: getattr(place, name) for name in ("input", "victims")}
     before = {name: snapshot(folder) for name, folder in watched.items()}
     beside = _names(place.root)
     small = sum(size for _, size, _, _ in before["input"].values()) < SMALL
+    import_once()
     reset_peak()
     started = time.process_time()
     problems = list(target.judge(place))
