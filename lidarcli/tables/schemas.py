@@ -6,7 +6,7 @@ import pyarrow as pa
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
 STAMP = pa.timestamp("ns", tz="UTC")
-INT32, INT64, FLOAT = pa.int32(), pa.int64(), pa.float64()
+INT32, INT64, FLOAT, BOOL = pa.int32(), pa.int64(), pa.float64(), pa.bool_()
 
 
 def column(name: str, kind: pa.DataType, unit: str, description: str) -> pa.Field:
@@ -41,6 +41,11 @@ _TOPIC = column("topic", TEXT, "", "LaserScan topic")
 _FRAME = column("frame_id", TEXT, "", "sensor frame of the sweep")
 _SWEEP = column("sweep", INT64, "1", "index of the sweep within its topic, in log order, from 0")
 _STAMP = column("stamp", STAMP, "ns", "header stamp, or the log's record time where the header has none")
+_SECONDS = column("t", FLOAT, "s", "seconds since the first sweep of the topic in the log")
+_LABEL = column(
+    "label", TEXT, "", "name in the catalogue; null without a catalogue, or where nothing in it fits"
+)
+_LABEL_SCORE = column("label_score", FLOAT, "1", "how well the label fits, 0 to 1; null without one")
 
 OBJECTS = pa.schema(
     [
@@ -49,6 +54,7 @@ OBJECTS = pa.schema(
         _FRAME,
         _SWEEP,
         _STAMP,
+        _SECONDS,
         column("object", INT32, "1", "number of the object in its sweep, 1, 2, ... by increasing theta_i"),
         column("set", TEXT, "", "O object, A agent, S wall (with --walls)"),
         column("shape", TEXT, "", "prismatic, round, legged, irregular, unknown or wall"),
@@ -79,7 +85,22 @@ OBJECTS = pa.schema(
         column("faces", _list(FACE), "", "faces between the vertices"),
         column("difference", FLOAT, "m", "median of r_w - r_e over its beams; null without a background"),
         column("change", TEXT, "", "appeared or removed; null without a background"),
-        column("track", INT64, "1", "track of the object; null until tracked"),
+        column(
+            "track",
+            INT64,
+            "1",
+            "thing that the object belongs to, 1, 2, ... by first sight; null until tracked",
+        ),
+        column(
+            "vx",
+            FLOAT,
+            "m/s",
+            "velocity of the thing over ground, world frame or else sensor frame; null until tracked",
+        ),
+        column("vy", FLOAT, "m/s", "velocity of the thing over ground; null until tracked"),
+        column("moving", BOOL, "", "whether the thing moves in this sweep; null until tracked"),
+        _LABEL,
+        _LABEL_SCORE,
         column("world_x", FLOAT, "m", "box centre in the world frame; null without a pose"),
         column("world_y", FLOAT, "m", "box centre in the world frame; null without a pose"),
         column("world_yaw", FLOAT, "rad", "box yaw in the world frame; null without a pose"),
@@ -93,6 +114,7 @@ SWEEPS = pa.schema(
         _FRAME,
         _SWEEP,
         _STAMP,
+        _SECONDS,
         column("beams", INT32, "1", "beams of the sweep"),
         column("valid", INT32, "1", "beams with a range"),
         column("no_return", INT32, "1", "beams without a return"),
@@ -112,6 +134,40 @@ SWEEPS = pa.schema(
         column(
             "station", INT32, "1", "station of the background that it was compared with; null without one"
         ),
+    ]
+)
+
+TRACKS = pa.schema(
+    [
+        _LOG,
+        _TOPIC,
+        _FRAME,
+        column("track", INT64, "1", "number of the thing, 1, 2, ... by first sight within its topic"),
+        column("set", TEXT, "", "A agent: it has moved by itself; O object: it has not"),
+        column(
+            "shape", TEXT, "", "prismatic, round, legged, irregular or unknown, by all that was seen of it"
+        ),
+        _LABEL,
+        _LABEL_SCORE,
+        column("first_sweep", INT64, "1", "sweep in which it was first seen"),
+        column("last_sweep", INT64, "1", "sweep in which it was last seen"),
+        column("first_stamp", STAMP, "ns", "stamp of the first of these sweeps"),
+        column("last_stamp", STAMP, "ns", "stamp of the last"),
+        column("duration", FLOAT, "s", "from the first sight to the last"),
+        column("sweeps", INT64, "1", "sweeps in which it was seen"),
+        column("hidden", FLOAT, "s", "time between first and last sight in which it was not seen"),
+        column("x", FLOAT, "m", "centre, world frame or else sensor frame; of an agent where it was last"),
+        column("y", FLOAT, "m", "centre, world frame or else sensor frame"),
+        column("yaw", FLOAT, "rad", "direction of the longer side"),
+        column("length", FLOAT, "m", "longer side by all that was seen of it; null where unknown"),
+        column("width", FLOAT, "m", "shorter side by all that was seen of it; null where unknown"),
+        column("length_sd", FLOAT, "m", "standard deviation of the length"),
+        column("width_sd", FLOAT, "m", "standard deviation of the width"),
+        column("distance", FLOAT, "m", "way travelled over ground"),
+        column("speed_mean", FLOAT, "m/s", "mean speed from the first sight to the last"),
+        column("speed_max", FLOAT, "m/s", "greatest speed"),
+        column("moved_at", STAMP, "ns", "stamp at which it began to move; null for what never moved"),
+        column("end", TEXT, "", "left view, free, lost or end of log: why it ends"),
     ]
 )
 
@@ -149,16 +205,17 @@ BACKGROUND = pa.schema(
         column("pose_x", FLOAT, "m", "sensor position in the world frame; null without a pose"),
         column("pose_y", FLOAT, "m", "sensor position in the world frame; null without a pose"),
         column("pose_yaw", FLOAT, "rad", "sensor yaw in the world frame; null without a pose"),
-        column("upside_down", pa.bool_(), "", "whether the sensor hangs head down"),
+        column("upside_down", BOOL, "", "whether the sensor hangs head down"),
     ]
 )
 
-SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "beams": BEAMS}
+SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
 NULLABLE = {
-    "objects": frozenset({"change", "track"}),
+    "objects": frozenset({"change", "track", "moving", "label"}),
     "sweeps": frozenset({"station"}),
+    "tracks": frozenset({"label", "moved_at"}),
     "beams": frozenset({"object"}),
     "background": frozenset[str](),
 }
