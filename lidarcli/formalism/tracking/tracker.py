@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import NOISE, REMOVED, Detection
+from lidarcli.formalism.detect import scans
+from lidarcli.formalism.detection import AGENT, OBJECT, Detection
+from lidarcli.formalism.tracking import sightings, summary
+from lidarcli.formalism.tracking.bodies import Bodies
+from lidarcli.formalism.tracking.fold import Fold
+from lidarcli.formalism.tracking.memory import Memory
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracked import Followed, Tracks
-from lidarcli.sweeps import SweepBatch
+from lidarcli.formalism.tracking.views import Seen, Views
+from lidarcli.formalism.tracking.windows import Register, Settled, Window
+from lidarcli.sweeps import Float64, Int32, SweepBatch
 
 WINDOW = 256
 """Sweeps of a window: the rows of one are settled when the next one has been seen."""
+BODIES_AT_FIRST, OBJECTS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """A batch whose objects are followed, but not settled."""
+
+    batch: SweepBatch
+    detection: Detection
+    objects: int
+    """Objects of the topic before."""
+    stop: int
+    """Sweeps of the topic up to its last one, included."""
 
 
 class Tracker:
@@ -26,7 +48,23 @@ class Tracker:
         """Names of sensor frames, which `Tracks.frame` points into."""
         self.notes: list[str] = []
         """What a user should know, a line each; whole after `finish`."""
-        self._waiting: deque[tuple[SweepBatch, Detection]] = deque()
+        self._first_ns: int | None = None
+        self._fold = Fold(
+            -math.log(self.parameters.significance),
+            Bodies(BODIES_AT_FIRST),
+            Views(OBJECTS_AT_FIRST, 1),
+            Memory(1),
+        )
+        self._log = sightings.room(SIGHTINGS_AT_FIRST)
+        self._fold.log.attach(self._log)
+        self._register = Register()
+        self._waiting: deque[_Waiting] = deque()
+        self._windows: deque[Window] = deque([Window(0, 0)])
+        """Those that are not settled; the last one is being filled."""
+        self._objects = 0
+        self._settled: deque[Settled] = deque()
+        """What is known of the objects that come next, in pieces."""
+        self._settled_sweeps = 0
 
     def add(self, batch: SweepBatch, detection: Detection) -> list[Followed]:
         """Take the next sweeps of the topic; returns what is settled by now, for earlier batches, in their order.
@@ -34,63 +72,162 @@ class Tracker:
         Parameters
         ----------
         batch, detection : the sweeps of one topic in the order of the log, and what `detect` has found in them
+
+        Raises
+        ------
+        ValueError
+            What `check` refuses.
         """
-        self._waiting.append((batch, detection))
-        return [self._settle(*self._waiting.popleft())] if len(self._waiting) > 1 else []
+        if len(batch):
+            self._follow(batch, detection)
+        self._waiting.append(_Waiting(batch, detection, self._objects, self._fold.sweeps))
+        self._objects += len(detection)
+        return self._answers()
 
     def finish(self) -> tuple[list[Followed], Tracks]:
         """The rest, and all things."""
-        rest = [self._settle(*one) for one in self._waiting]
-        self._waiting.clear()
-        empty: dict[str, NDArray[Any]] = {name: np.empty(0, kind) for name, kind in _TRACKS.items()}
-        return rest, Tracks(**empty)
+        self._register.collect(self._fold.bodies)
+        while self._windows:
+            self._settle()
+        return self._answers(), summary.tracks_of(self._register, self._fold.sweeps)
 
-    def _settle(self, batch: SweepBatch, detection: Detection) -> Followed:
-        count = len(detection)
-        # PLACEHOLDER: every object of a sweep is the track of its own number.
-        followed = (detection.set != NOISE) & (
-            np.ones(count, bool) if detection.change is None else detection.change != REMOVED
-        )
-        return Followed(
-            track=np.where(followed, detection.object, 0).astype(np.int64),
-            vx=np.where(followed, 0.0, np.nan),
-            vy=np.where(followed, 0.0, np.nan),
-            moving=np.where(followed, 0, -1).astype(np.int8),
-            set=detection.set.copy(),
-            label=np.full(count, -1, np.int32),
-            label_score=np.full(count, np.nan),
-            objects=detection.objects,
-            agents=detection.agents,
-            object_beams=detection.object_beams,
-            agent_beams=detection.agent_beams,
-        )
+    def _follow(self, batch: SweepBatch, detection: Detection) -> None:
+        """Follow the sweeps of a batch, window by window."""
+        if self._first_ns is None:
+            self._first_ns = int(batch.stamp_ns[0])
+        fold, laid_out = self._fold, scans(batch)
+        seen = Seen(detection, _poses(batch), (batch.stamp_ns - np.int64(self._first_ns)) / 1e9)
+        self._make_room(seen.most, batch.width)
+        fold.moves = batch.poses is not None
+        fold.objects = self._objects
+        frames = self._frames(batch)
+        numbers = np.zeros(len(detection), np.int64)
+        offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
+        row = 0
+        while row < len(batch):
+            begin, before = row, fold.sweeps
+            stop = min(len(batch), row + WINDOW - before % WINDOW)
+            while (row := fold.follow(seen, laid_out, row, stop, numbers)) < stop:
+                self._enlarge()
+            window = self._windows[-1]
+            first, last = int(offsets[begin]), int(offsets[row])
+            window.numbers.append(numbers[first:last])
+            window.sweeps.append(detection.row[first:last] + (before - begin))
+            window.index.append(batch.sweep[begin:row])
+            window.stamps.append(batch.stamp_ns[begin:row])
+            window.frames.append(frames[begin:row])
+            if fold.sweeps % WINDOW == 0:
+                self._register.collect(fold.bodies)
+                if len(self._windows) > 1:
+                    self._settle()
+                self._windows.append(Window(fold.sweeps, self._objects + last))
+
+    def _frames(self, batch: SweepBatch) -> Any:
+        """(S,) the frame of each sweep among those of the topic."""
+        for name in batch.frame_ids:
+            if name not in self.frames:
+                self.frames.append(name)
+        return np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)[batch.frame]
+
+    def _settle(self) -> None:
+        """Settle the window that is next."""
+        window = self._windows.popleft()
+        log, count = self._log, self._fold.log.count
+        self._settled.append(self._register.settle(window, log, count))
+        self._settled_sweeps = window.begin + window.count
+        done = int(np.searchsorted(log["sweep"][:count], self._settled_sweeps))
+        for values in log.values():
+            values[: count - done] = values[done:count].copy()
+        self._fold.log.count = count - done
+
+    def _make_room(self, objects: int, beams: int) -> None:
+        """Room for sweeps of so many objects and beams."""
+        fold = self._fold
+        if objects > fold.views.objects or beams > fold.views.beams:
+            views = Views(_power(objects, fold.views.objects), _power(beams, fold.views.beams))
+            fold.fit(fold.bodies, views, _grown(fold.past, views.beams))
+
+    def _enlarge(self) -> None:
+        """Twice as much room for bodies or sightings, whichever is short."""
+        fold = self._fold
+        if fold.log.count + fold.views.objects > fold.log.room:
+            for name, values in self._log.items():
+                more = np.zeros((2 * len(values), *values.shape[1:]), values.dtype)
+                more[: len(values)] = values
+                self._log[name] = more
+            fold.log.attach(self._log)
+        if fold.bodies.high + fold.views.objects > fold.bodies.most:
+            bodies = Bodies(2 * fold.bodies.most)
+            bodies.grow(fold.bodies)
+            fold.fit(bodies, fold.views, fold.past)
+
+    def _answers(self) -> list[Followed]:
+        """What is known of the batches whose sweeps are all settled."""
+        done = []
+        while self._waiting and self._waiting[0].stop <= self._settled_sweeps:
+            one = self._waiting.popleft()
+            done.append(_followed(one, self._take(len(one.detection))))
+        return done
+
+    def _take(self, count: int) -> Settled:
+        """What is known of the next objects."""
+        parts: list[Settled] = []
+        while count > 0:
+            piece = self._settled.popleft()
+            if len(piece.track) > count:
+                self._settled.appendleft(piece.rows(slice(count, None)))
+                piece = piece.rows(slice(0, count))
+            parts.append(piece)
+            count -= len(piece.track)
+        return Settled.joined(parts)
 
 
-_TRACKS = {
-    "frame": np.int32,
-    "track": np.int64,
-    "set": np.uint8,
-    "shape": np.uint8,
-    "label": np.int32,
-    "label_score": np.float64,
-    "first_sweep": np.int64,
-    "last_sweep": np.int64,
-    "first_stamp_ns": np.int64,
-    "last_stamp_ns": np.int64,
-    "duration": np.float64,
-    "sweeps": np.int64,
-    "hidden": np.float64,
-    "x": np.float64,
-    "y": np.float64,
-    "yaw": np.float64,
-    "length": np.float64,
-    "width": np.float64,
-    "length_sd": np.float64,
-    "width_sd": np.float64,
-    "distance": np.float64,
-    "speed_mean": np.float64,
-    "speed_max": np.float64,
-    "moved": np.bool_,
-    "moved_at_ns": np.int64,
-    "end": np.uint8,
-}
+def _followed(one: _Waiting, settled: Settled) -> Followed:
+    """What is said of the objects of a batch."""
+    found, sweeps = one.detection, len(one.batch)
+    known = settled.track > 0
+    kind = found.set.copy()
+    kind[known & settled.agent & (kind == OBJECT)] = AGENT
+    agent = kind == AGENT
+    agents = _count(found.row[agent], None, sweeps)
+    agent_beams = _count(found.row[agent], found.beams[agent], sweeps)
+    return Followed(
+        track=settled.track,
+        vx=settled.vx,
+        vy=settled.vy,
+        moving=np.where(known, settled.moving, -1).astype(np.int8),
+        set=kind,
+        label=np.full(len(found), -1, np.int32),
+        label_score=np.full(len(found), np.nan),
+        objects=found.objects - agents,
+        agents=agents,
+        object_beams=found.object_beams - agent_beams,
+        agent_beams=agent_beams,
+    )
+
+
+def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -> Int32:
+    """(S,) how many are in each row of a batch, or the sum of their weights."""
+    return np.bincount(rows, weights, minlength=sweeps).astype(np.int32)
+
+
+def _poses(batch: SweepBatch) -> Float64:
+    """(S, 4) x, y, yaw and side of the sensor; a sensor whose pose nobody tells stands."""
+    if batch.poses is None:
+        return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
+    poses = batch.poses
+    return np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
+
+
+def _power(wanted: int, at_least: int) -> int:
+    """A size that is a power of two, so that it grows seldom."""
+    return max(at_least, 1 << max(wanted - 1, 0).bit_length())
+
+
+def _grown(past: Memory, beams: int) -> Memory:
+    """What is remembered, with room for sweeps of so many beams."""
+    if beams <= past.beams:
+        return past
+    larger = Memory(beams)
+    larger.grow(past)
+    return larger

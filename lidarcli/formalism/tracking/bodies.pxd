@@ -1,0 +1,88 @@
+cimport libc.math as math
+
+from lidarcli cimport native
+
+cdef Py_ssize_t FREE, LIVE, ENDED, DISC, BOX
+cdef double ACCELERATION, BREATHING, CREEP, SPEED_AT_FIRST, TURNING, TURN_AT_FIRST, UNLIKELY, QUARTER
+
+
+cdef class Bodies:
+    cdef readonly dict arrays
+    cdef readonly Py_ssize_t most
+    cdef public Py_ssize_t high, born
+    cdef long long* state
+    cdef long long* number
+    cdef long long* kind
+    cdef long long* sightings
+    cdef long long* settled
+    cdef long long* boxy
+    cdef long long* whole
+    cdef long long* moved
+    cdef long long* inside
+    cdef long long* view
+    cdef long long* latest
+    cdef long long* first_sweep
+    cdef long long* last_sweep
+    cdef long long* onset
+    cdef long long* end
+    cdef double* size
+    cdef double* existence
+    cdef double* seen_at
+    cdef double* first_at
+    cdef double* gone_for
+    cdef double* out_of_view
+    cdef double* evidence
+    cdef double* evidence_most
+    cdef double* yaw
+    cdef double* yaw_rate
+    cdef double* yaw_var
+    cdef double* yaw_cov
+    cdef double* rate_var
+    cdef double* cos
+    cdef double* sin
+    cdef double* middle_x
+    cdef double* middle_y
+    cdef double* from_x
+    cdef double* from_y
+    cdef double* birth_x
+    cdef double* birth_y
+    cdef double* c
+    cdef double* v
+    cdef double* h
+    cdef double* cc
+    cdef double* cv
+    cdef double* ch
+    cdef double* vv
+    cdef double* vh
+    cdef double* hh
+    cdef double* still_c
+    cdef double* still_h
+    cdef double* still_cc
+    cdef double* still_ch
+    cdef double* still_hh
+    cdef double* side
+    cdef double* side_weight
+    cdef double* least
+    cdef double* looks
+
+    cpdef grow(self, Bodies old)
+
+
+cdef (double, double) centre(Bodies bodies, Py_ssize_t b) noexcept nogil
+cdef (double, double) to_world(Bodies bodies, Py_ssize_t b, double along, double across) noexcept nogil
+cdef (double, double) to_axes(Bodies bodies, Py_ssize_t b, double x, double y) noexcept nogil
+cdef double half_extent(Bodies bodies, Py_ssize_t b, double x, double y) noexcept nogil
+cdef void turn(Bodies bodies, Py_ssize_t b, double angle) noexcept nogil
+cdef void _mix(double* values, Py_ssize_t at, double keep, double give) noexcept nogil
+cdef void predict(Bodies bodies, Py_ssize_t b, double dt) noexcept nogil
+cdef void rest(Bodies bodies, Py_ssize_t b, double dt) noexcept nogil
+cdef (double, double) residual(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
+cdef (double, double) still_residual(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
+cdef void update(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
+cdef void update_still(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
+cdef void update_extent(Bodies bodies, Py_ssize_t a, double half, double var) noexcept nogil
+cdef void update_yaw(Bodies bodies, Py_ssize_t b, double yaw, double var) noexcept nogil
+cdef void begin_axis(
+    Bodies bodies, Py_ssize_t a, double low, double high, double low_var, double high_var
+) noexcept nogil
+cdef void stand_still(Bodies bodies, Py_ssize_t a) noexcept nogil

@@ -1,0 +1,375 @@
+"""One sweep after the other: predict, associate, update, and let go of what is seen to be gone."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from lidarcli import native
+from lidarcli.formalism import detection
+from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.tracking import association, life, memory, motion, sightings
+from lidarcli.formalism.tracking import bodies as things
+from lidarcli.formalism.tracking import sides as measures
+from lidarcli.formalism.tracking import views as looks
+from lidarcli.formalism.tracking.assignment import Assignment
+from lidarcli.formalism.tracking.association import Pairs
+from lidarcli.formalism.tracking.bodies import Bodies
+from lidarcli.formalism.tracking.memory import Memory
+from lidarcli.formalism.tracking.sides import Sides
+from lidarcli.formalism.tracking.sightings import Sightings
+from lidarcli.formalism.tracking.views import OPEN, OWN, Seen, Views
+
+PRISMATIC, UNKNOWN = detection.PRISMATIC, detection.UNKNOWN
+ENOUGH_BEAMS = 8
+"""A view with fewer beams does not make a box of a disc."""
+BOXY = 3
+"""Sightings as a box that do."""
+FACE_POINTS = 5
+"""Points of a face that tell the direction of its body."""
+YAW_FLOOR = 7e-4
+"""[rad²] No face tells it better: (1.5 degrees)²."""
+LATE = 0.02
+"""[s] Poses may be so late, as a standard deviation, beyond what is known."""
+BEYOND = 0.02
+"""[m] What is seen past a side moves that side, if it is this far past it."""
+LEAST_VAR = 9e-4
+"""[m²] Variance of a side that is known to go on at least so far."""
+MOST_PAUSE = 60.0
+"""[s] A longer pause between two sweeps counts as this one."""
+SIDE_ERROR = 1e-4
+"""[m²] Further variance of an extent: (1 cm)²."""
+OUTLIER = 9e-4
+"""[m²] An extent that differs by (3 cm)² from those before counts half."""
+TEMPER = 0.2
+"""Sightings that follow each other see the same: each counts as this share of one."""
+
+
+class Fold:
+    """What is known after the latest sweep of a topic."""
+
+    def __init__(self, alarm: float, bodies: Bodies, views: Views, past: Memory) -> None:
+        """`alarm`: evidence of motion that is enough, as log-odds."""
+        self.owner: list[Any] = []
+        self.alarm = alarm
+        self.clock = 0.0
+        self.stamp = 0.0
+        self.sweeps = 0
+        self.objects = 0
+        """Objects of all batches before the one at hand."""
+        self.usual = 0.1
+        """How long a sweep usually takes [s]."""
+        self.sides = Sides()
+        self.log = Sightings()
+        self.pose = native.doubles(self.owner, 2)
+        self.last_pose = native.doubles(self.owner, 3)
+        self.moves = False
+        """Whether poses tell where the sensor is."""
+        self.likelihood = native.doubles(self.owner, 20)
+        self.fit(bodies, views, past)
+
+    def fit(self, bodies: Bodies, views: Views, past: Memory) -> None:
+        """Go on with more room."""
+        self.bodies = bodies
+        self.views = views
+        self.past = past
+        self.pairs = Pairs(bodies.most, views.objects)
+        self.task = Assignment(bodies.most, views.objects)
+        self.taken_room: list[Any] = []
+        self.taken = native.integers(self.taken_room, views.objects)
+
+    def follow(self, seen: Seen, scans: Scans, row: int, stop: int, number: Any) -> int:
+        """Take the sweeps from a row on; returns the row for which there is no room, or `stop`.
+
+        Parameters
+        ----------
+        number : (K,) int64, to be filled: the number of the body of each object, 0 for none
+        """
+        out = native.at_longs(number)
+        lock = native.release()
+        while row < stop and has_room(self, seen, row):
+            step(self, seen, scans, row, out)
+            row += 1
+        native.resume(lock)
+        return row
+
+
+def has_room(fold: Fold, seen: Seen, row: int) -> bool:
+    """Whether all objects of a sweep could be new bodies."""
+    objects = seen.offset[row + 1] - seen.offset[row]
+    return (
+        fold.bodies.high + objects <= fold.bodies.most
+        and objects <= fold.views.objects
+        and fold.log.count + objects <= fold.log.room
+    )
+
+
+def step(fold: Fold, seen: Seen, scans: Scans, row: int, number: Any) -> None:
+    """One sweep."""
+    for at in range(seen.offset[row], seen.offset[row + 1]):
+        number[at] = 0
+    dt = _tick(fold, seen.seconds[row])
+    fold.sweeps += 1
+    if seen.poses[4 * row] != seen.poses[4 * row]:
+        return
+    looks.look(fold.views, seen, scans, row)
+    memory.watch(fold.past, fold.views, scans)
+    steady = memory.is_steady(fold.past)
+    _judge_pose(fold, dt)
+    for b in range(fold.bodies.high):
+        if fold.bodies.state[b] == things.LIVE:
+            things.predict(fold.bodies, b, dt)
+    association.associate(
+        fold.pairs, fold.task, fold.sides, fold.bodies, fold.views, fold.taken, fold.pose, steady
+    )
+    association.join_parts(fold.bodies, fold.views, fold.taken)
+    for b in range(fold.bodies.high):
+        if fold.bodies.state[b] != things.LIVE:
+            continue
+        if fold.bodies.view[b] >= 0:
+            _take(fold, fold.bodies, fold.views, scans, b, fold.bodies.view[b], dt, steady)
+        else:
+            life.miss(fold.bodies, b, fold.views, scans, steady, fold.clock)
+            if fold.bodies.moved[b] == 0:
+                things.rest(fold.bodies, b, dt)
+    for k in range(fold.views.count):
+        b = fold.taken[k]
+        if b == -1:
+            b = _begin(fold, fold.bodies, fold.views, k, steady)
+        elif b < -1:
+            b = -2 - b
+        number[fold.views.object[k]] = fold.bodies.number[b]
+    memory.remember(fold.past, fold.views, scans, fold.clock)
+
+
+def _tick(fold: Fold, stamp: float) -> float:
+    """Let the clock go on to the stamp of a sweep [s]; stamps that jump back do not turn it back."""
+    dt = 0.0
+    if fold.sweeps > 0:
+        dt = stamp - fold.stamp
+        if dt < 0.0:
+            dt = fold.usual
+        elif dt > MOST_PAUSE:
+            dt = MOST_PAUSE
+        elif 0.0 < dt < 1.0:
+            fold.usual += 0.05 * (dt - fold.usual)
+    fold.stamp = stamp
+    fold.clock += dt
+    return dt
+
+
+def _judge_pose(fold: Fold, dt: float) -> None:
+    """How far points are off where poses are a little late: by the sensor's speed, and its turn times their range."""
+    fold.pose[0] = fold.pose[1] = 0.0
+    yaw = math.atan2(fold.views.sin, fold.views.cos)
+    if fold.moves and dt > 0.0:
+        dx, dy = fold.views.x - fold.last_pose[0], fold.views.y - fold.last_pose[1]
+        turned = yaw - fold.last_pose[2]
+        turned -= looks.TURN * math.floor(turned / looks.TURN + 0.5)
+        late = LATE / dt
+        fold.pose[0] = (dx * dx + dy * dy) * late * late
+        fold.pose[1] = turned * turned * late * late
+    fold.last_pose[0], fold.last_pose[1], fold.last_pose[2] = fold.views.x, fold.views.y, yaw
+
+
+def _begin(fold: Fold, bodies: Bodies, views: Views, k: int, steady: bool) -> int:
+    """A view that nobody took is a new body; returns its slot."""
+    b = 0
+    while bodies.state[b] != things.FREE:
+        b += 1
+    bodies.high = max(bodies.high, b + 1)
+    bodies.born += 1
+    bodies.number[b] = bodies.born
+    bodies.state[b] = things.LIVE
+    bodies.sightings[b] = bodies.settled[b] = bodies.boxy[b] = bodies.whole[b] = 0
+    bodies.moved[b] = bodies.inside[b] = 0
+    bodies.first_sweep[b] = bodies.last_sweep[b] = fold.sweeps - 1
+    bodies.existence[b] = life.AT_FIRST
+    bodies.first_at[b] = bodies.seen_at[b] = fold.clock
+    bodies.gone_for[b] = bodies.out_of_view[b] = bodies.size[b] = 0.0
+    bodies.evidence[b] = bodies.evidence_most[b] = 0.0
+    for a in range(2 * b, 2 * b + 2):
+        bodies.side[a] = bodies.side_weight[a] = bodies.least[a] = 0.0
+    for i in range(5 * b, 5 * b + 5):
+        bodies.looks[i] = 0.0
+    if views.shape[k] == PRISMATIC and views.size[k] >= ENOUGH_BEAMS:
+        _make_box(fold, bodies, views, b, k, steady)
+    else:
+        _make_disc(fold, bodies, views, b, k, steady)
+    _note_view(fold, bodies, views, b, k)
+    motion.note_rest(bodies, b, fold.sweeps - 1)
+    return b
+
+
+def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: bool) -> None:
+    """Let a body be a box as a view shows it."""
+    bodies.kind[b], bodies.settled[b] = things.BOX, 0
+    yaw, var = _direction(views, k)
+    bodies.yaw[b], bodies.yaw_rate[b] = yaw, 0.0
+    bodies.yaw_var[b], bodies.yaw_cov[b] = var, 0.0
+    bodies.rate_var[b] = things.TURN_AT_FIRST * things.TURN_AT_FIRST
+    bodies.cos[b], bodies.sin[b] = math.cos(yaw), math.sin(yaw)
+    pose_var = association.pose_variance(views, k, fold.pose)
+    measures.of_box(fold.sides, views, k, bodies.cos[b], bodies.sin[b], pose_var, steady)
+    for i in range(2):
+        things.begin_axis(
+            bodies,
+            2 * b + i,
+            fold.sides.z[2 * i],
+            fold.sides.z[2 * i + 1],
+            fold.sides.var[2 * i],
+            fold.sides.var[2 * i + 1],
+        )
+
+
+def _make_disc(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: bool) -> None:
+    """Let a body be a disc as a view shows it; its axes are those of the world."""
+    bodies.kind[b] = things.DISC
+    bodies.yaw[b] = bodies.yaw_rate[b] = bodies.sin[b] = 0.0
+    bodies.yaw_var[b] = bodies.yaw_cov[b] = bodies.rate_var[b] = 0.0
+    bodies.cos[b] = 1.0
+    pose_var = association.pose_variance(views, k, fold.pose)
+    measures.of_disc(fold.sides, views, k, 0.0, measures.AT_LEAST, pose_var, steady)
+    half, half_var = max(0.5 * views.chord[k], 0.02), 0.01
+    if fold.sides.half_var >= 0.0:
+        half, half_var = fold.sides.half, fold.sides.half_var
+    for i in range(2):
+        a, var = 2 * b + i, fold.sides.var[2 * i]
+        c = fold.sides.z[2 * i]
+        things.begin_axis(bodies, a, c - half, c + half, 2.0 * var, 2.0 * var)
+        bodies.hh[a], bodies.ch[a] = half_var, 0.0
+        things.stand_still(bodies, a)
+
+
+def _direction(views: Views, k: int) -> tuple[float, float]:
+    """Direction of the longest face of a view [rad], and its variance; negative where there is none that tells."""
+    best = -1
+    for f in range(views.face_begin[k], views.face_begin[k + 1]):
+        if views.face_points[f] >= FACE_POINTS and (best < 0 or views.extent[f] > views.extent[best]):
+            best = f
+    if best < 0:
+        first, last = views.begin[k], views.begin[k + 1] - 1
+        return (
+            math.atan2(
+                views.point_y[last] - views.point_y[first], views.point_x[last] - views.point_x[first]
+            ),
+            -1.0,
+        )
+    length = max(views.extent[best], 0.01)
+    var = 12.0 * views.sigma * views.sigma / (views.face_points[best] * length * length)
+    return math.atan2(views.along_y[best], views.along_x[best]), var + YAW_FLOOR
+
+
+def _take(
+    fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int, dt: float, steady: bool
+) -> None:
+    """Update a body by its view."""
+    if bodies.kind[b] == things.DISC:
+        _consider_box(fold, bodies, views, b, k, steady)
+    if bodies.kind[b] == things.BOX:
+        yaw, var = _direction(views, k)
+        if var >= 0.0:
+            things.update_yaw(bodies, b, yaw, var)
+    pose_var = association.pose_variance(views, k, fold.pose)
+    measures.measure(fold.sides, views, k, bodies, b, pose_var, steady)
+    is_whole = _is_own(views.start[k], steady) and _is_own(views.end[k], steady)
+    motion.weigh(bodies, b, fold.sides, is_whole)
+    if fold.sides.by_centre:
+        _update_disc(bodies, fold.sides, b)
+    else:
+        _update_box(bodies, fold.sides, b)
+    if is_whole:
+        diagonal = math.sqrt(views.length[k] * views.length[k] + views.width[k] * views.width[k])
+        bodies.whole[b] += 1
+        bodies.size[b] += (diagonal - bodies.size[b]) / min(bodies.whole[b], 20)
+    hidden = fold.clock - bodies.seen_at[b] - dt
+    if hidden > 0.0:
+        bodies.gone_for[b] += hidden
+    life.see(bodies, b)
+    _note_view(fold, bodies, views, b, k)
+    if bodies.moved[b] == 0:
+        motion.note_rest(bodies, b, fold.sweeps - 1)
+        if motion.is_shown(bodies, b, views, scans, k, fold.past, fold.alarm, fold.clock):
+            bodies.moved[b] = 1
+
+
+def _is_own(edge: int, steady: bool) -> bool:
+    return edge == OWN or (edge == OPEN and steady)
+
+
+def _consider_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: bool) -> None:
+    """What was seen as a box several times is one; how fast it is stays."""
+    if views.shape[k] != PRISMATIC or views.size[k] < ENOUGH_BEAMS:
+        return
+    bodies.boxy[b] += 1
+    if bodies.boxy[b] < BOXY or measures.is_partial(views, k):
+        return
+    v_x, v_y, var = bodies.v[2 * b], bodies.v[2 * b + 1], bodies.vv[2 * b]
+    _make_box(fold, bodies, views, b, k, steady)
+    bodies.v[2 * b], bodies.v[2 * b + 1] = things.to_axes(bodies, b, v_x, v_y)
+    bodies.vv[2 * b] = bodies.vv[2 * b + 1] = var
+    bodies.evidence[b] = 0.0
+    bodies.side_weight[2 * b] = bodies.side_weight[2 * b + 1] = 0.0
+
+
+def _update_disc(bodies: Bodies, sides: Sides, b: int) -> None:
+    for i in range(2):
+        a = 2 * b + i
+        things.update(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
+        things.update_still(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
+        if sides.half_var >= 0.0:
+            things.update_extent(bodies, a, sides.half, sides.half_var)
+            _note_extent(bodies, a, 2.0 * sides.half, 4.0 * sides.half_var)
+
+
+def _update_box(bodies: Bodies, sides: Sides, b: int) -> None:
+    for i in range(2):
+        a = 2 * b + i
+        for side in range(2 * i, 2 * i + 2):
+            sign = 1.0 if side == 2 * i + 1 else -1.0
+            z, var = sides.z[side], sides.var[side]
+            if var < 0.0:
+                # It goes on at least so far.
+                if sign * (z - bodies.c[a]) > bodies.h[a] + BEYOND:
+                    things.update(bodies, a, z, sign, LEAST_VAR)
+                    things.update_still(bodies, a, z, sign, LEAST_VAR)
+                continue
+            things.update(bodies, a, z, sign, var)
+            things.update_still(bodies, a, z, sign, var)
+        length = sides.z[2 * i + 1] - sides.z[2 * i]
+        if sides.var[2 * i] >= 0.0 and sides.var[2 * i + 1] >= 0.0:
+            _note_extent(bodies, a, length, sides.var[2 * i] + sides.var[2 * i + 1])
+        bodies.least[a] = max(bodies.least[a], length - 2.0 * BEYOND)
+
+
+def _note_extent(bodies: Bodies, a: int, length: float, var: float) -> None:
+    """Add an extent that was seen from end to end to the mean of such; what differs much counts little."""
+    weight = 1.0 / (var + SIDE_ERROR)
+    if bodies.side_weight[a] > 0.0:
+        off = length - bodies.side[a]
+        weight /= 1.0 + off * off / (OUTLIER + var)
+    bodies.side_weight[a] += weight
+    bodies.side[a] += weight / bodies.side_weight[a] * (length - bodies.side[a])
+
+
+def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
+    """Write down that a body was seen."""
+    bodies.view[b] = k
+    bodies.sightings[b] += 1
+    bodies.settled[b] += 1
+    bodies.last_sweep[b] = fold.sweeps - 1
+    bodies.seen_at[b] = fold.clock
+    bodies.middle_x[b], bodies.middle_y[b] = views.middle_x[k], views.middle_y[k]
+    bodies.from_x[b], bodies.from_y[b] = things.centre(bodies, b)
+    for shape in range(4):
+        bodies.looks[5 * b + shape] += TEMPER * fold.likelihood[5 * shape + views.shape[k]]
+    sightings.note(
+        fold.log, bodies, b, fold.sides, fold.sweeps - 1, fold.clock, fold.objects + views.object[k]
+    )
+
+
+def seconds_of(stamp_ns: Any, first_ns: int) -> Any:
+    """Stamps since the first of a topic [s]."""
+    return (stamp_ns - np.int64(first_ns)) / 1e9

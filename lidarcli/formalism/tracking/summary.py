@@ -1,0 +1,102 @@
+"""The rows of the tracks table: what is known of each thing in the end."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, UNKNOWN
+from lidarcli.formalism.tracking.bodies import BOX
+from lidarcli.formalism.tracking.things import Thing, Track
+from lidarcli.formalism.tracking.tracked import END_OF_LOG, Tracks
+
+if TYPE_CHECKING:
+    from lidarcli.formalism.tracking.windows import Register
+
+SURE_SIZE = 0.15
+"""[m] A side whose standard deviation is larger is not known."""
+RIGHT_ANGLE = 0.5 * math.pi
+
+
+def tracks_of(register: Register, sweeps: int) -> Tracks:
+    """All tracks, by their number. `sweeps`: of the topic."""
+    tracks = register.tracks
+    rows = [_row(track) for track in tracks]
+
+    def column(name: str, kind: type) -> NDArray[Any]:
+        return np.array([row[name] for row in rows], kind)
+
+    return Tracks(
+        frame=np.array([track.frame for track in tracks], np.int32),
+        track=np.array([track.number for track in tracks], np.int64),
+        set=np.array([AGENT if track.moved else OBJECT for track in tracks], np.uint8),
+        shape=column("shape", np.uint8),
+        label=np.full(len(tracks), -1, np.int32),
+        label_score=np.full(len(tracks), np.nan),
+        first_sweep=np.array([track.first[0] for track in tracks], np.int64),
+        last_sweep=np.array([track.last[0] for track in tracks], np.int64),
+        first_stamp_ns=np.array([track.first[1] for track in tracks], np.int64),
+        last_stamp_ns=np.array([track.last[1] for track in tracks], np.int64),
+        duration=np.array([(track.last[1] - track.first[1]) / 1e9 for track in tracks], np.float64),
+        sweeps=np.array([track.sweeps for track in tracks], np.int64),
+        hidden=np.array([track.hidden for track in tracks], np.float64),
+        x=column("x", float),
+        y=column("y", float),
+        yaw=column("yaw", float),
+        length=column("length", float),
+        width=column("width", float),
+        length_sd=column("length_sd", float),
+        width_sd=column("width_sd", float),
+        distance=np.array([track.distance for track in tracks], np.float64),
+        speed_mean=np.array([_mean_speed(track) for track in tracks], np.float64),
+        speed_max=np.array([track.speed_max for track in tracks], np.float64),
+        moved=np.array([track.moved for track in tracks], np.bool_),
+        moved_at_ns=np.array([track.onset_ns for track in tracks], np.int64),
+        end=column("end", np.uint8),
+    )
+
+
+def _mean_speed(track: Track) -> float:
+    lasts = (track.last[1] - track.first[1]) / 1e9
+    return track.distance / lasts if lasts > 0.0 else 0.0
+
+
+def _row(track: Track) -> dict[str, float]:
+    """What the parts of a track say of it."""
+    main = max(track.parts, key=lambda part: (part.sightings, -part.number))
+    last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
+    sides = [_side(main, axis) for axis in range(2)]
+    yaw = main.yaw
+    if sides[1][0] > sides[0][0]:
+        sides.reverse()
+        yaw += RIGHT_ANGLE
+    x, y = (track.x, track.y) if track.moved or len(track.parts) > 1 else main.place(True)
+    (length, length_sd), (width, width_sd) = sides
+    return {
+        "x": x,
+        "y": y,
+        "yaw": RIGHT_ANGLE - (RIGHT_ANGLE - yaw) % math.pi if main.kind == BOX else 0.0,
+        "length": length,
+        "width": width,
+        "length_sd": length_sd,
+        "width_sd": width_sd,
+        "shape": LEGGED if len(track.parts) > 1 else _shape(main),
+        "end": last.end if last.has_ended else END_OF_LOG,
+    }
+
+
+def _side(thing: Thing, axis: int) -> tuple[float, float]:
+    """A side and its standard deviation [m]; NaN where it is not known."""
+    if thing.side_weight[axis] > 0.0:
+        return thing.side[axis], max(math.sqrt(1.0 / thing.side_weight[axis]), 0.003)
+    sd = 2.0 * math.sqrt(thing.hh[axis])
+    return (2.0 * thing.h[axis], sd) if sd <= SURE_SIZE else (math.nan, math.nan)
+
+
+def _shape(thing: Thing) -> int:
+    """The likeliest shape."""
+    best = int(np.argmax(thing.looks))
+    return best if any(thing.looks) else UNKNOWN

@@ -1,0 +1,121 @@
+"""Bodies that were seen often enough to be believed, and the tracks they are parts of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.tracking import bodies as things
+from lidarcli.formalism.tracking.tracked import END_OF_LOG
+
+_SNAPSHOT = (
+    *(
+        "kind",
+        "sightings",
+        "whole",
+        "moved",
+        "first_sweep",
+        "last_sweep",
+        "onset",
+        "end",
+        "first_at",
+        "seen_at",
+    ),
+    *("evidence_most", "yaw", "yaw_rate", "birth_x", "birth_y", "size"),
+)
+_SNAPSHOT_AXES = ("c", "v", "h", "hh", "still_c", "side", "side_weight", "least")
+
+
+@dataclass(slots=True, eq=False)
+class Thing:
+    """A body that was seen often enough to be believed, as it was when a window ended."""
+
+    number: int
+    kind: int = 0
+    sightings: int = 0
+    whole: int = 0
+    moved: int = 0
+    first_sweep: int = 0
+    last_sweep: int = 0
+    onset: int = 0
+    end: int = END_OF_LOG
+    first_at: float = 0.0
+    seen_at: float = 0.0
+    evidence_most: float = 0.0
+    yaw: float = 0.0
+    yaw_rate: float = 0.0
+    birth_x: float = 0.0
+    birth_y: float = 0.0
+    size: float = 0.0
+    c: tuple[float, float] = (0.0, 0.0)
+    v: tuple[float, float] = (0.0, 0.0)
+    h: tuple[float, float] = (0.0, 0.0)
+    hh: tuple[float, float] = (0.0, 0.0)
+    still_c: tuple[float, float] = (0.0, 0.0)
+    side: tuple[float, float] = (0.0, 0.0)
+    side_weight: tuple[float, float] = (0.0, 0.0)
+    least: tuple[float, float] = (0.0, 0.0)
+    looks: tuple[float, ...] = ()
+    has_ended: bool = False
+    track: Track | None = None
+    state: NDArray[np.float64] | None = None
+    """What the smoother knows at the end of the latest settled window, per axis."""
+
+    def take(self, arrays: dict[str, NDArray[Any]], slot: int) -> None:
+        """Note what is known of it now."""
+        for name in _SNAPSHOT:
+            setattr(self, name, arrays[name].item(slot))
+        for name in _SNAPSHOT_AXES:
+            values = arrays[name]
+            setattr(self, name, (values.item(2 * slot), values.item(2 * slot + 1)))
+        self.looks = tuple(arrays["looks"][5 * slot : 5 * slot + 4].tolist())
+        self.has_ended = arrays["state"].item(slot) == things.ENDED
+
+    @property
+    def is_slim(self) -> bool:
+        """Whether it may be a leg."""
+        return self.kind == things.DISC and 2.0 * max(self.h) <= SLIM
+
+    def place(self, still: bool) -> tuple[float, float]:
+        """Its centre in the world [m], of the body or of its twin that stands."""
+        along, across = self.still_c if still else self.c
+        cos, sin = float(np.cos(self.yaw)), float(np.sin(self.yaw))
+        return cos * along - sin * across, sin * along + cos * across
+
+
+SLIM = 0.25
+"""[m] Legs are no thicker."""
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """One thing as the tables have it: a body, or several that go together."""
+
+    parts: list[Thing] = field(default_factory=list)
+    number: int = 0
+    """1, 2, … once it has its first row; 0 before."""
+    frame: int = 0
+    moved: bool = False
+    onset: int = 0
+    first: tuple[int, int] = (0, 0)
+    """Sweep and stamp of its first row."""
+    last: tuple[int, int] = (0, 0)
+    last_sweeps: int = 0
+    """Sweeps of the topic before the last one it was seen in."""
+    last_time: float = 0.0
+    sweeps: int = 0
+    hidden: float = 0.0
+    distance: float = 0.0
+    speed_max: float = 0.0
+    onset_ns: int = 0
+    x: float = 0.0
+    y: float = 0.0
+    state: NDArray[np.float64] | None = None
+
+    def absorb(self, thing: Thing) -> None:
+        """Take a body as a part of this."""
+        self.parts.append(thing)
+        thing.track = self

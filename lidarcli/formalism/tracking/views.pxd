@@ -1,0 +1,81 @@
+cimport libc.math as math
+
+from lidarcli cimport native
+from lidarcli.formalism.sweep.points cimport Scans
+
+cdef int OBJECT, FULL, START_HIDDEN, END_HIDDEN, CUT, OPEN_VIEW, SHARED
+cdef double TURN, BESIDE
+cdef Py_ssize_t HIDDEN, OPEN, OWN, LEAST_FACE
+
+
+cdef class Seen:
+    cdef list owner
+    cdef readonly Py_ssize_t most
+    cdef long long* offset
+    cdef unsigned char* set
+    cdef unsigned char* removed
+    cdef unsigned char* shape
+    cdef unsigned char* visibility
+    cdef int* beam_i
+    cdef int* beam_f
+    cdef int* beams
+    cdef double* s_i
+    cdef double* s_f
+    cdef double* r_min
+    cdef double* x
+    cdef double* y
+    cdef double* width
+    cdef double* box_x
+    cdef double* box_y
+    cdef double* box_length
+    cdef double* box_width
+    cdef double* box_yaw
+    cdef int* face_offsets
+    cdef double* face_theta_i
+    cdef double* face_theta_f
+    cdef double* noise
+    cdef double* poses
+    cdef double* seconds
+
+
+cdef class Views:
+    cdef list owner
+    cdef readonly Py_ssize_t objects, beams
+    cdef Py_ssize_t count, bearings, period, row
+    cdef bint reverse
+    cdef double x, y, cos, sin, side, first, step, sigma
+    cdef Py_ssize_t* object
+    cdef Py_ssize_t* shape
+    cdef Py_ssize_t* size
+    cdef Py_ssize_t* start
+    cdef Py_ssize_t* end
+    cdef double* middle_x
+    cdef double* middle_y
+    cdef double* centre_x
+    cdef double* centre_y
+    cdef double* length
+    cdef double* width
+    cdef double* chord
+    cdef double* near
+    cdef Py_ssize_t* begin
+    cdef Py_ssize_t* face_begin
+    cdef double* point_x
+    cdef double* point_y
+    cdef double* face_x
+    cdef double* face_y
+    cdef double* along_x
+    cdef double* along_y
+    cdef Py_ssize_t* face_points
+    cdef double* extent
+    cdef Py_ssize_t* face_first
+    cdef Py_ssize_t* face_last
+
+
+cdef void look(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nogil
+cdef void _place(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nogil
+cdef (double, double) to_world(Views views, double x, double y) noexcept nogil
+cdef (double, double) to_sensor(Views views, double x, double y) noexcept nogil
+cdef Py_ssize_t position_of(Views views, Py_ssize_t beam) noexcept nogil
+cdef void _add(Views views, Seen seen, Scans scans, Py_ssize_t at) noexcept nogil
+cdef void _add_points(Views views, Seen seen, Scans scans, Py_ssize_t at) noexcept nogil
+cdef Py_ssize_t _end_face(Views views, Py_ssize_t f, Py_ssize_t n) noexcept nogil

@@ -1,0 +1,282 @@
+"""The objects of one sweep as tracking sees them: their points, faces and edges, in the world frame."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from lidarcli import native, sweeps
+from lidarcli.formalism import detection
+from lidarcli.formalism.detection import Detection
+from lidarcli.formalism.sweep.points import Scans
+
+OBJECT, REMOVED = detection.OBJECT, detection.REMOVED
+FULL, START_HIDDEN, END_HIDDEN, CUT = (
+    detection.FULL,
+    detection.START_HIDDEN,
+    detection.END_HIDDEN,
+    detection.CUT,
+)
+OPEN_VIEW, SHARED = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
+TURN = sweeps.TURN
+HIDDEN, OPEN, OWN = 0, 1, 2
+"""An edge: hidden by something nearer or by the end of the view, beside beams without a return, the thing's own."""
+BESIDE = 0.05
+"""[m] Points so far outside of the box of an object are of something else that stands between its parts."""
+LEAST_FACE = 3
+"""Points that a line needs."""
+
+
+class Seen:
+    """The columns of a detection of K objects, and the poses of its S sweeps, as the loops over one sweep read them."""
+
+    def __init__(self, found: Detection, poses: Any, seconds: Any) -> None:
+        """`poses`: (S, 4) x, y, yaw, side of the sensor; the side is -1 where it hangs head down. `seconds`: (S,) [s]."""
+        rows = len(found.noise)
+        change = np.full(len(found), -1, np.int8) if found.change is None else found.change
+        columns = (
+            (np.searchsorted(found.row, np.arange(rows + 1)), np.int64),
+            (found.set, np.uint8),
+            (change == REMOVED, np.uint8),
+            (found.shape, np.uint8),
+            (found.visibility, np.uint8),
+            (found.beam_i, np.int32),
+            (found.beam_f, np.int32),
+            (found.beams, np.int32),
+            (found.s_i, np.float64),
+            (found.s_f, np.float64),
+            (found.r_min, np.float64),
+            (found.x, np.float64),
+            (found.y, np.float64),
+            (found.width, np.float64),
+            (found.box_x, np.float64),
+            (found.box_y, np.float64),
+            (found.box_length, np.float64),
+            (found.box_width, np.float64),
+            (found.box_yaw, np.float64),
+            (found.face_offsets, np.int32),
+            (found.face_theta_i, np.float64),
+            (found.face_theta_f, np.float64),
+            (found.noise, np.float64),
+            (poses, np.float64),
+            (seconds, np.float64),
+        )
+        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
+        self.most = int(np.diff(self.owner[0]).max(initial=0))
+        """Objects of the sweep that has most of them."""
+        self.offset = native.at_longs(self.owner[0])
+        self.set = native.at_bytes(self.owner[1])
+        self.removed = native.at_bytes(self.owner[2])
+        self.shape = native.at_bytes(self.owner[3])
+        self.visibility = native.at_bytes(self.owner[4])
+        self.beam_i = native.at_ints(self.owner[5])
+        self.beam_f = native.at_ints(self.owner[6])
+        self.beams = native.at_ints(self.owner[7])
+        self.s_i = native.at_doubles(self.owner[8])
+        self.s_f = native.at_doubles(self.owner[9])
+        self.r_min = native.at_doubles(self.owner[10])
+        self.x = native.at_doubles(self.owner[11])
+        self.y = native.at_doubles(self.owner[12])
+        self.width = native.at_doubles(self.owner[13])
+        self.box_x = native.at_doubles(self.owner[14])
+        self.box_y = native.at_doubles(self.owner[15])
+        self.box_length = native.at_doubles(self.owner[16])
+        self.box_width = native.at_doubles(self.owner[17])
+        self.box_yaw = native.at_doubles(self.owner[18])
+        self.face_offsets = native.at_ints(self.owner[19])
+        self.face_theta_i = native.at_doubles(self.owner[20])
+        self.face_theta_f = native.at_doubles(self.owner[21])
+        self.noise = native.at_doubles(self.owner[22])
+        self.poses = native.at_doubles(self.owner[23])
+        self.seconds = native.at_doubles(self.owner[24])
+
+
+class Views:
+    """The `count` objects of one sweep. View k has the points `begin[k]` to `begin[k + 1]` - 1 and faces alike."""
+
+    def __init__(self, objects: int, beams: int) -> None:
+        """Room for so many objects, and beams of a sweep."""
+        self.owner: list[Any] = []
+        self.objects = objects
+        self.beams = beams
+        self.count = 0
+        # The sensor at this sweep.
+        self.x = 0.0
+        self.y = 0.0
+        self.cos = 1.0
+        self.sin = 0.0
+        self.side = 1.0
+        self.first = 0.0
+        self.step = 0.0
+        self.bearings = 0
+        self.period = 0
+        self.reverse = False
+        self.row = 0
+        self.sigma = 0.0
+        # Of each view.
+        self.object = native.integers(self.owner, objects)
+        """Its object in the detection."""
+        self.shape = native.integers(self.owner, objects)
+        self.size = native.integers(self.owner, objects)
+        """Number of its beams."""
+        self.start = native.integers(self.owner, objects)
+        self.end = native.integers(self.owner, objects)
+        """Its two edges."""
+        self.middle_x = native.doubles(self.owner, objects)
+        self.middle_y = native.doubles(self.owner, objects)
+        """Centroid of its points [m]."""
+        self.centre_x = native.doubles(self.owner, objects)
+        self.centre_y = native.doubles(self.owner, objects)
+        """Centre of its box, which of a round thing is that of its circle [m]."""
+        self.length = native.doubles(self.owner, objects)
+        self.width = native.doubles(self.owner, objects)
+        """Sides of its box [m]."""
+        self.chord = native.doubles(self.owner, objects)
+        self.near = native.doubles(self.owner, objects)
+        """Least range [m]."""
+        self.begin = native.integers(self.owner, objects + 1)
+        self.face_begin = native.integers(self.owner, objects + 1)
+        # Of each point.
+        self.point_x = native.doubles(self.owner, 2 * beams)
+        self.point_y = native.doubles(self.owner, 2 * beams)
+        # Of each face: a point of its line, its direction counter-clockwise as seen by the sensor, how many points.
+        self.face_x = native.doubles(self.owner, beams)
+        self.face_y = native.doubles(self.owner, beams)
+        self.along_x = native.doubles(self.owner, beams)
+        self.along_y = native.doubles(self.owner, beams)
+        self.face_points = native.integers(self.owner, beams)
+        self.extent = native.doubles(self.owner, beams)
+        """How far its points reach along it [m]."""
+        self.face_first = native.integers(self.owner, beams)
+        self.face_last = native.integers(self.owner, beams)
+        """The first and the last of its points."""
+
+
+def look(views: Views, seen: Seen, scans: Scans, row: int) -> None:
+    """Lay out the objects of the sweep in a row of a batch."""
+    _place(views, seen, scans, row)
+    views.count = 0
+    views.begin[0] = views.face_begin[0] = 0
+    for at in range(seen.offset[row], seen.offset[row + 1]):
+        if seen.set[at] == OBJECT and not seen.removed[at]:
+            _add(views, seen, scans, at)
+
+
+def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
+    """Where the sensor is, and the bearings of its beams."""
+    increment = scans.angle_increment[row]
+    views.row = row
+    views.bearings = scans.beams[row] - (scans.closure[row] == SHARED)
+    views.period = 0 if scans.closure[row] == OPEN_VIEW else views.bearings
+    views.reverse = increment < 0
+    views.step = abs(increment)
+    views.first = scans.angle_min[row]
+    if views.reverse:
+        views.first += (views.bearings - 1) * increment
+    views.x, views.y = seen.poses[4 * row], seen.poses[4 * row + 1]
+    views.cos, views.sin = math.cos(seen.poses[4 * row + 2]), math.sin(seen.poses[4 * row + 2])
+    views.side = seen.poses[4 * row + 3]
+    views.sigma = seen.noise[row]
+
+
+def to_world(views: Views, x: float, y: float) -> tuple[float, float]:
+    """A point of the sensor frame in the world [m]."""
+    left = views.side * y
+    return views.x + views.cos * x - views.sin * left, views.y + views.sin * x + views.cos * left
+
+
+def to_sensor(views: Views, x: float, y: float) -> tuple[float, float]:
+    """A point of the world in the sensor frame [m]."""
+    dx, dy = x - views.x, y - views.y
+    return views.cos * dx + views.sin * dy, views.side * (views.cos * dy - views.sin * dx)
+
+
+def position_of(views: Views, beam: int) -> int:
+    """Where a beam is by increasing bearing."""
+    return views.bearings - 1 - beam if views.reverse else beam
+
+
+def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
+    """Lay out an object of the detection."""
+    k = views.count
+    views.object[k], views.shape[k], views.size[k] = at, seen.shape[at], seen.beams[at]
+    views.middle_x[k], views.middle_y[k] = to_world(views, seen.x[at], seen.y[at])
+    views.centre_x[k], views.centre_y[k] = to_world(views, seen.box_x[at], seen.box_y[at])
+    views.length[k], views.width[k] = seen.box_length[at], seen.box_width[at]
+    views.chord[k], views.near[k] = seen.width[at], seen.r_min[at]
+    visibility = seen.visibility[at]
+    views.start[k] = views.end[k] = HIDDEN
+    if visibility in (FULL, END_HIDDEN):
+        # The difference is known where the neighbour has a range: that is farther then.
+        views.start[k] = OWN if seen.s_i[at] == seen.s_i[at] else OPEN
+    if visibility in (FULL, START_HIDDEN):
+        views.end[k] = OWN if seen.s_f[at] == seen.s_f[at] else OPEN
+    _add_points(views, seen, scans, at)
+    views.count += 1
+
+
+def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
+    """The points of an object, and lines through those of its faces."""
+    k = views.count
+    n, f = views.begin[k], views.face_begin[k]
+    face, last_face = seen.face_offsets[at], seen.face_offsets[at + 1]
+    first = position_of(views, seen.beam_f[at] if views.reverse else seen.beam_i[at])
+    last = position_of(views, seen.beam_i[at] if views.reverse else seen.beam_f[at])
+    if last < first:
+        last += views.bearings
+    cos, sin = math.cos(seen.box_yaw[at]), math.sin(seen.box_yaw[at])
+    half_length, half_width = 0.5 * seen.box_length[at] + BESIDE, 0.5 * seen.box_width[at] + BESIDE
+    begin = views.row * scans.width
+    directions = scans.direction[views.row] * scans.width
+    views.face_first[f] = n
+    for position in range(first, last + 1):
+        k = position - views.bearings if position >= views.bearings else position
+        r = scans.ranges[begin + (views.bearings - 1 - k if views.reverse else k)]
+        if r != r or n >= 2 * views.beams:
+            continue
+        x, y = r * scans.cos[directions + k], r * scans.sin[directions + k]
+        dx, dy = x - seen.box_x[at], y - seen.box_y[at]
+        if abs(dx * cos + dy * sin) > half_length or abs(dy * cos - dx * sin) > half_width:
+            continue
+        theta = views.first + views.step * position
+        while face < last_face and theta > seen.face_theta_f[face] + 0.25 * views.step:
+            f = _end_face(views, f, n)
+            face += 1
+        views.point_x[n], views.point_y[n] = to_world(views, x, y)
+        n += 1
+    if face < last_face:
+        f = _end_face(views, f, n)
+    views.begin[views.count + 1], views.face_begin[views.count + 1] = n, f
+
+
+def _end_face(views: Views, f: int, n: int) -> int:
+    """Lay a line through the points of a face, which ends before point n; returns where the next face goes."""
+    first = views.face_first[f]
+    count = n - first
+    views.face_first[f + 1] = n
+    if count < LEAST_FACE:
+        views.face_first[f] = n
+        return f
+    mean_x, mean_y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for p in range(first, n):
+        mean_x += views.point_x[p]
+        mean_y += views.point_y[p]
+    mean_x, mean_y = mean_x / count, mean_y / count
+    for p in range(first, n):
+        dx, dy = views.point_x[p] - mean_x, views.point_y[p] - mean_y
+        xx += dx * dx
+        xy += dx * dy
+        yy += dy * dy
+    half = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    along_x, along_y = math.cos(half), math.sin(half)
+    low = (views.point_x[first] - mean_x) * along_x + (views.point_y[first] - mean_y) * along_y
+    high = (views.point_x[n - 1] - mean_x) * along_x + (views.point_y[n - 1] - mean_y) * along_y
+    if high < low:
+        along_x, along_y, low, high = -along_x, -along_y, -low, -high
+    views.face_x[f], views.face_y[f] = mean_x, mean_y
+    views.along_x[f], views.along_y[f] = along_x, along_y
+    views.face_points[f], views.extent[f] = count, high - low
+    views.face_last[f] = n - 1
+    return f + 1

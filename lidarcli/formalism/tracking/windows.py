@@ -1,0 +1,234 @@
+"""A window of sweeps is settled once the next one has been seen: bodies get their tracks, and rows their numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.tracking import grouping, motions
+from lidarcli.formalism.tracking.bodies import ENDED, FREE, LIVE, Bodies
+from lidarcli.formalism.tracking.life import CONFIRMED
+from lidarcli.formalism.tracking.things import Thing, Track
+from lidarcli.sweeps import Bool, Float64, Int64
+
+
+@dataclass(slots=True)
+class Window:
+    """Sweeps that are settled together, in pieces as the batches bring them."""
+
+    begin: int
+    """Sweeps of the topic before."""
+    objects: int
+    """Objects of the topic before."""
+    numbers: list[Int64] = field(default_factory=list)
+    """(K,) the body of each object, 0 for none."""
+    sweeps: list[Int64] = field(default_factory=list)
+    """(K,) of each object, the sweeps of the topic before its own."""
+    index: list[Int64] = field(default_factory=list)
+    """(S,) of each sweep, its index in the log …"""
+    stamps: list[Int64] = field(default_factory=list)
+    """… its stamp …"""
+    frames: list[Int64] = field(default_factory=list)
+    """… and its frame."""
+
+    @property
+    def count(self) -> int:
+        """Its sweeps."""
+        return sum(map(len, self.index))
+
+
+@dataclass(slots=True)
+class Settled:
+    """What is known of the objects (K,) of a window."""
+
+    track: Int64
+    vx: Float64
+    vy: Float64
+    moving: Bool
+    agent: Bool
+
+    def rows(self, part: slice) -> Settled:
+        """Of some of the objects."""
+        return Settled(*(getattr(self, each.name)[part] for each in fields(self)))
+
+    @staticmethod
+    def joined(parts: list[Settled]) -> Settled:
+        """Of one object after the other."""
+        kinds = (np.int64, np.float64, np.float64, np.bool_, np.bool_)
+        if not parts:
+            nothing: list[Any] = [np.empty(0, kind) for kind in kinds]
+            return Settled(*nothing)
+        if len(parts) == 1:
+            return parts[0]
+        return Settled(
+            *(np.concatenate([getattr(one, each.name) for one in parts]) for each in fields(Settled))
+        )
+
+
+class Register:
+    """All things that were believed, and the tracks they are parts of."""
+
+    def __init__(self) -> None:
+        self.things: dict[int, Thing] = {}
+        """By the number of their body; those that are over and settled are left out."""
+        self.tracks: list[Track] = []
+        """By their number, from 1."""
+
+    def collect(self, bodies: Bodies) -> None:
+        """Note what is known of all bodies that were seen often enough, and let go of those that have ended."""
+        arrays = bodies.arrays
+        state = arrays["state"][: bodies.high]
+        believed = (state != FREE) & (arrays["sightings"][: bodies.high] >= CONFIRMED)
+        for slot in np.flatnonzero(believed).tolist():
+            number = arrays["number"].item(slot)
+            thing = self.things.get(number)
+            if thing is None:
+                thing = self.things[number] = Thing(number)
+            thing.take(arrays, slot)
+        state[state == ENDED] = FREE
+        live = np.flatnonzero(state == LIVE)
+        bodies.high = int(live[-1]) + 1 if len(live) else 0
+
+    def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> Settled:
+        """The objects of a window, by its sightings and those of the one after: the first `count` of the log."""
+        stop = window.begin + window.count
+        seen = _Sightings(log, count, self.things, stop)
+        grouping.join(seen, self.things, window.begin, stop)
+        self._number_new(seen)
+        motions.smooth(seen, self.things, stop)
+        settled = _rows(window, seen)
+        self._sum_up(window, seen)
+        self._forget(stop)
+        return settled
+
+    def _number_new(self, seen: Any) -> None:
+        """Number the tracks that have their first row in this window, by first sight."""
+        for number in seen.in_window:
+            thing = self.things[number]
+            if thing.track is None:
+                Track().absorb(thing)
+            track = thing.track
+            assert track is not None
+            if track.number == 0:
+                self.tracks.append(track)
+                track.number = len(self.tracks)
+
+    def _sum_up(self, window: Window, seen: Any) -> None:
+        """Add what a window says to the tracks."""
+        index, stamps, frames = (
+            np.concatenate(values) for values in (window.index, window.stamps, window.frames)
+        )
+        for track, at in seen.by_track():
+            sweeps, first = np.unique(seen.sweep[at], return_index=True)
+            times = seen.time[at][first]
+            rows = sweeps - window.begin
+            if track.sweeps == 0:
+                track.first = (int(index[rows[0]]), int(stamps[rows[0]]))
+                track.frame = int(frames[rows[0]])
+                gaps, steps = np.diff(times), np.diff(sweeps)
+            else:
+                gaps = np.diff(times, prepend=track.last_time)
+                steps = np.diff(sweeps, prepend=track.last_sweeps)
+            # Of a pause of several sweeps one is the usual time from sight to sight.
+            track.hidden += float((gaps * (1.0 - 1.0 / np.maximum(steps, 1))).sum())
+            track.last = (int(index[rows[-1]]), int(stamps[rows[-1]]))
+            track.last_sweeps, track.last_time = int(sweeps[-1]), float(times[-1])
+            track.sweeps += len(sweeps)
+            if track.moved:
+                speed = np.hypot(seen.vx[at][first], seen.vy[at][first])
+                going = seen.moving[at][first]
+                lapse = np.minimum(np.diff(times, append=times[-1]), 10.0)
+                track.distance += float((speed * lapse * going).sum())
+                track.speed_max = max(track.speed_max, float(speed[going].max(initial=0.0)))
+                onset = max(track.onset - window.begin, 0)
+                if track.onset_ns == 0 and onset < len(stamps):
+                    track.onset_ns = int(stamps[onset])
+            last = at[seen.sweep[at] == sweeps[-1]]
+            track.x, track.y = float(seen.x[last].mean()), float(seen.y[last].mean())
+
+    def _forget(self, stop: int) -> None:
+        """Let go of what is over; the track keeps its parts."""
+        for number in [n for n, thing in self.things.items() if thing.has_ended and thing.last_sweep < stop]:
+            del self.things[number]
+
+
+class _Sightings:
+    """The sightings of bodies that are believed, with what is found out about them."""
+
+    def __init__(self, log: dict[str, NDArray[Any]], count: int, things: dict[int, Thing], stop: int) -> None:
+        number = log["number"][:count]
+        believed = np.fromiter(things, np.int64, len(things))
+        keep = np.flatnonzero(np.isin(number, believed))
+        # In the order of the log within each body.
+        keep = keep[np.argsort(number[keep], kind="stable")]
+        self.number: Int64 = number[keep]
+        for name, values in log.items():
+            if name != "number":
+                setattr(self, name, values[:count][keep])
+        self.sweep: Int64
+        self.time: Float64
+        self.object: Int64
+        self.x: Float64
+        self.y: Float64
+        self.things = things
+        self.now: Bool = self.sweep < stop
+        """Whether it is in the window, or in the one after."""
+        size = len(keep)
+        self.vx, self.vy = np.zeros(size), np.zeros(size)
+        self.moving, self.agent = np.zeros(size, bool), np.zeros(size, bool)
+        numbers, begins = np.unique(self.number, return_index=True)
+        ends = np.append(begins[1:], size)
+        self.spans = {int(n): slice(int(b), int(e)) for n, b, e in zip(numbers, begins, ends, strict=True)}
+        """Body → its sightings."""
+        first: dict[int, int] = {}
+        for n, span in self.spans.items():
+            if self.now[span.start]:
+                first[n] = int(self.object[span.start])
+        self.in_window = sorted(first, key=first.__getitem__)
+        """Bodies with a row in the window, by first sight."""
+
+    def by_track(self) -> list[tuple[Track, NDArray[np.intp]]]:
+        """Tracks with sightings in the window, and these in the order of the log."""
+        members: dict[int, list[NDArray[np.intp]]] = {}
+        tracks: dict[int, Track] = {}
+        for number in self.in_window:
+            span, track = self.spans[number], self.things[number].track
+            assert track is not None
+            at = np.arange(span.start, span.stop)[self.now[span]]
+            members.setdefault(track.number, []).append(at)
+            tracks[track.number] = track
+        joined = ((n, parts[0] if len(parts) == 1 else np.concatenate(parts)) for n, parts in members.items())
+        return [(tracks[n], at[np.argsort(self.sweep[at], kind="stable")]) for n, at in joined]
+
+
+def _rows(window: Window, seen: _Sightings) -> Settled:
+    """What the sightings say of the objects of a window, further parts of a body among them."""
+    numbers = np.concatenate(window.numbers) if window.numbers else np.empty(0, np.int64)
+    sweeps = np.concatenate(window.sweeps) if window.sweeps else np.empty(0, np.int64)
+    # Sightings are in order of body, then sweep: so are these keys.
+    keys = (seen.number << 32) + seen.sweep
+    wanted = (numbers << 32) + sweeps
+    at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
+    found = keys[at] == wanted if len(keys) else np.zeros(len(numbers), bool)
+    track_of = np.zeros(len(keys), np.int64)
+    for number in seen.in_window:
+        track = seen.things[number].track
+        assert track is not None
+        track_of[seen.spans[number]] = track.number
+    at = at[found]
+
+    def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
+        out = np.full(len(numbers), empty, values.dtype)
+        out[found] = values[at]
+        return out
+
+    return Settled(
+        track=column(track_of, 0),
+        vx=column(seen.vx, np.nan),
+        vy=column(seen.vy, np.nan),
+        moving=column(seen.moving, False),
+        agent=column(seen.agent, False),
+    )
