@@ -10,7 +10,7 @@ from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.sides cimport Sides
 from lidarcli.formalism.tracking.views cimport Views
 
-cdef double INFINITY, GATE, REACH, REACH_SIZE, CAP, SIZE_ERROR, MOST_REACH, JOIN
+cdef double INFINITY, GATE, SIZE_CAP, NEWCOMER, REACH, REACH_SIZE, CAP, SIZE_ERROR, MOST_REACH, JOIN
 
 
 cdef class Pairs:

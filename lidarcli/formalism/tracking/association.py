@@ -21,10 +21,14 @@ REACH = 0.12
 """[m] A centroid may be this far from where it is expected, as a standard deviation …"""
 REACH_SIZE = 0.25
 """… and this share of the size of the body further."""
-CAP = 9.0
+CAP = 4.0
 """A single side may not cost more than this squared number of standard deviations."""
 SIZE_ERROR = 0.15
 """[m] Standard deviation of the difference between two sizes of one body."""
+SIZE_CAP = 2.0
+"""The size of a body says no more than this."""
+NEWCOMER = 1.0
+"""What is hardly known yet comes after what is well known, by this much."""
 MOST_REACH = 1.5
 """[m] However uncertain a body is, a view is not further away than this many of these."""
 JOIN = 0.1
@@ -102,7 +106,7 @@ def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views, pose: Any
             far = dx * dx + dy * dy
             if far > most * most:
                 continue
-            cost = far / (reach * reach)
+            cost = far / (reach * reach) + NEWCOMER * (1.0 - bodies.existence[b])
             cost += _misfit(sides, bodies, views, b, k, pose, open_is_own)
             if cost < GATE and pairs.count < pairs.most:
                 i = pairs.count
@@ -127,7 +131,7 @@ def _misfit(
     if bodies.whole[b] >= 3 and not measures.is_partial(views, k):
         size = math.sqrt(views.length[k] * views.length[k] + views.width[k] * views.width[k])
         off = (size - bodies.size[b]) / (SIZE_ERROR + 0.2 * bodies.size[b])
-        cost += min(off * off, 4.0)
+        cost += min(off * off, SIZE_CAP)
     return cost
 
 
@@ -213,8 +217,6 @@ def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
         best, least = -1, JOIN
         for b in range(bodies.high):
             if bodies.state[b] != things.LIVE or bodies.view[b] < 0 or bodies.sightings[b] < 3:
-                continue
-            if not measures.is_partial(views, bodies.view[b]):
                 continue
             out = outside(bodies, b, views.middle_x[k], views.middle_y[k])
             if out < least and _has_room(bodies, b, views, k):

@@ -2,8 +2,8 @@ cimport libc.math as math
 
 from lidarcli cimport native
 
-cdef Py_ssize_t FREE, LIVE, ENDED, DISC, BOX
-cdef double ACCELERATION, BREATHING, CREEP, SPEED_AT_FIRST, TURNING, TURN_AT_FIRST, UNLIKELY, QUARTER
+cdef Py_ssize_t EMPTY, LIVE, ENDED, DISC, BOX
+cdef double ACCELERATION, BREATHING, CREEP, SPEED_AT_FIRST, TURNING, TURN_AT_FIRST, UNSEEN, UNLIKELY, LEAST, QUARTER
 
 
 cdef class Bodies:
@@ -19,6 +19,7 @@ cdef class Bodies:
     cdef long long* whole
     cdef long long* moved
     cdef long long* inside
+    cdef long long* same_as
     cdef long long* view
     cdef long long* latest
     cdef long long* first_sweep
@@ -74,8 +75,8 @@ cdef (double, double) to_axes(Bodies bodies, Py_ssize_t b, double x, double y) n
 cdef double half_extent(Bodies bodies, Py_ssize_t b, double x, double y) noexcept nogil
 cdef void turn(Bodies bodies, Py_ssize_t b, double angle) noexcept nogil
 cdef void _mix(double* values, Py_ssize_t at, double keep, double give) noexcept nogil
-cdef void predict(Bodies bodies, Py_ssize_t b, double dt) noexcept nogil
-cdef void rest(Bodies bodies, Py_ssize_t b, double dt) noexcept nogil
+cdef void predict(Bodies bodies, Py_ssize_t b, double dt, double creep) noexcept nogil
+cdef void rest(Bodies bodies, Py_ssize_t b) noexcept nogil
 cdef (double, double) residual(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
 cdef (double, double) still_residual(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
 cdef void update(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli import native
+from lidarcli.formalism.tracking import tracked
 
-FREE, LIVE, ENDED = 0, 1, 2
-"""A slot without a body, with one, with one that has ended and whose rows wait to be settled."""
-DISC, BOX = 0, 1
+EMPTY, LIVE, ENDED = tracked.EMPTY, tracked.LIVE, tracked.ENDED
+DISC, BOX = tracked.DISC, tracked.BOX
 ACCELERATION = 0.6
 """[m²/s³] Spectral density of a body's acceleration."""
 BREATHING = 1e-5
@@ -30,8 +30,12 @@ TURNING = 0.02
 """[rad²/s³] Spectral density of the angular acceleration of a body."""
 TURN_AT_FIRST = 0.15
 """[rad/s] Standard deviation of a turn rate before anything is known."""
+UNSEEN = 0.0025
+"""[m²] Variance of where a standing body is that nobody sees: (5 cm)²."""
 UNLIKELY = 16.0
 """Squared residuals above this share of their variance are not believed."""
+LEAST = 1e-8
+"""No variance becomes smaller than this by rounding [m²]."""
 QUARTER = 0.5 * math.pi
 
 
@@ -59,7 +63,9 @@ class Bodies:
         """Sightings with both edges its own."""
         self.moved = native.at_longs(_new(self.arrays, "moved", most, np.int64))
         self.inside = native.at_longs(_new(self.arrays, "inside", most, np.int64))
-        """Sweeps in a row in which it was unseen within another body that was seen."""
+        """Sweeps in which it was unseen within an older body that was seen, less those in which it was seen …"""
+        self.same_as = native.at_longs(_new(self.arrays, "same_as", most, np.int64))
+        """… and the number of that; of a body that has ended 0 where it is not the same thing."""
         self.view = native.at_longs(_new(self.arrays, "view", most, np.int64))
         """Its view in this sweep, -1 for none."""
         self.latest = native.at_longs(_new(self.arrays, "latest", most, np.int64))
@@ -181,6 +187,10 @@ def turn(bodies: Bodies, b: int, angle: float) -> None:
     _mix(bodies.cv, one, keep, give)
     _mix(bodies.vv, one, keep, give)
     _mix(bodies.still_cc, one, keep, give)
+    for a in range(one, one + 2):
+        bodies.ch[a] *= cos
+        bodies.vh[a] *= cos
+        bodies.still_ch[a] *= cos
     bodies.yaw[b] += angle
     bodies.cos[b], bodies.sin[b] = math.cos(bodies.yaw[b]), math.sin(bodies.yaw[b])
 
@@ -190,8 +200,8 @@ def _mix(values: Any, at: int, keep: float, give: float) -> None:
     values[at], values[at + 1] = keep * first + give * second, keep * second + give * first
 
 
-def predict(bodies: Bodies, b: int, dt: float) -> None:
-    """Let time pass for a body [s]."""
+def predict(bodies: Bodies, b: int, dt: float, creep: float) -> None:
+    """Let time pass for a body [s]. `creep`: variance by which standing bodies seem to move, as poses drift [m²]."""
     if bodies.kind[b] == BOX:
         bodies.yaw_var[b] += (
             dt * (2.0 * bodies.yaw_cov[b] + dt * bodies.rate_var[b]) + TURNING * dt * dt * dt / 3.0
@@ -207,18 +217,19 @@ def predict(bodies: Bodies, b: int, dt: float) -> None:
         bodies.ch[a] += dt * bodies.vh[a]
         bodies.vv[a] += ACCELERATION * dt
         bodies.hh[a] += BREATHING * dt
-        bodies.still_cc[a] += CREEP * dt
+        bodies.still_cc[a] += CREEP * dt + creep
         bodies.still_hh[a] += BREATHING * dt
 
 
-def rest(bodies: Bodies, b: int, dt: float) -> None:
-    """Let time pass for a body that is unseen and was never shown to move: it stays where it is."""
+def rest(bodies: Bodies, b: int) -> None:
+    """A body that is unseen and was never shown to move stays where it is; it may begin to move at any time."""
     for a in range(2 * b, 2 * b + 2):
-        bodies.c[a] = bodies.still_c[a]
-        bodies.v[a] = 0.0
-        bodies.cc[a] += ACCELERATION * dt * dt * dt / 3.0
-    if bodies.yaw_rate[b] != 0.0:
-        bodies.yaw_rate[b] *= 0.5
+        bodies.c[a], bodies.h[a] = bodies.still_c[a], bodies.still_h[a]
+        bodies.cc[a] = bodies.still_cc[a] + UNSEEN
+        bodies.ch[a], bodies.hh[a] = bodies.still_ch[a], bodies.still_hh[a]
+        bodies.v[a] = bodies.cv[a] = bodies.vh[a] = 0.0
+        bodies.vv[a] = SPEED_AT_FIRST * SPEED_AT_FIRST
+    bodies.yaw_rate[b] = 0.0
 
 
 def residual(bodies: Bodies, a: int, z: float, sign: float, var: float) -> tuple[float, float]:
@@ -251,12 +262,12 @@ def update(bodies: Bodies, a: int, z: float, sign: float, var: float) -> None:
     bodies.c[a] += gain_c * off
     bodies.v[a] += gain_v * off
     bodies.h[a] = max(bodies.h[a] + gain_h * off, 0.01)
-    bodies.cc[a] -= gain_c * p
+    bodies.cc[a] = max(bodies.cc[a] - gain_c * p, LEAST)
     bodies.cv[a] -= gain_c * q
     bodies.ch[a] -= gain_c * w
-    bodies.vv[a] -= gain_v * q
+    bodies.vv[a] = max(bodies.vv[a] - gain_v * q, LEAST)
     bodies.vh[a] -= gain_v * w
-    bodies.hh[a] -= gain_h * w
+    bodies.hh[a] = max(bodies.hh[a] - gain_h * w, LEAST)
 
 
 def update_still(bodies: Bodies, a: int, z: float, sign: float, var: float) -> None:
@@ -268,9 +279,9 @@ def update_still(bodies: Bodies, a: int, z: float, sign: float, var: float) -> N
     gain_c, gain_h = p / s, w / s
     bodies.still_c[a] += gain_c * off
     bodies.still_h[a] = max(bodies.still_h[a] + gain_h * off, 0.01)
-    bodies.still_cc[a] -= gain_c * p
+    bodies.still_cc[a] = max(bodies.still_cc[a] - gain_c * p, LEAST)
     bodies.still_ch[a] -= gain_c * w
-    bodies.still_hh[a] -= gain_h * w
+    bodies.still_hh[a] = max(bodies.still_hh[a] - gain_h * w, LEAST)
 
 
 def update_extent(bodies: Bodies, a: int, half: float, var: float) -> None:

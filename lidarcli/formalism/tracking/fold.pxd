@@ -13,15 +13,15 @@ from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.memory cimport Memory
 from lidarcli.formalism.tracking.sides cimport Sides
 from lidarcli.formalism.tracking.sightings cimport Sightings
-from lidarcli.formalism.tracking.views cimport OPEN, OWN, Seen, Views
+from lidarcli.formalism.tracking.views cimport Seen, Views
 
 cdef Py_ssize_t PRISMATIC, UNKNOWN, ENOUGH_BEAMS, BOXY, FACE_POINTS
-cdef double YAW_FLOOR, LATE, BEYOND, LEAST_VAR, MOST_PAUSE, SIDE_ERROR, OUTLIER, TEMPER
+cdef double YAW_FLOOR, DRIFT, DRIFT_YAW, DRIFT_TURN, LATE, BEYOND, LEAST_VAR, MOST_PAUSE, SIDE_ERROR, OUTLIER, TEMPER
 
 
 cdef class Fold:
     cdef list owner, taken_room
-    cdef double alarm, stamp, usual
+    cdef double alarm, stamp, usual, way, turned
     cdef readonly double clock
     cdef public Py_ssize_t sweeps, objects
     cdef public bint moves
@@ -45,6 +45,7 @@ cdef bint has_room(Fold fold, Seen seen, Py_ssize_t row) noexcept nogil
 @cython.locals(steady=bint, b=Py_ssize_t)
 cdef void step(Fold fold, Seen seen, Scans scans, Py_ssize_t row, long long* number) noexcept nogil
 cdef double _tick(Fold fold, double stamp) noexcept nogil
+cdef double _creep(Fold fold, Py_ssize_t b) noexcept nogil
 cdef void _judge_pose(Fold fold, double dt) noexcept nogil
 @cython.locals(b=Py_ssize_t)
 cdef Py_ssize_t _begin(Fold fold, Bodies bodies, Views views, Py_ssize_t k, bint steady) noexcept nogil

@@ -33,9 +33,8 @@ PATIENCE_MOVING = 6.0
 ASTRAY = 1.44
 """[m²] A body whose place is less certain than this is lost."""
 WITHIN = 8
-"""A body that was unseen so often in a row within another one is the same thing once more."""
-CONFIRMED = 3
-"""Sightings that make a track."""
+"""A body that was so often unseen within an older one that was seen is the same thing once more."""
+CONFIRMED = tracked.CONFIRMED
 
 
 def passing(
@@ -95,7 +94,7 @@ def passing_body(
 def see(bodies: Bodies, b: int) -> None:
     """A body was seen."""
     bodies.existence[b] += AT_SIGHT * (1.0 - bodies.existence[b])
-    bodies.inside[b] = 0
+    bodies.inside[b] = max(bodies.inside[b] - 1, 0)
     bodies.out_of_view[b] = 0.0
 
 
@@ -108,10 +107,14 @@ def miss(bodies: Bodies, b: int, views: Views, scans: Scans, steady: bool, time:
     e = bodies.existence[b]
     bodies.existence[b] = e * (1.0 - detect) / (1.0 - e * detect)
     bodies.out_of_view[b] = unseen
-    bodies.inside[b] = bodies.inside[b] + 1 if _is_within(bodies, b, x, y) else 0
+    other = _around(bodies, b, x, y)
+    if other >= 0:
+        bodies.inside[b] += 1
+        bodies.same_as[b] = bodies.number[other]
     if bodies.existence[b] < DEAD:
         finish(bodies, b, PASSED)
     elif bodies.inside[b] >= WITHIN:
+        # What it was is the other one: nothing is lost.
         finish(bodies, b, LOST)
     else:
         still = bodies.moved[b] == 0
@@ -121,17 +124,19 @@ def miss(bodies: Bodies, b: int, views: Views, scans: Scans, steady: bool, time:
             finish(bodies, b, LEFT_VIEW if unseen > 0.5 else LOST)
 
 
-def _is_within(bodies: Bodies, b: int, x: float, y: float) -> bool:
-    """Whether a body has its centre in another one that is seen now."""
+def _around(bodies: Bodies, b: int, x: float, y: float) -> int:
+    """An older body that is seen now and has the centre x, y of another in it; -1 for none."""
     for other in range(bodies.high):
-        if other == b or bodies.state[other] != things.LIVE or bodies.view[other] < 0:
+        if bodies.state[other] != things.LIVE or bodies.view[other] < 0:
             continue
-        if association.outside(bodies, other, x, y) < 0.0:
-            return True
-    return False
+        if bodies.number[other] < bodies.number[b] and association.outside(bodies, other, x, y) < 0.0:
+            return other
+    return -1
 
 
 def finish(bodies: Bodies, b: int, why: int) -> None:
     """End a body; what was seen too seldom to be a track is forgotten at once."""
+    if bodies.inside[b] < WITHIN:
+        bodies.same_as[b] = 0
     bodies.end[b] = why
-    bodies.state[b] = things.ENDED if bodies.sightings[b] >= CONFIRMED else things.FREE
+    bodies.state[b] = things.ENDED if bodies.sightings[b] >= CONFIRMED else things.EMPTY

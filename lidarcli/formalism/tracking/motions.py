@@ -18,6 +18,8 @@ SURE = 2.0
 """… and so is what may as well stand: a speed has to be this many standard deviations."""
 PART_VAR = 0.0625
 """[m²] Variance of where one leg is in a body of several: (25 cm)²."""
+AT_ONCE = 8
+"""What shows to move within so many sweeps has come moving."""
 CHANGE_VAR = 0.0025
 """[m²] More variance where a box was still taken for a disc: (5 cm)²."""
 
@@ -39,7 +41,11 @@ def _judge(track: Track) -> None:
     """A track moves once one of its bodies does: from the first onset on."""
     if track.moved:
         return
-    onsets = [part.onset for part in track.parts if part.moved]
+    onsets = [
+        part.first_sweep if part.onset - part.first_sweep <= AT_ONCE else part.onset
+        for part in track.parts
+        if part.moved
+    ]
     if onsets:
         track.moved, track.onset = True, min(onsets)
 

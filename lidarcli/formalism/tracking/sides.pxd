@@ -3,8 +3,9 @@ cimport libc.math as math
 
 from lidarcli cimport native
 from lidarcli.formalism.tracking cimport bodies as things
+from lidarcli.formalism.tracking cimport views as looks
 from lidarcli.formalism.tracking.bodies cimport Bodies
-from lidarcli.formalism.tracking.views cimport HIDDEN, OPEN, OWN, Views
+from lidarcli.formalism.tracking.views cimport Views
 
 cdef Py_ssize_t ROUND, LEGGED
 cdef double AT_LEAST, COS_ALONG, SIN_BEHIND, AT_END, FLOOR, RAGGED, LEGGED_VAR

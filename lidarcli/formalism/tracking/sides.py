@@ -12,8 +12,9 @@ from typing import Any
 from lidarcli import native
 from lidarcli.formalism import detection
 from lidarcli.formalism.tracking import bodies as things
+from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.bodies import Bodies
-from lidarcli.formalism.tracking.views import HIDDEN, OPEN, OWN, Views
+from lidarcli.formalism.tracking.views import Views
 
 ROUND = detection.ROUND
 LEGGED = detection.LEGGED
@@ -88,8 +89,8 @@ def of_box(
             sides.z[2] = across
         if across > sides.z[3]:
             sides.z[3] = across
-    own_start = views.start[k] == OWN or (views.start[k] == OPEN and open_is_own)
-    own_end = views.end[k] == OWN or (views.end[k] == OPEN and open_is_own)
+    own_start = views.start[k] == looks.OWN or (views.start[k] == looks.OPEN and open_is_own)
+    own_end = views.end[k] == looks.OWN or (views.end[k] == looks.OPEN and open_is_own)
     if own_start:
         _end_at(sides, views, k, first, -1.0, cos, sin, pose_var)
     if own_end:
@@ -162,8 +163,8 @@ def of_disc(
     sides.by_centre = True
     first, last = views.begin[k], views.begin[k + 1] - 1
     sigma = views.sigma
-    own_start = views.start[k] == OWN or (views.start[k] == OPEN and open_is_own)
-    own_end = views.end[k] == OWN or (views.end[k] == OPEN and open_is_own)
+    own_start = views.start[k] == looks.OWN or (views.start[k] == looks.OPEN and open_is_own)
+    own_end = views.end[k] == looks.OWN or (views.end[k] == looks.OPEN and open_is_own)
     first_x, first_y = _direction(views, views.point_x[first], views.point_y[first])
     last_x, last_y = _direction(views, views.point_x[last], views.point_y[last])
     near = views.near[k]
@@ -234,4 +235,4 @@ def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
 
 def is_partial(views: Views, k: int) -> bool:
     """Whether an edge of a view is hidden."""
-    return views.start[k] == HIDDEN or views.end[k] == HIDDEN
+    return views.start[k] == looks.HIDDEN or views.end[k] == looks.HIDDEN

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, UNKNOWN
-from lidarcli.formalism.tracking.bodies import BOX
 from lidarcli.formalism.tracking.things import Thing, Track
-from lidarcli.formalism.tracking.tracked import END_OF_LOG, Tracks
+from lidarcli.formalism.tracking.tracked import BOX, END_OF_LOG, Tracks
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.windows import Register

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.tracking import bodies as things
-from lidarcli.formalism.tracking.tracked import END_OF_LOG
+from lidarcli.formalism.tracking.tracked import DISC, END_OF_LOG, ENDED
 
 _SNAPSHOT = (
     *(
@@ -20,6 +19,7 @@ _SNAPSHOT = (
         "first_sweep",
         "last_sweep",
         "onset",
+        "same_as",
         "end",
         "first_at",
         "seen_at",
@@ -42,6 +42,7 @@ class Thing:
     last_sweep: int = 0
     onset: int = 0
     end: int = END_OF_LOG
+    same_as: int = 0
     first_at: float = 0.0
     seen_at: float = 0.0
     evidence_most: float = 0.0
@@ -72,12 +73,12 @@ class Thing:
             values = arrays[name]
             setattr(self, name, (values.item(2 * slot), values.item(2 * slot + 1)))
         self.looks = tuple(arrays["looks"][5 * slot : 5 * slot + 4].tolist())
-        self.has_ended = arrays["state"].item(slot) == things.ENDED
+        self.has_ended = arrays["state"].item(slot) == ENDED
 
     @property
     def is_slim(self) -> bool:
         """Whether it may be a leg."""
-        return self.kind == things.DISC and 2.0 * max(self.h) <= SLIM
+        return self.kind == DISC and 2.0 * max(self.h) <= SLIM
 
     def place(self, still: bool) -> tuple[float, float]:
         """Its centre in the world [m], of the body or of its twin that stands."""

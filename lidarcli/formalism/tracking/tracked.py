@@ -8,6 +8,13 @@ from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8
 ENDS = ("left view", "free", "lost", "end of log")
 LEFT_VIEW, FREE, LOST, END_OF_LOG = range(4)
 
+EMPTY, LIVE, ENDED = range(3)
+"""A slot without a body, with one, with one that has ended and whose rows wait to be settled."""
+DISC, BOX = range(2)
+"""What a body is taken for."""
+CONFIRMED = 3
+"""Sightings that make a track."""
+
 
 @record
 class Followed:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.tracking import grouping, motions
-from lidarcli.formalism.tracking.bodies import ENDED, FREE, LIVE, Bodies
-from lidarcli.formalism.tracking.life import CONFIRMED
+from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.things import Thing, Track
+from lidarcli.formalism.tracking.tracked import CONFIRMED, EMPTY, ENDED, LIVE
 from lidarcli.sweeps import Bool, Float64, Int64
 
 
@@ -81,14 +81,14 @@ class Register:
         """Note what is known of all bodies that were seen often enough, and let go of those that have ended."""
         arrays = bodies.arrays
         state = arrays["state"][: bodies.high]
-        believed = (state != FREE) & (arrays["sightings"][: bodies.high] >= CONFIRMED)
+        believed = (state != EMPTY) & (arrays["sightings"][: bodies.high] >= CONFIRMED)
         for slot in np.flatnonzero(believed).tolist():
             number = arrays["number"].item(slot)
             thing = self.things.get(number)
             if thing is None:
                 thing = self.things[number] = Thing(number)
             thing.take(arrays, slot)
-        state[state == ENDED] = FREE
+        state[state == ENDED] = EMPTY
         live = np.flatnonzero(state == LIVE)
         bodies.high = int(live[-1]) + 1 if len(live) else 0
 
