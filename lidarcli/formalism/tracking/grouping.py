@@ -2,10 +2,211 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
-from lidarcli.formalism.tracking.things import Thing
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.tracking.things import Thing, Track
+
+LEG_WIDTH = 0.3
+"""[m] Legs, and two of them in one view, are no wider."""
+PACE = 0.65
+"""[m] The legs of a person are not further apart than this, mostly …"""
+STRIDE = 0.95
+"""[m] … and at no time than this."""
+TOGETHER = 3
+"""Sweeps in which two legs have to be seen, at least …"""
+TOGETHER_SHARE = 0.3
+"""… and this share of those of the one that is seen less."""
+STEADY = 0.03
+"""[m] The distance between two legs of a thing that stands varies no more than this."""
+STANDING_WIDTH = 0.12
+"""[m] Legs of things that stand are no wider …"""
+STANDING_APART = 0.65
+"""[m] … and not further apart from the next one."""
+MOST_GAP = 6.0
+"""[s] A piece of a track goes on after a gap that is no longer."""
+NEAR = 0.35
+"""[m] It does so this near to where it is expected, and …"""
+ASTRAY = 0.5
+"""[m/s] … further away by this for every second, …"""
+MOST_ASTRAY = 1.5
+"""[m] … but not further than this altogether."""
+SIZE_DIFFERENCE = 0.3
+"""[m] Two pieces of one thing do not differ in size by more than this, …"""
+SIZE_SHARE = 0.4
+"""… and not by more than this share of it."""
 
 
 def join(seen: Any, things: dict[int, Thing], begin: int, stop: int) -> None:
-    """Let the bodies that are new in a window become parts of tracks, where they are."""
+    """Let the bodies that are new in a window become parts of tracks, where they are.
+
+    Parameters
+    ----------
+    seen : sightings of the window and the one after
+    things : by the number of their body
+    begin, stop : sweeps of the topic before the window, and up to its end
+    """
+    new = [things[number] for number in seen.in_window if things[number].track is None]
+    if not new:
+        return
+    _join_doubles(new, things)
+    _stitch(seen, [thing for thing in new if thing.track is None], things)
+    _join_legs(seen, things)
+
+
+def _join_doubles(new: list[Thing], things: dict[int, Thing]) -> None:
+    """A body that was within another one all the time is that one."""
+    for thing in new:
+        other = things.get(thing.same_as) if thing.has_ended else None
+        if other is not None and other is not thing:
+            _track_of(other).absorb(thing)
+
+
+def _track_of(thing: Thing) -> Track:
+    if thing.track is None:
+        Track().absorb(thing)
+    assert thing.track is not None
+    return thing.track
+
+
+@dataclass(slots=True)
+class _Piece:
+    """The end of one body, or the beginning of another."""
+
+    thing: Thing
+    sweep: int
+    time: float
+    x: float
+    y: float
+    vx: float = 0.0
+    vy: float = 0.0
+
+
+def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
+    """Pieces that begin where another one, which is seen no more, would be by now."""
+    begins = [_beginning(seen, thing) for thing in new]
+    if not begins:
+        return
+    last_sweep = int(seen.sweep.max(initial=0))
+    ends = [_ending(seen, thing) for thing in things.values() if thing.last_sweep < last_sweep]
+    pairs = []
+    for later in begins:
+        for earlier in ends:
+            gap = later.time - earlier.time
+            if (
+                earlier.thing is later.thing
+                or not 0.0 < gap <= MOST_GAP
+                or _differ(earlier.thing, later.thing)
+            ):
+                continue
+            x, y = earlier.x + earlier.vx * gap, earlier.y + earlier.vy * gap
+            allowed = (
+                min(NEAR + ASTRAY * gap, MOST_ASTRAY) if earlier.thing.moved or later.thing.moved else NEAR
+            )
+            off = float(np.hypot(later.x - x, later.y - y))
+            # Who turned back, or stopped, is where it was last.
+            off = min(off, float(np.hypot(later.x - earlier.x, later.y - earlier.y)) + 0.1)
+            if off < allowed:
+                pairs.append((off / allowed, later.thing.number, earlier.thing.number))
+    taken: set[int] = set()
+    for _, number, before in sorted(pairs):
+        if number in taken or -before in taken:
+            continue
+        taken |= {number, -before}
+        later_thing, earlier_thing = things[number], things[before]
+        _track_of(earlier_thing).absorb(later_thing)
+        if earlier_thing.moved and not later_thing.moved:
+            later_thing.moved, later_thing.onset = 1, later_thing.first_sweep
+
+
+def _beginning(seen: Any, thing: Thing) -> _Piece:
+    i = seen.spans[thing.number].start
+    return _Piece(thing, int(seen.sweep[i]), float(seen.time[i]), float(seen.x[i]), float(seen.y[i]))
+
+
+def _ending(seen: Any, thing: Thing) -> _Piece:
+    """Where a body was last; one that never moved still stands."""
+    span = seen.spans.get(thing.number)
+    x, y = thing.place(still=not thing.moved)
+    piece = _Piece(thing, thing.last_sweep, thing.seen_at, x, y)
+    if span is not None:
+        i = span.stop - 1
+        piece.x, piece.y = float(seen.x[i]), float(seen.y[i])
+        first = max(span.start, i - 5)
+        lapse = float(seen.time[i] - seen.time[first])
+        if thing.moved and lapse > 0.0:
+            piece.vx = float(seen.x[i] - seen.x[first]) / lapse
+            piece.vy = float(seen.y[i] - seen.y[first]) / lapse
+    return piece
+
+
+def _differ(one: Thing, other: Thing) -> bool:
+    """Whether two bodies that were both seen whole differ in size too much to be one."""
+    if one.whole < 3 or other.whole < 3:
+        return False
+    return abs(one.size - other.size) > max(SIZE_DIFFERENCE, SIZE_SHARE * max(one.size, other.size))
+
+
+@dataclass(slots=True)
+class _Leg:
+    """What was seen of a slim body in the window and the one after."""
+
+    thing: Thing
+    sweep: NDArray[np.int64]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+
+def _join_legs(seen: Any, things: dict[int, Thing]) -> None:
+    """Legs that go together, or keep their distance, are one thing; those that are new join those that are known."""
+    legs = [
+        _Leg(thing, seen.sweep[span], seen.x[span], seen.y[span])
+        for number, span in sorted(seen.spans.items())
+        if _is_leg(thing := things[number])
+    ]
+    pairs = []
+    for i, one in enumerate(legs):
+        for other in legs[i + 1 :]:
+            if (one.thing.track is None or other.thing.track is None) and (
+                apart := _go_together(one, other)
+            ) is not None:
+                pairs.append((apart, one, other))
+    for _, one, other in sorted(
+        pairs, key=lambda pair: (pair[0], pair[1].thing.number, pair[2].thing.number)
+    ):
+        if one.thing.track is not None and other.thing.track is not None:
+            continue
+        if one.thing.track is None and other.thing.track is not None:
+            one, other = other, one
+        # Now the first has a track, if either has.
+        if one.thing.moved or other.thing.moved:
+            members = [
+                leg for leg in legs if leg.thing.track is not None and leg.thing.track is one.thing.track
+            ]
+            if any(
+                leg is not one and len(np.intersect1d(leg.sweep, other.sweep)) > TOGETHER for leg in members
+            ):
+                # A person has two legs at a time.
+                continue
+        _track_of(one.thing).absorb(other.thing)
+
+
+def _is_leg(thing: Thing) -> bool:
+    """Whether a body may be a leg, or two in one view."""
+    return thing.kind == 0 and 2.0 * max(thing.h) <= LEG_WIDTH
+
+
+def _go_together(one: _Leg, other: _Leg) -> float | None:
+    """How far apart two legs of one thing mostly are [m]; None where they are none."""
+    _, i, j = np.intersect1d(one.sweep, other.sweep, return_indices=True)
+    if len(i) < max(TOGETHER, TOGETHER_SHARE * min(len(one.sweep), len(other.sweep))):
+        return None
+    apart = np.hypot(one.x[i] - other.x[j], one.y[i] - other.y[j])
+    mostly = float(np.median(apart))
+    if one.thing.moved or other.thing.moved:
+        return mostly if mostly < PACE and float(apart.max()) < STRIDE else None
+    is_slim = 2.0 * max(*one.thing.h, *other.thing.h) <= STANDING_WIDTH
+    return mostly if is_slim and mostly < STANDING_APART and float(apart.std()) < STEADY else None
