@@ -16,7 +16,7 @@ from lidarcli.formalism.tracking.sightings cimport Sightings
 from lidarcli.formalism.tracking.views cimport Seen, Views
 
 cdef Py_ssize_t PRISMATIC, UNKNOWN, ENOUGH_BEAMS, BOXY, FACE_POINTS
-cdef double YAW_FLOOR, DRIFT, DRIFT_YAW, DRIFT_TURN, LATE, BEYOND, LEAST_VAR, MOST_PAUSE, SIDE_ERROR, OUTLIER, TEMPER
+cdef double SLIMMEST_BOX, YAW_FLOOR, DRIFT, DRIFT_YAW, DRIFT_TURN, LATE, BEYOND, LEAST_VAR, MOST_PAUSE, SIDE_ERROR, OUTLIER, TEMPER
 
 
 cdef class Fold:
@@ -56,6 +56,7 @@ cdef (double, double) _direction(Views views, Py_ssize_t k) noexcept nogil
 @cython.locals(is_whole=bint)
 cdef void _take(Fold fold, Bodies bodies, Views views, Scans scans, Py_ssize_t b, Py_ssize_t k, double dt, bint steady) noexcept nogil
 cdef bint _is_own(Py_ssize_t edge, bint steady) noexcept nogil
+cdef bint _is_boxy(Views views, Py_ssize_t k) noexcept nogil
 cdef void _consider_box(Fold fold, Bodies bodies, Views views, Py_ssize_t b, Py_ssize_t k, bint steady) noexcept nogil
 cdef void _update_disc(Bodies bodies, Sides sides, Py_ssize_t b) noexcept nogil
 cdef void _update_box(Bodies bodies, Sides sides, Py_ssize_t b) noexcept nogil

@@ -24,7 +24,9 @@ from lidarcli.formalism.tracking.views import Seen, Views
 
 PRISMATIC, UNKNOWN = detection.PRISMATIC, detection.UNKNOWN
 ENOUGH_BEAMS = 8
-"""A view with fewer beams does not make a box of a disc."""
+"""A view with fewer beams does not make a box of a disc …"""
+SLIMMEST_BOX = 0.2
+"""[m] … nor one that is smaller: legs look alike from all sides."""
 BOXY = 3
 """Sightings as a box that do."""
 FACE_POINTS = 5
@@ -211,7 +213,7 @@ def _begin(fold: Fold, bodies: Bodies, views: Views, k: int, steady: bool) -> in
         bodies.side[a] = bodies.side_weight[a] = bodies.least[a] = 0.0
     for i in range(5 * b, 5 * b + 5):
         bodies.looks[i] = 0.0
-    if views.shape[k] == PRISMATIC and views.size[k] >= ENOUGH_BEAMS:
+    if _is_boxy(views, k):
         _make_box(fold, bodies, views, b, k, steady)
     else:
         _make_disc(fold, bodies, views, b, k, steady)
@@ -316,9 +318,14 @@ def _is_own(edge: int, steady: bool) -> bool:
     return edge == looks.OWN or (edge == looks.OPEN and steady)
 
 
+def _is_boxy(views: Views, k: int) -> bool:
+    """Whether a view shows a box well enough."""
+    return views.shape[k] == PRISMATIC and views.size[k] >= ENOUGH_BEAMS and views.length[k] >= SLIMMEST_BOX
+
+
 def _consider_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: bool) -> None:
     """What was seen as a box several times is one; how fast it is stays."""
-    if views.shape[k] != PRISMATIC or views.size[k] < ENOUGH_BEAMS:
+    if not _is_boxy(views, k):
         return
     bodies.boxy[b] += 1
     if bodies.boxy[b] < BOXY or measures.is_partial(views, k):

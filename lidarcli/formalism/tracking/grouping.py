@@ -12,10 +12,10 @@ from lidarcli.formalism.tracking.things import Thing, Track
 
 LEG_WIDTH = 0.3
 """[m] Legs, and two of them in one view, are no wider."""
-PACE = 0.65
+PACE = 0.8
 """[m] The legs of a person are not further apart than this, mostly …"""
-STRIDE = 0.95
-"""[m] … and at no time than this."""
+STRIDE = 1.3
+"""[m] … and hardly ever than this."""
 TOGETHER = 3
 """Sweeps in which two legs have to be seen, at least …"""
 TOGETHER_SHARE = 0.3
@@ -53,8 +53,8 @@ def join(seen: Any, things: dict[int, Thing], begin: int, stop: int) -> None:
     if not new:
         return
     _join_doubles(new, things)
-    _stitch(seen, [thing for thing in new if thing.track is None], things)
     _join_legs(seen, things)
+    _stitch(seen, [thing for thing in new if thing.track is None or thing.track.number == 0], things)
 
 
 def _join_doubles(new: list[Thing], things: dict[int, Thing]) -> None:
@@ -97,9 +97,9 @@ def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
         for earlier in ends:
             gap = later.time - earlier.time
             if (
-                earlier.thing is later.thing
-                or not 0.0 < gap <= MOST_GAP
+                not 0.0 < gap <= MOST_GAP
                 or _differ(earlier.thing, later.thing)
+                or not _is_over(earlier, later)
             ):
                 continue
             x, y = earlier.x + earlier.vx * gap, earlier.y + earlier.vy * gap
@@ -117,9 +117,21 @@ def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
             continue
         taken |= {number, -before}
         later_thing, earlier_thing = things[number], things[before]
-        _track_of(earlier_thing).absorb(later_thing)
+        track, other = _track_of(earlier_thing), _track_of(later_thing)
+        if track is other or other.number > 0:
+            continue
+        for part in [*other.parts]:
+            track.absorb(part)
         if earlier_thing.moved and not later_thing.moved:
             later_thing.moved, later_thing.onset = 1, later_thing.first_sweep
+
+
+def _is_over(earlier: _Piece, later: _Piece) -> bool:
+    """Whether all of what the earlier piece belongs to was seen before the later one alone."""
+    track = earlier.thing.track
+    if track is None:
+        return earlier.thing is not later.thing
+    return track is not later.thing.track and all(part.last_sweep < later.sweep for part in track.parts)
 
 
 def _beginning(seen: Any, thing: Thing) -> _Piece:
@@ -207,6 +219,6 @@ def _go_together(one: _Leg, other: _Leg) -> float | None:
     apart = np.hypot(one.x[i] - other.x[j], one.y[i] - other.y[j])
     mostly = float(np.median(apart))
     if one.thing.moved or other.thing.moved:
-        return mostly if mostly < PACE and float(apart.max()) < STRIDE else None
+        return mostly if mostly < PACE and float(np.quantile(apart, 0.95)) < STRIDE else None
     is_slim = 2.0 * max(*one.thing.h, *other.thing.h) <= STANDING_WIDTH
     return mostly if is_slim and mostly < STANDING_APART and float(apart.std()) < STEADY else None
