@@ -5,6 +5,7 @@ from lidarcli cimport native
 from lidarcli.formalism.tracking cimport assignment as assignments
 from lidarcli.formalism.tracking cimport bodies as things
 from lidarcli.formalism.tracking cimport sides as measures
+from lidarcli.formalism.tracking cimport views as looks
 from lidarcli.formalism.tracking.assignment cimport Assignment
 from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.sides cimport Sides
@@ -28,15 +29,13 @@ cdef class Pairs:
 
 
 cdef void associate(
-    Pairs pairs, Assignment task, Sides sides, Bodies bodies, Views views, Py_ssize_t* owner, double* pose,
-    bint open_is_own
+    Pairs pairs, Assignment task, Sides sides, Bodies bodies, Views views, Py_ssize_t* owner
 ) noexcept nogil
-cdef double pose_variance(Views views, Py_ssize_t k, double* pose) noexcept nogil
 cdef void _collect(
-    Pairs pairs, Sides sides, Bodies bodies, Views views, double* pose, bint open_is_own
+    Pairs pairs, Sides sides, Bodies bodies, Views views
 ) noexcept nogil
 cdef double _misfit(
-    Sides sides, Bodies bodies, Views views, Py_ssize_t b, Py_ssize_t k, double* pose, bint open_is_own
+    Sides sides, Bodies bodies, Views views, Py_ssize_t b, Py_ssize_t k
 ) noexcept nogil
 cdef void _chain(Pairs pairs, Bodies bodies) noexcept nogil
 cdef Py_ssize_t _root(Pairs pairs, Py_ssize_t at) noexcept nogil

@@ -9,6 +9,7 @@ from lidarcli import native
 from lidarcli.formalism.tracking import assignment as assignments
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import sides as measures
+from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.assignment import Assignment
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.sides import Sides
@@ -56,39 +57,20 @@ class Pairs:
         """The pairs of each group as a chain."""
 
 
-def associate(
-    pairs: Pairs,
-    task: Assignment,
-    sides: Sides,
-    bodies: Bodies,
-    views: Views,
-    owner: Any,
-    pose: Any,
-    open_is_own: bool,
-) -> None:
-    """Fill `bodies.view`, and `owner`, the body of each view, -1 for none.
-
-    `pose`: what the pose of the sensor makes of a point's variance [m², and that per m²].
-    """
+def associate(pairs: Pairs, task: Assignment, sides: Sides, bodies: Bodies, views: Views, owner: Any) -> None:
+    """Fill `bodies.view`, and `owner`, the body of each view, -1 for none."""
     for b in range(bodies.high):
         bodies.view[b] = -1
     for k in range(views.count):
         owner[k] = -1
-    _collect(pairs, sides, bodies, views, pose, open_is_own)
+    _collect(pairs, sides, bodies, views)
     _chain(pairs, bodies)
     for i in range(pairs.count):
         if pairs.head[pairs.group[pairs.body[i]]] >= 0:
             _assign_group(pairs, task, bodies, views, owner, pairs.group[pairs.body[i]])
 
 
-def pose_variance(views: Views, k: int, pose: Any) -> float:
-    """What the pose of the sensor gives to the variance of a view's points [m²]."""
-    near = views.near[k]
-    var: float = pose[0] + pose[1] * near * near
-    return var
-
-
-def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views, pose: Any, open_is_own: bool) -> None:
+def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
     """All pairs within the gate."""
     pairs.count = 0
     for b in range(bodies.high):
@@ -107,18 +89,16 @@ def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views, pose: Any
             if far > most * most:
                 continue
             cost = far / (reach * reach) + NEWCOMER * (1.0 - bodies.existence[b])
-            cost += _misfit(sides, bodies, views, b, k, pose, open_is_own)
+            cost += _misfit(sides, bodies, views, b, k)
             if cost < GATE and pairs.count < pairs.most:
                 i = pairs.count
                 pairs.body[i], pairs.view[i], pairs.cost[i] = b, k, cost
                 pairs.count += 1
 
 
-def _misfit(
-    sides: Sides, bodies: Bodies, views: Views, b: int, k: int, pose: Any, open_is_own: bool
-) -> float:
+def _misfit(sides: Sides, bodies: Bodies, views: Views, b: int, k: int) -> float:
     """How badly the sides of a view fit those of a body, and its size that of the body."""
-    measures.measure(sides, views, k, bodies, b, pose_variance(views, k, pose), open_is_own)
+    measures.measure(sides, views, k, bodies, b, looks.pose_variance(views, k))
     total, number = 0.0, 0.0
     for side in range(4):
         if sides.var[side] < 0.0 or (sides.by_centre and (side == 1 or side == 3)):

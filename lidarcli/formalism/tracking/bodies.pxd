@@ -61,6 +61,7 @@ cdef class Bodies:
     cdef double* still_cc
     cdef double* still_ch
     cdef double* still_hh
+    cdef double* effect
     cdef double* side
     cdef double* side_weight
     cdef double* least
@@ -80,7 +81,7 @@ cdef void rest(Bodies bodies, Py_ssize_t b) noexcept nogil
 cdef (double, double) residual(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
 cdef (double, double) still_residual(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
 cdef void update(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
-cdef void update_still(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
+cdef double update_still(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
 cdef void update_extent(Bodies bodies, Py_ssize_t a, double half, double var) noexcept nogil
 cdef void update_yaw(Bodies bodies, Py_ssize_t b, double yaw, double var) noexcept nogil
 cdef void begin_axis(

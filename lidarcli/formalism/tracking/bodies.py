@@ -121,6 +121,8 @@ class Bodies:
         self.still_ch = native.at_doubles(_new(self.arrays, "still_ch", 2 * most, np.float64))
         self.still_hh = native.at_doubles(_new(self.arrays, "still_hh", 2 * most, np.float64))
         """The twin that stands still."""
+        self.effect = native.at_doubles(_new(self.arrays, "effect", 6 * most, np.float64))
+        """How the place of the twin depends on what the poses are off by (`correction`), three numbers for each axis."""
         self.side = native.at_doubles(_new(self.arrays, "side", 2 * most, np.float64))
         self.side_weight = native.at_doubles(_new(self.arrays, "side_weight", 2 * most, np.float64))
         """Extent by sightings of both ends, and the weight of these [m, 1/m²]."""
@@ -181,6 +183,11 @@ def turn(bodies: Bodies, b: int, angle: float) -> None:
         cos * bodies.still_c[one] + sin * bodies.still_c[other],
         cos * bodies.still_c[other] - sin * bodies.still_c[one],
     )
+    for i in range(3 * one, 3 * one + 3):
+        bodies.effect[i], bodies.effect[i + 3] = (
+            cos * bodies.effect[i] + sin * bodies.effect[i + 3],
+            cos * bodies.effect[i + 3] - sin * bodies.effect[i],
+        )
     # Of the covariance what the axes share is left out; turns from sweep to sweep are small.
     keep, give = cos * cos, sin * sin
     _mix(bodies.cc, one, keep, give)
@@ -270,8 +277,8 @@ def update(bodies: Bodies, a: int, z: float, sign: float, var: float) -> None:
     bodies.hh[a] = max(bodies.hh[a] - gain_h * w, LEAST)
 
 
-def update_still(bodies: Bodies, a: int, z: float, sign: float, var: float) -> None:
-    """The same for the twin."""
+def update_still(bodies: Bodies, a: int, z: float, sign: float, var: float) -> float:
+    """The same for the twin; returns the share of the measurement that its centre has taken."""
     off, s = still_residual(bodies, a, z, sign, var)
     if off * off > UNLIKELY * s:
         s = off * off / UNLIKELY
@@ -282,6 +289,7 @@ def update_still(bodies: Bodies, a: int, z: float, sign: float, var: float) -> N
     bodies.still_cc[a] = max(bodies.still_cc[a] - gain_c * p, LEAST)
     bodies.still_ch[a] -= gain_c * w
     bodies.still_hh[a] = max(bodies.still_hh[a] - gain_h * w, LEAST)
+    return gain_c
 
 
 def update_extent(bodies: Bodies, a: int, half: float, var: float) -> None:

@@ -12,11 +12,13 @@ from lidarcli.formalism import detection
 from lidarcli.formalism.sweep.points import Scans
 from lidarcli.formalism.tracking import association, life, memory, motion, sightings
 from lidarcli.formalism.tracking import bodies as things
+from lidarcli.formalism.tracking import correction as corrections
 from lidarcli.formalism.tracking import sides as measures
 from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.assignment import Assignment
 from lidarcli.formalism.tracking.association import Pairs
 from lidarcli.formalism.tracking.bodies import Bodies
+from lidarcli.formalism.tracking.correction import Correction
 from lidarcli.formalism.tracking.memory import Memory
 from lidarcli.formalism.tracking.sides import Sides
 from lidarcli.formalism.tracking.sightings import Sightings
@@ -33,8 +35,6 @@ FACE_POINTS = 5
 """Points of a face that tell the direction of its body."""
 YAW_FLOOR = 7e-4
 """[rad²] No face tells it better: (1.5 degrees)²."""
-LATE = 0.02
-"""[s] Poses may be so late, as a standard deviation, beyond what is known."""
 DRIFT, DRIFT_YAW = 2e-4, 4e-5
 """[m²/m], [rad²/m] By how much the variances of a pose grow on its way: (1.4 cm)² and (0.36 degrees)² on a metre …"""
 DRIFT_TURN = 1e-4
@@ -73,8 +73,7 @@ class Fold:
         """How long a sweep usually takes [s]."""
         self.sides = Sides()
         self.log = Sightings()
-        self.pose = native.doubles(self.owner, 2)
-        self.last_pose = native.doubles(self.owner, 3)
+        self.correction = Correction()
         self.moves = False
         """Whether poses tell where the sensor is."""
         self.likelihood = native.doubles(self.owner, 20)
@@ -124,33 +123,33 @@ def step(fold: Fold, seen: Seen, scans: Scans, row: int, number: Any) -> None:
     fold.sweeps += 1
     if seen.poses[4 * row] != seen.poses[4 * row]:
         return
+    _judge_pose(fold, seen, row, dt)
     looks.look(fold.views, seen, scans, row)
     memory.watch(fold.past, fold.views, scans)
-    steady = memory.is_steady(fold.past)
-    _judge_pose(fold, dt)
+    fold.views.steady = memory.is_steady(fold.past)
+    looks.judge_edges(fold.views)
     for b in range(fold.bodies.high):
         if fold.bodies.state[b] == things.LIVE:
             things.predict(fold.bodies, b, dt, _creep(fold, b))
-    association.associate(
-        fold.pairs, fold.task, fold.sides, fold.bodies, fold.views, fold.taken, fold.pose, steady
-    )
+    association.associate(fold.pairs, fold.task, fold.sides, fold.bodies, fold.views, fold.taken)
     association.join_parts(fold.bodies, fold.views, fold.taken)
     for b in range(fold.bodies.high):
         if fold.bodies.state[b] != things.LIVE:
             continue
         if fold.bodies.view[b] >= 0:
-            _take(fold, fold.bodies, fold.views, scans, b, fold.bodies.view[b], dt, steady)
+            _take(fold, fold.bodies, fold.views, scans, b, fold.bodies.view[b], dt)
         else:
-            life.miss(fold.bodies, b, fold.views, scans, steady, fold.clock)
+            life.miss(fold.bodies, b, fold.views, scans, fold.clock)
             if fold.bodies.moved[b] == 0:
                 things.rest(fold.bodies, b)
     for k in range(fold.views.count):
         b = fold.taken[k]
         if b == -1:
-            b = _begin(fold, fold.bodies, fold.views, k, steady)
+            b = _begin(fold, fold.bodies, fold.views, k)
         elif b < -1:
             b = -2 - b
         number[fold.views.object[k]] = fold.bodies.number[b]
+    corrections.apply(fold.correction, fold.bodies)
     memory.remember(fold.past, fold.views, scans, fold.clock)
 
 
@@ -170,20 +169,31 @@ def _tick(fold: Fold, stamp: float) -> float:
     return dt
 
 
-def _judge_pose(fold: Fold, dt: float) -> None:
-    """How far points are off where poses are a little late: by the sensor's speed, and its turn times their range."""
-    fold.pose[0] = fold.pose[1] = fold.way = fold.turned = 0.0
-    yaw = math.atan2(fold.views.sin, fold.views.cos)
-    if fold.moves and dt > 0.0:
-        dx, dy = fold.views.x - fold.last_pose[0], fold.views.y - fold.last_pose[1]
-        turned = yaw - fold.last_pose[2]
+def _judge_pose(fold: Fold, seen: Seen, row: int, dt: float) -> None:
+    """Where the sensor is at a sweep, by its pose and what that is off by."""
+    x, y, yaw = seen.poses[4 * row], seen.poses[4 * row + 1], seen.poses[4 * row + 2]
+    fold.way = fold.turned = fold.correction.speed_x = fold.correction.speed_y = fold.correction.turning = 0.0
+    if fold.moves and fold.correction.has_pose and dt > 0.0:
+        dx, dy, turned = (
+            x - fold.correction.told[0],
+            y - fold.correction.told[1],
+            yaw - fold.correction.told[2],
+        )
         turned -= looks.TURN * math.floor(turned / looks.TURN + 0.5)
-        late = LATE / dt
-        fold.way = math.sqrt(dx * dx + dy * dy)
-        fold.turned = abs(turned)
-        fold.pose[0] = (dx * dx + dy * dy) * late * late
-        fold.pose[1] = turned * turned * late * late
-    fold.last_pose[0], fold.last_pose[1], fold.last_pose[2] = fold.views.x, fold.views.y, yaw
+        fold.way, fold.turned = math.sqrt(dx * dx + dy * dy), abs(turned)
+        fold.correction.speed_x, fold.correction.speed_y, fold.correction.turning = (
+            dx / dt,
+            dy / dt,
+            turned / dt,
+        )
+    fold.correction.told[0], fold.correction.told[1], fold.correction.told[2], fold.correction.has_pose = (
+        x,
+        y,
+        yaw,
+        True,
+    )
+    fold.correction.way += fold.way
+    corrections.place(fold.correction, fold.views, x, y, yaw, seen.poses[4 * row + 3])
 
 
 def _creep(fold: Fold, b: int) -> float:
@@ -193,7 +203,7 @@ def _creep(fold: Fold, b: int) -> float:
     return fold.way * (DRIFT + DRIFT_YAW * far) + fold.turned * DRIFT_TURN * far
 
 
-def _begin(fold: Fold, bodies: Bodies, views: Views, k: int, steady: bool) -> int:
+def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
     """A view that nobody took is a new body; returns its slot."""
     b = 0
     while bodies.state[b] != things.EMPTY:
@@ -214,15 +224,15 @@ def _begin(fold: Fold, bodies: Bodies, views: Views, k: int, steady: bool) -> in
     for i in range(5 * b, 5 * b + 5):
         bodies.looks[i] = 0.0
     if _is_boxy(views, k):
-        _make_box(fold, bodies, views, b, k, steady)
+        _make_box(fold, bodies, views, b, k)
     else:
-        _make_disc(fold, bodies, views, b, k, steady)
+        _make_disc(fold, bodies, views, b, k)
     _note_view(fold, bodies, views, b, k)
     motion.note_rest(bodies, b, fold.sweeps - 1)
     return b
 
 
-def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: bool) -> None:
+def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
     """Let a body be a box as a view shows it."""
     bodies.kind[b], bodies.settled[b] = things.BOX, 0
     yaw, var = _direction(views, k)
@@ -230,8 +240,8 @@ def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: 
     bodies.yaw_var[b], bodies.yaw_cov[b] = var, 0.0
     bodies.rate_var[b] = things.TURN_AT_FIRST * things.TURN_AT_FIRST
     bodies.cos[b], bodies.sin[b] = math.cos(yaw), math.sin(yaw)
-    pose_var = association.pose_variance(views, k, fold.pose)
-    measures.of_box(fold.sides, views, k, bodies.cos[b], bodies.sin[b], pose_var, steady)
+    pose_var = looks.pose_variance(views, k)
+    measures.of_box(fold.sides, views, k, bodies.cos[b], bodies.sin[b], pose_var)
     for i in range(2):
         things.begin_axis(
             bodies,
@@ -243,14 +253,14 @@ def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: 
         )
 
 
-def _make_disc(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: bool) -> None:
+def _make_disc(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
     """Let a body be a disc as a view shows it; its axes are those of the world."""
     bodies.kind[b] = things.DISC
     bodies.yaw[b] = bodies.yaw_rate[b] = bodies.sin[b] = 0.0
     bodies.yaw_var[b] = bodies.yaw_cov[b] = bodies.rate_var[b] = 0.0
     bodies.cos[b] = 1.0
-    pose_var = association.pose_variance(views, k, fold.pose)
-    measures.of_disc(fold.sides, views, k, 0.0, measures.AT_LEAST, pose_var, steady)
+    pose_var = looks.pose_variance(views, k)
+    measures.of_disc(fold.sides, views, k, 0.0, measures.AT_LEAST, pose_var)
     half, half_var = max(0.5 * views.chord[k], 0.02), 0.01
     if fold.sides.half_var >= 0.0:
         half, half_var = fold.sides.half, fold.sides.half_var
@@ -281,24 +291,24 @@ def _direction(views: Views, k: int) -> tuple[float, float]:
     return math.atan2(views.along_y[best], views.along_x[best]), var + YAW_FLOOR
 
 
-def _take(
-    fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int, dt: float, steady: bool
-) -> None:
+def _take(fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int, dt: float) -> None:
     """Update a body by its view."""
     if bodies.kind[b] == things.DISC:
-        _consider_box(fold, bodies, views, b, k, steady)
+        _consider_box(fold, bodies, views, b, k)
     if bodies.kind[b] == things.BOX:
         yaw, var = _direction(views, k)
         if var >= 0.0:
             things.update_yaw(bodies, b, yaw, var)
-    pose_var = association.pose_variance(views, k, fold.pose)
-    measures.measure(fold.sides, views, k, bodies, b, pose_var, steady)
-    is_whole = _is_own(views.start[k], steady) and _is_own(views.end[k], steady)
+    pose_var = looks.pose_variance(views, k)
+    measures.measure(fold.sides, views, k, bodies, b, pose_var)
+    is_whole = not measures.is_partial(views, k)
     motion.weigh(bodies, b, fold.sides, is_whole)
+    if fold.moves:
+        _learn(fold, bodies, views, b, k)
     if fold.sides.by_centre:
-        _update_disc(bodies, fold.sides, b)
+        _update_disc(bodies, fold.sides, fold.correction, b)
     else:
-        _update_box(bodies, fold.sides, b)
+        _update_box(bodies, fold.sides, fold.correction, b)
     if is_whole:
         diagonal = math.sqrt(views.length[k] * views.length[k] + views.width[k] * views.width[k])
         bodies.whole[b] += 1
@@ -314,16 +324,12 @@ def _take(
             bodies.moved[b] = 1
 
 
-def _is_own(edge: int, steady: bool) -> bool:
-    return edge == looks.OWN or (edge == looks.OPEN and steady)
-
-
 def _is_boxy(views: Views, k: int) -> bool:
     """Whether a view shows a box well enough."""
     return views.shape[k] == PRISMATIC and views.size[k] >= ENOUGH_BEAMS and views.length[k] >= SLIMMEST_BOX
 
 
-def _consider_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, steady: bool) -> None:
+def _consider_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
     """What was seen as a box several times is one; how fast it is stays."""
     if not _is_boxy(views, k):
         return
@@ -331,24 +337,44 @@ def _consider_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int, stea
     if bodies.boxy[b] < BOXY or measures.is_partial(views, k):
         return
     v_x, v_y, var = bodies.v[2 * b], bodies.v[2 * b + 1], bodies.vv[2 * b]
-    _make_box(fold, bodies, views, b, k, steady)
+    _make_box(fold, bodies, views, b, k)
     bodies.v[2 * b], bodies.v[2 * b + 1] = things.to_axes(bodies, b, v_x, v_y)
     bodies.vv[2 * b] = bodies.vv[2 * b + 1] = var
     bodies.evidence[b] = 0.0
     bodies.side_weight[2 * b] = bodies.side_weight[2 * b + 1] = 0.0
 
 
-def _update_disc(bodies: Bodies, sides: Sides, b: int) -> None:
+def _learn(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
+    """What the sides of a body that stands say of the poses."""
+    tells = (
+        bodies.moved[b] == 0
+        and bodies.settled[b] >= corrections.ENOUGH
+        and bodies.evidence[b] < corrections.DOUBT
+    )
+    for i in range(2):
+        u_x, u_y = things.to_world(bodies, b, 1.0 - i, 1.0 * i)
+        a = 2 * b + i
+        corrections.effect_on(fold.correction, views, views.middle_x[k], views.middle_y[k], u_x, u_y, i)
+        for side in range(2 * i, 2 * i + 2):
+            if not tells or fold.sides.var[side] < 0.0 or (fold.sides.by_centre and side > 2 * i):
+                continue
+            sign = 0.0 if fold.sides.by_centre else (1.0 if side > 2 * i else -1.0)
+            off, var = things.still_residual(bodies, a, fold.sides.z[side], sign, fold.sides.var[side])
+            corrections.learn(fold.correction, bodies, a, off, var, i)
+
+
+def _update_disc(bodies: Bodies, sides: Sides, correction: Correction, b: int) -> None:
     for i in range(2):
         a = 2 * b + i
         things.update(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
-        things.update_still(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
+        gain = things.update_still(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
+        corrections.follow(correction, bodies, a, gain, i)
         if sides.half_var >= 0.0:
             things.update_extent(bodies, a, sides.half, sides.half_var)
             _note_extent(bodies, a, 2.0 * sides.half, 4.0 * sides.half_var)
 
 
-def _update_box(bodies: Bodies, sides: Sides, b: int) -> None:
+def _update_box(bodies: Bodies, sides: Sides, correction: Correction, b: int) -> None:
     for i in range(2):
         a = 2 * b + i
         for side in range(2 * i, 2 * i + 2):
@@ -358,10 +384,12 @@ def _update_box(bodies: Bodies, sides: Sides, b: int) -> None:
                 # It goes on at least so far.
                 if sign * (z - bodies.c[a]) > bodies.h[a] + BEYOND:
                     things.update(bodies, a, z, sign, LEAST_VAR)
-                    things.update_still(bodies, a, z, sign, LEAST_VAR)
+                    gain = things.update_still(bodies, a, z, sign, LEAST_VAR)
+                    corrections.follow(correction, bodies, a, gain, i)
                 continue
             things.update(bodies, a, z, sign, var)
-            things.update_still(bodies, a, z, sign, var)
+            gain = things.update_still(bodies, a, z, sign, var)
+            corrections.follow(correction, bodies, a, gain, i)
         length = sides.z[2 * i + 1] - sides.z[2 * i]
         if sides.var[2 * i] >= 0.0 and sides.var[2 * i + 1] >= 0.0:
             _note_extent(bodies, a, length, sides.var[2 * i] + sides.var[2 * i + 1])

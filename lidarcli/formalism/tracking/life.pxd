@@ -14,13 +14,13 @@ cdef double AT_FIRST, AT_SIGHT, SEEN_AT_ALL, FEW, HITS, DEAD, MARGIN, PATIENCE_S
 
 @cython.locals(first=Py_ssize_t, last=Py_ssize_t, position=Py_ssize_t)
 cdef (double, double, double) passing(
-    Views views, Scans scans, double x, double y, double near, double beside, bint steady
+    Views views, Scans scans, double x, double y, double near, double beside
 ) noexcept nogil
 cdef (double, double, double) passing_body(
-    Views views, Scans scans, Bodies bodies, Py_ssize_t b, double x, double y, bint steady
+    Views views, Scans scans, Bodies bodies, Py_ssize_t b, double x, double y
 ) noexcept nogil
 cdef void see(Bodies bodies, Py_ssize_t b) noexcept nogil
 @cython.locals(still=bint, astray=bint)
-cdef void miss(Bodies bodies, Py_ssize_t b, Views views, Scans scans, bint steady, double time) noexcept nogil
+cdef void miss(Bodies bodies, Py_ssize_t b, Views views, Scans scans, double time) noexcept nogil
 cdef Py_ssize_t _around(Bodies bodies, Py_ssize_t b, double x, double y) noexcept nogil
 cdef void finish(Bodies bodies, Py_ssize_t b, Py_ssize_t why) noexcept nogil

@@ -38,7 +38,7 @@ CONFIRMED = tracked.CONFIRMED
 
 
 def passing(
-    views: Views, scans: Scans, x: float, y: float, near: float, beside: float, steady: bool
+    views: Views, scans: Scans, x: float, y: float, near: float, beside: float
 ) -> tuple[float, float, float]:
     """Shares of the beams at the core of a place that pass it, end at it, and are outside of the view.
 
@@ -46,7 +46,6 @@ def passing(
     ----------
     x, y : its centre in the world [m]
     near, beside : how far it reaches towards the sensor and to the side [m]
-    steady : whether a beam without a return has met nothing
     """
     ahead, left = looks.to_sensor(views, x, y)
     r = math.sqrt(ahead * ahead + left * left)
@@ -70,7 +69,7 @@ def passing(
         if views.period == 0 and (position < 0 or position >= views.bearings):
             unseen += 1.0
             continue
-        distance = memory.range_at(views, scans, position, steady)
+        distance = memory.range_at(views, scans, position)
         if distance > r + near + margin:
             passes += 1.0
         elif distance >= r - near - margin:
@@ -79,7 +78,7 @@ def passing(
 
 
 def passing_body(
-    views: Views, scans: Scans, bodies: Bodies, b: int, x: float, y: float, steady: bool
+    views: Views, scans: Scans, bodies: Bodies, b: int, x: float, y: float
 ) -> tuple[float, float, float]:
     """The same of a body, as if its centre were at x, y."""
     dx, dy = x - views.x, y - views.y
@@ -88,7 +87,7 @@ def passing_body(
         return 0.0, 1.0, 0.0
     dx, dy = dx / r, dy / r
     near, beside = things.half_extent(bodies, b, dx, dy), things.half_extent(bodies, b, -dy, dx)
-    return passing(views, scans, x, y, near, beside, steady)
+    return passing(views, scans, x, y, near, beside)
 
 
 def see(bodies: Bodies, b: int) -> None:
@@ -98,10 +97,10 @@ def see(bodies: Bodies, b: int) -> None:
     bodies.out_of_view[b] = 0.0
 
 
-def miss(bodies: Bodies, b: int, views: Views, scans: Scans, steady: bool, time: float) -> None:
+def miss(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> None:
     """A body was not seen: does that speak against it?"""
     x, y = things.centre(bodies, b)
-    passes, hits, unseen = passing_body(views, scans, bodies, b, x, y, steady)
+    passes, hits, unseen = passing_body(views, scans, bodies, b, x, y)
     detect = SEEN_AT_ALL * passes if passes > FEW else 0.0
     detect += HITS * hits
     e = bodies.existence[b]

@@ -13,7 +13,7 @@ cdef double APART, TURN, FLICKER_SHARE, FLICKERS, NOTHING, FAR
 cdef class Memory:
     cdef list owner
     cdef readonly Py_ssize_t beams
-    cdef Py_ssize_t count, before
+    cdef Py_ssize_t count, before, watched
     cdef readonly double flicker
     cdef double* time
     cdef double* x
@@ -36,8 +36,7 @@ cdef void take_over(Memory memory, Memory old) noexcept nogil
 @cython.locals(changes=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
 cdef void watch(Memory memory, Views views, Scans scans) noexcept nogil
 cdef bint is_steady(Memory memory) noexcept nogil
-cdef double range_at(Views views, Scans scans, Py_ssize_t position, bint steady) noexcept nogil
-@cython.locals(steady=bint)
+cdef double range_at(Views views, Scans scans, Py_ssize_t position) noexcept nogil
 cdef void remember(Memory memory, Views views, Scans scans, double time) noexcept nogil
 @cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)
 cdef bint was_passed(Memory memory, Py_ssize_t m, double x, double y, double beside) noexcept nogil

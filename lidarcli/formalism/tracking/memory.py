@@ -49,6 +49,7 @@ class Memory:
         """Share of beams that change between a range and no return from sweep to sweep."""
         self.status = native.integers(self.owner, beams)
         """Of the sweep before, by beam."""
+        self.watched = 0
         self.before = 0
         """Number of its beams."""
 
@@ -59,7 +60,8 @@ class Memory:
 
 def take_over(memory: Memory, old: Memory) -> None:
     """Copy what a smaller memory holds."""
-    memory.count, memory.flicker, memory.before = old.count, old.flicker, old.before
+    memory.count, memory.flicker = old.count, old.flicker
+    memory.watched, memory.before = old.watched, old.before
     for beam in range(old.before):
         memory.status[beam] = old.status[beam]
     for m in range(KEPT):
@@ -81,7 +83,10 @@ def watch(memory: Memory, views: Views, scans: Scans) -> None:
             if now != then and now + then == NO_RETURN:
                 changes += 1
         if beams > 0:
-            memory.flicker += FLICKER_SHARE * (changes / beams - memory.flicker)
+            # At first the mean of all so far.
+            memory.watched += 1
+            share = max(FLICKER_SHARE, 1.0 / memory.watched)
+            memory.flicker += share * (changes / beams - memory.flicker)
     for beam in range(beams):
         memory.status[beam] = scans.status[begin + beam]
     memory.before = beams
@@ -92,7 +97,7 @@ def is_steady(memory: Memory) -> bool:
     return memory.flicker < FLICKERS
 
 
-def range_at(views: Views, scans: Scans, position: int, steady: bool) -> float:
+def range_at(views: Views, scans: Scans, position: int) -> float:
     """What the beam at a position says of free space [m]: its range, `FAR`, or `NOTHING`."""
     if views.period > 0:
         # C and Python disagree about what is left of negative numbers.
@@ -102,7 +107,7 @@ def range_at(views: Views, scans: Scans, position: int, steady: bool) -> float:
     beam = views.row * scans.width + (views.bearings - 1 - position if views.reverse else position)
     if scans.status[beam] == VALID:
         return scans.ranges[beam]
-    return FAR if steady and scans.status[beam] == NO_RETURN else NOTHING
+    return FAR if views.steady and scans.status[beam] == NO_RETURN else NOTHING
 
 
 def remember(memory: Memory, views: Views, scans: Scans, time: float) -> None:
@@ -115,9 +120,8 @@ def remember(memory: Memory, views: Views, scans: Scans, time: float) -> None:
     memory.x[m], memory.y[m], memory.cos[m], memory.sin[m] = views.x, views.y, views.cos, views.sin
     memory.side[m], memory.first[m], memory.step[m] = views.side, views.first, views.step
     memory.bearings[m], memory.period[m], memory.sigma[m] = views.bearings, views.period, views.sigma
-    steady = is_steady(memory)
     for k in range(views.bearings):
-        memory.r[m * memory.beams + k] = range_at(views, scans, k, steady)
+        memory.r[m * memory.beams + k] = range_at(views, scans, k)
     memory.count += 1
 
 

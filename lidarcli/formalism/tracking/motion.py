@@ -77,9 +77,7 @@ def is_shown(
         return False
     if was_free(views, k, past, time):
         return True
-    passes, hits, _ = life.passing_body(
-        views, scans, bodies, b, bodies.birth_x[b], bodies.birth_y[b], memory.is_steady(past)
-    )
+    passes, hits, _ = life.passing_body(views, scans, bodies, b, bodies.birth_x[b], bodies.birth_y[b])
     return passes > 0.5 and hits < 0.2
 
 

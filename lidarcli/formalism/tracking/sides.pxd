@@ -20,11 +20,11 @@ cdef class Sides:
 
 
 cdef void measure(
-    Sides sides, Views views, Py_ssize_t k, Bodies bodies, Py_ssize_t b, double pose_var, bint open_is_own
+    Sides sides, Views views, Py_ssize_t k, Bodies bodies, Py_ssize_t b, double pose_var
 ) noexcept nogil
 @cython.locals(own_start=bint, own_end=bint)
 cdef void of_box(
-    Sides sides, Views views, Py_ssize_t k, double cos, double sin, double pose_var, bint open_is_own
+    Sides sides, Views views, Py_ssize_t k, double cos, double sin, double pose_var
 ) noexcept nogil
 @cython.locals(side=Py_ssize_t)
 cdef void _face_at(Sides sides, Views views, Py_ssize_t f, double cos, double sin, double pose_var) noexcept nogil
@@ -34,7 +34,7 @@ cdef void _end_at(
 ) noexcept nogil
 @cython.locals(own_start=bint, own_end=bint)
 cdef void of_disc(
-    Sides sides, Views views, Py_ssize_t k, double radius, double radius_var, double pose_var, bint open_is_own
+    Sides sides, Views views, Py_ssize_t k, double radius, double radius_var, double pose_var
 ) noexcept nogil
 cdef (double, double) _direction(Views views, double x, double y) noexcept nogil
 cdef (double, double) _turned(double x, double y, double angle) noexcept nogil

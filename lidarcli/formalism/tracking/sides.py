@@ -49,27 +49,22 @@ class Sides:
         self.half_var = 0.0
 
 
-def measure(
-    sides: Sides, views: Views, k: int, bodies: Bodies, b: int, pose_var: float, open_is_own: bool
-) -> None:
+def measure(sides: Sides, views: Views, k: int, bodies: Bodies, b: int, pose_var: float) -> None:
     """What view k says of a body.
 
     Parameters
     ----------
     pose_var : variance that the pose of the sensor gives to a point there [m²]
-    open_is_own : whether a thing ends where beams beside it have no return
     """
     if bodies.kind[b] == things.DISC:
         radius = 0.5 * (bodies.h[2 * b] + bodies.h[2 * b + 1])
         var = 0.5 * (bodies.hh[2 * b] + bodies.hh[2 * b + 1])
-        of_disc(sides, views, k, radius, var, pose_var, open_is_own)
+        of_disc(sides, views, k, radius, var, pose_var)
     else:
-        of_box(sides, views, k, bodies.cos[b], bodies.sin[b], pose_var, open_is_own)
+        of_box(sides, views, k, bodies.cos[b], bodies.sin[b], pose_var)
 
 
-def of_box(
-    sides: Sides, views: Views, k: int, cos: float, sin: float, pose_var: float, open_is_own: bool
-) -> None:
+def of_box(sides: Sides, views: Views, k: int, cos: float, sin: float, pose_var: float) -> None:
     """The sides of a rectangle whose first axis has the direction cos, sin."""
     sides.by_centre = False
     first, last = views.begin[k], views.begin[k + 1] - 1
@@ -89,8 +84,8 @@ def of_box(
             sides.z[2] = across
         if across > sides.z[3]:
             sides.z[3] = across
-    own_start = views.start[k] == looks.OWN or (views.start[k] == looks.OPEN and open_is_own)
-    own_end = views.end[k] == looks.OWN or (views.end[k] == looks.OPEN and open_is_own)
+    own_start = views.start[k] == looks.OWN
+    own_end = views.end[k] == looks.OWN
     if own_start:
         _end_at(sides, views, k, first, -1.0, cos, sin, pose_var)
     if own_end:
@@ -151,9 +146,7 @@ def _end_at(
             sides.var[side] = gap * gap / 12.0 + depth * depth + FLOOR + pose_var
 
 
-def of_disc(
-    sides: Sides, views: Views, k: int, radius: float, radius_var: float, pose_var: float, open_is_own: bool
-) -> None:
+def of_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float, pose_var: float) -> None:
     """The centre of a disc, in the axes of the world.
 
     Parameters
@@ -163,8 +156,8 @@ def of_disc(
     sides.by_centre = True
     first, last = views.begin[k], views.begin[k + 1] - 1
     sigma = views.sigma
-    own_start = views.start[k] == looks.OWN or (views.start[k] == looks.OPEN and open_is_own)
-    own_end = views.end[k] == looks.OWN or (views.end[k] == looks.OPEN and open_is_own)
+    own_start = views.start[k] == looks.OWN
+    own_end = views.end[k] == looks.OWN
     first_x, first_y = _direction(views, views.point_x[first], views.point_y[first])
     last_x, last_y = _direction(views, views.point_x[last], views.point_y[last])
     near = views.near[k]

@@ -42,8 +42,8 @@ cdef class Views:
     cdef list owner
     cdef readonly Py_ssize_t objects, beams
     cdef Py_ssize_t count, bearings, period, row
-    cdef bint reverse
-    cdef double x, y, cos, sin, side, first, step, sigma
+    cdef bint reverse, steady
+    cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var
     cdef Py_ssize_t* object
     cdef Py_ssize_t* shape
     cdef Py_ssize_t* size
@@ -72,6 +72,8 @@ cdef class Views:
 
 
 cdef void look(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nogil
+cdef void judge_edges(Views views) noexcept nogil
+cdef double pose_variance(Views views, Py_ssize_t k) noexcept nogil
 cdef void _place(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nogil
 cdef (double, double) to_world(Views views, double x, double y) noexcept nogil
 cdef (double, double) to_sensor(Views views, double x, double y) noexcept nogil

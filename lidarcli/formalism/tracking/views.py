@@ -115,6 +115,11 @@ class Views:
         self.reverse = False
         self.row = 0
         self.sigma = 0.0
+        self.steady = True
+        """Whether a beam without a return has met nothing."""
+        self.pose_var = 0.0
+        self.pose_turn_var = 0.0
+        """What the pose gives to the variance of a point [m²], and how much more for each m² of its squared range."""
         # Of each view.
         self.object = native.integers(self.owner, objects)
         """Its object in the detection."""
@@ -155,7 +160,7 @@ class Views:
 
 
 def look(views: Views, seen: Seen, scans: Scans, row: int) -> None:
-    """Lay out the objects of the sweep in a row of a batch."""
+    """Lay out the objects of the sweep in a row of a batch, whose sensor stands where `x`, `y`, `cos` and `sin` say."""
     _place(views, seen, scans, row)
     views.count = 0
     views.begin[0] = views.face_begin[0] = 0
@@ -164,8 +169,22 @@ def look(views: Views, seen: Seen, scans: Scans, row: int) -> None:
             _add(views, seen, scans, at)
 
 
+def judge_edges(views: Views) -> None:
+    """An edge beside beams without a return is the thing's own, unless such beams prove nothing."""
+    for k in range(views.count):
+        if views.start[k] == OPEN:
+            views.start[k] = OWN if views.steady else HIDDEN
+        if views.end[k] == OPEN:
+            views.end[k] = OWN if views.steady else HIDDEN
+
+
+def pose_variance(views: Views, k: int) -> float:
+    """What the pose of the sensor gives to the variance of the points of a view [m²]."""
+    return views.pose_var + views.pose_turn_var * views.near[k] * views.near[k]
+
+
 def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
-    """Where the sensor is, and the bearings of its beams."""
+    """The bearings of the beams."""
     increment = scans.angle_increment[row]
     views.row = row
     views.bearings = scans.beams[row] - (scans.closure[row] == SHARED)
@@ -175,8 +194,6 @@ def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
     views.first = scans.angle_min[row]
     if views.reverse:
         views.first += (views.bearings - 1) * increment
-    views.x, views.y = seen.poses[4 * row], seen.poses[4 * row + 1]
-    views.cos, views.sin = math.cos(seen.poses[4 * row + 2]), math.sin(seen.poses[4 * row + 2])
     views.side = seen.poses[4 * row + 3]
     views.sigma = seen.noise[row]
 
