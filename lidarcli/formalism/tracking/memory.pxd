@@ -14,7 +14,7 @@ cdef class Memory:
     cdef list owner
     cdef readonly Py_ssize_t beams
     cdef Py_ssize_t count, before, watched
-    cdef readonly double flicker
+    cdef double changes, lost
     cdef double* time
     cdef double* x
     cdef double* y
@@ -33,7 +33,7 @@ cdef class Memory:
 
 
 cdef void take_over(Memory memory, Memory old) noexcept nogil
-@cython.locals(changes=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
+@cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
 cdef void watch(Memory memory, Views views, Scans scans) noexcept nogil
 cdef bint is_steady(Memory memory) noexcept nogil
 cdef double range_at(Views views, Scans scans, Py_ssize_t position) noexcept nogil

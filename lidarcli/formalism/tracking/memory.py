@@ -16,9 +16,9 @@ APART = 0.3
 TURN = sweeps.TURN
 VALID, NO_RETURN = sweeps.Status.VALID.value, sweeps.Status.NO_RETURN.value
 FLICKER_SHARE = 0.02
-"""Weight of a sweep in the share of beams that flicker."""
-FLICKERS = 0.05
-"""Where more beams than this share change from no return to a range from one sweep to the next, none proves free space."""
+"""Weight of a sweep in the mean numbers of beams that flicker."""
+FLICKERS = 0.3
+"""Where more than this share of the beams without a return have one a sweep later, none proves free space."""
 NOTHING = -1.0
 """The range of a beam that tells nothing; of one without a return it is `FAR`."""
 FAR = 1e9
@@ -45,8 +45,10 @@ class Memory:
         self.period = native.integers(self.owner, KEPT)
         self.sigma = native.doubles(self.owner, KEPT)
         self.r = native.singles(self.owner, KEPT * beams)
-        self.flicker = 0.0
-        """Share of beams that change between a range and no return from sweep to sweep."""
+        self.changes = 0.0
+        """Beams that change between a range and no return from sweep to sweep, lately, on average …"""
+        self.lost = 0.0
+        """… and those without a return in either."""
         self.status = native.integers(self.owner, beams)
         """Of the sweep before, by beam."""
         self.watched = 0
@@ -60,7 +62,7 @@ class Memory:
 
 def take_over(memory: Memory, old: Memory) -> None:
     """Copy what a smaller memory holds."""
-    memory.count, memory.flicker = old.count, old.flicker
+    memory.count, memory.changes, memory.lost = old.count, old.changes, old.lost
     memory.watched, memory.before = old.watched, old.before
     for beam in range(old.before):
         memory.status[beam] = old.status[beam]
@@ -76,17 +78,19 @@ def take_over(memory: Memory, old: Memory) -> None:
 def watch(memory: Memory, views: Views, scans: Scans) -> None:
     """Count the beams that change between a range and no return."""
     begin, beams = views.row * scans.width, scans.beams[views.row]
-    changes = 0
+    changes, lost = 0, 0
     if memory.before == beams:
         for beam in range(beams):
             now, then = scans.status[begin + beam], memory.status[beam]
-            if now != then and now + then == NO_RETURN:
-                changes += 1
-        if beams > 0:
-            # At first the mean of all so far.
-            memory.watched += 1
-            share = max(FLICKER_SHARE, 1.0 / memory.watched)
-            memory.flicker += share * (changes / beams - memory.flicker)
+            if now == NO_RETURN or then == NO_RETURN:
+                lost += 1
+                if now + then == NO_RETURN:
+                    changes += 1
+        # At first the sum of all so far.
+        memory.watched += 1
+        share = max(FLICKER_SHARE, 1.0 / memory.watched)
+        memory.changes += share * (changes - memory.changes)
+        memory.lost += share * (lost - memory.lost)
     for beam in range(beams):
         memory.status[beam] = scans.status[begin + beam]
     memory.before = beams
@@ -94,7 +98,7 @@ def watch(memory: Memory, views: Views, scans: Scans) -> None:
 
 def is_steady(memory: Memory) -> bool:
     """Whether a beam without a return has met nothing."""
-    return memory.flicker < FLICKERS
+    return memory.changes <= FLICKERS * memory.lost
 
 
 def range_at(views: Views, scans: Scans, position: int) -> float:
