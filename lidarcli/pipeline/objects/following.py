@@ -65,6 +65,7 @@ class Following:
             topic = self._topics.pop(name)
             followed, tracks = topic.tracker.finish()
             yield from self._complete(topic, followed)
+            assert not topic.waiting, "a tracker answers for every batch"
             self._count(tracks)
             labels = self._options.labels
             yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, labels)
