@@ -130,21 +130,20 @@ def _rows(
 ) -> Iterator[Rows]:
     """All rows of one log, those of a table and topic in their order; in the end the summary is whole."""
     summary = reading.summary
-    if options.tracking is None:
-        for part in work.parts(progress):
-            summary.add_found(part.found)
-            yield from part.rows
-        reading.close()
-        summary.notes += work.notes()
-        return
-    # Who does not track does not wait for this import.
-    from lidarcli.pipeline.objects.following import Following
+    following = None
+    if options.tracking is not None:
+        # Who does not track does not wait for this import.
+        from lidarcli.pipeline.objects.following import Following
 
-    following = Following(source.name, options.tracking)
+        following = Following(source.name, options.tracking)
     for part in work.parts(progress):
         summary.add_found(part.found)
-        yield from following.take(part.batches)
+        yield from part.rows if following is None else following.take(part.batches)
+    notes = []
+    if following is not None:
+        yield from following.finish()
+        summary.add_found(following.summary)
+        notes = following.notes
+    # The end of the work: the summary tells how long it took.
     reading.close()
-    yield from following.finish()
-    summary.add_found(following.summary)
-    summary.notes += [*work.notes(), *following.notes]
+    summary.notes += [*work.notes(), *notes]
