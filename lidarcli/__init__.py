@@ -2,6 +2,7 @@
 
 >>> import lidarcli
 >>> objects = lidarcli.detect("run.mcap")  # doctest: +SKIP
+>>> objects, sweeps, tracks = lidarcli.track("run.mcap")  # doctest: +SKIP
 >>> for batch in lidarcli.read("run.mcap"):  # doctest: +SKIP
 ...     print(batch.topic, batch.ranges.shape)
 """
@@ -22,14 +23,14 @@ if "LIDARCLI_COMPILED" in os.environ:
 
 if TYPE_CHECKING:
     from lidarcli import formalism
-    from lidarcli.pipeline.api import detect, learn, read
+    from lidarcli.pipeline.api import detect, learn, read, track
 
-__all__ = ["__version__", "detect", "formalism", "learn", "read"]
+__all__ = ["__version__", "detect", "formalism", "learn", "read", "track"]
 
 
 def __getattr__(name: str) -> Any:
     """Import on first use, so that `import lidarcli` and `lidarcli --help` stay light."""
-    if name in ("detect", "learn", "read"):
+    if name in ("detect", "learn", "read", "track"):
         return getattr(import_module("lidarcli.pipeline.api"), name)
     if name == "formalism":
         return import_module("lidarcli.formalism")

@@ -10,6 +10,8 @@ IMAGES = (".png", ".svg", ".pdf")
 """Suffixes of pictures."""
 ANIMATIONS = (".gif", ".mp4")
 """Suffixes of moving pictures."""
+SIGNIFICANCE = 1e-5
+"""Share of the standing things that may pass for moving by chance (`track`)."""
 STATION_DISTANCE = 0.25
 """Sweeps up to this far from a station [m] belong to it, by default …"""
 STATION_DEGREES = 5.0

@@ -221,6 +221,8 @@ class SweepBatch:
     """(S, B) `Status`; PADDING from `beams[i]` on."""
     closure: UInt8 = field(default_factory=lambda: np.empty(0, np.uint8))
     """(S,) `Closure`; derived from the geometry."""
+    first_ns: int = 0
+    """Stamp of the first sweep of the topic in the log, whether or not it is among these."""
     poses: SweepPoses | None = None
     """Where the sensor was, where that has been asked for and the log tells."""
     log: str = ""
@@ -244,6 +246,15 @@ class SweepBatch:
     def width(self) -> int:
         """B, the number of columns."""
         return int(self.ranges.shape[1])
+
+    def seconds(self) -> Float64:
+        """(S,) since the first sweep of the topic [s]; below 0 where the sensor's clock was set back."""
+        seconds: Float64 = (self.stamp_ns - self.first_ns) / 1e9
+        # A broken header may be farther away than int64 can tell.
+        beyond = (self.stamp_ns < self.first_ns) != (seconds < 0)
+        if beyond.any():
+            seconds[beyond] = self.stamp_ns[beyond] / 1e9 - self.first_ns / 1e9
+        return seconds
 
     def bearings(self) -> Float64:
         """(S, B) θ_n = angle_min + n angle_increment [rad], also for padding."""
@@ -281,7 +292,7 @@ NEAREST, FARTHEST = 1e-6, 1e6
 """No range is smaller or larger [m]: some drivers call 3.4e38 their `range_max`, and squares of that overflow."""
 
 
-def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
+def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | None = None) -> SweepBatch:
     """Judge every range once: `RawSweeps` → `SweepBatch`.
 
     Parameters
@@ -289,6 +300,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     raw : RawSweeps
     sweep : (S,) int64, index of each row within its topic
     rules : RangeRules
+    first_ns : stamp of the first sweep of the topic [ns], by default that of the first of these
 
     Notes
     -----
@@ -297,6 +309,9 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
     outside of `NEAREST` to `FARTHEST` there is nothing all the same.
     """
     rows = len(raw)
+    time_ns = raw.time_ns
+    if first_ns is None:
+        first_ns = int(time_ns[0]) if rows else 0
     range_min, range_max = raw.range_min, raw.range_max
     if rules.limits is not None:
         range_min = np.full(rows, rules.limits[0], np.float32)
@@ -316,7 +331,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
         frame_ids=raw.frame_ids,
         frame=raw.frame,
         sweep=sweep,
-        stamp_ns=raw.time_ns,
+        stamp_ns=time_ns,
         record_ns=raw.record_ns,
         angle_min=raw.angle_min,
         angle_increment=raw.angle_increment,
@@ -326,6 +341,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules) -> SweepBatch:
         ranges=clean,
         status=status,
         closure=closure(raw.beams, raw.angle_increment),
+        first_ns=first_ns,
     )
 
 

@@ -71,10 +71,10 @@ def sweeps() -> list[RawSweeps]:
 @pytest.fixture(scope="module")
 def expected(sweeps: list[RawSweeps]) -> pa.Table:
     """The objects of the sweeps as they are in memory, read from nowhere."""
-    first = 0
+    first, start = 0, int(sweeps[0].time_ns[0])
     batches = []
     for raw in sweeps:
-        batches.append(normalise(raw, np.arange(first, first + len(raw)), RangeRules()))
+        batches.append(normalise(raw, np.arange(first, first + len(raw)), RangeRules(), start))
         first += len(raw)
     return lidarcli.detect(batches)
 

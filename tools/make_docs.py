@@ -15,6 +15,7 @@ WITH_EXAMPLES = (
     "docs/tutorial.md",
     "docs/poses.md",
     "docs/background.md",
+    "docs/track.md",
     "docs/reports.md",
     "docs/ci.md",
 )

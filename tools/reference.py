@@ -21,6 +21,7 @@ NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page
 TABLES = {
     "objects": "One row per object per sweep, ordered by topic, sweep and object.",
     "sweeps": "One row per sweep, ordered by topic and sweep.",
+    "tracks": "One row per thing, ordered by topic and track (`track`); [track.md](track.md) says what a track is.",
     "beams": "One row per beam of each sweep (`--beams`).",
 }
 METADATA = {
@@ -106,9 +107,8 @@ from 'room.objects.parquet' where r_min < 2 group by all order by all;
 select time_bucket(interval 10 seconds, make_timestamp(epoch_ns(stamp) // 1000)) as start, count(*) as objects
 from 'room.objects.parquet' group by all order by all;
 
--- Seconds since the first sweep.
-select sweep, (epoch_ns(stamp) - min(epoch_ns(stamp)) over ()) / 1e9 as seconds, objects
-from 'room.sweeps.parquet' order by sweep;
+-- Seconds since the first sweep of the topic in the log are there already.
+select sweep, t as seconds, objects from 'room.sweeps.parquet' order by sweep;
 
 -- What lies after a time.
 select count(*) as sweeps from 'room.sweeps.parquet' where stamp >= '2023-11-14 22:13:20.1+00';
@@ -128,7 +128,7 @@ def tables_page() -> str:
         "A table without rows is a valid file with the full schema.",
         "",
         "A file is written under a temporary name and renamed when it is whole. The same input and parameters give the",
-        "same bytes: the schema metadata of `objects`, `sweeps` and `beams` holds no clock and no host, only",
+        "same bytes: the schema metadata of `objects`, `sweeps`, `tracks` and `beams` holds no clock and no host, only",
         "",
         *_table(("key", "value"), ((f"`{key}`", text) for key, text in METADATA.items())),
     ]

@@ -2,43 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import os
-from collections.abc import Iterator
-from contextlib import nullcontext
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from lidarcli.cli.messages import Messages, standard_output
-from lidarcli.cli.object_options import object_options
-from lidarcli.cli.options import (
-    LOGS,
-    MOST,
-    OUTPUT,
-    STDOUT,
-    GroupedCommand,
-    Number,
-    Selection,
-    csv_options,
-    option,
-    range_options,
-    reading_options,
-)
-
-if TYPE_CHECKING:
-    from lidarcli.logs.base import CsvOptions
-    from lidarcli.pipeline.detecting import DetectOptions
-    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-    from lidarcli.pipeline.running.outcomes import Outcome
-    from lidarcli.sweeps import RangeRules
-
-BACKGROUND = "Background"
-FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
-"""Suffix of an output that is a file → its format."""
-OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db", ".sqlite", ".html", ".png")
-"""Suffixes of files that nobody means as the name of a folder."""
+from lidarcli.cli.detecting import detection_options, find
+from lidarcli.cli.messages import Messages
+from lidarcli.cli.options import LOGS, GroupedCommand
 
 
 @click.command(
@@ -56,175 +26,12 @@ OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
 @LOGS
-@option(
-    "-o",
-    "--output",
-    heading=OUTPUT,
-    metavar="DIR",
-    default=".",
-    show_default="the current directory",
-    help="Folder for <log>.objects.parquet and <log>.sweeps.parquet; or one file for the objects of all logs: .parquet, "
-    ".csv, .ndjson or .arrow; - streams the objects to stdout.",
-)
-@option(
-    "--format",
-    "kind",
-    heading=OUTPUT,
-    type=click.Choice(["ndjson", "csv", "arrow", "parquet"]),
-    default=None,
-    help="Format of the stream of -o -.  [default: ndjson]",
-)
-@option("--beams", heading=OUTPUT, is_flag=True, help="Also write <log>.beams.parquet, one row per beam.")
-@option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
-@option(
-    "--jobs",
-    heading=OUTPUT,
-    type=click.IntRange(min=1, max=MOST),
-    metavar="N",
-    help="Processors to use at most: threads share a long log, processes many logs.  [default: as many as pay]",
-)
-@reading_options
-@object_options(walls="Also rows for walls, with the corners of the room.", no_limit="paper or --background")
-@option(
-    "--background",
-    heading=BACKGROUND,
-    metavar="FILE",
-    type=click.Path(),
-    help="Only what differs from this background is an object (docs/background.md); --threshold METRES is then the "
-    "least difference.",
-)
-@option("--removed", heading=BACKGROUND, is_flag=True, help="Also what has gone, as rows of change removed.")
-@option("--any-frame", heading=BACKGROUND, is_flag=True, help="Take it for a sensor of another name, too.")
-@option(
-    "--station-distance",
-    "distance",
-    heading=BACKGROUND,
-    type=Number("METRES", above=0),
-    help="How far a sweep may be from a station.  [default: as it was built]",
-)
-@option(
-    "--station-angle",
-    "angle",
-    heading=BACKGROUND,
-    type=Number("DEGREES", above=0),
-    help="How far it may be turned away from it.  [default: as it was built]",
-)
-@range_options
-@csv_options
+@detection_options(tables="<log>.objects.parquet and <log>.sweeps.parquet")
 @click.pass_obj
-def detect(
-    say: Messages,
-    /,
-    logs: tuple[str, ...],
-    output: str,
-    kind: str | None,
-    beams: bool,
-    overwrite: bool,
-    jobs: int | None,
-    selection: Selection,
-    background: str | None,
-    removed: bool,
-    any_frame: bool,
-    distance: float | None,
-    angle: float | None,
-    rules: RangeRules,
-    csv: CsvOptions,
-    **parameters: Any,
-) -> int:
+def detect(say: Messages, /, **asked: Any) -> int:
     """Find the objects of every sweep of every LaserScan topic.
 
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. A log found below a folder keeps its place below DIR.
     """
-    one_file = _one_file(output)
-    if (output == STDOUT or one_file) and beams:
-        raise click.UsageError("--beams writes a file: give -o DIR")
-    if output != STDOUT and kind is not None:
-        raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
-    compared = _background(background, removed, any_frame, distance, angle)
-
-    from lidarcli.formalism import Parameters
-    from lidarcli.pipeline.detecting import DetectOptions
-
-    if compared is not None and parameters["max_width"] is None:
-        # What differs from the background is no wall, however wide it is.
-        parameters["max_width"] = math.inf
-    options = DetectOptions(
-        parameters=Parameters.for_profile(**parameters),
-        read=selection.read(rules),
-        csv=csv,
-        pose=selection.pose,
-        pose_delay=selection.pose_delay,
-        background=compared,
-        beams=beams,
-        overwrite=overwrite,
-        jobs=jobs or 0,
-    )
-    return _detect(say, logs, output, kind or one_file or ("ndjson" if output == STDOUT else None), options)
-
-
-def _background(
-    file: str | None, removed: bool, any_frame: bool, distance: float | None, angle: float | None
-) -> BackgroundOptions | None:
-    """What to compare sweeps with, and how."""
-    if file is None:
-        if removed or any_frame or distance is not None or angle is not None:
-            raise click.UsageError("--removed, --any-frame and --station-... are for --background FILE")
-        return None
-    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-
-    return BackgroundOptions.of(
-        file,
-        removed=removed,
-        any_frame=any_frame,
-        distance=distance,
-        angle=None if angle is None else math.radians(angle),
-    )
-
-
-def _one_file(output: str) -> str | None:
-    """The format of an output that is a file; None where it is a folder, or standard output."""
-    if os.path.isdir(output) or output.endswith(os.sep):  # noqa: PTH112 (never raises)
-        return None
-    suffix = Path(output).suffix.lower()
-    if suffix in OTHER_FILES:
-        raise click.UsageError(
-            f"{output}: objects are written as {', '.join(FILES)}; a folder of such a name ends with {os.sep}"
-        )
-    return FILES.get(suffix)
-
-
-def _detect(
-    say: Messages, logs: tuple[str, ...], output: str, kind: str | None, options: DetectOptions
-) -> int:
-    """Tables below the folder `output`, or, of a `kind`, the objects alone as a stream or in one file."""
-    from lidarcli.cli.progress import progress_bar
-    from lidarcli.cli.summary import show, show_total
-    from lidarcli.pipeline.detecting_logs import detect_file, detect_files, detect_stream
-    from lidarcli.pipeline.inputs.search import find_logs, refuse_clashes
-    from lidarcli.pipeline.running.memory import keep_freed_memory
-    from lidarcli.pipeline.running.outcomes import exit_code
-
-    keep_freed_memory()
-    say.of_missing_core()
-    sources = find_logs(logs)
-    if kind is None:
-        refuse_clashes(sources)
-    settings = ", ".join(f"{name}={value}" for name, value in options.as_dict().items())
-    say.detail(f"{len(sources)} log{'' if len(sources) == 1 else 's'}; {settings}")
-    outcomes: list[Outcome] = []
-    # Data that scrolls by on the terminal leaves no place for a bar.
-    bar = nullcontext() if output == STDOUT and standard_output().isatty() else progress_bar(sources, say)
-    with bar as report:
-        results: Iterator[Outcome]
-        if kind is None:
-            results = detect_files(sources, Path(output), options, report)
-        elif output == STDOUT:
-            results = detect_stream(sources, standard_output().buffer, kind, options, report)
-        else:
-            results = detect_file(sources, Path(output), kind, options, report)
-        for outcome in results:
-            show(outcome, say)
-            outcomes.append(outcome)
-    show_total(outcomes, say)
-    return exit_code(outcome.exit_code for outcome in outcomes)
+    return find(say, **asked)

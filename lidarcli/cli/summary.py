@@ -1,4 +1,4 @@
-"""The summary of `detect` on stderr."""
+"""The summary of `detect` and `track` on stderr."""
 
 from __future__ import annotations
 
@@ -43,16 +43,21 @@ def show_total(outcomes: Sequence[Outcome], say: Messages) -> None:
     """One line over several logs."""
     if len(outcomes) < 2:
         return
+    from lidarcli.pipeline.reading.summary import RunSummary
+
     runs = [outcome.summary for outcome in outcomes if outcome.summary is not None]
-    sweeps, objects = sum(run.sweeps for run in runs), sum(run.objects for run in runs)
+    total = RunSummary()
+    for run in runs:
+        total.sweeps += run.sweeps
+        total.add_found(run)
     failed = sum(outcome.exit_code != 0 for outcome in outcomes)
     failures = f", {failed} with errors" if failed else ""
-    say.info(f"{len(outcomes)} logs{failures}: {_count(sweeps, 'sweep')}, {_count(objects, 'object')}")
+    say.info(f"{len(outcomes)} logs{failures}: {_counts(total)}")
 
 
 def _show_run(label: str, run: RunSummary, say: Messages) -> None:
     _show_losses(label, run, say)
-    say.info(f"{label}: {_count(run.sweeps, 'sweep')}, {_count(run.objects, 'object')}{_speed(run)}")
+    say.info(f"{label}: {_counts(run)}{_speed(run)}")
     if run.sweeps:
         say.info(f"  beams    {run.beams:,}: {_parts(run.by_status, run.beams)}")
         say.info(f"  sets     {_parts(run.by_set, run.beams)}")
@@ -71,6 +76,16 @@ def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
         say.error(label, line)
     for topic in run.missing_topics:
         say.error(label, no_scan_topic([topic]))
+
+
+def _counts(run: RunSummary) -> str:
+    """What was found: objects of sweeps, and the things that they belong to where these were followed."""
+    found = f"{_count(run.sweeps, 'sweep')}, {_count(run.objects + run.agents, 'object')}"
+    return (
+        found
+        if run.things is None
+        else f"{found}, {_count(run.things, 'thing')} ({_count(run.moved, 'agent')})"
+    )
 
 
 def _speed(run: RunSummary) -> str:

@@ -104,6 +104,8 @@ class _Line:
     def __init__(self, options: ReadOptions) -> None:
         self._options = options
         self._count = 0
+        self._begin_ns: int | None = None
+        """Stamp of the topic's first sweep, also of one that is left out."""
         self._first_ns: dict[str, int] = {}
         self._seconds = (np.inf, -np.inf)
         """When the first and the last of all sweeps were taken, counted from the first sweep of their frame."""
@@ -113,6 +115,8 @@ class _Line:
 
     def take(self, block: RawSweeps) -> Iterator[SweepBatch]:
         """Number and filter a block; yield the batches that it completes."""
+        if self._begin_ns is None and len(block):
+            self._begin_ns = int(block.rows(slice(0, 1)).time_ns[0])
         sweep = np.arange(self._count, self._count + len(block), dtype=np.int64)
         self._count += len(block)
         keep = self._kept(block, sweep)
@@ -168,7 +172,7 @@ class _Line:
             parts.pop()
         for part in parts:
             block, sweep = self._cut(part.stop - part.start)
-            yield normalise(block, sweep, self._options.rules)
+            yield normalise(block, sweep, self._options.rules, self._begin_ns)
 
     def _cut(self, rows: int) -> tuple[RawSweeps, Int64]:
         """Take the first `rows` of what waits, as wide as its widest sweep."""

@@ -1,22 +1,21 @@
-"""The work of the command line as Python functions: `lidarcli.read`, `lidarcli.learn` and `lidarcli.detect`."""
+"""The work of the command line as Python functions: `lidarcli.read`, `learn`, `detect` and `track`."""
 
 from __future__ import annotations
 
 import warnings
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import fields, replace
 from difflib import get_close_matches
 from itertools import chain
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
-from lidarcli.errors import LidarcliError, OptionError
+from lidarcli.choices import SIGNIFICANCE, STATION_ANGLE, STATION_DISTANCE
+from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background.model import Background
 from lidarcli.logs.base import CsvOptions, ReadReport
@@ -27,18 +26,18 @@ from lidarcli.pipeline.building import (
     refuse_nothing,
     refuse_output,
 )
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_stream
+from lidarcli.pipeline.collecting import Failed, TrackTables, of_batches, of_logs
+from lidarcli.pipeline.detecting import DetectOptions
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.objects.finders import finder
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.sweeps import RangeRules, SweepBatch
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.rows import objects_rows
-from lidarcli.tables.schemas import OBJECTS
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.objects.following import TrackOptions
 
 AnyPath = str | PathLike[str]
 
@@ -82,7 +81,7 @@ def read(
 def _batches(
     sources: Sequence[Source], options: ReadOptions, csv: CsvOptions, pose: str | None, delay: float
 ) -> Iterator[SweepBatch]:
-    failed = _Failed(len(sources))
+    failed = Failed(len(sources))
     for source in sources:
         with failed.noted(source), open_source(source, csv) as log:
             posing = Posing.of(log, pose, delay)
@@ -167,26 +166,83 @@ def detect(
     topics, start, end, every, rules, csv, pose, pose_delay : as of `read`; only for logs
     objects : single parameters (`max_width=1.0`, `profile="paper"`), instead of `parameters`
     """
+    reading: dict[str, Any] = {"topics": topics, "start": start, "end": end, "every": every, "rules": rules}
+    reading |= {"csv": csv, "pose": pose, "pose_delay": pose_delay}
     subtracted = _background(background)
-    parameters = _parameters(parameters, objects, subtracted is not None)
+    parameters = _parameters("detect", parameters, objects, subtracted is not None)
+    return _tables(source, ("objects",), parameters, subtracted, reading)["objects"]
+
+
+def track(
+    source: AnyPath | SweepBatch | Iterable[AnyPath] | Iterable[SweepBatch],
+    parameters: Parameters | None = None,
+    *,
+    significance: float = SIGNIFICANCE,
+    background: AnyPath | BackgroundOptions | Sequence[Background] | None = None,
+    topics: str | Collection[str] | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    every: int = 1,
+    rules: RangeRules | None = None,
+    csv: CsvOptions | None = None,
+    pose: str | None = None,
+    pose_delay: float = 0.0,
+    **objects: Any,
+) -> TrackTables:
+    """The objects and the sweeps of every log, and the things that its objects belong to, as Arrow tables.
+
+    Parameters
+    ----------
+    source : as of `detect`; batches of a log and topic have to come in the order of the log
+    significance : share of the standing things that may pass for moving by chance, 1e-12 to 0.1
+    parameters, background, topics, start, end, every, rules, csv, pose, pose_delay, objects : as of `detect`
+
+    Returns
+    -------
+    TrackTables
+        `objects`, `sweeps` and `tracks`, as the command line writes them (docs/tables.md).
+    """
+    # Who does not track does not wait for these imports.
+    from lidarcli.formalism.tracking.parameters import TrackParameters
+    from lidarcli.pipeline.objects.following import TrackOptions
+
+    reading: dict[str, Any] = {"topics": topics, "start": start, "end": end, "every": every, "rules": rules}
+    reading |= {"csv": csv, "pose": pose, "pose_delay": pose_delay}
+    tracking = TrackOptions(TrackParameters(significance=significance))
+    subtracted = _background(background)
+    parameters = _parameters("track", parameters, objects, subtracted is not None)
+    return TrackTables(**_tables(source, TrackTables._fields, parameters, subtracted, reading, tracking))
+
+
+def _tables(
+    source: Any,
+    tables: Sequence[str],
+    parameters: Parameters,
+    background: BackgroundOptions | None,
+    reading: dict[str, Any],
+    tracking: TrackOptions | None = None,
+) -> dict[str, pa.Table]:
+    """Some tables of logs or of batches, by their names; `reading` holds what only a log can be read with."""
     items: Iterator[Any] = iter([source] if isinstance(source, str | PathLike | SweepBatch) else source)
     first = next(items, None)
     if isinstance(first, SweepBatch):
-        reading = {"topics": topics, "start": start, "end": end, "rules": rules, "csv": csv, "pose": pose}
-        asked = [name for name, value in reading.items() if value is not None]
-        asked += ["every"] * (every != 1) + ["pose_delay"] * (pose_delay != 0)
-        if asked:
+        if asked := [name for name, value in reading.items() if value != _UNASKED.get(name)]:
             raise TypeError(f"only a log can be read with {', '.join(asked)}")
-        return _detect_batches(chain([first], items), parameters, subtracted)
+        return of_batches(chain([first], items), tables, parameters, background, tracking)
     options = DetectOptions(
         parameters=parameters,
-        read=_read_options(topics, start, end, every, rules),
-        csv=csv or CsvOptions(),
-        pose=pose,
-        pose_delay=pose_delay,
-        background=subtracted,
+        read=_read_options(*(reading[name] for name in ("topics", "start", "end", "every", "rules"))),
+        csv=reading["csv"] or CsvOptions(),
+        pose=reading["pose"],
+        pose_delay=reading["pose_delay"],
+        background=background,
+        tracking=tracking,
     )
-    return _detect_logs(_sources([] if first is None else [first, *items]), options)
+    return of_logs(_sources([] if first is None else [first, *items], level=4), tables, options)
+
+
+_UNASKED = {"every": 1, "pose_delay": 0.0}
+"""What is said of reading where nothing was asked for, if not None."""
 
 
 def _read_options(
@@ -206,8 +262,8 @@ def _read_options(
     )
 
 
-def _sources(source: Any) -> list[Source]:
-    """The logs that are meant, as the command line finds them: each with a name of its own."""
+def _sources(source: Any, level: int = 3) -> list[Source]:
+    """The logs that are meant, as the command line finds them: each with a name of its own; `level` of warnings."""
     paths: list[Any] = [source] if isinstance(source, str | PathLike) else list(source)
     for path in paths:
         if not isinstance(path, str | PathLike):
@@ -220,7 +276,7 @@ def _sources(source: Any) -> list[Source]:
             # What was asked for has to be there; of a folder the rest is read.
             if each.path in named:
                 raise error
-            warnings.warn(str(error), stacklevel=3)
+            warnings.warn(str(error), stacklevel=level)
     sources = [each for each in found if isinstance(each, Source)]
     names = Counter(each.name for each in sources)
     return [replace(each, name=each.path) if names[each.name] > 1 else each for each in sources]
@@ -238,7 +294,9 @@ def _background(
     return BackgroundOptions("the background", tuple(background))
 
 
-def _parameters(parameters: Parameters | None, objects: Mapping[str, Any], subtracted: bool) -> Parameters:
+def _parameters(
+    function: str, parameters: Parameters | None, objects: Mapping[str, Any], subtracted: bool
+) -> Parameters:
     """The parameters as such, or from single ones."""
     if parameters is not None:
         if not isinstance(parameters, Parameters):
@@ -247,84 +305,16 @@ def _parameters(parameters: Parameters | None, objects: Mapping[str, Any], subtr
             raise TypeError(f"give either parameters or {', '.join(sorted(objects))}")
         return parameters
     known = [field.name for field in fields(Parameters)]
+    options = [*_OPTIONS, *(["significance"] if function == "track" else [])]
     for name in objects:
         if name not in known:
-            close = get_close_matches(name, [*known, *_OPTIONS], 1)
+            close = get_close_matches(name, [*known, *options], 1)
             hint = (
-                f"; did you mean '{close[0]}'?" if close else f"; there are {', '.join([*_OPTIONS, *known])}"
+                f"; did you mean '{close[0]}'?" if close else f"; there are {', '.join([*options, *known])}"
             )
-            raise TypeError(f"detect() has no option '{name}'{hint}")
+            raise TypeError(f"{function}() has no option '{name}'{hint}")
     # What differs from a background is no wall, however wide it is.
     return Parameters.for_profile(**{"max_width": float("inf") if subtracted else None, **objects})
 
 
 _OPTIONS = ("background", "topics", "start", "end", "every", "rules", "csv", "pose", "pose_delay")
-
-
-def _detect_batches(
-    batches: Iterable[SweepBatch], parameters: Parameters, background: BackgroundOptions | None
-) -> pa.Table:
-    find = finder(parameters, background)
-    rows = [objects_rows(batch.log, batch, find(batch, False)) for batch in batches]
-    told = {} if background is None else {"background": background.as_dict()}
-    return _table(rows, table_metadata(parameters.as_dict() | told))
-
-
-def _detect_logs(sources: Sequence[Source], options: DetectOptions) -> pa.Table:
-    collected = _Collected()
-    described: list[dict[str, Any]] = []
-    damage: list[str] = []
-    failed = _Failed(len(sources))
-    for source in sources:
-        with failed.noted(source):
-            summary, origin = detect_to_stream(source, collected, options)
-            described.append(origin)
-            damage += summary.damage
-            # Notes are for reading, but a table without a sweep needs its reason.
-            for line in [*summary.damage, *(summary.notes if not summary.sweeps else [])]:
-                warnings.warn(f"{source.path}: {line}", stacklevel=3)
-    failed.conclude()
-    origins = described[0] if len(described) == 1 else described
-    return _table(collected.rows, table_metadata(options.as_dict(), origins, damage))
-
-
-def _table(rows: list[pa.RecordBatch], metadata: dict[bytes, bytes]) -> pa.Table:
-    return pa.Table.from_batches(rows, OBJECTS).replace_schema_metadata(metadata).unify_dictionaries()
-
-
-class _Failed:
-    """Logs of several that cannot be read: each is warned of, and the first one's error raised where none can."""
-
-    def __init__(self, logs: int) -> None:
-        self._logs = logs
-        self._errors: list[LidarcliError] = []
-
-    @contextmanager
-    def noted(self, source: Source) -> Iterator[None]:
-        """What befalls one log; errors name it."""
-        try:
-            yield
-        except LidarcliError as err:
-            named = type(err)(f"{source.path}: {str(err).removeprefix(f'{source.path}: ')}")
-            self._errors.append(named)
-            if self._logs == 1:
-                raise named from err
-            warnings.warn(str(named), stacklevel=4)
-
-    def conclude(self) -> None:
-        """Raise where every log failed."""
-        if self._errors and len(self._errors) == self._logs:
-            raise self._errors[0]
-
-
-class _Collected:
-    """A stream that keeps its rows."""
-
-    def __init__(self) -> None:
-        self.rows: list[pa.RecordBatch] = []
-
-    def write(self, rows: pa.RecordBatch) -> None:
-        self.rows.append(rows)
-
-    def finish(self, metadata: dict[bytes, bytes]) -> None:
-        pass

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from lidarcli.newfiles import refuse
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.objects.parts import Recipe
+from lidarcli.pipeline.objects.parts import Recipe, Rows
 from lidarcli.pipeline.reading.posing import refuse_delay
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
@@ -22,17 +22,16 @@ from lidarcli.pipeline.running.cores import cores
 from lidarcli.pipeline.running.splitting import Splitting
 from lidarcli.tables.files import TableFiles, table_path
 from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.order import TopicOrder
-from lidarcli.tables.schemas import OBJECTS
-from lidarcli.tables.stream import RowStream
+from lidarcli.tables.order import RowSink, TopicOrders
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 
 @dataclass(frozen=True, slots=True)
 class DetectOptions:
-    """Everything that `detect` lets a user choose, apart from inputs and outputs."""
+    """Everything that `detect` and `track` let a user choose, apart from inputs and outputs."""
 
     parameters: Parameters = field(default_factory=Parameters)
     read: ReadOptions = field(default_factory=ReadOptions)
@@ -43,6 +42,8 @@ class DetectOptions:
     """The pose of a sweep is that at its header stamp and this much later [s]."""
     background: BackgroundOptions | None = None
     """Only what differs from this background is an object."""
+    tracking: TrackOptions | None = None
+    """Follow things from sweep to sweep, and also write the tracks table."""
     beams: bool = False
     """Also write the beams table."""
     overwrite: bool = False
@@ -63,7 +64,8 @@ class DetectOptions:
     @property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables to write."""
-        return ("objects", "sweeps", "beams") if self.beams else ("objects", "sweeps")
+        tracks = ("tracks",) if self.tracking is not None else ()
+        return ("objects", "sweeps", *tracks, *(("beams",) if self.beams else ()))
 
     def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
         """The files that are read, none of which an output may replace."""
@@ -71,7 +73,10 @@ class DetectOptions:
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """What is to be made of every batch of a log."""
-        return Recipe(source.name, tables, self.parameters, self.background)
+        of_batches = tuple(table for table in tables if table != "tracks")
+        return Recipe(
+            source.name, of_batches, self.parameters, self.background, followed=self.tracking is not None
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the tables' metadata."""
@@ -80,6 +85,7 @@ class DetectOptions:
             **self.parameters.as_dict(),
             **reading_as_dict(self.read, self.csv, self.pose, self.pose_delay),
             **background,
+            **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),
         }
 
 
@@ -95,37 +101,49 @@ def detect_to_files(
         TableFiles(folder, source.name, options.tables, reading.first, options.overwrite) as files,
         Splitting(reading, options.recipe(source, options.tables), options.threads) as work,
     ):
-        for part in work.parts(progress):
-            for table, topic, rows in part.rows:
-                files.write(table, topic, rows)
-            reading.summary.add_found(part.found)
-        summary = _close(reading, work)
+        for table, topic, rows in _rows(source, reading, work, options, progress):
+            files.write(table, topic, rows)
+        summary = reading.summary
         described = reading.describe(source)
         summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
         summary.outputs = [str(path) for path in files.paths]
     return summary
 
 
-def detect_to_stream(
-    source: Source, stream: RowStream, options: DetectOptions, progress: Progress | None = None
+def detect_to_sinks(
+    source: Source, sinks: Mapping[str, RowSink], options: DetectOptions, progress: Progress | None = None
 ) -> tuple[RunSummary, dict[str, Any]]:
-    """Pass the objects of one log to `stream`, in the order of the table; also the description of the source."""
+    """Pass the rows of one log to the sink of their table, in its order; also the description of the source."""
     with (
         open_source(source, options.csv) as log,
         Reading(log, options.read, options.pose, options.pose_delay) as reading,
-        TopicOrder(stream, OBJECTS, reading.first, None) as order,
-        Splitting(reading, options.recipe(source, ("objects",)), options.threads) as work,
+        TopicOrders(sinks, reading.first) as orders,
+        Splitting(reading, options.recipe(source, tuple(sinks)), options.threads) as work,
     ):
-        for part in work.parts(progress):
-            for _, topic, rows in part.rows:
-                order.write(topic, rows)
-            reading.summary.add_found(part.found)
-        summary = _close(reading, work)
-        order.drain()
-        return summary, reading.describe(source)
+        orders.write(_rows(source, reading, work, options, progress))
+        orders.drain()
+        return reading.summary, reading.describe(source)
 
 
-def _close(reading: Reading, work: Splitting) -> RunSummary:
-    summary = reading.close()
-    summary.notes += work.notes()
-    return summary
+def _rows(
+    source: Source, reading: Reading, work: Splitting, options: DetectOptions, progress: Progress | None
+) -> Iterator[Rows]:
+    """All rows of one log, those of a table and topic in their order; in the end the summary is whole."""
+    summary = reading.summary
+    following = None
+    if options.tracking is not None:
+        # Who does not track does not wait for this import.
+        from lidarcli.pipeline.objects.following import Following
+
+        following = Following(source.name, options.tracking)
+    for part in work.parts(progress):
+        summary.add_found(part.found)
+        yield from part.rows if following is None else following.take(part.batches)
+    notes = []
+    if following is not None:
+        yield from following.finish()
+        summary.add_found(following.summary)
+        notes = following.notes
+    # The end of the work: the summary tells how long it took.
+    reading.close()
+    summary.notes += [*work.notes(), *notes]

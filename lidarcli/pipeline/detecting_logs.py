@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from lidarcli.newfiles import NewFiles, refuse
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files, detect_to_stream
+from lidarcli.pipeline.detecting import DetectOptions, detect_to_files, detect_to_sinks
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of, progress_of
@@ -78,7 +78,7 @@ def detect_stream(
         stream = FORMATS[kind](guard, OBJECTS, table_metadata(parameters))
 
         def work(log: Source) -> RunSummary:
-            summary, origin = detect_to_stream(log, stream, options, progress_of(log, report))
+            summary, origin = detect_to_sinks(log, {"objects": stream}, options, progress_of(log, report))
             described.append(origin)
             damage.extend(summary.damage)
             return summary

@@ -21,9 +21,19 @@ def plain(values: NDArray[Any], kind: pa.DataType | None = None) -> pa.Array:
     return _array(values, None, kind)
 
 
-def masked(values: NDArray[Any], null: NDArray[np.bool_]) -> pa.Array:
-    """Values that are null where `null` says so."""
-    return _array(values, ~null, None)
+def masked(values: NDArray[Any], null: NDArray[np.bool_], kind: pa.DataType | None = None) -> pa.Array:
+    """Values that are null where `null` says so; `kind` as of `plain`."""
+    return _array(values, ~null, kind)
+
+
+def answers(values: NDArray[np.int8]) -> pa.BooleanArray:
+    """Yes or no, null where a value is negative.
+
+    >>> answers(np.array([1, 0, -1], np.int8)).to_pylist()
+    [True, False, None]
+    """
+    bits, known = (pa.py_buffer(np.packbits(one, bitorder="little")) for one in (values > 0, values >= 0))
+    return pa.Array.from_buffers(pa.bool_(), len(values), [known, bits])
 
 
 def floats(values: NDArray[np.floating[Any]]) -> pa.DoubleArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Protocol, Self
@@ -12,6 +13,7 @@ import pyarrow as pa
 
 from lidarcli.errors import OutputError
 from lidarcli.newfiles import unwritable
+from lidarcli.tables.schemas import SCHEMAS
 
 MOST_BYTES = 32 << 20
 """Rows that wait in memory before they are put on disk: thousands of topics with a few rows each never are."""
@@ -98,3 +100,28 @@ class TopicOrder:
             # What is still in its buffer may not fit on the disk, and is wanted no more.
             with contextlib.suppress(OSError):
                 self._file.close()
+
+
+class TopicOrders:
+    """The same for the rows of several tables, each with the sink of its name; rows of other tables are left out."""
+
+    def __init__(self, sinks: Mapping[str, RowSink], first: str | None) -> None:
+        self._orders = {table: TopicOrder(sink, SCHEMAS[table], first, None) for table, sink in sinks.items()}
+
+    def write(self, rows: Iterable[tuple[str, str, pa.RecordBatch]]) -> None:
+        """Take (table, topic, rows), those of a table and topic in their order."""
+        for table, topic, some in rows:
+            if table in self._orders:
+                self._orders[table].write(topic, some)
+
+    def drain(self) -> None:
+        """Pass on the rows that wait."""
+        for order in self._orders.values():
+            order.drain()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for order in self._orders.values():
+            order.__exit__(None, None, None)

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
-from lidarcli.tables.schemas import INFINITE, NULLABLE
+from lidarcli.tables.schemas import INFINITE, LATER, NULLABLE
 
 GREATEST_VALUE = 1e12
 """A number of a table is no larger [m], [rad]: no place on Earth is farther, whatever the origin."""
@@ -29,12 +29,12 @@ MOST_WHOLE = 1 << 53
 
 
 def read_columns(path: Path, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
-    """Columns of a table in their declared types, with the metadata of the file.
+    """Columns of a table in their declared types, with the metadata of the file; null what an earlier version had not.
 
     Parameters
     ----------
     path : the file
-    kind : `objects`, `sweeps`, `beams` or `background`, as `schemas.NULLABLE` has it
+    kind : `objects`, `sweeps`, `tracks`, `beams` or `background`, as `schemas.NULLABLE` has it
     schema : that of the kind
     names : columns to read, by default all of the schema
 
@@ -46,9 +46,14 @@ def read_columns(path: Path, kind: str, schema: pa.Schema, names: Iterable[str] 
     """
     wanted = _wanted(schema, names)
     with _opened(path, kind) as file:
-        _refuse_columns(path, kind, file.schema_arrow.names, wanted)
-        found = file.read(columns=wanted.names, use_threads=False)
-        columns = [_fitted(path, kind, field, found[field.name]) for field in wanted]
+        there = _columns_there(path, kind, file.schema_arrow.names, wanted)
+        found = file.read(columns=there, use_threads=False)
+        columns = [
+            _fitted(path, kind, field, found[field.name])
+            if field.name in there
+            else pa.chunked_array([pa.nulls(found.num_rows, field.type)])
+            for field in wanted
+        ]
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
 
@@ -56,10 +61,12 @@ def read_pieces(path: Path, kind: str, schema: pa.Schema, names: Iterable[str]) 
     """The same piece by piece, for a table that may be large."""
     wanted = _wanted(schema, names)
     with _opened(path, kind) as file:
-        _refuse_columns(path, kind, file.schema_arrow.names, wanted)
-        for rows in file.iter_batches(columns=wanted.names, use_threads=False):
+        there = _columns_there(path, kind, file.schema_arrow.names, wanted)
+        for rows in file.iter_batches(columns=there, use_threads=False):
             columns = [
                 _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks()
+                if field.name in there
+                else pa.nulls(rows.num_rows, field.type)
                 for field in wanted
             ]
             yield pa.RecordBatch.from_arrays(columns, schema=wanted)
@@ -123,14 +130,16 @@ def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
     return pa.schema([field for field in schema if field.name in chosen])
 
 
-def _refuse_columns(path: Path, kind: str, there: list[str], wanted: pa.Schema) -> None:
-    missing = sorted(name for name in wanted.names if name not in there)
+def _columns_there(path: Path, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
+    """Those of the wanted columns that a file has; refused where one is missing that was always there, or there twice."""
+    missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
     if missing:
-        maker = "background build" if kind == "background" else "detect"
+        maker = {"background": "background build", "tracks": "track"}.get(kind, "detect")
         raise UnreadableError(f"{path}: not a table of lidarcli {maker}: no column {', '.join(missing)}")
     twice = [name for name in wanted.names if there.count(name) > 1]
     if twice:
         raise UnreadableError(f"{path}: column {twice[0]} is there {there.count(twice[0])} times, not once")
+    return [name for name in wanted.names if name in there]
 
 
 def _fitted(path: Path, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,9 +15,12 @@ from lidarcli.sweeps import STATUSES, SweepBatch, count_statuses
 from lidarcli.tables.arrays import codes, floats, masked, names_of, plain
 from lidarcli.tables.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX
 
+if TYPE_CHECKING:
+    from lidarcli.formalism.tracking.tracked import Tracks
+
 
 @dataclass(frozen=True, slots=True)
-class _Form:
+class Form:
     """A schema as its rows are filled in: asking Arrow for it again and again takes longer than the work."""
 
     schema: pa.Schema
@@ -25,15 +28,16 @@ class _Form:
     """Name and type of each column, and whether it holds floating-point numbers."""
 
     @classmethod
-    def of(cls, schema: pa.Schema) -> _Form:
+    def of(cls, schema: pa.Schema) -> Form:
+        """The form of a schema."""
         return cls(schema, tuple((each.name, each.type, pa.types.is_floating(each.type)) for each in schema))
 
-    def fill(self, columns: dict[str, Any], detection: Detection, count: int) -> pa.RecordBatch:
-        """Complete `columns` by arrays of the same name in the detection, and by nulls for what is not known."""
+    def fill(self, columns: dict[str, Any], found: Detection | Tracks, count: int) -> pa.RecordBatch:
+        """Complete `columns` by arrays of the same name in what was found, and by nulls for what is not known."""
         for name, kind, is_float in self.fields:
             if name in columns:
                 continue
-            values = getattr(detection, name, None)
+            values = getattr(found, name, None)
             if values is None:
                 columns[name] = pa.nulls(count, kind)
             else:
@@ -41,7 +45,7 @@ class _Form:
         return pa.RecordBatch.from_arrays([columns[name] for name, _, _ in self.fields], schema=self.schema)
 
 
-_OBJECTS, _SWEEPS, _BEAMS = map(_Form.of, (OBJECTS, SWEEPS, BEAMS))
+_OBJECTS, _SWEEPS, _BEAMS = map(Form.of, (OBJECTS, SWEEPS, BEAMS))
 
 
 def objects_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
@@ -49,11 +53,12 @@ def objects_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.Record
     row = detection.row
     count = len(row)
     columns = {
-        "log": _constant(log, count),
-        "topic": _constant(batch.topic, count),
+        "log": constant(log, count),
+        "topic": constant(batch.topic, count),
         "frame_id": codes(batch.frame[row], batch.frame_ids),
         "sweep": plain(batch.sweep[row]),
         "stamp": plain(batch.stamp_ns[row], STAMP),
+        "t": plain(batch.seconds()[row]),
         "set": codes(detection.set, SETS),
         "shape": codes(detection.shape, SHAPES),
         "visibility": codes(detection.visibility, VISIBILITIES),
@@ -72,11 +77,12 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
     """Rows of the sweeps table: one per sweep of the batch."""
     count = len(batch)
     columns = {
-        "log": _constant(log, count),
-        "topic": _constant(batch.topic, count),
+        "log": constant(log, count),
+        "topic": constant(batch.topic, count),
         "frame_id": codes(batch.frame, batch.frame_ids),
         "sweep": plain(batch.sweep),
         "stamp": plain(batch.stamp_ns, STAMP),
+        "t": plain(batch.seconds()),
         "beams": plain(batch.beams),
         "d_th": floats(detection.sweep_d_th),
     }
@@ -98,13 +104,13 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
     """
     if detection.beam_set is None or detection.beam_object is None or detection.beam_s is None:
         raise ValueError("beams_rows needs a detection with per_beam")
-    row, beam = np.nonzero(np.arange(batch.width) < batch.beams[:, None])
+    row, beam = beams_of(batch)
     count = len(row)
     owner = detection.beam_object[row, beam]
     difference = detection.beam_difference
     columns = {
-        "log": _constant(log, count),
-        "topic": _constant(batch.topic, count),
+        "log": constant(log, count),
+        "topic": constant(batch.topic, count),
         "sweep": plain(batch.sweep[row]),
         "beam": plain(beam.astype(np.int32)),
         "theta": floats(batch.bearings()[row, beam]),
@@ -118,7 +124,14 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
     return _BEAMS.fill(columns, detection, count)
 
 
-def _constant(text: str, count: int) -> pa.DictionaryArray:
+def beams_of(batch: SweepBatch) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of every beam of a batch, padding left out, in the order of the beams table."""
+    row, beam = np.nonzero(np.arange(batch.width) < batch.beams[:, None])
+    return row, beam
+
+
+def constant(text: str, count: int) -> pa.DictionaryArray:
+    """A column of one name."""
     return codes(np.zeros(count, np.uint8), (text,))
 
 

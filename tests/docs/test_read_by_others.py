@@ -15,7 +15,7 @@ from lidarcli.simulate.generate import START_NS
 from tests.places import SAMPLES
 
 SCENE = SAMPLES / "room.toml"
-TABLES = ("objects", "sweeps", "beams")
+TABLES = ("objects", "sweeps", "tracks", "beams")
 
 
 @pytest.fixture(scope="module", params=[3, 0], ids=["rows", "empty"])
@@ -25,7 +25,7 @@ def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     log = str(path / "room.mcap")
     widths = [] if request.param else ["--max-width", "1e-6", "--min-beams", "1000"]
     assert run(["-q", "simulate", str(SCENE), "-o", log, "--sweeps", "3"]) == 0
-    assert run(["-q", "detect", log, "-o", str(path), "--beams", *widths]) == 0
+    assert run(["-q", "track", log, "-o", str(path), "--beams", *widths]) == 0
     return path
 
 

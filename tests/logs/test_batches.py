@@ -104,6 +104,27 @@ def test_topics_are_numbered_and_batched_apart() -> None:
     ]
 
 
+def test_seconds_count_from_the_first_sweep_of_each_topic_also_of_one_that_is_left_out() -> None:
+    stamps = [0, 250, 60, 150, 300]
+    blocks = [
+        block([3] * 2, stamps=[SECOND * 7, SECOND * 9]),
+        block([3], topic="/b", stamps=[SECOND * 20]),
+        block([3] * 5, first=2, stamps=[SECOND * 8 + stamp for stamp in stamps]),
+    ]
+    found = {
+        (batch.topic, int(batch.sweep[0])): batch.seconds().tolist() for batch in run(blocks, batch_size=2)
+    }
+    assert found == {
+        ("/scan", 0): [0.0, 2.0],
+        ("/scan", 2): [1.0, 1.00000025],
+        ("/scan", 4): [1.00000006, 1.00000015],
+        ("/scan", 6): [1.0000003],
+        ("/b", 0): [0.0],
+    }
+    chosen = [batch.seconds().tolist() for batch in run(blocks, start=0.9, every=2)]
+    assert chosen == [[1.0, 1.00000006, 1.0000003]]
+
+
 def test_start_and_end_count_from_the_first_sweep() -> None:
     blocks = [block([3] * 30), block([3] * 30, first=30)]
     assert sweeps(run(blocks, start=1.0, end=2.0)) == list(range(10, 20))

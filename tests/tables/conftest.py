@@ -23,7 +23,12 @@ def batch() -> SweepBatch:
     ranges[2, 7] = np.nan
     made = sweep(ranges, angle_increment=np.pi / 180, range_min=0.1, range_max=12)
     return replace(
-        made, topic="/scan", frame_ids=("a", "b"), frame=np.array([0, 1, 1], np.int32), stamp_ns=STAMPS
+        made,
+        topic="/scan",
+        frame_ids=("a", "b"),
+        frame=np.array([0, 1, 1], np.int32),
+        stamp_ns=STAMPS,
+        first_ns=int(STAMPS[0]),
     )
 
 

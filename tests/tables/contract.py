@@ -4,6 +4,8 @@ from __future__ import annotations
 
 TEXT = "dictionary<values=string, indices=int32, ordered=0>"
 
+STAMP = "timestamp[ns, tz=UTC]"
+
 VERTICES = "list<element: struct<theta: double, r: double, kind: string>>"
 
 FACES = "list<element: struct<theta_i: double, theta_f: double, length: double, rms: double>>"
@@ -13,7 +15,8 @@ SOURCE = [
     ("topic", TEXT),
     ("frame_id", TEXT),
     ("sweep", "int64"),
-    ("stamp", "timestamp[ns, tz=UTC]"),
+    ("stamp", STAMP),
+    ("t", "double"),
 ]
 
 
@@ -40,6 +43,10 @@ CONTRACT = {
         ("difference", "double"),
         ("change", TEXT),
         ("track", "int64"),
+        *doubles("vx vy"),
+        ("moving", "bool"),
+        ("label", TEXT),
+        ("label_score", "double"),
         *doubles("world_x world_y world_yaw"),
     ],
     "sweeps": [
@@ -49,6 +56,23 @@ CONTRACT = {
         *counts("objects agents object_beams agent_beams noise_beams"),
         *doubles("pose_x pose_y pose_yaw"),
         ("station", "int32"),
+    ],
+    "tracks": [
+        *SOURCE[:3],
+        ("track", "int64"),
+        ("set", TEXT),
+        ("shape", TEXT),
+        ("label", TEXT),
+        ("label_score", "double"),
+        ("first_sweep", "int64"),
+        ("last_sweep", "int64"),
+        ("first_stamp", STAMP),
+        ("last_stamp", STAMP),
+        ("duration", "double"),
+        ("sweeps", "int64"),
+        *doubles("hidden x y yaw length width length_sd width_sd distance speed_mean speed_max"),
+        ("moved_at", STAMP),
+        ("end", TEXT),
     ],
     "beams": [
         *SOURCE[:2],

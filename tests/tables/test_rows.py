@@ -41,8 +41,10 @@ def test_object_rows_equal_the_detection(batch: SweepBatch, detection: Detection
         ]
         first, last = detection.face_offsets[k : k + 2]
         assert [face["length"] for face in row["faces"]] == detection.face_length[first:last].tolist()
-        unknown = ("difference", "change", "track", "world_x", "world_y", "world_yaw")
-        assert [row[name] for name in unknown] == [None] * 6
+        assert row["t"] == (STAMPS[at] - STAMPS[0]) / 1e9
+        tracked = ("track", "vx", "vy", "moving", "label", "label_score")
+        unknown = ("difference", "change", *tracked, "world_x", "world_y", "world_yaw")
+        assert [row[name] for name in unknown] == [None] * 11
 
 
 def test_undefined_difference_is_null(batch: SweepBatch, detection: Detection) -> None:
@@ -55,6 +57,7 @@ def test_undefined_difference_is_null(batch: SweepBatch, detection: Detection) -
 def test_sweep_rows_count_beams(batch: SweepBatch, detection: Detection) -> None:
     rows = sweeps_rows("run", batch, detection).to_pylist()
     assert [row["beams"] for row in rows] == [360, 360, 360]
+    assert [row["t"] for row in rows] == [0.0, 0.1, 0.2]
     assert [(row["valid"], row["no_return"], row["too_close"], row["invalid"]) for row in rows] == [
         (359, 1, 0, 0),
         (360, 0, 0, 0),

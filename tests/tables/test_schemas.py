@@ -5,7 +5,7 @@ from __future__ import annotations
 import pyarrow as pa
 import pytest
 
-from lidarcli.tables import BEAMS, OBJECTS, SCHEMAS, SWEEPS
+from lidarcli.tables import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS
 from tests.tables.contract import CONTRACT
 
 
@@ -23,9 +23,9 @@ def test_every_column_has_unit_and_description(table: str) -> None:
 
     units = {leaf.name: leaf.metadata[b"unit"] for field in SCHEMAS[table] for leaf in leaves(field)}
     assert all(leaf.metadata[b"description"] for field in SCHEMAS[table] for leaf in leaves(field))
-    assert set(units.values()) <= {b"rad", b"m", b"1", b"ns", b""}
+    assert set(units.values()) <= {b"rad", b"m", b"m/s", b"s", b"1", b"ns", b""}
     assert all(units[name] == b"rad" for name in units if name.startswith("theta") or name.endswith("yaw"))
 
 
 def test_table_names() -> None:
-    assert SCHEMAS == {"objects": OBJECTS, "sweeps": SWEEPS, "beams": BEAMS}
+    assert SCHEMAS == {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}

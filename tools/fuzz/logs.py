@@ -23,6 +23,7 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import LogInfo, inspect_log
+from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 
@@ -60,23 +61,24 @@ def _inspected(log: Path) -> Iterator[str]:
 
 
 def _detected(log: Path, out: Path, least: int) -> Iterator[str]:
-    options = DetectOptions(csv=CSV, beams=True)
+    # Following things is all that detection is, and more.
+    options = DetectOptions(csv=CSV, beams=True, tracking=TrackOptions())
     outcome = outcome_of(Source(str(log), "run"), lambda source: detect_to_files(source, out, options))
     if outcome.exit_code == INTERNAL_ERROR:
-        yield f"detect: {outcome.trace}"
+        yield f"track: {outcome.trace}"
         return
     lines: list[str] = []
     show(outcome, Messages(write=lines.append))
-    yield from odd_lines("detect", lines)
+    yield from odd_lines("track", lines)
     if outcome.summary is None:
         if out.exists() and list(out.iterdir()):
-            yield "detect: refused the log and left tables"
+            yield "track: refused the log and left tables"
     else:
         rows = pq.ParquetFile(out / "run.sweeps.parquet").metadata.num_rows
         if rows != outcome.summary.sweeps:
-            yield f"detect: {rows} rows of {outcome.summary.sweeps} sweeps"
+            yield f"track: {rows} rows of {outcome.summary.sweeps} sweeps"
         if rows < least and outcome.exit_code == 0:
-            yield f"detect: exit 0 with {rows} of {least} sweeps"
+            yield f"track: exit 0 with {rows} of {least} sweeps"
     shutil.rmtree(out, ignore_errors=True)
 
 

@@ -28,6 +28,7 @@ NUMBERS = (
     *("1_000", "٣", "9" * 400),
 )
 _DETECT = ["-q", "detect", f"in/{LOG}", "-o", "out", "--overwrite"]
+_TRACK = ["-q", "track", f"in/{LOG}", "-o", "out", "--overwrite"]
 _BUILD = ["-q", "background", "build", f"in/{LOG}", "-o", "out/b.parquet", "--overwrite"]
 _SIMULATE = ["-q", "simulate", "in/scene.toml", "-o", "out/run.csv", "--overwrite"]
 OPTIONS = [
@@ -38,6 +39,7 @@ OPTIONS = [
             *("--end", "--jobs", "--no-return", "--fov", "--angle-increment", "--range-max"),
         )
     ),
+    *((_TRACK, name) for name in ("--significance", "--every")),
     *((_BUILD, name) for name in ("--station-distance", "--station-angle", "--every")),
     *((_SIMULATE, name) for name in ("--seed", "--duration", "--sweeps")),
 ]

@@ -1,4 +1,4 @@
-"""From what a user names to pairs of tables: an objects and a sweeps table of the same log."""
+"""From what a user names to the tables of a log: objects and sweeps, and what else there is of it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lidarcli.tables.files import table_suffix
 from lidarcli.tables.reading import notes_of, parsed, read_columns, read_pieces
 from lidarcli.tables.schemas import SCHEMAS
 
-_OBJECTS, _SWEEPS, _BEAMS = map(table_suffix, ("objects", "sweeps", "beams"))
+_OBJECTS, _SWEEPS, _TRACKS, _BEAMS = map(table_suffix, SCHEMAS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +36,11 @@ class Pair:
     def sweeps(self) -> Path:
         """The sweeps table."""
         return Path(f"{self.stem}{_SWEEPS}")
+
+    @property
+    def tracks(self) -> Path:
+        """The tracks table; it is there where things were followed."""
+        return Path(f"{self.stem}{_TRACKS}")
 
     @property
     def beams(self) -> Path:
@@ -58,7 +63,7 @@ def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]
 def table_files(inputs: Iterable[str]) -> list[Path]:
     """The files of all pairs that `inputs` name."""
     pairs, _ = find_pairs(inputs)
-    return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.beams)]
+    return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.tracks, pair.beams)]
 
 
 def _stems(text: str) -> list[Path]:
@@ -73,7 +78,7 @@ def _stems(text: str) -> list[Path]:
     if path.exists():
         return [_stem(path)]
     files = sorted(glob.glob(text)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
-    tables = [Path(file) for file in files if file.endswith((_OBJECTS, _SWEEPS, _BEAMS))]
+    tables = [Path(file) for file in files if file.endswith((_OBJECTS, _SWEEPS, _TRACKS, _BEAMS))]
     if not tables:
         why = "no tables match this pattern" if glob.has_magic(text) else "no such file or folder"
         raise UnreadableError(f"{text}: {why}")
@@ -85,7 +90,7 @@ def _is_hidden(path: Path) -> bool:
 
 
 def _stem(path: Path) -> Path:
-    for suffix in (_OBJECTS, _SWEEPS, _BEAMS):
+    for suffix in (_OBJECTS, _SWEEPS, _TRACKS, _BEAMS):
         if path.name.endswith(suffix):
             return path.with_name(path.name.removesuffix(suffix))
     raise UnreadableError(f"{path}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from lidarcli.formalism import Parameters
+from lidarcli.formalism import Detection, Parameters
 from lidarcli.pipeline.objects.finders import finder
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
@@ -17,7 +17,15 @@ from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
+Rows = tuple[str, str, pa.RecordBatch]
+"""(table, topic, rows)"""
+
 _ROWS = {"objects": objects_rows, "sweeps": sweeps_rows, "beams": beams_rows}
+
+
+def rows_of(log: str, tables: Sequence[str], batch: SweepBatch, detection: Detection) -> list[Rows]:
+    """The rows that a batch of a log gives, of each of the tables."""
+    return [(table, batch.topic, _ROWS[table](log, batch, detection)) for table in tables]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +37,32 @@ class Recipe:
     tables: tuple[str, ...]
     parameters: Parameters
     background: BackgroundOptions | None = None
+    followed: bool = False
+    """Whether the objects are followed afterwards, which needs more than rows."""
+
+
+@dataclass(slots=True)
+class Made:
+    """What was made of one batch."""
+
+    rows: list[Rows]
+    seen: tuple[SweepBatch, Detection] | None = None
+    """What it was made of, where the objects are followed afterwards."""
 
 
 @dataclass(slots=True)
 class Part:
     """What was made of some batches."""
 
-    rows: list[tuple[str, str, pa.RecordBatch]] = field(default_factory=list)
-    """(table, topic, rows), for each table in the order of the log."""
+    batches: list[Made] = field(default_factory=list)
+    """In the order of the log."""
     found: RunSummary = field(default_factory=RunSummary)
-    """Its objects, counted."""
+    """Its objects, counted; where they are followed afterwards, only what is no object."""
+
+    @property
+    def rows(self) -> Iterator[Rows]:
+        """The rows of all batches, for each table in the order of the log."""
+        return (rows for made in self.batches for rows in made.rows)
 
 
 class Maker:
@@ -51,11 +75,13 @@ class Maker:
     def make(self, batches: Sequence[SweepBatch]) -> Part:
         """The rows of some batches."""
         part = Part()
-        tables = self._recipe.tables
+        tables, followed = self._recipe.tables, self._recipe.followed
         for batch in batches:
             detection = self.find(batch, "beams" in tables)
-            part.found.add_objects(detection)
-            part.rows += [
-                (table, batch.topic, _ROWS[table](self._recipe.log, batch, detection)) for table in tables
-            ]
+            if followed:
+                part.found.add_noise(detection)
+            else:
+                part.found.add_objects(detection)
+            rows = rows_of(self._recipe.log, tables, batch, detection)
+            part.batches.append(Made(rows, (batch, detection) if followed else None))
         return part

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from lidarcli.errors import NoScanError, UnreadableError
-from lidarcli.formalism.detection import Detection
+from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.sweeps import STATUSES, SweepBatch, count_statuses
+
+if TYPE_CHECKING:
+    from lidarcli.formalism.tracking.tracked import Followed
 
 
 @dataclass(slots=True)
@@ -19,9 +23,13 @@ class RunSummary:
     sweeps: int = 0
     objects: int = 0
     agents: int = 0
+    things: int | None = None
+    """What the objects belong to; None where nothing was followed."""
+    moved: int = 0
+    """Things that moved."""
     by_status: Counter[str] = field(default_factory=Counter)
     """`valid`, `no_return`, `too_close`, `invalid` → beams."""
-    by_set: Counter[str] = field(default_factory=Counter)
+    by_set: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(SETS, 0)))
     """`O`, `A`, `S` (Def. 4) → beams."""
     topics: set[str] = field(default_factory=set)
     missing_topics: tuple[str, ...] = ()
@@ -55,17 +63,32 @@ class RunSummary:
 
     def add_objects(self, detection: Detection) -> None:
         """Count what was found in one batch."""
-        self.objects += int(detection.objects.sum())
-        self.agents += int(detection.agents.sum())
-        self.by_set["O"] += int(detection.object_beams.sum())
-        self.by_set["A"] += int(detection.agent_beams.sum())
+        self.add_sets(detection)
+        self.add_noise(detection)
+
+    def add_sets(self, found: Detection | Followed) -> None:
+        """Count the objects and agents of one batch."""
+        self.objects += int(found.objects.sum())
+        self.agents += int(found.agents.sum())
+        self.by_set["O"] += int(found.object_beams.sum())
+        self.by_set["A"] += int(found.agent_beams.sum())
+
+    def add_noise(self, detection: Detection) -> None:
+        """Count what is no object in one batch."""
         self.by_set["S"] += int(detection.noise_beams.sum())
 
+    def add_things(self, things: int, moved: int) -> None:
+        """Count the things of one topic."""
+        self.things = (self.things or 0) + things
+        self.moved += moved
+
     def add_found(self, other: RunSummary) -> None:
-        """Count objects that were counted elsewhere."""
+        """Count what was counted elsewhere."""
         self.objects += other.objects
         self.agents += other.agents
         self.by_set.update(other.by_set)
+        if other.things is not None:
+            self.add_things(other.things, other.moved)
 
     def close(self, report: ReadReport, posing: Posing) -> None:
         """Take over what reading has met, the sweeps and their poses."""

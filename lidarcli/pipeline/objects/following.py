@@ -1,0 +1,107 @@
+"""The fold over a log: things are followed from batch to batch, and rows wait until it is settled what they belong to."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli.formalism.detection import AGENT
+from lidarcli.formalism.tracking.parameters import TrackParameters
+from lidarcli.formalism.tracking.tracked import Followed, Tracks
+from lidarcli.formalism.tracking.tracker import Tracker
+from lidarcli.pipeline.objects.parts import Made, Rows
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.tables.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
+
+
+@dataclass(frozen=True, slots=True)
+class TrackOptions:
+    """What `track` lets a user choose beside the options of `detect`."""
+
+    parameters: TrackParameters = field(default_factory=TrackParameters)
+    labels: tuple[str, ...] = ()
+    """Names that the labels of the tracker stand for."""
+
+    def tracker(self) -> Tracker:
+        """A tracker for one topic: the only place where one is made."""
+        return Tracker(self.parameters)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values for the tables' metadata."""
+        return self.parameters.as_dict()
+
+
+class Following:
+    """Follows the things of one log, each topic by itself, in the order of the log, and completes its rows."""
+
+    def __init__(self, log: str, options: TrackOptions) -> None:
+        self._log = log
+        self._options = options
+        self._topics: dict[str, _Topic] = {}
+        self.summary = RunSummary(things=0)
+        """The objects and agents of the rows that are complete; in the end the things, too."""
+        self.notes: list[str] = []
+        """What a user should know, a line each; whole when `finish` has come to its end."""
+
+    def take(self, batches: Iterable[Made]) -> Iterator[Rows]:
+        """The rows that are complete once these batches have been seen, those of a topic in their order."""
+        for made in batches:
+            assert made.seen is not None
+            batch, detection = made.seen
+            topic = self._topics.get(batch.topic)
+            if topic is None:
+                topic = self._topics[batch.topic] = _Topic(self._options.tracker())
+            topic.waiting.append(_waiting(made))
+            yield from self._complete(topic, topic.tracker.add(batch, detection))
+
+    def finish(self) -> Iterator[Rows]:
+        """The rows that are left, and those of the tracks table."""
+        for name in sorted(self._topics):
+            topic = self._topics.pop(name)
+            followed, tracks = topic.tracker.finish()
+            yield from self._complete(topic, followed)
+            assert not topic.waiting, "a tracker answers for every batch"
+            self._count(tracks)
+            labels = self._options.labels
+            yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, labels)
+            self.notes += topic.tracker.notes
+
+    def _complete(self, topic: _Topic, followed: Sequence[Followed]) -> Iterator[Rows]:
+        for one in followed:
+            made = topic.waiting.popleft()
+            self.summary.add_sets(one)
+            for table, name, rows in made.rows:
+                yield table, name, _completed(table, rows, made, one, self._options.labels)
+
+    def _count(self, tracks: Tracks) -> None:
+        self.summary.add_things(len(tracks), int(np.count_nonzero(tracks.set == AGENT)))
+
+
+@dataclass(slots=True)
+class _Topic:
+    """The tracker of a topic, and what waits for its answers."""
+
+    tracker: Tracker
+    waiting: deque[Made] = field(default_factory=deque)
+
+
+def _waiting(made: Made) -> Made:
+    """What has to wait of a batch: the rows, and only for the sets of its beams more than these."""
+    return made if any(table == "beams" for table, _, _ in made.rows) else Made(made.rows)
+
+
+def _completed(
+    table: str, rows: pa.RecordBatch, made: Made, followed: Followed, labels: Sequence[str]
+) -> pa.RecordBatch:
+    """The rows of one table with what tracking tells."""
+    if table == "objects":
+        return tracked_objects(rows, followed, labels)
+    if table == "sweeps":
+        return tracked_sweeps(rows, followed)
+    assert made.seen is not None
+    return tracked_beams(rows, *made.seen, followed)

@@ -1,0 +1,254 @@
+"""`lidarcli track`: files, streams, summary; what it shares with `detect`, and what it has beside."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from lidarcli.choices import SIGNIFICANCE
+from lidarcli.cli import cli
+from lidarcli.cli.detect import detect
+from lidarcli.cli.track import track
+from lidarcli.formalism.tracking.parameters import TrackParameters
+from lidarcli.pipeline import detecting_logs
+from lidarcli.pipeline.objects import following
+from lidarcli.tables import SCHEMAS
+from tests.pipeline.patient import Patient
+from tests.places import SAMPLES
+
+Run = Callable[..., Any]
+TABLES = ("objects", "sweeps", "tracks")
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every second object is an agent."""
+    monkeypatch.setattr(following, "Tracker", Patient)
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.parquet"))
+
+
+def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
+    ran = lidarcli("track", logs / "run.mcap", "-o", tmp_path, "--beams")
+    assert (ran.code, ran.out) == (0, "")
+    lines = ran.err.splitlines()
+    assert lines[0].startswith(f"{logs / 'run.mcap'}: 20 sweeps, 30 objects, 2 things (1 agent), ")
+    assert lines[0].endswith(" sweeps/s")
+    assert lines[2] == "  sets     O 400 (5.6%), A 300 (4.2%), S 6,500 (90.3%)"
+    assert lines[3] == "  note     2 things in 20 sweeps of /scan"
+    assert lines[4:] == [f"  wrote    {tmp_path / f'run.{table}.parquet'}" for table in (*TABLES, "beams")]
+    for table in (*TABLES, "beams"):
+        assert pq.read_schema(tmp_path / f"run.{table}.parquet").equals(SCHEMAS[table])
+    objects = pq.read_table(tmp_path / "run.objects.parquet")
+    assert Counter(zip(objects["track"].to_pylist(), objects["set"].to_pylist(), strict=True)) == {
+        (1, "O"): 20,
+        (2, "A"): 10,
+    }
+    assert objects["t"].to_pylist()[-1] == 1.9
+
+
+def test_it_has_every_option_of_detect_and_its_own() -> None:
+    def options(command: Any) -> dict[str, str]:
+        return {parameter.opts[0]: type(parameter.type).__name__ for parameter in command.params}
+
+    shared, own = options(detect), options(track)
+    assert {name: own[name] for name in shared} == shared
+    assert {*own} - {*shared} == {"--significance"}
+
+
+def test_the_default_in_help_is_that_of_the_tracker(lidarcli: Run) -> None:
+    assert TrackParameters().significance == SIGNIFICANCE
+    assert "[default: 1e-05]" in lidarcli("track", "--help").out
+
+
+def test_help_imports_nothing_heavy() -> None:
+    heavy = ("numpy", "pyarrow", "lidarcli.formalism")
+    code = (
+        "import sys; from lidarcli.cli import run; run(['track', '--help']); "
+        f"print([name for name in {heavy!r} if name in sys.modules])"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.splitlines()[-1] == "[]"
+
+
+def test_detect_does_not_import_the_tracker(logs: Path, tmp_path: Path) -> None:
+    code = (
+        f"import sys; from lidarcli.cli import run; run(['-q', 'detect', {str(logs / 'run.mcap')!r}, '-o', "
+        f"{str(tmp_path)!r}]); print([name for name in sys.modules if 'track' in name])"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout == "[]\n"
+
+
+@pytest.mark.parametrize("value", ["0", "0.2", "nan", "small"])
+def test_a_significance_that_is_none(logs: Path, lidarcli: Run, value: str) -> None:
+    ran = lidarcli("track", logs / "run.mcap", "--significance", value)
+    assert ran.code == 2
+    assert "Invalid value for '--significance'" in ran.err
+
+
+def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    options = "--significance 1e-7 --max-width 3 --start 0.5 --every 2"
+    assert lidarcli("-q", "track", logs / "run.mcap", "-o", tmp_path, *options.split()).code == 0
+    for table in TABLES:
+        metadata = pq.read_schema(tmp_path / f"run.{table}.parquet").metadata
+        parameters = json.loads(metadata[b"lidarcli.parameters"])
+        assert parameters["tracking"]["significance"] == 1e-7
+        assert (parameters["max_width"], parameters["start"], parameters["every"]) == (3.0, 0.5, 2)
+    sweeps = pq.read_table(tmp_path / "run.sweeps.parquet")
+    assert sweeps["t"].to_pylist() == [round(0.1 * k, 1) for k in sweeps["sweep"].to_pylist()]
+    assert sweeps["sweep"].to_pylist()[0] == 6
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_an_output_that_exists_is_refused(logs: Path, tmp_path: Path, lidarcli: Run, table: str) -> None:
+    path = tmp_path / f"run.{table}.parquet"
+    path.write_text("mine")
+    ran = lidarcli("track", logs / "run.mcap", "-o", tmp_path)
+    assert (ran.code, path.read_text(), names(tmp_path)) == (5, "mine", [path.name])
+    assert f"{path} exists" in ran.err
+    assert lidarcli("-q", "track", logs / "run.mcap", "-o", tmp_path, "--overwrite").code == 0
+    assert names(tmp_path) == sorted(f"run.{each}.parquet" for each in TABLES)
+
+
+def test_topics_are_followed_apart(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
+    ran = lidarcli("track", logs / "two.mcap", "-o", tmp_path)
+    assert ran.err.startswith(f"{logs / 'two.mcap'}: 40 sweeps, 60 objects, 4 things (2 agents), ")
+    tracks = pq.read_table(tmp_path / "two.tracks.parquet")
+    assert list(zip(tracks["topic"].to_pylist(), tracks["track"].to_pylist(), strict=True)) == [
+        (topic, number) for topic in ("/front", "/rear") for number in (1, 2)
+    ]
+
+
+def test_several_logs_by_processes_give_the_same_bytes(
+    logs: Path, tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for jobs in ("1", "2"):
+        if jobs == "2":
+            monkeypatch.setattr(detecting_logs, "WORTH_A_PROCESS", 1)
+        ran = lidarcli(
+            "track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams"
+        )
+        assert ran.code == 0
+        assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects, ")
+    assert len(names(tmp_path / "1")) == 8
+    for name in names(tmp_path / "1"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
+
+
+def test_damage_in_the_middle_costs_what_is_damaged(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("track", logs / "cut.mcap", logs / "run.mcap", "-o", tmp_path)
+    assert ran.code == 3
+    assert names(tmp_path) == sorted(f"{log}.{table}.parquet" for log in ("cut", "run") for table in TABLES)
+    assert lidarcli("-q", "detect", logs / "cut.mcap", "-o", tmp_path / "detected").code == 3
+    for table in ("objects", "sweeps"):
+        tracked = pq.read_table(tmp_path / f"cut.{table}.parquet")
+        assert (
+            tracked["sweep"].to_pylist()
+            == pq.read_table(tmp_path / "detected" / f"cut.{table}.parquet")["sweep"].to_pylist()
+        )
+    assert 0 < tracked.num_rows < 400
+    assert b"lidarcli.damage" in pq.read_schema(tmp_path / "cut.tracks.parquet").metadata
+
+
+def test_what_cannot_be_read_leaves_no_table(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    (tmp_path / "bad.bag").write_bytes(b"\0\1\2" * 99)
+    ran = lidarcli(
+        "track", tmp_path / "bad.bag", logs / "run.mcap", "-o", tmp_path / "out", "--topic", "/none"
+    )
+    assert ran.code == 3
+    assert names(tmp_path) == []
+
+
+def test_a_background_leaves_what_differs(tmp_path: Path, lidarcli: Run, patient: None) -> None:
+    background = tmp_path / "b.parquet"
+    assert lidarcli("-q", "background", "build", SAMPLES / "room_empty.mcap", "-o", background).code == 0
+    ran = lidarcli(
+        "track", SAMPLES / "room.mcap", "--background", background, "--walls", "--end", "0.5", "-o", tmp_path
+    )
+    assert ran.code == 0
+    assert "  note     compared with b.parquet: 25 appeared" in ran.err.splitlines()
+    rows = pq.read_table(tmp_path / "room.objects.parquet").to_pylist()
+    assert {row["change"] for row in rows if row["track"] is not None} == {"appeared"}
+    assert {row["set"] for row in rows if row["track"] is None} == {"S"}
+    assert len({row["track"] for row in rows} - {None}) == 5
+
+
+def test_what_has_gone_is_no_thing(tmp_path: Path, lidarcli: Run) -> None:
+    background = tmp_path / "b.parquet"
+    assert lidarcli("-q", "background", "build", SAMPLES / "room.mcap", "-o", background).code == 0
+    options = ("--background", background, "--removed", "--end", "0.5", "-o", tmp_path)
+    assert lidarcli("-q", "track", SAMPLES / "room_empty.mcap", *options).code == 0
+    objects = pq.read_table(tmp_path / "room_empty.objects.parquet")
+    assert {*objects["change"].to_pylist()} == {"removed"}
+    assert objects["track"].null_count == objects["moving"].null_count == objects.num_rows > 0
+
+
+def test_an_empty_selection_gives_empty_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    ran = lidarcli("track", logs / "run.mcap", "--start", "1000", "-o", tmp_path)
+    assert ran.code == 0
+    assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects, 0 things (0 agents)"
+    for table in TABLES:
+        found = pq.read_table(tmp_path / f"run.{table}.parquet")
+        assert (found.num_rows, found.schema.equals(SCHEMAS[table])) == (0, True)
+
+
+# --- streams ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("log", ["run.mcap", "two.mcap"])
+def test_streams_equal_the_table(logs: Path, tmp_path: Path, process: Run, log: str) -> None:
+    assert process("-q", "track", logs / log, "-o", tmp_path).returncode == 0
+    expected = pq.read_table(next(tmp_path.glob("*.objects.parquet"))).to_pylist()
+    data = (logs / log).read_bytes()
+    for source, given in ((logs / log, None), ("-", data)):
+        ran = process("-q", "track", source, "-o", "-", "--format", "arrow", input=given)
+        assert (ran.returncode, ran.stderr) == (0, b"")
+        rows = pa.ipc.open_stream(ran.stdout).read_all().to_pylist()
+        assert [{**row, "log": log.split(".")[0]} for row in rows] == expected
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".csv", ".ndjson", ".arrow"])
+def test_one_file_holds_the_objects_of_all_logs(
+    logs: Path, tmp_path: Path, lidarcli: Run, patient: None, suffix: str
+) -> None:
+    path = tmp_path / f"all{suffix}"
+    ran = lidarcli("track", logs / "run.mcap", logs / "two.mcap", "-o", path)
+    assert ran.code == 0
+    assert f"  wrote    {path}" in ran.err.splitlines()
+    assert [item.name for item in tmp_path.iterdir()] == [path.name]
+    rows: list[Any]
+    if suffix == ".parquet":
+        rows = pq.read_table(path)["moving"].to_pylist()
+    elif suffix == ".arrow":
+        rows = pa.ipc.open_stream(path.read_bytes()).read_all()["moving"].to_pylist()
+    elif suffix == ".ndjson":
+        rows = [json.loads(line)["moving"] for line in path.read_text().splitlines()]
+    else:
+        rows = [row["moving"] == "True" for row in csv.DictReader(io.StringIO(path.read_text()))]
+    assert Counter(rows) == {False: 60, True: 30}
+
+
+def test_beams_are_files(logs: Path, lidarcli: Run) -> None:
+    ran = lidarcli("track", logs / "run.mcap", "-o", "-", "--beams")
+    assert ran.code == 2
+    assert "--beams writes a file" in ran.err
+
+
+def test_the_command_stands_beside_detect() -> None:
+    listed = cli.list_commands(None)  # type: ignore[arg-type]
+    assert listed.index("track") == listed.index("detect") + 1
