@@ -2,7 +2,7 @@ cimport libc.math as math
 
 from lidarcli cimport native
 
-cdef Py_ssize_t EMPTY, LIVE, ENDED, DISC, BOX
+cdef Py_ssize_t LEGS, EMPTY, LIVE, ENDED, DISC, BOX
 cdef double ACCELERATION, BREATHING, CREEP, SPEED_AT_FIRST, TURNING, TURN_AT_FIRST, UNSEEN, UNLIKELY, LEAST, QUARTER
 
 
@@ -65,6 +65,11 @@ cdef class Bodies:
     cdef double* side
     cdef double* side_weight
     cdef double* least
+    cdef double* bulge
+    cdef double* bulge_points
+    cdef double* leg_x
+    cdef double* leg_y
+    cdef long long* leg_seen
     cdef double* looks
 
     cpdef grow(self, Bodies old)

@@ -36,6 +36,7 @@ UNLIKELY = 16.0
 """Squared residuals above this share of their variance are not believed."""
 LEAST = 1e-8
 """No variance becomes smaller than this by rounding [m²]."""
+LEGS = tracked.LEGS
 QUARTER = 0.5 * math.pi
 
 
@@ -128,6 +129,15 @@ class Bodies:
         """Extent by sightings of both ends, and the weight of these [m, 1/m²]."""
         self.least = native.at_doubles(_new(self.arrays, "least", 2 * most, np.float64))
         """It is at least so long [m]."""
+        self.bulge = native.at_doubles(_new(self.arrays, "bulge", most, np.float64))
+        """Sum of the squared distances of points from their faces, in variances of the noise …"""
+        self.bulge_points = native.at_doubles(_new(self.arrays, "bulge_points", most, np.float64))
+        """… and what that is where faces are straight."""
+        self.leg_x = native.at_doubles(_new(self.arrays, "leg_x", LEGS * most, np.float64))
+        self.leg_y = native.at_doubles(_new(self.arrays, "leg_y", LEGS * most, np.float64))
+        """Where slim things stand beside a slim one, too few beams each to be objects [m] …"""
+        self.leg_seen = native.at_longs(_new(self.arrays, "leg_seen", LEGS * most, np.int64))
+        """… and in how many sightings of it they were seen."""
         self.looks = native.at_doubles(_new(self.arrays, "looks", 5 * most, np.float64))
         """Log-likelihood of what was seen of it, by shape."""
 

@@ -3,7 +3,7 @@ cimport libc.math as math
 
 from lidarcli cimport native
 from lidarcli.formalism.sweep.points cimport Scans
-from lidarcli.formalism.tracking cimport association, life, memory, motion, sightings
+from lidarcli.formalism.tracking cimport association, life, memory, motion, shapes, sightings
 from lidarcli.formalism.tracking cimport bodies as things
 from lidarcli.formalism.tracking cimport correction as corrections
 from lidarcli.formalism.tracking cimport sides as measures
@@ -13,12 +13,13 @@ from lidarcli.formalism.tracking.association cimport Pairs
 from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.correction cimport Correction
 from lidarcli.formalism.tracking.memory cimport Memory
+from lidarcli.formalism.tracking.shapes cimport Shapes
 from lidarcli.formalism.tracking.sides cimport Sides
 from lidarcli.formalism.tracking.sightings cimport Sightings
 from lidarcli.formalism.tracking.views cimport Seen, Views
 
 cdef Py_ssize_t PRISMATIC, UNKNOWN, ENOUGH_BEAMS, BOXY, FACE_POINTS
-cdef double SLIMMEST_BOX, YAW_FLOOR, DRIFT, DRIFT_YAW, DRIFT_TURN, BEYOND, LEAST_VAR, MOST_PAUSE, SIDE_ERROR, OUTLIER, TEMPER
+cdef double SLIMMEST_BOX, YAW_FLOOR, DRIFT, DRIFT_YAW, DRIFT_TURN, BEYOND, LEAST_VAR, MOST_PAUSE, SIDE_ERROR, OUTLIER
 
 
 cdef class Fold:
@@ -35,7 +36,7 @@ cdef class Fold:
     cdef Pairs pairs
     cdef Assignment task
     cdef readonly Correction correction
-    cdef double* likelihood
+    cdef Shapes shapes
     cdef Py_ssize_t* taken
 
     cpdef fit(self, Bodies bodies, Views views, Memory past)

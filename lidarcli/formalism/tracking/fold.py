@@ -10,7 +10,7 @@ import numpy as np
 from lidarcli import native
 from lidarcli.formalism import detection
 from lidarcli.formalism.sweep.points import Scans
-from lidarcli.formalism.tracking import association, life, memory, motion, sightings
+from lidarcli.formalism.tracking import association, life, memory, motion, shapes, sightings
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import correction as corrections
 from lidarcli.formalism.tracking import sides as measures
@@ -20,6 +20,7 @@ from lidarcli.formalism.tracking.association import Pairs
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.correction import Correction
 from lidarcli.formalism.tracking.memory import Memory
+from lidarcli.formalism.tracking.shapes import Shapes
 from lidarcli.formalism.tracking.sides import Sides
 from lidarcli.formalism.tracking.sightings import Sightings
 from lidarcli.formalism.tracking.views import Seen, Views
@@ -49,8 +50,6 @@ SIDE_ERROR = 1e-4
 """[m²] Further variance of an extent: (1 cm)²."""
 OUTLIER = 9e-4
 """[m²] An extent that differs by (3 cm)² from those before counts half."""
-TEMPER = 0.2
-"""Sightings that follow each other see the same: each counts as this share of one."""
 
 
 class Fold:
@@ -76,7 +75,7 @@ class Fold:
         self.correction = Correction()
         self.moves = False
         """Whether poses tell where the sensor is."""
-        self.likelihood = native.doubles(self.owner, 20)
+        self.shapes = Shapes()
         self.fit(bodies, views, past)
 
     def fit(self, bodies: Bodies, views: Views, past: Memory) -> None:
@@ -221,8 +220,7 @@ def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
     bodies.evidence[b] = bodies.evidence_most[b] = 0.0
     for a in range(2 * b, 2 * b + 2):
         bodies.side[a] = bodies.side_weight[a] = bodies.least[a] = 0.0
-    for i in range(5 * b, 5 * b + 5):
-        bodies.looks[i] = 0.0
+    shapes.forget(bodies, b)
     if _is_boxy(views, k):
         _make_box(fold, bodies, views, b, k)
     else:
@@ -318,6 +316,7 @@ def _take(fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int
         bodies.gone_for[b] += hidden
     life.see(bodies, b)
     _note_view(fold, bodies, views, b, k)
+    shapes.note_legs(bodies, b, views, k, scans)
     if bodies.moved[b] == 0:
         motion.note_rest(bodies, b, fold.sweeps - 1)
         if motion.is_shown(bodies, b, views, scans, k, fold.past, fold.alarm, fold.clock):
@@ -415,8 +414,7 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
     bodies.seen_at[b] = fold.clock
     bodies.middle_x[b], bodies.middle_y[b] = views.middle_x[k], views.middle_y[k]
     bodies.from_x[b], bodies.from_y[b] = things.centre(bodies, b)
-    for shape in range(4):
-        bodies.looks[5 * b + shape] += TEMPER * fold.likelihood[5 * shape + views.shape[k]]
+    shapes.note(fold.shapes, bodies, b, views, k)
     sightings.note(
         fold.log, bodies, b, fold.sides, fold.sweeps - 1, fold.clock, fold.objects + views.object[k]
     )

@@ -22,7 +22,7 @@ TOGETHER_SHARE = 0.3
 """… and this share of those of the one that is seen less."""
 STEADY = 0.03
 """[m] The distance between two legs of a thing that stands varies no more than this."""
-STANDING_WIDTH = 0.12
+STANDING_WIDTH = 0.16
 """[m] Legs of things that stand are no wider …"""
 STANDING_APART = 0.65
 """[m] … and not further apart from the next one."""
@@ -120,6 +120,7 @@ def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
         track, other = _track_of(earlier_thing), _track_of(later_thing)
         if track is other or other.number > 0:
             continue
+        track.several = track.several or other.several
         for part in [*other.parts]:
             track.absorb(part)
         if earlier_thing.moved and not later_thing.moved:
@@ -203,7 +204,9 @@ def _join_legs(seen: Any, things: dict[int, Thing]) -> None:
             ):
                 # A person has two legs at a time.
                 continue
-        _track_of(one.thing).absorb(other.thing)
+        track = _track_of(one.thing)
+        track.several = True
+        track.absorb(other.thing)
 
 
 def _is_leg(thing: Thing) -> bool:

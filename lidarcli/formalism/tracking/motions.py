@@ -53,7 +53,7 @@ def _judge(track: Track) -> None:
 def _smooth_track(seen: Any, things: dict[int, Thing], track: Track, numbers: list[int], stop: int) -> None:
     parts = [np.arange(seen.spans[number].start, seen.spans[number].stop) for number in numbers]
     at = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    several = len(track.parts) > 1
+    several = track.several
     places = np.concatenate(
         [_places(seen, things[number], part) for number, part in zip(numbers, parts, strict=True)]
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, UNKNOWN
+from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
 from lidarcli.formalism.tracking.things import Thing, Track
 from lidarcli.formalism.tracking.tracked import BOX, END_OF_LOG, Tracks
 
@@ -17,6 +17,14 @@ if TYPE_CHECKING:
 
 SURE_SIZE = 0.15
 """[m] A side whose standard deviation is larger is not known."""
+STRAIGHT_POINTS = 60.0
+"""Points of faces that tell whether these are straight."""
+BULGE_SPREAD = 0.25
+"""The squared distances from straight faces may be this much more than noise explains, as a logarithm."""
+SURE = 20.0
+"""Log-odds of what was seen beyond doubt."""
+LEAST_ODDS = 0.2
+"""A shape has to be likelier than the next one by this."""
 RIGHT_ANGLE = 0.5 * math.pi
 
 
@@ -82,7 +90,7 @@ def _row(track: Track) -> dict[str, float]:
         "width": width,
         "length_sd": length_sd,
         "width_sd": width_sd,
-        "shape": LEGGED if len(track.parts) > 1 else _shape(main),
+        "shape": _shape(track, main),
         "end": last.end if last.has_ended else END_OF_LOG,
     }
 
@@ -95,7 +103,22 @@ def _side(thing: Thing, axis: int) -> tuple[float, float]:
     return (2.0 * thing.h[axis], sd) if sd <= SURE_SIZE else (math.nan, math.nan)
 
 
-def _shape(thing: Thing) -> int:
-    """The likeliest shape."""
-    best = int(np.argmax(thing.looks))
-    return best if any(thing.looks) else UNKNOWN
+def shape_odds(track: Track, thing: Thing) -> list[float]:
+    """Log-likelihood of all that was seen of a track, mostly as one body, if it is prismatic, round, legged, irregular."""
+    odds = [*thing.looks]
+    if thing.bulge_points >= STRAIGHT_POINTS:
+        # Faces that stay further from straight than noise explains are none of a prism.
+        ratio = thing.bulge / thing.bulge_points
+        off = math.log(max(ratio, 1.0)) / BULGE_SPREAD
+        odds[PRISMATIC] -= 0.5 * off * off
+    if track.several or len(thing.legs) > 0:
+        odds[LEGGED] += SURE
+    return odds
+
+
+def _shape(track: Track, thing: Thing) -> int:
+    """The likeliest shape; unknown where nothing tells."""
+    odds = shape_odds(track, thing)
+    best = int(np.argmax(odds))
+    rest = sorted(odds)[-2]
+    return best if odds[best] - rest > LEAST_ODDS else UNKNOWN

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.tracking.tracked import DISC, END_OF_LOG, ENDED
+from lidarcli.formalism.tracking.tracked import DISC, END_OF_LOG, ENDED, LEGS
 
 _SNAPSHOT = (
     *(
@@ -24,7 +24,7 @@ _SNAPSHOT = (
         "first_at",
         "seen_at",
     ),
-    *("evidence_most", "yaw", "yaw_rate", "birth_x", "birth_y", "size"),
+    *("evidence_most", "yaw", "yaw_rate", "birth_x", "birth_y", "size", "bulge", "bulge_points"),
 )
 _SNAPSHOT_AXES = ("c", "v", "h", "hh", "still_c", "side", "side_weight", "least")
 
@@ -51,6 +51,10 @@ class Thing:
     birth_x: float = 0.0
     birth_y: float = 0.0
     size: float = 0.0
+    bulge: float = 0.0
+    bulge_points: float = 0.0
+    legs: tuple[tuple[float, float], ...] = ()
+    """Where it has legs that are too slim to be objects [m]."""
     c: tuple[float, float] = (0.0, 0.0)
     v: tuple[float, float] = (0.0, 0.0)
     h: tuple[float, float] = (0.0, 0.0)
@@ -73,6 +77,11 @@ class Thing:
             values = arrays[name]
             setattr(self, name, (values.item(2 * slot), values.item(2 * slot + 1)))
         self.looks = tuple(arrays["looks"][5 * slot : 5 * slot + 4].tolist())
+        at = slice(LEGS * slot, LEGS * slot + LEGS)
+        often = arrays["leg_seen"][at] > LEG_SHARE * self.sightings
+        self.legs = tuple(
+            zip(arrays["leg_x"][at][often].tolist(), arrays["leg_y"][at][often].tolist(), strict=True)
+        )
         self.has_ended = arrays["state"].item(slot) == ENDED
 
     @property
@@ -87,6 +96,8 @@ class Thing:
         return cos * along - sin * across, sin * along + cos * across
 
 
+LEG_SHARE = 0.25
+"""A leg is seen in so many of the sightings of its thing."""
 SLIM = 0.25
 """[m] Legs are no thicker."""
 
@@ -99,6 +110,8 @@ class Track:
     number: int = 0
     """1, 2, … once it has its first row; 0 before."""
     frame: int = 0
+    several: bool = False
+    """Whether parts of it are seen side by side: legs."""
     moved: bool = False
     onset: int = 0
     first: tuple[int, int] = (0, 0)

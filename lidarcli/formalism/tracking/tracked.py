@@ -12,6 +12,8 @@ EMPTY, LIVE, ENDED = range(3)
 """A slot without a body, with one, with one that has ended and whose rows wait to be settled."""
 DISC, BOX = range(2)
 """What a body is taken for."""
+LEGS = 6
+"""Further legs of a thing that are remembered at most."""
 CONFIRMED = 3
 """Sightings that make a track."""
 

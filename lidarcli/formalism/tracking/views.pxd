@@ -67,6 +67,7 @@ cdef class Views:
     cdef double* along_y
     cdef Py_ssize_t* face_points
     cdef double* extent
+    cdef double* bulge
     cdef Py_ssize_t* face_first
     cdef Py_ssize_t* face_last
 

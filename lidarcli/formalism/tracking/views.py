@@ -154,6 +154,8 @@ class Views:
         self.face_points = native.integers(self.owner, beams)
         self.extent = native.doubles(self.owner, beams)
         """How far its points reach along it [m]."""
+        self.bulge = native.doubles(self.owner, beams)
+        """Sum of the squared distances of its points from its line [m²]."""
         self.face_first = native.integers(self.owner, beams)
         self.face_last = native.integers(self.owner, beams)
         """The first and the last of its points."""
@@ -295,5 +297,7 @@ def _end_face(views: Views, f: int, n: int) -> int:
     views.face_x[f], views.face_y[f] = mean_x, mean_y
     views.along_x[f], views.along_y[f] = along_x, along_y
     views.face_points[f], views.extent[f] = count, high - low
+    spread = math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy)
+    views.bulge[f] = max(0.5 * (xx + yy) - spread, 0.0)
     views.face_last[f] = n - 1
     return f + 1

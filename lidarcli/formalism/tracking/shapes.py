@@ -1,0 +1,110 @@
+"""What a body is by all that was seen of it: straight faces or not, and legs beside it that are too slim to be objects."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from lidarcli import native
+from lidarcli.formalism import detection
+from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.tracking import bodies as things
+from lidarcli.formalism.tracking import memory
+from lidarcli.formalism.tracking import views as looks
+from lidarcli.formalism.tracking.bodies import Bodies
+from lidarcli.formalism.tracking.views import Views
+
+PRISMATIC = detection.PRISMATIC
+TEMPER = 0.2
+"""Sightings that follow each other see the same: each counts as this share of one."""
+CERTAIN_BEAMS = 20.0
+"""A view of so many beams counts in full."""
+SLIM = 0.15
+"""[m] A leg is no wider."""
+AROUND = 0.75
+"""[m] Legs of one thing are not further apart …"""
+BESIDE = 0.1
+"""[m] … and not closer together."""
+SPECK = 2
+"""Beams of what is too slim to be an object, at most …"""
+BEHIND = 0.25
+"""[m] … which is nearer than its neighbours by this."""
+SAME = 0.08
+"""[m] A leg is where it was, give or take this."""
+LIKELIHOOD = (
+    (0.80, 0.03, 0.01, 0.06, 0.10),
+    (0.15, 0.60, 0.01, 0.09, 0.15),
+    (0.10, 0.20, 0.40, 0.20, 0.10),
+    (0.35, 0.10, 0.03, 0.42, 0.10),
+)
+"""How often a thing that is prismatic, round, legged or irregular is seen as each of the shapes of a sweep."""
+
+
+class Shapes:
+    """Logarithms of `LIKELIHOOD`, in rows."""
+
+    def __init__(self) -> None:
+        self.owner: list[Any] = []
+        self.log = native.doubles(self.owner, 20)
+        for row, shares in enumerate(LIKELIHOOD):
+            for column, share in enumerate(shares):
+                self.log[5 * row + column] = math.log(share)
+
+
+def note(shapes: Shapes, bodies: Bodies, b: int, views: Views, k: int) -> None:
+    """Add what a view says of the shape of a body."""
+    weight = TEMPER * min(views.size[k] / CERTAIN_BEAMS, 1.0)
+    for shape in range(4):
+        bodies.looks[5 * b + shape] += weight * shapes.log[5 * shape + views.shape[k]]
+    if views.shape[k] != PRISMATIC:
+        return
+    for f in range(views.face_begin[k], views.face_begin[k + 1]):
+        if views.face_points[f] > 4 and views.sigma > 0.0:
+            bodies.bulge[b] += views.bulge[f] / (views.sigma * views.sigma)
+            bodies.bulge_points[b] += views.face_points[f] - 2
+
+
+def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> None:
+    """Remember the slim things around a slim body that stands, of which beams tell too little to be objects."""
+    if bodies.moved[b] != 0 or views.length[k] > SLIM or views.step <= 0.0 or views.near[k] <= AROUND:
+        return
+    ahead, left = looks.to_sensor(views, views.middle_x[k], views.middle_y[k])
+    past = math.atan2(left, ahead) - views.first
+    past -= looks.TURN * math.floor(past / looks.TURN)
+    wide = math.asin(AROUND / views.near[k])
+    first, last = int((past - wide) / views.step), int((past + wide) / views.step)
+    run = 0
+    before = memory.range_at(views, scans, first - 1)
+    for position in range(first, last + 1):
+        here, after = memory.range_at(views, scans, position), memory.range_at(views, scans, position + 1)
+        run = run + 1 if run > 0 and abs(here - before) < SAME else (1 if before > here + BEHIND else 0)
+        if 0 < run <= SPECK and here > 0.0 and after > here + BEHIND:
+            theta = views.first + views.step * position
+            x, y = looks.to_world(views, here * math.cos(theta), here * math.sin(theta))
+            dx, dy = x - views.middle_x[k], y - views.middle_y[k]
+            apart = dx * dx + dy * dy
+            if BESIDE * BESIDE < apart < AROUND * AROUND:
+                _note_leg(bodies, b, x, y)
+        before = here
+
+
+def _note_leg(bodies: Bodies, b: int, x: float, y: float) -> None:
+    """Remember one of them: the mean of where it was seen."""
+    for i in range(things.LEGS * b, things.LEGS * b + things.LEGS):
+        seen = bodies.leg_seen[i]
+        dx, dy = x - bodies.leg_x[i], y - bodies.leg_y[i]
+        if seen == 0 or dx * dx + dy * dy < SAME * SAME:
+            bodies.leg_x[i] += dx / (seen + 1)
+            bodies.leg_y[i] += dy / (seen + 1)
+            bodies.leg_seen[i] += 1
+            return
+
+
+def forget(bodies: Bodies, b: int) -> None:
+    """Let a body that begins be of any shape."""
+    for i in range(5 * b, 5 * b + 5):
+        bodies.looks[i] = 0.0
+    bodies.bulge[b] = bodies.bulge_points[b] = 0.0
+    for i in range(things.LEGS * b, things.LEGS * b + things.LEGS):
+        bodies.leg_x[i] = bodies.leg_y[i] = 0.0
+        bodies.leg_seen[i] = 0
