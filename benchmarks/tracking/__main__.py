@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.tracking.cells import QUICK, REPORTING, TUNING, Cell
-from benchmarks.tracking.methods import METHODS, PARAMETERS
+from benchmarks.tracking.methods import AT_FIRST, METHODS, PARAMETERS
 from benchmarks.tracking.recordings import detected, record_cell
 from benchmarks.tracking.scoring import Score, score
 from lidarcli.sweeps import Float64
@@ -48,7 +48,7 @@ def measure_all(cells: Sequence[Cell], first: int, seeds: int, methods: Sequence
 
 
 HEAD = (
-    f"{'log':48}{'method':12} HOTA  DetA  AssA  IDF1  MOTA  swi  ids/bodies  "
+    f"{'log':48}{'method':26} HOTA  DetA  AssA  IDF1  MOTA  swi  ids/bodies  "
     "v RMSE  median  standing  movers in A  standing in A  us/sweep"
 )
 
@@ -57,7 +57,7 @@ def line(log: str, method: str, one: Score) -> str:
     """The figures of one log for a terminal."""
     a = one.agreement
     return (
-        f"{log:48}{method:12}{a.hota:5.3f} {a.detection:5.3f} {a.association:5.3f} {a.idf1:5.3f} {a.mota:5.3f} "
+        f"{log:48}{method:26}{a.hota:5.3f} {a.detection:5.3f} {a.association:5.3f} {a.idf1:5.3f} {a.mota:5.3f} "
         f"{a.switches:4d} {a.tracks:6d}/{a.entities:<5d}"
         f"{rms(one.moving_errors):6.3f}  {median(one.moving_errors):6.3f}  {rms(one.standing_errors):8.3f}"
         f"  {one.movers_in_a.value:11.3f}  {one.standing_in_a.value:13.4f}"
@@ -81,7 +81,7 @@ def main() -> None:
     parser.add_argument("--tune", action="store_true", help="seeds that constants may be chosen on; no page")
     parser.add_argument("--quick", action="store_true", help="a handful of logs, a line each; no page")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="logs of each cell (%(default)s)")
-    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS, metavar="METHOD")
+    parser.add_argument("--methods", nargs="+", default=list(AT_FIRST), choices=METHODS, metavar="METHOD")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
     arguments = parser.parse_args()
     first = TUNING if arguments.tune else REPORTING

@@ -208,7 +208,7 @@ def _assignment(left: Int64, right: Int64, score: Float64) -> Int64:
     which = np.full(table.shape, -1)
     table[row, column] = score
     which[row, column] = np.arange(len(left))
-    chosen = which[linear_sum_assignment(table, maximize=True)]
+    chosen: Int64 = which[linear_sum_assignment(table, maximize=True)]
     return chosen[chosen >= 0]
 
 

@@ -85,7 +85,9 @@ def simulate(
     if poses:
         # A pose of the past is told as that of now.
         late = _believed(scene, seed, drift, delay)
-        batch = replace(batch, poses=SweepPoses(*late.T, np.zeros(len(raw), np.bool_)))
+        batch = replace(
+            batch, poses=SweepPoses(late[:, 0], late[:, 1], late[:, 2], np.zeros(len(raw), np.bool_))
+        )
         turn = _believed(scene, seed, drift, 0.0)[:, 2] - true[:, 2]
     velocity = np.stack([_velocity(entity, seconds) for entity in entities], axis=1)
     speed = np.hypot(velocity[..., 0], velocity[..., 1])

@@ -51,7 +51,7 @@ class Score:
 def score(recording: Recording, found: Detected, result: Result) -> Score:
     """Compare what a method says with the truth."""
     tracked = result.track > 0
-    moves = recording.begun.any(axis=0)
+    moves = np.asarray(recording.begun.any(axis=0))
     thing = (found.entity >= 0) & ~recording.wall[found.entity]
     begun = tracked & thing & recording.begun[found.row, found.entity]
     stands = tracked & (found.entity >= 0) & ~moves[found.entity]
