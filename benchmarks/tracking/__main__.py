@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.tracking.cells import QUICK, REPORTING, TUNING, Cell
+from benchmarks.tracking.cells import APART, QUICK, REPORTING, TUNING, Cell
 from benchmarks.tracking.methods import AT_FIRST, METHODS, PARAMETERS
 from benchmarks.tracking.recordings import detected, record_cell
 from benchmarks.tracking.scoring import Score, score
@@ -36,7 +36,7 @@ def measure(part: Part) -> dict[str, Score]:
 def measure_all(cells: Sequence[Cell], first: int, seeds: int, methods: Sequence[str], jobs: int) -> None:
     """Print a line for each log and method."""
     parts = [
-        Part(cell, first + seeds * number + seed, tuple(methods))
+        Part(cell, first + APART * number + seed, tuple(methods))
         for number, cell in enumerate(cells)
         for seed in range(seeds)
     ]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Literal
 
-import numpy as np
+from lidarcli.simulate.moving_scenes import DRIVEN, Kind, moving_scene
+from lidarcli.simulate.random_scenes import SENSORS, sensor_with
+from lidarcli.simulate.scene import Scene
 
-from lidarcli.simulate.random_scenes import SENSORS, random_scene, sensor_with
-from lidarcli.simulate.scene import Course, Motion, Scene, super_ellipse
-
-Kind = Literal["room", "hall", "people", "crossing"]
-KINDS: tuple[Kind, ...] = ("room", "hall", "people", "crossing")
+PERSONS: Kind = "people"
+"""The kind of scene with persons; in all others everything is rigid."""
 Carried = Literal["parked", "driving", "drifting"]
 CARRIED: tuple[Carried, ...] = ("parked", "driving", "drifting")
 
@@ -21,9 +22,13 @@ DELAY, DRIFT = 0.05, 0.01
 """[s] by which the poses of `drifting` are late, and the share of the way by which they drift."""
 LOST = {0.0: 0.0, 0.01: 0.003, 0.03: 0.01}
 """Noise [m] → share of beams lost at random."""
+FLICKER = 0.2
+"""Share of the beams that return nothing by turns, in the cells that ask for it."""
 
 TUNING, REPORTING = 0, 70_000
 """First seeds of what constants may be chosen on, and of what is reported."""
+APART = 100
+"""Each cell has so many seeds of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +40,9 @@ class Cell:
     noise: float
     """Standard deviation of a range [m]."""
     carried: Carried
+    flicker: float = 0.0
+    rolling: bool = False
+    """Whether a sweep takes the whole time until the next one."""
 
     @property
     def driving(self) -> bool:
@@ -52,37 +60,58 @@ class Cell:
         return DRIFT if self.carried == "drifting" else 0.0
 
     @property
+    def place(self) -> str:
+        """Kind of scene and how the sensor is carried."""
+        return f"{self.kind}, {self.carried}"
+
+    @property
+    def fault(self) -> str:
+        """What is unusual about it, or nothing."""
+        return "flicker" if self.flicker else "rolling" if self.rolling else ""
+
+    @property
     def label(self) -> str:
         """Short name for tables."""
-        return f"{self.kind}, {self.sensor} beams, {100 * self.noise:.0f} cm, {self.carried}"
+        fault = f", {self.fault}" if self.fault else ""
+        return f"{self.place}, {self.sensor} beams, {100 * self.noise:.0f} cm{fault}"
 
+
+def _cells() -> Iterator[Cell]:
+    places: list[tuple[Kind, Carried]] = [
+        *((kind, carried) for kind in DRIVEN for carried in CARRIED),
+        ("crossing", "parked"),
+        (PERSONS, "parked"),
+    ]
+    for (kind, carried), sensor, noise in product(places, SENSORS, LOST):
+        yield Cell(kind, sensor, noise, carried)
+    for kind, carried in places:
+        yield Cell(kind, "361", 0.01, carried, flicker=FLICKER)
+        yield Cell(kind, "720", 0.01, carried, rolling=True)
+
+
+CELLS = tuple(_cells())
 
 QUICK = (
     Cell("room", "361", 0.01, "parked"),
     Cell("room", "1081", 0.01, "parked"),
     Cell("room", "361", 0.03, "parked"),
     Cell("hall", "720", 0.01, "parked"),
+    Cell("crossing", "720", 0.01, "parked"),
     Cell("room", "720", 0.01, "driving"),
     Cell("room", "720", 0.01, "drifting"),
+    Cell("hall", "361", 0.01, "driving"),
+    Cell("room", "361", 0.01, "parked", flicker=FLICKER),
     Cell("people", "1081", 0.01, "parked"),
-    Cell("people", "361", 0.01, "driving"),
+    Cell("people", "361", 0.01, "parked"),
 )
+"""A handful, for between two edits."""
 
 
 def scene_of(cell: Cell, seed: int) -> Scene:
-    """The scene of a cell: the same seed gives the same things for every sensor and noise."""
+    """The scene of a cell."""
     sensor = sensor_with(SENSORS[cell.sensor], cell.noise, LOST[cell.noise])
-    rng = np.random.Generator(np.random.PCG64([seed, 7]))
-    kind: Literal["room", "hall"] = "hall" if cell.kind == "hall" else "room"
-    scene = random_scene(kind, seed, sensor, legged=cell.kind == "people")
-    spot = scene.path.points[0]
-    entities = []
-    for entity in scene.entities:
-        if not entity.wall and rng.random() < 0.3:
-            speed, heading = rng.uniform(0.15, 1.0), rng.uniform(-np.pi, np.pi)
-            velocity = (speed * np.cos(heading), speed * np.sin(heading))
-            rate = rng.uniform(-0.35, 0.35) if entity.kind == "box" else 0.0
-            entity = replace(entity, motion=Motion(velocity, rate))
-        entities.append(entity)
-    path = Course(super_ellipse(0.6, 0.4, 4.0) + spot, 0.3) if cell.driving else scene.path
-    return replace(scene, entities=tuple(entities), path=path, sweeps=200)
+    turn = 1.0 / sensor.rate
+    sensor = replace(
+        sensor, flicker=cell.flicker, time_increment=turn / sensor.beams if cell.rolling else 0.0
+    )
+    return moving_scene(cell.kind, seed, sensor, driving=cell.driving, legged=cell.kind == PERSONS)

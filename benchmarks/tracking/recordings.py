@@ -12,18 +12,14 @@ from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.records import record
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.odometry import simulate_odometry
-from lidarcli.simulate.scene import Entity, Odometry, Scene
+from lidarcli.simulate.scene import Odometry, Scene
 from lidarcli.sweeps import Bool, Float64, Int64, RangeRules, SweepBatch, SweepPoses, normalise
 
 BATCH = 256
 """Sweeps of a batch."""
-STANDS = 1e-3
-"""[m/s] Slower than this nothing moves."""
 RIGID = ("box", "cylinder", "plant")
 YAW_DRIFT = 0.5
 """[rad/m] Drift of the heading for each metre of drift of the position."""
-_INSTANT = 1e-3
-"""[s] Velocities are differences of positions over so long, before and after."""
 
 
 @record
@@ -44,7 +40,7 @@ class Recording:
     velocity: Float64
     """(S, E, 2) of the bodies over ground [m/s]."""
     begun: Bool
-    """(S, E) whether it moves in this sweep or has moved before."""
+    """(S, E) whether it goes or turns in this sweep or has done so before."""
     fast: Bool
     """(S, E) whether it moves with at least `cells.SLOW` in this sweep or did so before."""
 
@@ -89,7 +85,8 @@ def simulate(
             batch, poses=SweepPoses(late[:, 0], late[:, 1], late[:, 2], np.zeros(len(raw), np.bool_))
         )
         turn = _believed(scene, seed, drift, 0.0)[:, 2] - true[:, 2]
-    velocity = np.stack([_velocity(entity, seconds) for entity in entities], axis=1)
+    # Vx, vy and the rate of the yaw.
+    velocity = np.stack([entity.velocities(seconds) for entity in entities], axis=1)
     speed = np.hypot(velocity[..., 0], velocity[..., 1])
     return Recording(
         name=scene.name,
@@ -99,8 +96,8 @@ def simulate(
         rigid=np.array([entity.kind in RIGID for entity in entities]),
         kinds=tuple(entity.kind for entity in entities),
         size=np.array([[entity.length, entity.width] for entity in entities]),
-        velocity=_turned(velocity, turn),
-        begun=np.logical_or.accumulate(speed > STANDS, axis=0),
+        velocity=_turned(velocity[..., :2], turn),
+        begun=np.logical_or.accumulate(velocity.any(axis=2), axis=0),
         fast=np.logical_or.accumulate(speed >= SLOW, axis=0),
     )
 
@@ -143,13 +140,6 @@ def _believed(scene: Scene, seed: int, drift: float, delay: float) -> Float64:
     assert told is not None
     seconds = np.arange(scene.sweeps) / scene.sensor.rate
     return np.column_stack([np.interp(seconds - delay, seconds, column) for column in told.poses.T])
-
-
-def _velocity(entity: Entity, seconds: Float64) -> Float64:
-    """(S, 2) of its centre in the world [m/s]."""
-    way = entity.poses(seconds + _INSTANT)[:, :2] - entity.poses(seconds - _INSTANT)[:, :2]
-    velocity: Float64 = way / (2 * _INSTANT)
-    return velocity
 
 
 def _turned(vectors: Float64, angle: Float64) -> Float64:
