@@ -54,6 +54,6 @@ def simulate_odometry(scene: Scene, sweeps: int, seed: int = 0) -> SimulatedPose
         laser_frame=scene.sensor.frame_id,
         stamp_ns=START_NS + np.rint(seconds * 1e9).astype(np.int64),
         poses=believed,
-        speed=np.full(sweeps, 0.0 if scene.path.parked else scene.path.speed),
+        speed=scene.path.speeds(seconds),
         yaw_rate=last[:, 2] * scene.sensor.rate,
     )
