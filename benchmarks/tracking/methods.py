@@ -39,10 +39,10 @@ class Result:
     tracks: Tracks | None = None
 
 
-Method = Callable[[Recording, Detected], Result]
+Method = Callable[[Detected], Result]
 
 
-def lidarcli(recording: Recording, found: Detected) -> Result:
+def lidarcli(found: Detected) -> Result:
     """The tracker of this project."""
     begin = time.process_time()
     tracker, followed = Tracker(), []
@@ -77,7 +77,7 @@ def oracle(recording: Recording, found: Detected) -> Result:
 def following(make: Callable[[], Rules]) -> Method:
     """A method from the rules of a published tracker."""
 
-    def method(recording: Recording, found: Detected) -> Result:
+    def method(found: Detected) -> Result:
         begin = time.process_time()
         rules, tracks, velocities = make(), [], []
         for batch, detection in zip(found.batches, found.detections, strict=True):
@@ -126,12 +126,15 @@ def _corners(x: Float64, y: Float64, yaw: Float64, length: Float64, width: Float
 OURS, ORACLE = "lidarcli", "oracle"
 METHODS: dict[str, Method] = {
     OURS: lidarcli,
-    ORACLE: oracle,
     "leg_tracker": following(LegTracker),
     "obstacle_detector": following(ObstacleDetector),
     "dynamic_obstacle_detector": following(DynamicObstacleDetector),
     "datmo": following(Datmo),
     "SORT": following(Sort),
 }
-AT_FIRST = (OURS, ORACLE)
-"""What `--quick` shows."""
+NAMES = (ORACLE, *METHODS)
+
+
+def follow(name: str, recording: Recording, found: Detected) -> Result:
+    """What one of `NAMES` says of a simulated log."""
+    return oracle(recording, found) if name == ORACLE else METHODS[name](found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -44,11 +44,6 @@ class Recording:
     fast: Bool
     """(S, E) whether it moves with at least `cells.SLOW` in this sweep or did so before."""
 
-    def batches(self) -> Iterator[SweepBatch]:
-        """The sweeps as a reader hands them out."""
-        for first in range(0, len(self.batch), BATCH):
-            yield self.batch.rows(np.arange(first, min(first + BATCH, len(self.batch))))
-
 
 @record
 class Detected:
@@ -62,6 +57,13 @@ class Detected:
     """(S, B) object of each beam, index into all K; -1 for none."""
     entity: Int64
     """(K,) entity that most of its beams hit, -1 for none."""
+
+
+def in_batches(batch: SweepBatch) -> list[SweepBatch]:
+    """The same sweeps as a reader hands them out."""
+    return [
+        batch.rows(np.arange(first, min(first + BATCH, len(batch)))) for first in range(0, len(batch), BATCH)
+    ]
 
 
 def record_cell(cell: Cell, seed: int) -> Recording:
@@ -102,9 +104,9 @@ def simulate(
     )
 
 
-def detected(recording: Recording, parameters: Parameters) -> Detected:
-    """The objects of a recording."""
-    batches, detections = list(recording.batches()), []
+def detected(batches: Sequence[SweepBatch], parameters: Parameters, truth: Int64 | None = None) -> Detected:
+    """The objects of a log; `truth` (S, B) is the entity of each beam."""
+    detections = []
     rows, labels, before, first = [], [], 0, 0
     for batch in batches:
         found = detect(batch, parameters, per_beam=True)
@@ -116,9 +118,8 @@ def detected(recording: Recording, parameters: Parameters) -> Detected:
         detections.append(found)
         before, first = before + len(found), first + len(batch)
     label = np.concatenate(labels)
-    return Detected(
-        batches, detections, np.concatenate(rows), label, majority(label, recording.entity, before)
-    )
+    entity = np.full(before, -1) if truth is None else majority(label, truth, before)
+    return Detected(list(batches), detections, np.concatenate(rows), label, entity)
 
 
 def majority(labels: Int64, entity: Int64, count: int) -> Int64:
