@@ -206,7 +206,17 @@ class Odometry:
     tf: bool = True
     """Also write /tf and /tf_static."""
     delay: float = 0.0
-    """How much later than its stamp says each pose was true … [s]; negative for earlier."""
+    """How much later than the truth the stamps of the poses are [s]; negative for earlier."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """Where the laser sits on the robot."""
+
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """x, y, yaw in the robot's frame."""
+    told: bool = True
+    """Whether the log tells it; else it says that the laser is where the robot is."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -220,8 +230,18 @@ class Scene:
     odometry: Odometry | None = None
     sweeps: int = 100
     """How many sweeps a run takes when nobody says."""
+    mount: Mount = Mount()
 
     @property
     def still(self) -> bool:
         """True where every sweep sees the same, noise aside."""
         return self.path.parked and all(entity.motion.still for entity in self.entities)
+
+    def sensor_poses(self, seconds: Float64) -> Float64:
+        """(S, 3) world x, y, yaw of the laser at the given times."""
+        poses = self.path.poses(seconds)
+        x, y, yaw = self.mount.pose
+        if x or y or yaw:
+            cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+            poses += np.column_stack([cos * x - sin * y, sin * x + cos * y, np.full(len(poses), yaw)])
+        return poses
