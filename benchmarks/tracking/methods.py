@@ -132,7 +132,7 @@ METHODS: dict[str, Method] = {
     "datmo": following(Datmo),
     "SORT": following(Sort),
 }
-NAMES = (ORACLE, *METHODS)
+NAMES = (OURS, ORACLE, *(name for name in METHODS if name != OURS))
 
 
 def follow(name: str, recording: Recording, found: Detected) -> Result:

@@ -88,7 +88,9 @@ REAL = f"""Public recordings; they are no part of this project, and `LIDARCLI_RE
 
 A car, and the sensor on another one, by the motion capture of [datmo](https://github.com/kostaskonkk/datmo). The
 sensor's mount ({real.MOUNT:g} m) and the delay of its sweeps ({real.DELAY:g} s) are given. An object within
-{real.ON_CAR:g} m of the car's place is the car, one further than {real.BESIDE:g} m away another thing; other things stand, as far as is known.
+{real.ON_CAR:g} m of the car's place is the car, one further than {real.BESIDE:g} m away another thing; other things
+stand, as far as is known.
+
 Legs of people are labelled by the authors of [leg_tracker](https://github.com/angusleigh/leg_tracker)
 (`positive_*_extracted.bag`), without telling which leg is whose.
 """
