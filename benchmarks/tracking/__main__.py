@@ -47,7 +47,7 @@ def measure(part: Part) -> Log:
     recording = record_cell(part.cell, part.seed)
     found = detected(in_batches(recording.batch), PARAMETERS, recording.entity)
     scores = {name: score(recording, found, follow(name, recording, found)) for name in part.methods}
-    return Log(part.cell, part.seed, scores)
+    return Log(part.cell, part.seed, scores, found.seconds / len(recording.batch))
 
 
 HEAD = (

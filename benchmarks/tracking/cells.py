@@ -23,7 +23,7 @@ DELAY, DRIFT = 0.05, 0.01
 LOST = {0.0: 0.0, 0.01: 0.003, 0.03: 0.01}
 """Noise [m] → share of beams lost at random."""
 FLICKER = 0.2
-"""Share of the beams that return nothing by turns, in the cells that ask for it."""
+"""Share of the beams that would hit something and return nothing, in the cells that ask for it."""
 
 TUNING, REPORTING = 0, 70_000
 """First seeds of what constants may be chosen on, and of what is reported."""

@@ -23,6 +23,8 @@ class Log:
     cell: Cell
     seed: int
     scores: dict[str, Score]
+    detect_seconds: float
+    """Time of the detection per sweep."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,7 @@ def plot(figures: Figures, target: Path) -> None:
                 right.plot(speed[method], dots, color=colour, linewidth=width)
         left.set(xlabel="cells, worst first", ylabel="HOTA", ylim=(None, 1.0))
         right.set(xlabel="cells, worst first", ylabel="velocity of what moves, RMSE [m/s]", ylim=(0.0, None))
-        left.legend(frameon=False)
+        figure.legend(loc="outside right center", frameon=False)
         target.parent.mkdir(parents=True, exist_ok=True)
         FigureCanvasAgg(figure)
         figure.savefig(target, dpi=110, metadata={"Software": None}, pil_kwargs={"optimize": True})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -57,6 +58,8 @@ class Detected:
     """(S, B) object of each beam, index into all K; -1 for none."""
     entity: Int64
     """(K,) entity that most of its beams hit, -1 for none."""
+    seconds: float
+    """Time that the detection took."""
 
 
 def in_batches(batch: SweepBatch) -> list[SweepBatch]:
@@ -107,9 +110,11 @@ def simulate(
 def detected(batches: Sequence[SweepBatch], parameters: Parameters, truth: Int64 | None = None) -> Detected:
     """The objects of a log; `truth` (S, B) is the entity of each beam."""
     detections = []
-    rows, labels, before, first = [], [], 0, 0
+    rows, labels, before, first, seconds = [], [], 0, 0, 0.0
     for batch in batches:
+        begin = time.process_time()
         found = detect(batch, parameters, per_beam=True)
+        seconds += time.process_time() - begin
         assert found.beam_object is not None
         number = np.full((len(batch), int(found.object.max(initial=0)) + 1), -1)
         number[found.row, found.object] = np.arange(len(found)) + before
@@ -119,7 +124,7 @@ def detected(batches: Sequence[SweepBatch], parameters: Parameters, truth: Int64
         before, first = before + len(found), first + len(batch)
     label = np.concatenate(labels)
     entity = np.full(before, -1) if truth is None else majority(label, truth, before)
-    return Detected(list(batches), detections, np.concatenate(rows), label, entity)
+    return Detected(list(batches), detections, np.concatenate(rows), label, entity, seconds)
 
 
 def majority(labels: Int64, entity: Int64, count: int) -> Int64:

@@ -49,7 +49,7 @@ def log(hota: float, *, cell: int, standing: Share) -> Log:
         seconds=1e-3,
         bodies=Bodies(),
     )
-    return Log(QUICK[cell], 0, {"some": one})
+    return Log(QUICK[cell], 0, {"some": one}, 1e-4)
 
 
 def test_means_are_of_logs_and_the_worst_of_cells() -> None:

@@ -56,7 +56,7 @@ def test_the_entity_of_most_beams() -> None:
 def test_what_is_not_detected_or_too_small() -> None:
     truth = np.array([[0, 0, 1, 1, 1, -1]])
     nothing = np.empty(0, np.int64)
-    found = Detected([], [], np.array([0, 0]), nothing, np.array([1, -1]))
+    found = Detected([], [], np.array([0, 0]), nothing, np.array([1, -1]), 0.0)
     assert undetected(truth, found).tolist() == [[True, True, False, False, False, False]]
     assert too_small(truth).tolist() == [[True, True, False, False, False, False]]
 
