@@ -29,6 +29,10 @@ SPEEDS = (0.15, 1.5)
 FASTEST_TURN = np.radians(20)
 """Of boxes [rad/s]."""
 _TRIES = 40
+_TIMINGS = 4
+"""Times that a way is tried at another pace before it is given up or made shorter."""
+_CROWDED = 0.75
+"""Share of the way that is still roamed when ways are made shorter."""
 
 
 def moving_scene(
@@ -60,7 +64,7 @@ def _room(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
     bodies = int(rng.integers(3, 11))
     moving = int(np.clip(round(bodies * rng.uniform(0.4, 0.8)), 2, 7))
     _furnish(rng, stage, bodies - moving, legged)
-    _populate(rng, stage, moving, 0.3 if legged else 0.0, doors)
+    _populate(rng, stage, moving, 2, 0.3 if legged else 0.0, doors)
     return stage
 
 
@@ -69,7 +73,7 @@ def _people(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
     a, b = rng.uniform(7, 11, 2)
     stage, doors = _chamber(rng, a, b, driving, duration)
     _furnish(rng, stage, int(rng.integers(0, 4)), legged=False)
-    _populate(rng, stage, int(rng.integers(4, 9)), 1.0, doors)
+    _populate(rng, stage, int(rng.integers(4, 9)), 4, 1.0, doors)
     return stage
 
 
@@ -91,7 +95,7 @@ def _hall(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
     _furnish(rng, stage, bodies - moving, legged)
     # Beyond the longest range of the usual sensors, or so far away that it makes no difference.
     gates = [[point * (14.5 / crowd), point] for point in floor[rng.permutation(24)[:6]]]
-    _populate(rng, stage, moving, 0.25 if legged else 0.0, gates)
+    _populate(rng, stage, moving, 4, 0.25 if legged else 0.0, gates)
     return stage
 
 
@@ -115,7 +119,7 @@ def _crossing(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
             come, leave = rng.permutation(4)[:2]
             points = _lane(rng, int(come), int(leave), half)
             walker = legged and rng.random() < 0.6
-            if _send(rng, stage, walker, points, roams=False):
+            if _send(rng, stage, walker, points, roam=0.0):
                 break
     return stage
 
@@ -211,44 +215,58 @@ def _furnish(rng: Rng, stage: Stage, count: int, legged: bool) -> None:
                 break
 
 
-def _populate(rng: Rng, stage: Stage, count: int, walkers: float, doors: list[list[Float64]]) -> None:
-    """Send up to `count` movers about, a share of `walkers` of them persons, some through the doors."""
-    for _ in range(count):
+def _populate(
+    rng: Rng, stage: Stage, count: int, least: int, walkers: float, doors: list[list[Float64]]
+) -> None:
+    """Send `count` movers about, a few less where it is crowded; a share of `walkers` are persons, some use the doors."""
+    for number in range(count):
         walker = rng.random() < walkers
-        for _ in range(_TRIES):
+        tries = _TRIES if number >= least else 10 * _TRIES
+        for attempt in range(tries):
             begin = list(doors[int(rng.integers(len(doors)))]) if doors and rng.random() < 0.35 else []
-            if _send(rng, stage, walker, begin):
+            # A shorter way meets fewer others.
+            if _send(rng, stage, walker, begin, roam=1.0 - 0.7 * attempt / tries):
                 break
 
 
-def _send(rng: Rng, stage: Stage, walker: bool, begin: list[Float64], *, roams: bool = True) -> bool:
+def _send(rng: Rng, stage: Stage, walker: bool, begin: list[Float64], *, roam: float) -> bool:
     """Draw one mover and its way, which begins, or by chance ends, with the points given; True if it fits.
 
-    Who `roams` goes on from there at random.
+    It goes on from there at random for the share `roam` of what it has time for.
     """
     speed = rng.uniform(0.5, SPEEDS[1]) if walker else rng.uniform(*SPEEDS)
     body = _body(rng, walker, 0.5 if begin else 0.8)
-    far = speed * stage.duration * rng.uniform(0.4, 1.0) if roams else 0.0
+    far = roam * speed * stage.duration * rng.uniform(0.4, 1.0)
     points = stage.wander(rng, reach(body), far, begin)
     if len(points) < 2:
         return False
-    if begin and roams and rng.random() < 0.5:
+    if begin and roam and rng.random() < 0.5:
         points = points[::-1]
-    # A box turns slowly, on the spot or on a wide arc; a person turns as persons do.
-    gentle = not walker and body.kind != "cylinder"
+    # Who meets somebody may be earlier or later or, when much has been tried, stop before.
+    shorter = range(len(points) - 1, max(len(begin), 1), -1) if roam < _CROWDED else ()
+    for count in (*[len(points)] * _TIMINGS, *shorter):
+        motion = _motion(rng, body, walker, points[:count], speed)
+        if stage.move(replace(body, x=float(points[0][0]), y=float(points[0][1]), motion=motion)):
+            return True
+    return False
+
+
+def _motion(rng: Rng, body: Entity, walker: bool, points: list[Float64], speed: float) -> Motion:
+    """The body on its way: a box turns slowly, on the spot or all the time; a person turns as persons do."""
     waypoints = timed(rng, points, speed, stop=0.3, pause=0.3)
-    turn_rate, radius = (
-        (FASTEST_TURN, speed / FASTEST_TURN) if gentle else (np.radians(120), rng.uniform(0.3, 0.8))
-    )
-    ahead = walker or (gentle and rng.random() < 0.5)
-    if ahead and gentle:
+    if walker:
+        radius = rng.uniform(0.3, 0.8)
+        return replace(
+            body.motion, route=plan_route(waypoints, turn_rate=np.radians(120), corner_radius=radius)
+        )
+    if body.kind != "cylinder" and rng.random() < 0.5:
         waypoints = [replace(point, corner="stop") for point in waypoints]
-    route = plan_route(waypoints, turn_rate=turn_rate, corner_radius=min(radius, 0.8))
-    turns = gentle and not ahead and rng.random() < 0.7
+        return Motion(route=plan_route(waypoints, turn_rate=FASTEST_TURN))
+    turns = body.kind != "cylinder" and rng.random() < 0.7
     rate = rng.uniform(-1, 1) * FASTEST_TURN if turns else 0.0
-    x, y = points[0]
-    motion = replace(body.motion, yaw_rate=rate, route=route, ahead=ahead)
-    return stage.move(replace(body, x=float(x), y=float(y), motion=motion))
+    # What does not turn ahead slides through its corners: they cost it no turn on the spot.
+    route = plan_route(waypoints, turn_rate=np.radians(360), corner_radius=rng.uniform(0.3, 0.8))
+    return Motion(yaw_rate=rate, route=route, ahead=False)
 
 
 def _body(rng: Rng, walker: bool, largest: float) -> Entity:
