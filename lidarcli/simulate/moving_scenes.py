@@ -29,10 +29,10 @@ SPEEDS = (0.15, 1.5)
 FASTEST_TURN = np.radians(20)
 """Of boxes [rad/s]."""
 _TRIES = 40
-_TIMINGS = 4
-"""Times that a way is tried at another pace before it is given up or made shorter."""
-_CROWDED = 0.75
-"""Share of the way that is still roamed when ways are made shorter."""
+_REPAIRS = 12
+"""Times that a way is changed because somebody was met on it."""
+_PATIENCE = 0.9
+"""How often it is changed by waiting, not by going less far."""
 
 
 def moving_scene(
@@ -70,7 +70,7 @@ def _room(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
 
 def _people(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
     """A room with 4 to 8 walkers and little else."""
-    a, b = rng.uniform(7, 11, 2)
+    a, b = rng.uniform(8, 12, 2)
     stage, doors = _chamber(rng, a, b, driving, duration)
     _furnish(rng, stage, int(rng.integers(0, 4)), legged=False)
     _populate(rng, stage, int(rng.integers(4, 9)), 4, 1.0, doors)
@@ -242,31 +242,44 @@ def _send(rng: Rng, stage: Stage, walker: bool, begin: list[Float64], *, roam: f
         return False
     if begin and roam and rng.random() < 0.5:
         points = points[::-1]
-    # Who meets somebody may be earlier or later or, when much has been tried, stop before.
-    shorter = range(len(points) - 1, max(len(begin), 1), -1) if roam < _CROWDED else ()
-    for count in (*[len(points)] * _TIMINGS, *shorter):
-        motion = _motion(rng, body, walker, points[:count], speed)
-        if stage.move(replace(body, x=float(points[0][0]), y=float(points[0][1]), motion=motion)):
+    body = replace(body, x=float(points[0][0]), y=float(points[0][1]))
+    motion, turn_rate, radius = _manner(rng, body, walker)
+    waypoints = timed(rng, points, speed, stop=0.3 if radius else 1.0, pause=0.3)
+    for _ in range(_REPAIRS):
+        if len(waypoints) < max(len(begin), 2):
+            return False
+        route = plan_route(waypoints, turn_rate=turn_rate, corner_radius=radius or 1.0)
+        met = stage.move(replace(body, motion=replace(motion, route=route)))
+        if met is None:
             return True
+        # Wait longer where it last could, until the other one has passed; or go no farther.
+        last = _passed(route, met)
+        if rng.random() < _PATIENCE:
+            waypoints[last] = replace(waypoints[last], wait=waypoints[last].wait + rng.uniform(0.3, 2.0))
+        else:
+            waypoints = waypoints[: last + 1]
     return False
 
 
-def _motion(rng: Rng, body: Entity, walker: bool, points: list[Float64], speed: float) -> Motion:
-    """The body on its way: a box turns slowly, on the spot or all the time; a person turns as persons do."""
-    waypoints = timed(rng, points, speed, stop=0.3, pause=0.3)
+def _passed(route: Route, second: float) -> int:
+    """The last waypoint of a route that has been passed by this time."""
+    points = np.array([[point.x, point.y] for point in route.waypoints])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    way = route.state(np.array([second])).way[0]
+    return max(int(np.searchsorted(along, way, side="right")) - 1, 0)
+
+
+def _manner(rng: Rng, body: Entity, walker: bool) -> tuple[Motion, float, float]:
+    """How a body goes about: its motion without a route, its turns on the spot [rad/s], the radius of its arcs [m]."""
     if walker:
-        radius = rng.uniform(0.3, 0.8)
-        return replace(
-            body.motion, route=plan_route(waypoints, turn_rate=np.radians(120), corner_radius=radius)
-        )
-    if body.kind != "cylinder" and rng.random() < 0.5:
-        waypoints = [replace(point, corner="stop") for point in waypoints]
-        return Motion(route=plan_route(waypoints, turn_rate=FASTEST_TURN))
-    turns = body.kind != "cylinder" and rng.random() < 0.7
+        return body.motion, np.radians(120), rng.uniform(0.3, 0.8)
+    if body.kind == "box" and rng.random() < 0.5:
+        # Turns its front ahead, slowly and on the spot alone.
+        return Motion(), FASTEST_TURN, 0.0
+    turns = body.kind == "box" and rng.random() < 0.7
     rate = rng.uniform(-1, 1) * FASTEST_TURN if turns else 0.0
-    # What does not turn ahead slides through its corners: they cost it no turn on the spot.
-    route = plan_route(waypoints, turn_rate=np.radians(360), corner_radius=rng.uniform(0.3, 0.8))
-    return Motion(yaw_rate=rate, route=route, ahead=False)
+    # What has no front takes no time to turn it.
+    return Motion(yaw_rate=rate, ahead=False), TURN, rng.uniform(0.3, 0.8)
 
 
 def _body(rng: Rng, walker: bool, largest: float) -> Entity:
