@@ -14,6 +14,8 @@ STEPS = (0.6, 0.8)
 """Length of a step [m] at a stroll and at a brisk walk, of the speeds …"""
 SPEEDS = (0.6, 1.4)
 """… [m/s]; slower and faster walkers keep these steps and change their cadence."""
+AHEAD = 0.63
+"""How far a leg gets ahead of the body, or stays behind, in steps: just before it lands."""
 _BOTH = 0.1
 """Share of a step, at its beginning and at its end, in which both legs stand."""
 _STRETCH = 0.1

@@ -29,6 +29,10 @@ SPEEDS = (0.15, 1.5)
 FASTEST_TURN = np.radians(20)
 """Of boxes [rad/s]."""
 _TRIES = 40
+_REPAIRS = 12
+"""Times that a way is changed because somebody was met on it."""
+_PATIENCE = 0.9
+"""How often it is changed by waiting, not by going less far."""
 
 
 def moving_scene(
@@ -60,16 +64,16 @@ def _room(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
     bodies = int(rng.integers(3, 11))
     moving = int(np.clip(round(bodies * rng.uniform(0.4, 0.8)), 2, 7))
     _furnish(rng, stage, bodies - moving, legged)
-    _populate(rng, stage, moving, 0.3 if legged else 0.0, doors)
+    _populate(rng, stage, moving, 2, 0.3 if legged else 0.0, doors)
     return stage
 
 
 def _people(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
     """A room with 4 to 8 walkers and little else."""
-    a, b = rng.uniform(7, 11, 2)
+    a, b = rng.uniform(8, 12, 2)
     stage, doors = _chamber(rng, a, b, driving, duration)
     _furnish(rng, stage, int(rng.integers(0, 4)), legged=False)
-    _populate(rng, stage, int(rng.integers(4, 9)), 1.0, doors)
+    _populate(rng, stage, int(rng.integers(4, 9)), 4, 1.0, doors)
     return stage
 
 
@@ -91,7 +95,7 @@ def _hall(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
     _furnish(rng, stage, bodies - moving, legged)
     # Beyond the longest range of the usual sensors, or so far away that it makes no difference.
     gates = [[point * (14.5 / crowd), point] for point in floor[rng.permutation(24)[:6]]]
-    _populate(rng, stage, moving, 0.25 if legged else 0.0, gates)
+    _populate(rng, stage, moving, 4, 0.25 if legged else 0.0, gates)
     return stage
 
 
@@ -115,7 +119,7 @@ def _crossing(rng: Rng, duration: float, driving: bool, legged: bool) -> Stage:
             come, leave = rng.permutation(4)[:2]
             points = _lane(rng, int(come), int(leave), half)
             walker = legged and rng.random() < 0.6
-            if _send(rng, stage, walker, points, roams=False):
+            if _send(rng, stage, walker, points, roam=0.0):
                 break
     return stage
 
@@ -211,44 +215,71 @@ def _furnish(rng: Rng, stage: Stage, count: int, legged: bool) -> None:
                 break
 
 
-def _populate(rng: Rng, stage: Stage, count: int, walkers: float, doors: list[list[Float64]]) -> None:
-    """Send up to `count` movers about, a share of `walkers` of them persons, some through the doors."""
-    for _ in range(count):
+def _populate(
+    rng: Rng, stage: Stage, count: int, least: int, walkers: float, doors: list[list[Float64]]
+) -> None:
+    """Send `count` movers about, a few less where it is crowded; a share of `walkers` are persons, some use the doors."""
+    for number in range(count):
         walker = rng.random() < walkers
-        for _ in range(_TRIES):
+        tries = _TRIES if number >= least else 10 * _TRIES
+        for attempt in range(tries):
             begin = list(doors[int(rng.integers(len(doors)))]) if doors and rng.random() < 0.35 else []
-            if _send(rng, stage, walker, begin):
+            # A shorter way meets fewer others.
+            if _send(rng, stage, walker, begin, roam=1.0 - 0.7 * attempt / tries):
                 break
 
 
-def _send(rng: Rng, stage: Stage, walker: bool, begin: list[Float64], *, roams: bool = True) -> bool:
+def _send(rng: Rng, stage: Stage, walker: bool, begin: list[Float64], *, roam: float) -> bool:
     """Draw one mover and its way, which begins, or by chance ends, with the points given; True if it fits.
 
-    Who `roams` goes on from there at random.
+    It goes on from there at random for the share `roam` of what it has time for.
     """
     speed = rng.uniform(0.5, SPEEDS[1]) if walker else rng.uniform(*SPEEDS)
     body = _body(rng, walker, 0.5 if begin else 0.8)
-    far = speed * stage.duration * rng.uniform(0.4, 1.0) if roams else 0.0
+    far = roam * speed * stage.duration * rng.uniform(0.4, 1.0)
     points = stage.wander(rng, reach(body), far, begin)
     if len(points) < 2:
         return False
-    if begin and roams and rng.random() < 0.5:
+    if begin and roam and rng.random() < 0.5:
         points = points[::-1]
-    # A box turns slowly, on the spot or on a wide arc; a person turns as persons do.
-    gentle = not walker and body.kind != "cylinder"
-    waypoints = timed(rng, points, speed, stop=0.3, pause=0.3)
-    turn_rate, radius = (
-        (FASTEST_TURN, speed / FASTEST_TURN) if gentle else (np.radians(120), rng.uniform(0.3, 0.8))
-    )
-    ahead = walker or (gentle and rng.random() < 0.5)
-    if ahead and gentle:
-        waypoints = [replace(point, corner="stop") for point in waypoints]
-    route = plan_route(waypoints, turn_rate=turn_rate, corner_radius=min(radius, 0.8))
-    turns = gentle and not ahead and rng.random() < 0.7
+    body = replace(body, x=float(points[0][0]), y=float(points[0][1]))
+    motion, turn_rate, radius = _manner(rng, body, walker)
+    waypoints = timed(rng, points, speed, stop=0.3 if radius else 1.0, pause=0.3)
+    for _ in range(_REPAIRS):
+        if len(waypoints) < max(len(begin), 2):
+            return False
+        route = plan_route(waypoints, turn_rate=turn_rate, corner_radius=radius or 1.0)
+        met = stage.move(replace(body, motion=replace(motion, route=route)))
+        if met is None:
+            return True
+        # Wait longer where it last could, until the other one has passed; or go no farther.
+        last = _passed(route, met)
+        if rng.random() < _PATIENCE:
+            waypoints[last] = replace(waypoints[last], wait=waypoints[last].wait + rng.uniform(0.3, 2.0))
+        else:
+            waypoints = waypoints[: last + 1]
+    return False
+
+
+def _passed(route: Route, second: float) -> int:
+    """The last waypoint of a route that has been passed by this time."""
+    points = np.array([[point.x, point.y] for point in route.waypoints])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    way = route.state(np.array([second])).way[0]
+    return max(int(np.searchsorted(along, way, side="right")) - 1, 0)
+
+
+def _manner(rng: Rng, body: Entity, walker: bool) -> tuple[Motion, float, float]:
+    """How a body goes about: its motion without a route, its turns on the spot [rad/s], the radius of its arcs [m]."""
+    if walker:
+        return body.motion, np.radians(120), rng.uniform(0.3, 0.8)
+    if body.kind == "box" and rng.random() < 0.5:
+        # Turns its front ahead, slowly and on the spot alone.
+        return Motion(), FASTEST_TURN, 0.0
+    turns = body.kind == "box" and rng.random() < 0.7
     rate = rng.uniform(-1, 1) * FASTEST_TURN if turns else 0.0
-    x, y = points[0]
-    motion = replace(body.motion, yaw_rate=rate, route=route, ahead=ahead)
-    return stage.move(replace(body, x=float(x), y=float(y), motion=motion))
+    # What has no front takes no time to turn it.
+    return Motion(yaw_rate=rate, ahead=False), TURN, rng.uniform(0.3, 0.8)
 
 
 def _body(rng: Rng, walker: bool, largest: float) -> Entity:

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from lidarcli.simulate.clearance import covers, distance, in_polygon, outline, to_segments
+from lidarcli.simulate.gait import AHEAD
 from lidarcli.simulate.route import Corner, Route, Waypoint
 from lidarcli.simulate.scene import Course, Entity
 from lidarcli.sweeps import Float64
@@ -74,19 +75,19 @@ class Stage:
         self.sides = np.vstack([self.sides, sides])
         return True
 
-    def move(self, entity: Entity) -> bool:
-        """Take a mover if it meets nobody and nothing at any time."""
+    def move(self, entity: Entity) -> float | None:
+        """Take a mover, if it meets nobody and nothing at any time; else when it first does [s]."""
         places, around = entity.poses(self.seconds)[:, :2], reach(entity)
-        if np.hypot(*(places - self.sensor).T).min() < around + _FROM_SENSOR:
-            return False
-        if not self.free(places, around):
-            return False
+        close = np.hypot(*(places - self.sensor).T) < around + _FROM_SENSOR
         for others, beside in self.tracks:
-            if np.hypot(*(places - others).T).min() < around + beside + _APART:
-                return False
+            close |= np.hypot(*(places - others).T) < around + beside + _APART
+        if close.any():
+            return float(self.seconds[close.argmax()])
+        if not self.free(places, around):
+            return 0.0
         self.movers.append(entity)
         self.tracks.append((places, around))
-        return True
+        return None
 
     def free(self, places: Float64, around: float) -> bool:
         """True where a thing that reaches so far around any of (P, 2) places stands clear of what stands."""
@@ -133,7 +134,8 @@ class Stage:
 def reach(entity: Entity) -> float:
     """How far the thing reaches around its centre, whichever way it is turned [m]."""
     if entity.kind == "person":
-        return float(np.hypot(entity.length, entity.width) / 2)
+        aside, leg = float(entity.circles[0, 1]), float(entity.circles[0, 2])
+        return float(np.hypot(AHEAD * entity.motion.stride, aside)) + leg
     ends = entity.segments.reshape(-1, 2)
     corners = np.hypot(ends[:, 0], ends[:, 1]).max(initial=0.0)
     rims = np.hypot(entity.circles[:, 0], entity.circles[:, 1]) + entity.circles[:, 2]
