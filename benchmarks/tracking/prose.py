@@ -41,8 +41,9 @@ and stop with 2 m/s², turn and pause; none touches another, and none appears or
 The sensor is *parked* (the log has no poses), *driving* with true poses, or *drifting*: driving with poses that
 are {cells.DELAY:g} s late and drift by {100 * cells.DRIFT:g} % of the way. It has 361 beams over a closed ±180°, 720 over
 [0°, 360°) or 1081 over 270°; noise of σ 0, 1 or 3 cm with 0, 0.3 or 1 % of the beams lost. Two faults are tried
-apart from these: *flicker*, where {100 * cells.FLICKER:g} % of the beams that would hit something return nothing, in runs and
-most where it is far or dark, and *rolling* sweeps that take the whole tenth of a second. That makes {{cells}} cells of {{seeds}} logs with seeds of their own, {{logs}} in all.
+apart from these: *flicker*, where {100 * cells.FLICKER:g} % of the beams that would hit something return
+nothing, in runs and most where it is far or dark, and *rolling* sweeps that take the whole tenth of a second. That
+makes {{cells}} cells of {{seeds}} logs with seeds of their own, {{logs}} in all.
 """
 
 METHODS = f"""## What is compared
