@@ -78,6 +78,10 @@ class RawSweeps:
     """(S,) number of ranges of each sweep."""
     ranges: Float32
     """(S, B)"""
+    time_increment: Float32 | None = None
+    """(S,) from beam to beam [s], None where nobody has told."""
+    scan_time: Float32 | None = None
+    """(S,) from sweep to sweep [s], None where nobody has told."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -90,9 +94,11 @@ class RawSweeps:
     def rows(self, index: slice | NDArray[np.intp] | Bool) -> RawSweeps:
         """The same block with the rows of `index` alone."""
         picked = {name: getattr(self, name)[index] for name in _ROW_FIELDS}
-        return replace(self, **picked)
+        timed = {name: told[index] for name in _TIMES if (told := getattr(self, name)) is not None}
+        return replace(self, **picked, **timed)
 
 
+_TIMES = ("time_increment", "scan_time")
 _ROW_FIELDS = (
     "frame",
     "stamp_ns",
@@ -128,6 +134,10 @@ def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
         for name in _ROW_FIELDS
         if name not in ("frame", "ranges")
     }
+    for name in _TIMES:
+        told = [some for block in blocks if (some := getattr(block, name)) is not None]
+        if len(told) == len(blocks):
+            joined[name] = np.concatenate(told)
     return RawSweeps(
         topic=blocks[0].topic, frame_ids=frame_ids, frame=np.concatenate(frames), ranges=ranges, **joined
     )

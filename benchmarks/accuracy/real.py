@@ -61,7 +61,9 @@ class Car:
 
 def measure_legs(folder: Path) -> list[Legs]:
     """Every method on every log with labelled legs; the k-th array of positions belongs to the k-th sweep."""
-    logs = [(batch, labels) for path in sorted(folder.glob(LEG_LOGS)) for batch, labels in _legs(path)]
+    logs = [
+        (batch, labels) for path in sorted(folder.glob(LEG_LOGS)) for batch, labels in labelled_legs(path)
+    ]
     results = []
     for name, method in METHODS.items():
         away: list[float] = []
@@ -96,11 +98,11 @@ def measure_car(folder: Path) -> list[Car]:
     """The robust profile on every log with motion capture."""
     results = []
     for path in sorted(folder.glob(CAR_LOGS)):
-        car, ego = _poses(path, CAR), _poses(path, EGO)
+        car, ego = mocap(path, CAR), mocap(path, EGO)
         boxes_off, points_off = [], []
         count = 0
         for batch in lidarcli.read(path):
-            position = seen_from(_at(ego, batch.stamp_ns), _at(car, batch.stamp_ns))
+            position = seen_from(poses_at(ego, batch.stamp_ns), poses_at(car, batch.stamp_ns))
             detection = detect(batch)
             count += len(detection)
             x, y = points_xy(batch)
@@ -149,7 +151,8 @@ def seen_from(origin: Float64, poses: Float64) -> Float64:
     return np.column_stack([cos * dx + sin * dy, cos * dy - sin * dx])
 
 
-def _legs(path: Path) -> Iterator[tuple[SweepBatch, list[Float64]]]:
+def labelled_legs(path: Path) -> Iterator[tuple[SweepBatch, list[Float64]]]:
+    """The sweeps of a log, and for each the places of the legs in it (K, 2)."""
     labels = [
         np.array([[pose.position.x, pose.position.y] for pose in message.poses]).reshape(-1, 2)
         for message in _messages(path, LEG_TOPIC)
@@ -160,7 +163,7 @@ def _legs(path: Path) -> Iterator[tuple[SweepBatch, list[Float64]]]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Track:
+class Mocap:
     """Poses of one body by time."""
 
     stamp_ns: Int64
@@ -168,7 +171,8 @@ class _Track:
     """(N, 3) x, y, unwrapped yaw."""
 
 
-def _poses(path: Path, topic: str) -> _Track:
+def mocap(path: Path, topic: str) -> Mocap:
+    """The poses on a topic."""
     stamps, poses = [], []
     for message in _messages(path, topic):
         stamps.append(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
@@ -177,10 +181,10 @@ def _poses(path: Path, topic: str) -> _Track:
         poses.append([place.x, place.y, yaw])
     table = np.array(poses)
     table[:, 2] = np.unwrap(table[:, 2])
-    return _Track(np.array(stamps, np.int64), table)
+    return Mocap(np.array(stamps, np.int64), table)
 
 
-def _at(track: _Track, stamp_ns: Int64) -> Float64:
+def poses_at(track: Mocap, stamp_ns: Int64) -> Float64:
     """(S, 3) poses between the nearest two."""
     first = track.stamp_ns[0]
     when, known = (stamp_ns - first).astype(float), (track.stamp_ns - first).astype(float)

@@ -218,7 +218,9 @@ def _shortest(values: Float32) -> list[str]:
 def _geometry(block: RawSweeps, row: int) -> list[str]:
     beams = int(block.beams[row])
     last = block.angle_min[row] + (beams - 1) * block.angle_increment[row]
-    values = [block.angle_min[row], last, block.angle_increment[row], 0.0, 0.0]
+    times = (block.time_increment, block.scan_time)
+    told = [0.0 if seconds is None else seconds[row] for seconds in times]
+    values = [block.angle_min[row], last, block.angle_increment[row], *told]
     return _shortest(np.array([*values, block.range_min[row], block.range_max[row]], np.float32))
 
 

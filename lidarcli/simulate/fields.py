@@ -110,9 +110,20 @@ class Fields:
         self._refuse_large(key, points)
         return points
 
+    def items(self, key: str, least: int, most: int) -> list[object]:
+        """A list of so many values."""
+        value = self._take(key, None)
+        if not isinstance(value, list) or not least <= len(value) <= most:
+            self.fail(key, f"must be a list of {least:,} to {most:,} values")
+        return value
+
     def table(self, key: str) -> Fields:
         """A table inside this one; an empty one where it is not given."""
-        return Fields(self.file, f"{self.place[:-1]}.{key}]", self._take(key, {}))
+        return Fields(self.file, self.inside(key), self._take(key, {}))
+
+    def inside(self, key: str) -> str:
+        """The place of what stands under a key."""
+        return f"{self.place[:-1]}.{key}]" if self.place.endswith("]") else f"{self.place}, {key}"
 
     def done(self) -> None:
         """Refuse keys that nobody asked for: most often they are misspelt."""

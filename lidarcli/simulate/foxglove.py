@@ -151,9 +151,7 @@ def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
         stamp = _stamp(int(rows.stamp_ns[row]))
         return pack(POSE, {"timestamp": stamp, "frame_id": rows.odometry.frame_id, "pose": pose})
 
-    def frame_transform(
-        stamp_ns: int, parent: str, child: str, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> bytes:
+    def frame_transform(stamp_ns: int, parent: str, child: str, pose: tuple[float, float, float]) -> bytes:
         return pack(
             TRANSFORM,
             {
@@ -171,7 +169,8 @@ def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
         return frame_transform(int(rows.stamp_ns[row]), *frames, (x, y, yaw))
 
     def mounting(rows: SimulatedPoses) -> bytes:
-        return frame_transform(int(rows.stamp_ns[0]), rows.odometry.child_frame_id, rows.laser_frame)
+        frames = rows.odometry.child_frame_id, rows.laser_frame
+        return frame_transform(int(rows.stamp_ns[0]), *frames, rows.mount)
 
     return Encoding(name, SCAN, POSE, TRANSFORM, scans, odometry, transform, mounting)
 

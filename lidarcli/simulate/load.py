@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from math import degrees, hypot, radians
 from pathlib import Path
 
@@ -13,16 +14,14 @@ import numpy as np
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.fields import Fields
+from lidarcli.simulate.gait import STEPS
+from lidarcli.simulate.load_motion import load_motion, load_robot, refuse_beside_route
 from lidarcli.simulate.scene import (
     LOST_AS,
-    Course,
     Entity,
     LostAs,
-    Motion,
-    Odometry,
     Scene,
     Sensor,
-    super_ellipse,
 )
 
 MAX_BEAMS = 100_000
@@ -34,12 +33,12 @@ MAX_DEPTH = 16
 """Most levels of brackets, and of the parts of a dotted key, in a scene file."""
 MAX_SHAPES = 10_000
 """Most straight sides and circles of all entities: each beam meets all of them."""
+MAX_FLICKER = 0.9
+"""Largest share of the beams that may flicker."""
 LEAST_RATE = 1e-3
 """Fewest sweeps per second."""
 LEAST_STEP = 1e-9
 """Least angle from beam to beam [degrees]."""
-LEAST_COURSE = 1e-6
-"""Least length of a course that is driven [m]."""
 _TEXTS = re.compile(r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""")
 _BETWEEN_KEYS = re.compile(r"[^\w \t.-]")
 
@@ -57,7 +56,7 @@ def load_scene(path: str | Path) -> Scene:
     top = Fields(file, "the scene", document)
     head = Fields(file, "[scene]", document.get("scene", {}))
     sensor = _sensor(Fields(file, "[sensor]", document.get("sensor", {})))
-    path_driven, odometry = _robot(Fields(file, "[robot]", document.get("robot", {})))
+    path_driven, odometry, mount = load_robot(Fields(file, "[robot]", document.get("robot", {})))
     found: list[Entity] = []
     for key, values in document.items():
         if key not in _ENTITIES:
@@ -79,6 +78,7 @@ def load_scene(path: str | Path) -> Scene:
         path=path_driven,
         odometry=odometry,
         sweeps=head.whole("sweeps", 100, low=0, high=MAX_SWEEPS),
+        mount=mount,
     )
     head.done()
     top.asked = ["scene", "sensor", "robot", *_ENTITIES]
@@ -160,60 +160,19 @@ def _sensor(fields: Fields) -> Sensor:
         frame_id=fields.text("frame_id", default.frame_id),
         beams_jitter=fields.whole("beams_jitter", 0, low=0, high=beams - 1),
         mixed_pixels=fields.number("mixed_pixels", 0.0, low=0, high=1),
+        flicker=fields.number("flicker", 0.0, low=0, high=MAX_FLICKER),
+        time_increment=fields.number("time_increment", 0.0, low=0),
     )
+    if sensor.time_increment * (beams - 1) > 1 / sensor.rate:
+        most = 1 / (sensor.rate * (beams - 1))
+        fields.fail("time_increment", f"makes a sweep take longer than one turn; the most is {most:g}")
     fields.done()
     return sensor
 
 
-def _robot(fields: Fields) -> tuple[Course, Odometry | None]:
-    """The table [robot]: parked at a pose, or driving a closed course."""
-    x, y = fields.number("x", 0.0), fields.number("y", 0.0)
-    yaw = radians(fields.number("yaw", 0.0))
-    speed = fields.number("speed", 0.0, low=0)
-    points = np.array([[x, y]])
-    if fields.has("waypoints"):
-        if fields.has("super_ellipse"):
-            fields.fail("waypoints", "and super_ellipse exclude each other: leave one out")
-        points = np.array(fields.points("waypoints", 2))
-    elif fields.has("super_ellipse"):
-        course = fields.table("super_ellipse")
-        a, b = course.number("a", above=0), course.number("b", above=0)
-        points = super_ellipse(a, b, course.number("exponent", 4.0, low=0.01)) + np.array([x, y])
-        course.done()
-    if fields.has("waypoints", "super_ellipse") and speed == 0:
-        fields.fail("speed", "must be above 0 for a robot that drives")
-    if speed and len(points) > 1 and np.ptp(points, axis=0).max() < LEAST_COURSE:
-        driven = "waypoints" if fields.has("waypoints") else "super_ellipse"
-        fields.fail(driven, f"must reach over {LEAST_COURSE:g} m at least: there is no way to drive")
-    odometry = None
-    if fields.has("odometry"):
-        table = fields.table("odometry")
-        default = Odometry()
-        odometry = Odometry(
-            topic=table.text("topic", default.topic),
-            frame_id=table.text("frame_id", default.frame_id),
-            child_frame_id=table.text("child_frame_id", default.child_frame_id),
-            noise=table.number("noise", 0.0, low=0),
-            yaw_noise=radians(table.number("yaw_noise", 0.0, low=0)),
-            tf=table.flag("tf", True),
-        )
-        table.done()
-    fields.done()
-    return Course(points, speed, yaw), odometry
-
-
-def _motion(fields: Fields) -> Motion:
-    """The keys of whatever moves, appears or disappears."""
-    return Motion(
-        velocity=fields.pair("velocity", (0.0, 0.0)),
-        yaw_rate=radians(fields.number("yaw_rate", 0.0)),
-        appears=fields.number("appears") if fields.has("appears") else -np.inf,
-        disappears=fields.number("disappears") if fields.has("disappears") else np.inf,
-    )
-
-
 def _place(fields: Fields) -> tuple[float, float]:
-    return fields.number("x"), fields.number("y")
+    """Where a thing stands, or where its route begins, as `load_motion` reads it."""
+    return (0.0, 0.0) if fields.has("route") else (fields.number("x"), fields.number("y"))
 
 
 def _yaw(fields: Fields, default: float = 0.0) -> float:
@@ -229,11 +188,14 @@ def _wall(fields: Fields) -> Entity:
 
 def _box(fields: Fields) -> Entity:
     size = fields.number("length", above=0), fields.number("width", above=0)
-    return make.box(*_place(fields), *size, _yaw(fields), _motion(fields))
+    return make.box(*_place(fields), *size, _yaw(fields), load_motion(fields))
 
 
 def _cylinder(fields: Fields) -> Entity:
-    return make.cylinder(*_place(fields), fields.number("radius", above=0), _motion(fields))
+    motion = load_motion(fields)
+    # What is round has no side to turn ahead.
+    motion = replace(motion, ahead=motion.ahead and not motion.route)
+    return make.cylinder(*_place(fields), fields.number("radius", above=0), motion)
 
 
 def _legged(kind: str, length: float, width: float, leg: float) -> Callable[[Fields], Entity]:
@@ -242,25 +204,30 @@ def _legged(kind: str, length: float, width: float, leg: float) -> Callable[[Fie
     def load(fields: Fields) -> Entity:
         sizes = [fields.number(key, value, above=0) for key, value in (("length", length), ("width", width))]
         thick = fields.number("leg", leg, above=0, high=min(sizes) / 2)
-        return make.legged(kind, *_place(fields), sizes[0], sizes[1], thick, _yaw(fields), _motion(fields))
+        return make.legged(
+            kind, *_place(fields), sizes[0], sizes[1], thick, _yaw(fields), load_motion(fields)
+        )
 
     return load
 
 
 def _plant(fields: Fields) -> Entity:
     radius, seed = fields.number("radius", above=0), fields.whole("seed", 0, low=0, high=2**31)
-    return make.plant(*_place(fields), radius, seed, _yaw(fields), _motion(fields))
+    return make.plant(*_place(fields), radius, seed, _yaw(fields), load_motion(fields))
 
 
 def _person(fields: Fields) -> Entity:
     """Two legs; a walker looks ahead and swings them in step with its speed unless told otherwise."""
-    motion = _motion(fields)
+    motion = load_motion(fields)
+    gap, leg = fields.number("gap", 0.25, above=0), fields.number("leg", 0.12, above=0)
+    if motion.route:
+        refuse_beside_route(fields, ("yaw", "yaw_rate"))
+        return make.person(*_place(fields), _yaw(fields), gap, leg, replace(motion, stride=STEPS[1]))
     speed = hypot(*motion.velocity)
     heading = degrees(np.arctan2(motion.velocity[1], motion.velocity[0])) if speed else 0.0
     stride = fields.number("stride", 0.5 if speed else 0.0, low=0)
     cadence = fields.number("cadence", speed / (2 * stride) if stride else 0.0, low=0)
-    gait = Motion(motion.velocity, motion.yaw_rate, motion.appears, motion.disappears, stride, cadence)
-    gap, leg = fields.number("gap", 0.25, above=0), fields.number("leg", 0.12, above=0)
+    gait = replace(motion, stride=stride, cadence=cadence)
     return make.person(*_place(fields), _yaw(fields, heading), gap, leg, gait)
 
 

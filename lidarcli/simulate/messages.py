@@ -38,7 +38,7 @@ class Encoding:
     transform: Callable[[SimulatedPoses, int], bytes]
     """Pose of the robot in the odometry frame."""
     mounting: Callable[[SimulatedPoses], bytes]
-    """Pose of the laser on the robot: the identity."""
+    """Pose of the laser on the robot."""
 
 
 def cdr_scans(raw: RawSweeps) -> list[bytes]:
@@ -93,6 +93,10 @@ def _bulk(
         _set(message, seconds=seconds, nanoseconds=nanoseconds, count=beams, angle_max=angle_max)
         _set(message, angle_min=raw.angle_min[rows], angle_increment=raw.angle_increment[rows])
         _set(message, range_min=raw.range_min[rows], range_max=raw.range_max[rows])
+        for name in ("time_increment", "scan_time"):
+            told = getattr(raw, name)
+            if told is not None:
+                message[name] = told[rows]
         message["ranges"] = raw.ranges[rows, :beams]
         if frame:
             message["frame"] = frame
@@ -141,7 +145,7 @@ def _ros(name: str, store: Any, serialize: Callable[[Any, str], Any], ros1: bool
         return stamped(int(rows.stamp_ns[row]), *frames, (x, y, yaw))
 
     def mounting(rows: SimulatedPoses) -> bytes:
-        return stamped(int(rows.stamp_ns[0]), rows.odometry.child_frame_id, rows.laser_frame, (0.0, 0.0, 0.0))
+        return stamped(int(rows.stamp_ns[0]), rows.odometry.child_frame_id, rows.laser_frame, rows.mount)
 
     scans = ros1_scans if ros1 else cdr_scans
     return Encoding(name, SCAN, ODOMETRY, TF, scans, odometry, transform, mounting)

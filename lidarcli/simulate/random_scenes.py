@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from lidarcli.simulate import entities as make
+from lidarcli.simulate.clearance import covers, distance, in_polygon, outline
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64
 
@@ -61,20 +62,20 @@ class _Plan:
 
     def add(self, entity: Entity, from_walls: float = 0.05, inside: Float64 | None = None) -> bool:
         """Take the entity if nothing is in its way."""
-        if inside is not None and not _inside(np.array([entity.x, entity.y]), inside):
+        if inside is not None and not in_polygon(np.array([entity.x, entity.y]), inside):
             return False
-        outline = _outline(entity)
+        sides = outline(entity)
         here = np.array([[*self.sensor[:2], *self.sensor[:2]]])
-        if _distance(outline, here) < _AROUND or _covers(entity, self.sensor[:2]):
+        if distance(sides, here) < _AROUND or covers(entity, self.sensor[:2]):
             return False
-        if any(_distance(outline, _outline(wall)) < from_walls for wall in self.walls):
+        if any(distance(sides, outline(wall)) < from_walls for wall in self.walls):
             return False
         for other in self.entities:
             reach = np.hypot(entity.length, entity.width) + np.hypot(other.length, other.width)
             if np.hypot(entity.x - other.x, entity.y - other.y) > reach / 2 + _FREE:
                 continue
-            apart = _distance(outline, _outline(other)) >= _FREE
-            if not apart or _covers(entity, (other.x, other.y)) or _covers(other, (entity.x, entity.y)):
+            apart = distance(sides, outline(other)) >= _FREE
+            if not apart or covers(entity, (other.x, other.y)) or covers(other, (entity.x, entity.y)):
                 return False
         self.entities.append(entity)
         return True
@@ -98,7 +99,7 @@ def _room(rng: Rng, legged: bool) -> _Plan:
     walls = _walls_with_doors(rng, corners, int(rng.integers(0, 3)))
     for _ in range(1000):
         spot = rng.uniform(0, 1, 2) * [a, b]
-        if _inside(spot, corners) and _distance(make.closed(corners), np.tile(spot, 2)[None]) > 0.8:
+        if in_polygon(spot, corners) and distance(make.closed(corners), np.tile(spot, 2)[None]) > 0.8:
             break
     plan = _Plan(walls, (spot[0], spot[1], rng.uniform(-np.pi, np.pi)), [])
     count = int(rng.integers(3, 11))
@@ -106,7 +107,7 @@ def _room(rng: Rng, legged: bool) -> _Plan:
     plan.fill(near, lambda: _beside_wall(rng, corners, rng.uniform(0.1, 0.4)), 0.08, corners)
     plan.fill(
         count - near,
-        lambda: _thing(rng, rng.uniform(0, a), rng.uniform(0, b), legged),
+        lambda: draw_thing(rng, rng.uniform(0, a), rng.uniform(0, b), legged),
         rng.uniform(0.1, 0.4),
         corners,
     )
@@ -140,7 +141,7 @@ def _corridor(rng: Rng, legged: bool) -> _Plan:
         return make.cylinder(along(), rng.uniform(0.2, width - 0.2), rng.uniform(0.02, 0.06))
 
     def thing() -> Entity:
-        return _thing(rng, along(), rng.uniform(0.3, width - 0.3), legged, largest=0.5)
+        return draw_thing(rng, along(), rng.uniform(0.3, width - 0.3), legged, largest=0.5)
 
     plan.fill(int(rng.integers(2, 6)), near_wall, 0.12, area)
     plan.fill(int(rng.integers(2, 5)), pole, 0.12, area)
@@ -161,14 +162,14 @@ def _hall(rng: Rng, legged: bool) -> _Plan:
     def thing() -> Entity:
         # Uniform in the distance, not over the area, which would leave the neighbourhood empty.
         away, angle = rng.uniform(0.8, crowd), rng.uniform(-np.pi, np.pi)
-        return _thing(rng, away * np.cos(angle), away * np.sin(angle), legged)
+        return draw_thing(rng, away * np.cos(angle), away * np.sin(angle), legged)
 
     plan.fill(int(rng.integers(15, 41)), thing, 0.15)
     return plan
 
 
-def _thing(rng: Rng, x: float, y: float, legged: bool, largest: float = 1.2) -> Entity:
-    """Something of a random kind."""
+def draw_thing(rng: Rng, x: float, y: float, legged: bool, largest: float = 1.2) -> Entity:
+    """Something of a random kind at the place."""
     yaw = float(rng.uniform(-np.pi, np.pi))
     kinds = ["box", "cylinder", "pole", "plant", "person", "chair", "table", "ladder"]
     odds = np.array([0.36, 0.18, 0.1, 0.08, 0.12, 0.07, 0.04, 0.05])
@@ -211,9 +212,16 @@ def _walls_with_doors(rng: Rng, corners: Float64, doors: int) -> list[Entity]:
         if extent > gap + 1.0:
             begin = rng.uniform(0.4, extent - gap - 0.4)
             openings[int(side)] = (begin / extent, (begin + gap) / extent)
+    jamb = rng.uniform(0.08, 0.25) if openings and rng.random() < 0.4 else 0.0
+    return walls_with_openings(corners, openings, jamb)
+
+
+def walls_with_openings(
+    corners: Float64, openings: dict[int, tuple[float, float]], jamb: float
+) -> list[Entity]:
+    """The walls of a counter-clockwise polygon; side → the shares of it between which it is open. Jambs go outwards."""
     if not openings:
         return [make.wall(np.vstack([corners, corners[:1]]))]
-    jamb = rng.uniform(0.08, 0.25) if rng.random() < 0.4 else 0.0
     order = [(side + min(openings)) % len(corners) for side in range(len(corners))]
     walls, run = [], []
     for side in [*order, order[0]]:
@@ -256,60 +264,3 @@ def _corridor_side(rng: Rng, length: float, y: float, outward: float) -> list[En
         at = until
     walls.append(make.wall([*run, [length, y]]))
     return walls
-
-
-def _outline(entity: Entity) -> Float64:
-    """(K, 4) sides of a wall, or of the bounding rectangle of anything else, in the world."""
-    local = entity.segments if entity.wall else make.rectangle(entity.length, entity.width)
-    cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
-    turn = np.array([[cos, sin], [-sin, cos]])
-    ends = local.reshape(-1, 2) @ turn + [entity.x, entity.y]
-    sides: Float64 = ends.reshape(-1, 4)
-    return sides
-
-
-def _covers(entity: Entity, point: tuple[float, float]) -> bool:
-    """True where the point lies in the bounding rectangle."""
-    cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
-    dx, dy = point[0] - entity.x, point[1] - entity.y
-    return bool(
-        abs(cos * dx + sin * dy) <= entity.length / 2 and abs(cos * dy - sin * dx) <= entity.width / 2
-    )
-
-
-def _inside(point: Float64, corners: Float64) -> bool:
-    """True where the point lies in the polygon (even number of crossings is outside)."""
-    start, end = corners, np.roll(corners, -1, axis=0)
-    crosses = (start[:, 1] > point[1]) != (end[:, 1] > point[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = start[:, 0] + (point[1] - start[:, 1]) / (end[:, 1] - start[:, 1]) * (end[:, 0] - start[:, 0])
-    return bool(np.count_nonzero(crosses & (at > point[0])) % 2)
-
-
-def _distance(a: Float64, b: Float64) -> float:
-    """Least distance between any segment of (K, 4) and any of (L, 4); 0 where two cross."""
-    p, r = a[:, None, :2], a[:, None, 2:] - a[:, None, :2]
-    q, s = b[None, :, :2], b[None, :, 2:] - b[None, :, :2]
-    area = r[..., 0] * s[..., 1] - r[..., 1] * s[..., 0]
-    gap = q - p
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = (gap[..., 0] * s[..., 1] - gap[..., 1] * s[..., 0]) / area
-        u = (gap[..., 0] * r[..., 1] - gap[..., 1] * r[..., 0]) / area
-        if ((t >= 0) & (t <= 1) & (u >= 0) & (u <= 1)).any():
-            return 0.0
-    ends = [
-        _to_segments(b[:, :2], a),
-        _to_segments(b[:, 2:], a),
-        _to_segments(a[:, :2], b),
-        _to_segments(a[:, 2:], b),
-    ]
-    return float(min(ends))
-
-
-def _to_segments(points: Float64, segments: Float64) -> float:
-    """Least distance between (P, 2) points and (K, 4) segments."""
-    start, step = segments[None, :, :2], segments[None, :, 2:] - segments[None, :, :2]
-    gap = points[:, None] - start
-    length = np.maximum((step**2).sum(-1), 1e-18)
-    foot = np.clip((gap * step).sum(-1) / length, 0, 1)
-    return float(np.sqrt(((gap - foot[..., None] * step) ** 2).sum(-1)).min())

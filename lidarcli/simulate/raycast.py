@@ -46,13 +46,18 @@ def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64)
         sides, rings = entity.segments, entity.circles
         segments.append(np.stack(moved(sides[:, 0], sides[:, 1]) + moved(sides[:, 2], sides[:, 3]), axis=-1))
         swing = np.zeros((len(seconds), len(rings)))
-        if entity.motion.stride:
+        feet = entity.feet(seconds)
+        if feet is None and entity.motion.stride:
             phase = np.pi * 2 * entity.motion.cadence * seconds
             swing = (entity.motion.stride / 2 * np.sin(phase))[:, None] * (
                 1 - 2 * (np.arange(len(rings)) % 2)
             )
         radius = np.broadcast_to(rings[:, 2], swing.shape)
-        circles.append(np.stack([*moved(rings[:, 0] + swing, rings[:, 1]), radius], axis=-1))
+        centres = moved(rings[:, 0] + swing, rings[:, 1])
+        if feet is not None:
+            centres = _seen_from(feet, sensor_poses)
+            centres[0][~entity.present(seconds)] = np.nan
+        circles.append(np.stack([*centres, radius], axis=-1))
         segment_counts.append(len(sides))
         circle_counts.append(len(rings))
     number = np.arange(len(entities), dtype=np.int32)
@@ -62,6 +67,13 @@ def place(entities: tuple[Entity, ...], sensor_poses: Float64, seconds: Float64)
         segment_entity=np.repeat(number, np.array(segment_counts, int)),
         circle_entity=np.repeat(number, np.array(circle_counts, int)),
     )
+
+
+def _seen_from(points: Float64, origin: Float64) -> list[Float64]:
+    """(S, C) x and y of (S, C, 2) world points as seen from the (S, 3) poses `origin`."""
+    dx, dy = points[..., 0] - origin[:, :1], points[..., 1] - origin[:, 1:2]
+    cos, sin = np.cos(origin[:, 2:]), np.sin(origin[:, 2:])
+    return [cos * dx + sin * dy, cos * dy - sin * dx]
 
 
 def relative(poses: Float64, origin: Float64) -> Float64:

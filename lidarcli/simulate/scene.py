@@ -11,6 +11,8 @@ from typing import Literal
 
 import numpy as np
 
+from lidarcli.simulate.gait import feet
+from lidarcli.simulate.route import Route
 from lidarcli.sweeps import TURN, Bool, Float64
 
 LostAs = Literal["inf", "nan", "mixed", "zero", "max"]
@@ -41,6 +43,10 @@ class Sensor:
     """Beam counts vary by up to this many from sweep to sweep, as on real 360° sensors."""
     mixed_pixels: float = 0.0
     """Share of the beams at an edge that report a range between the two surfaces."""
+    flicker: float = 0.0
+    """Share of the beams that would hit something and return nothing, in runs, where it is far or dark."""
+    time_increment: float = 0.0
+    """From beam to beam [s]; 0 for a sweep that is taken in an instant."""
 
     def bearings(self) -> Float64:
         """(B,) bearings of an undisturbed sweep."""
@@ -61,6 +67,10 @@ class Motion:
     """Legs of a walker swing forth and back by half of this, in turn [m]."""
     cadence: float = 0.0
     """Full swings per second."""
+    route: Route | None = None
+    """Instead of a velocity: the way through waypoints."""
+    ahead: bool = True
+    """On a route: whether the body turns with its heading, or at its own `yaw_rate`."""
 
     @property
     def still(self) -> bool:
@@ -94,7 +104,12 @@ class Entity:
 
     def poses(self, seconds: Float64) -> Float64:
         """(S, 3) world x, y, yaw at the given times."""
-        velocity = self.motion.velocity
+        velocity, route = self.motion.velocity, self.motion.route
+        if route is not None:
+            poses = route.poses(seconds)
+            own: Float64 = self.motion.yaw_rate * seconds
+            poses[:, 2] = self.yaw + (poses[:, 2] if self.motion.ahead else own)
+            return poses
         return np.column_stack(
             [
                 self.x + velocity[0] * seconds,
@@ -102,6 +117,22 @@ class Entity:
                 self.yaw + self.motion.yaw_rate * seconds,
             ]
         )
+
+    def velocities(self, seconds: Float64) -> Float64:
+        """(S, 3) world vx, vy [m/s] and rate of the yaw [rad/s] at the given times; of a person, of its body."""
+        motion = self.motion
+        if motion.route is None:
+            return np.tile([*motion.velocity, motion.yaw_rate], (len(seconds), 1))
+        velocities = motion.route.state(seconds).velocities()
+        if not motion.ahead:
+            velocities[:, 2] = motion.yaw_rate
+        return velocities
+
+    def feet(self, seconds: Float64) -> Float64 | None:
+        """(S, 2, 2) world x, y of the legs of a person who walks a route; None for anything else."""
+        if self.kind != "person" or self.motion.route is None:
+            return None
+        return feet(self.motion.route, 2 * float(self.circles[0, 1]), seconds)
 
     def present(self, seconds: Float64) -> Bool:
         """(S,) True while the entity is there."""
@@ -141,6 +172,10 @@ class Course:
             ]
         )
 
+    def speeds(self, seconds: Float64) -> Float64:
+        """(S,) speed ahead at the given times [m/s]."""
+        return np.full(len(seconds), 0.0 if self.parked else self.speed)
+
 
 def super_ellipse(a: float, b: float, exponent: float, points: int = 720) -> Float64:
     """(points, 2) of |x/a|^n + |y/b|^n = 1, counter-clockwise from (a, 0): the course of the paper's robot.
@@ -170,6 +205,18 @@ class Odometry:
     """Standard deviation of the heading's drift after one metre [rad]."""
     tf: bool = True
     """Also write /tf and /tf_static."""
+    delay: float = 0.0
+    """How much later than the truth the stamps of the poses are [s]; negative for earlier."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """Where the laser sits on the robot."""
+
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """x, y, yaw in the robot's frame."""
+    told: bool = True
+    """Whether the log tells it; else it says that the laser is where the robot is."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -179,12 +226,22 @@ class Scene:
     name: str
     sensor: Sensor
     entities: tuple[Entity, ...]
-    path: Course = PARKED
+    path: Course | Route = PARKED
     odometry: Odometry | None = None
     sweeps: int = 100
     """How many sweeps a run takes when nobody says."""
+    mount: Mount = Mount()
 
     @property
     def still(self) -> bool:
         """True where every sweep sees the same, noise aside."""
         return self.path.parked and all(entity.motion.still for entity in self.entities)
+
+    def sensor_poses(self, seconds: Float64) -> Float64:
+        """(S, 3) world x, y, yaw of the laser at the given times."""
+        poses = self.path.poses(seconds)
+        x, y, yaw = self.mount.pose
+        if x or y or yaw:
+            cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+            poses += np.column_stack([cos * x - sin * y, sin * x + cos * y, np.full(len(poses), yaw)])
+        return poses

@@ -46,6 +46,19 @@ TRUTH = pa.schema(
         _column("world_x", pa.float64(), "centre in the world", "m"),
         _column("world_y", pa.float64(), "centre in the world", "m"),
         _column("world_yaw", pa.float64(), "orientation in the world", "rad"),
+        _column(
+            "vx",
+            pa.float64(),
+            "velocity of the centre over ground, world frame; of a person, of the body",
+            "m/s",
+        ),
+        _column("vy", pa.float64(), "velocity of the centre over ground, world frame", "m/s"),
+        _column("yaw_rate", pa.float64(), "how fast it turns, counter-clockwise", "rad/s"),
+        _column(
+            "moving",
+            pa.bool_(),
+            "whether it moves by itself in this sweep: its centre goes somewhere or it turns",
+        ),
     ]
 )
 TRUTH_BEAMS = pa.schema(
@@ -107,10 +120,11 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
     seen = np.flatnonzero(hits)
     row, entity = np.divmod(seen, max(count, 1))
 
-    world = np.empty((len(seen), 3))
+    world, velocity = np.empty((len(seen), 3)), np.empty((len(seen), 3))
     for number in np.unique(entity):
         mine = entity == number
         world[mine] = entities[number].poses(block.seconds[row[mine]])
+        velocity[mine] = entities[number].velocities(block.seconds[row[mine]])
     local = relative(world, block.poses[row])
     theta_i, theta_f = _extent(block, sweep, beam, cell, np.arctan2(local[:, 1], local[:, 0]), seen)
 
@@ -136,6 +150,8 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
         world[:, 0],
         world[:, 1],
         _wrap(world[:, 2]),
+        *velocity.T,
+        velocity.any(axis=1),
     ]
     arrays = [pa.array(values, field.type) for values, field in zip(columns, TRUTH, strict=True)]
     return pa.RecordBatch.from_arrays(arrays, schema=TRUTH)

@@ -1,0 +1,107 @@
+"""What docs/tracking.md says beside its numbers."""
+
+from __future__ import annotations
+
+from benchmarks.tracking import cells, real
+from benchmarks.tracking.methods import AGENT_SPEED, ORACLE, OURS
+from benchmarks.tracking.scoring import LEAST
+
+
+def title(method: str) -> str:
+    """The name of a method in a table."""
+    return {OURS: OURS, ORACLE: "*truth about each object*"}.get(method, f"{method} rules")
+
+
+HEAD = f"""# Tracking
+
+How well are things followed, how well is their motion told, and where does it fail? `make tracking` measures
+it and writes this page; no number here is typed by hand. The same seeds give the same scenes and the same noise:
+
+```sh
+{{command}}
+```
+
+The constants of the tracker were chosen on scenes with other seeds (from {cells.TUNING} on); what is reported here
+begins with seed {{first:,}}. Everything runs with default options; nothing is tuned to a sensor, a noise or a
+kind of scene.
+"""
+
+SCENES = f"""## The scenes
+
+`lidarcli.simulate.moving_scenes` draws them, 300 to 400 sweeps each, ten a second.
+
+- **Rooms** with up to two doorways and 3–10 bodies, of which at least two move;
+- **halls** open to infinity with 12–25 bodies that hide each other;
+- **crossings** of two corridors: who comes round a corner was hidden;
+- **people**: a room with 4–8 walkers on two legs, the standing one of which stands.
+
+Bodies are boxes (some turn as they go), cylinders and plants. Movers go at 0.15–1.5 m/s through waypoints, start
+and stop with 2 m/s², turn and pause; none touches another, and none appears or is gone in mid-air.
+
+The sensor is *parked* (the log has no poses), *driving* with true poses, or *drifting*: driving with poses that
+are {cells.DELAY:g} s late and drift by {100 * cells.DRIFT:g} % of the way. It has 361 beams over a closed ±180°, 720 over
+[0°, 360°) or 1081 over 270°; noise of σ 0, 1 or 3 cm with 0, 0.3 or 1 % of the beams lost. Two faults are tried
+apart from these: *flicker*, where {100 * cells.FLICKER:g} % of the beams that would hit something return
+nothing, in runs and most where it is far or dark, and *rolling* sweeps that take the whole tenth of a second. That
+makes {{cells}} cells of {{seeds}} logs with seeds of their own, {{logs}} in all.
+"""
+
+METHODS = f"""## What is compared
+
+All follow the same objects, those of `detect` with its defaults.
+
+- **lidarcli**: the columns `track`, `vx`, `vy` and `set` of `lidarcli track`.
+- *The truth about each object*: every object belongs to the entity that most of its beams hit. What is missing
+  there is the detection's, and no tracker can do better.
+- Rules of published trackers, written anew from their code, with their default constants, at the log's own rate:
+  - *leg_tracker* (Leigh et al. 2015): best assignment in all, constant velocity, an end by uncertainty; two slim
+    tracks that walk together become a person, which may take two objects. A width takes the place of its decision
+    trees, and all places count as free;
+  - *obstacle_detector* (Przybyła 2017): least distance of place and radius with fusion and fission, filters that
+    are corrected a hundred times a second with the last measurement, 2 s of life;
+  - *dynamic_obstacle_detector* (robotics-upo): nearest free object within 0.55 m, constant velocity, 1 s of life;
+  - *datmo* (Konstantinidis): nearest centroid within 0.25 m, constant acceleration of a corner, ended by the
+    first miss. The corner nearest to the predicted one is taken, which spares it jumps;
+  - *SORT* (Bewley et al. 2016): overlap of upright boxes, a filter per sweep, three sightings, one miss.
+
+  They have no set A: their rows count as A from {AGENT_SPEED:g} m/s on, the limit of dynamic_obstacle_detector.
+"""
+
+MEASURES = f"""## What is measured
+
+Tracks and entities are compared by their **beams**: the similarity of a track and an entity in a sweep is the
+number of beams that they share, as a share of all beams of either. All objects of a track in a sweep are one set
+of beams, so that a body in two parts, or a person on two legs, is asked to be one track. On this stand HOTA (mean
+of 19 thresholds) with its parts DetA and AssA; IDF1, MOTA and switches from a similarity of one half on. The code
+gives the figures of py-motmetrics and TrackEval on a recorded case (`tests/benchmarks/test_tracking_metrics.py`).
+An entity is asked for in the sweeps in which some object is mostly of it: what is not detected cannot be
+followed. *HOTA of all* also asks for the others that {LEAST} beams hit. Tracks on pieces of wall count against a
+method.
+
+A mean is that of all logs, a worst cell the one with the worst mean of its logs. **Velocity** is compared in the
+rows of what *moves* in that sweep, starts and stops among them, of what has moved and is *paused*, and of what
+*stands* all the time. **Movers in A**: of the rows of what goes with at least {cells.SLOW:g} m/s in that sweep or did
+before, the share in set A. **Standing in A**: of the rows of what never moves in its log, pieces of wall among
+them, the share in set A.
+"""
+
+REAL = f"""Public recordings; they are no part of this project, and `LIDARCLI_REAL_LOGS` names their folder.
+
+A car, and the sensor on another one, by the motion capture of [datmo](https://github.com/kostaskonkk/datmo). The
+sensor's mount ({real.MOUNT:g} m) and the delay of its sweeps ({real.DELAY:g} s) are given. An object within
+{real.ON_CAR:g} m of the car's place is the car, one further than {real.BESIDE:g} m away another thing; other things
+stand, as far as is known.
+
+Legs of people are labelled by the authors of [leg_tracker](https://github.com/angusleigh/leg_tracker)
+(`positive_*_extracted.bag`), without telling which leg is whose.
+"""
+
+LIMITS = """## Limits
+
+- The scenes are drawn by the same project that is measured. Nothing in them touches another thing, there are no
+  curtains, glass or mirrors, and a sensor drives only in rooms and halls.
+- The published rules are re-implementations, fed with detections that are not theirs; their own programs may do
+  better with their own detections, and people's trackers are meant for people.
+- The velocity of a box that turns is that of its centre, which a sensor never sees.
+- The real recordings are few and short, and other things beside the car may have moved.
+"""

@@ -1,0 +1,300 @@
+"""Where something on its way is at any time: through waypoints, with stops, turns and bounded acceleration.
+
+The way is made of straight pieces and arcs, the time of phases of constant acceleration, so that position and velocity
+are exact at any time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.sweeps import Float64
+
+Corner = Literal["round", "stop"]
+CORNERS: tuple[Corner, ...] = ("round", "stop")
+_Index = NDArray[np.int64]
+
+_SHARPEST = np.radians(150)
+"""A corner that turns farther than this is taken standing: its arc would be a point."""
+_SHARE = 0.45
+"""Most of a straight piece that the arc at one of its ends may take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """A point of a route."""
+
+    x: float
+    y: float
+    speed: float
+    """Most speed on the way from here to the next point [m/s]."""
+    wait: float = 0.0
+    """Pause at this point [s]."""
+    corner: Corner = "round"
+    """`round`: passed on an arc; `stop`: the body stops and turns on the spot. With a `wait` it stops anyway."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pieces:
+    """The (G,) straight pieces and arcs of a way."""
+
+    start: Float64
+    """(G, 2)"""
+    heading: Float64
+    """At the start of each [rad], not wrapped: it goes on from piece to piece."""
+    curvature: Float64
+    """[1/m], 0 for straight pieces, positive to the left."""
+    way: Float64
+    """(G + 1,) length of the way up to each piece [m]."""
+
+    def at(self, piece: _Index, along: Float64) -> tuple[Float64, Float64]:
+        """(S, 2) points and (S,) headings `along` metres from the starts of the pieces."""
+        heading, curvature = self.heading[piece], self.curvature[piece]
+        turned = heading + curvature * along
+        bent = curvature != 0
+        radius = 1 / np.where(bent, curvature, 1.0)
+        x = np.where(bent, radius * (np.sin(turned) - np.sin(heading)), along * np.cos(heading))
+        y = np.where(bent, radius * (np.cos(heading) - np.cos(turned)), along * np.sin(heading))
+        return self.start[piece] + np.column_stack([x, y]), turned
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Phases:
+    """The (P,) phases of a journey, each of constant acceleration, standing ones of a smooth turn or none."""
+
+    time: Float64
+    """(P,) when each begins [s]; the last one has no end."""
+    length: Float64
+    """(P,) how long each lasts [s]."""
+    piece: _Index
+    along: Float64
+    """Way from the start of the piece [m], as the phase begins."""
+    speed: Float64
+    acceleration: Float64
+    off: Float64
+    """(P, 2) heading before and after the phase, from that of the piece [rad]; 0 where the body moves."""
+    run: _Index
+    """Number of the run, the way between two stops, that the phase belongs to."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RouteState:
+    """A body on its route at (S,) times."""
+
+    x: Float64
+    y: Float64
+    heading: Float64
+    speed: Float64
+    yaw_rate: Float64
+    phase: _Index
+    since: Float64
+    """Seconds since the phase began."""
+    way: Float64
+    """Length of the way so far [m], counted from the start of the round."""
+
+    def velocities(self) -> Float64:
+        """(S, 3) vx, vy [m/s] and the rate of the heading [rad/s]."""
+        cos, sin = np.cos(self.heading), np.sin(self.heading)
+        return np.column_stack([self.speed * cos, self.speed * sin, self.yaw_rate])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Route:
+    """A planned journey; made by `plan_route`."""
+
+    waypoints: tuple[Waypoint, ...]
+    loop: bool
+    pieces: Pieces
+    phases: Phases
+    duration: float
+    """Of the journey, or of a round of a loop [s]."""
+    parked = False
+
+    def state(self, seconds: Float64) -> RouteState:
+        """Where the body is at each of the (S,) times, and how it moves; before 0 it stands at the first point."""
+        phases = self.phases
+        time = np.maximum(seconds, 0.0)
+        if self.loop:
+            time = np.mod(time, self.duration)
+        phase = np.searchsorted(phases.time, time, side="right") - 1
+        since = time - phases.time[phase]
+        piece, acceleration = phases.piece[phase], phases.acceleration[phase]
+        speed = phases.speed[phase] + acceleration * since
+        along = phases.along[phase] + (phases.speed[phase] + acceleration / 2 * since) * since
+        points, heading = self.pieces.at(piece, along)
+        share = np.clip(since / phases.length[phase], 0.0, 1.0)
+        before, turn = phases.off[phase, 0], np.diff(phases.off[phase], axis=1)[:, 0]
+        return RouteState(
+            x=points[:, 0],
+            y=points[:, 1],
+            heading=heading + before + turn * smooth(share),
+            speed=speed,
+            yaw_rate=self.pieces.curvature[piece] * speed
+            + turn * 6 * share * (1 - share) / phases.length[phase],
+            phase=phase,
+            since=since,
+            way=self.pieces.way[piece] + along,
+        )
+
+    def poses(self, seconds: Float64) -> Float64:
+        """(S, 3) world x, y, heading at the given times."""
+        state = self.state(seconds)
+        return np.column_stack([state.x, state.y, state.heading])
+
+    def speeds(self, seconds: Float64) -> Float64:
+        """(S,) speed ahead at the given times [m/s]."""
+        return self.state(seconds).speed
+
+
+def smooth(share: Float64) -> Float64:
+    """From 0 to 1 with no speed at either end; 1.5 times the mean speed in the middle."""
+    eased: Float64 = share * share * (3 - 2 * share)
+    return eased
+
+
+@dataclass(slots=True)
+class _Piece:
+    """A piece in the making; `pause` where the body stops after it."""
+
+    start: Float64
+    heading: float
+    curvature: float
+    length: float
+    fastest: float
+    pause: tuple[float, float] | None = None
+    """Seconds of waiting, and the turn on the spot after it [rad]."""
+
+
+def plan_route(
+    waypoints: Sequence[Waypoint],
+    *,
+    acceleration: float = 2.0,
+    turn_rate: float = np.pi / 2,
+    corner_radius: float = 0.5,
+    loop: bool = False,
+) -> Route:
+    """The fastest journey through the waypoints within the limits, from rest to rest.
+
+    `acceleration` [m/s²] bounds speeding up, slowing down, and the pull to the side on an arc; `turn_rate` [rad/s] turns on
+    the spot. Arcs have `corner_radius` [m], less where the way to a neighbour is short. A `loop` comes back to its first
+    point, stops there and begins again. Raises ValueError for fewer than two points, points in one place, and limits
+    that are not above 0.
+    """
+    if len(waypoints) < 2 or not all(limit > 0 for limit in (acceleration, turn_rate, corner_radius)):
+        raise ValueError("a route needs two points at least, and limits above 0")
+    pieces = _pieces(list(waypoints), corner_radius, acceleration, loop)
+    phases, duration = _phases(pieces, waypoints[0].wait, acceleration, turn_rate)
+    lengths = [piece.length for piece in pieces]
+    geometry = Pieces(
+        start=np.array([piece.start for piece in pieces]),
+        heading=np.array([piece.heading for piece in pieces]),
+        curvature=np.array([piece.curvature for piece in pieces]),
+        way=np.concatenate([[0.0], np.cumsum(lengths)]),
+    )
+    return Route(tuple(waypoints), loop, geometry, phases, duration)
+
+
+def _pieces(waypoints: list[Waypoint], radius: float, acceleration: float, loop: bool) -> list[_Piece]:
+    """The way as straight pieces with arcs between them."""
+    if loop:
+        waypoints = [*waypoints, waypoints[0]]
+    points = np.array([[point.x, point.y] for point in waypoints])
+    step = np.diff(points, axis=0)
+    length = np.hypot(step[:, 0], step[:, 1])
+    if not (length > 0).all():
+        raise ValueError("two points of a route that follow each other are in one place")
+    absolute = np.arctan2(step[:, 1], step[:, 0])
+    turns = np.mod(np.diff(absolute, append=absolute[0]) + np.pi, 2 * np.pi) - np.pi
+    heading = absolute[0] + np.concatenate([[0.0], np.cumsum(turns[:-1])])
+
+    found: list[_Piece] = []
+    begin = 0.0
+    for number, point in enumerate(waypoints[:-1]):
+        after = waypoints[number + 1]
+        last = number == len(length) - 1
+        turn = float(turns[number]) if loop or not last else 0.0
+        standing = last or after.wait > 0 or after.corner == "stop" or abs(turn) > _SHARPEST
+        cut = bend = 0.0
+        if not standing and abs(turn) > 1e-9:
+            room = _SHARE * min(length[number], length[number + 1])
+            cut = min(radius * np.tan(abs(turn) / 2), room)
+            bend = cut / np.tan(abs(turn) / 2)
+        ahead = np.array([np.cos(heading[number]), np.sin(heading[number])])
+        straight = _Piece(
+            points[number] + begin * ahead, heading[number], 0.0, length[number] - begin - cut, point.speed
+        )
+        found.append(straight)
+        if standing:
+            straight.pause = (0.0 if last else after.wait, turn)
+        elif bend:
+            fastest = min(point.speed, after.speed, float(np.sqrt(acceleration * bend)))
+            corner = points[number + 1] - cut * ahead
+            found.append(_Piece(corner, heading[number], np.sign(turn) / bend, bend * abs(turn), fastest))
+        begin = cut
+    return found
+
+
+def _phases(
+    pieces: list[_Piece], first_wait: float, acceleration: float, turn_rate: float
+) -> tuple[Phases, float]:
+    """The journey over the pieces, as fast as the limits let it be."""
+    # Squared speeds at the ends of the pieces, first what the pieces allow, then what can be reached and left again.
+    squared = [0.0] * (len(pieces) + 1)
+    for number in range(1, len(pieces)):
+        if pieces[number - 1].pause is None:
+            squared[number] = min(pieces[number - 1].fastest, pieces[number].fastest) ** 2
+    for number, piece in enumerate(pieces):
+        squared[number + 1] = min(squared[number + 1], squared[number] + 2 * acceleration * piece.length)
+    for number in range(len(pieces) - 1, -1, -1):
+        squared[number] = min(squared[number], squared[number + 1] + 2 * acceleration * pieces[number].length)
+
+    rows: list[tuple[float, ...]] = []
+    time, run = 0.0, 0
+
+    def add(length: float, piece: int, along: float, speed: float, faster: float, *off: float) -> None:
+        nonlocal time
+        if length > 0:
+            rows.append((time, length, piece, along, speed, faster, off[0], off[1], run))
+            time += length
+
+    add(first_wait, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for number, piece in enumerate(pieces):
+        low, high = squared[number], squared[number + 1]
+        top = min(piece.fastest**2, (low + high) / 2 + acceleration * piece.length)
+        fast, slow, end = top**0.5, low**0.5, high**0.5
+        gained, lost = (top - low) / (2 * acceleration), (top - high) / (2 * acceleration)
+        cruised = max(piece.length - gained - lost, 0.0)
+        add((fast - slow) / acceleration, number, 0.0, slow, acceleration, 0.0, 0.0)
+        add(cruised / fast, number, gained, fast, 0.0, 0.0, 0.0)
+        add((fast - end) / acceleration, number, gained + cruised, fast, -acceleration, 0.0, 0.0)
+        if piece.pause is None:
+            continue
+        wait, turn = piece.pause
+        run += 1
+        following = number + 1
+        if following == len(pieces):
+            # What comes after the end is the end of the last piece; a loop turns there for its next round.
+            add(wait, number, piece.length, 0.0, 0.0, 0.0, 0.0)
+            add(1.5 * abs(turn) / turn_rate, number, piece.length, 0.0, 0.0, 0.0, turn)
+        else:
+            add(wait, following, 0.0, 0.0, 0.0, -turn, -turn)
+            add(1.5 * abs(turn) / turn_rate, following, 0.0, 0.0, 0.0, -turn, 0.0)
+    duration = time
+    add(np.inf, len(pieces) - 1, pieces[-1].length, 0.0, 0.0, 0.0, 0.0)
+    table = np.array(rows)
+    phases = Phases(
+        time=table[:, 0],
+        length=table[:, 1],
+        piece=table[:, 2].astype(np.int64),
+        along=table[:, 3],
+        speed=table[:, 4],
+        acceleration=table[:, 5],
+        off=table[:, 6:8],
+        run=table[:, 8].astype(np.int64),
+    )
+    return phases, duration
