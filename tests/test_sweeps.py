@@ -322,3 +322,17 @@ def test_rows_of_a_block(index: object) -> None:
     assert part.beams.tolist() == [2, 1]
     assert part.ranges[:, 0].tolist() == [2.0, 4.0]
     assert part.frame_ids == block.frame_ids
+
+
+def test_times_within_sweeps_stay_with_their_rows_or_are_unknown() -> None:
+    block = ragged([[1.0], [2.0], [3.0]])
+    timed = replace(block, time_increment=np.array([0.1, 0.2, 0.3], np.float32))
+    part = timed.rows(slice(1, 3))
+    assert part.time_increment is not None
+    assert part.time_increment.tolist() == pytest.approx([0.2, 0.3])
+    assert part.scan_time is None
+    joined = concatenate([part, timed])
+    assert joined.time_increment is not None
+    assert joined.time_increment.tolist() == pytest.approx([0.2, 0.3, 0.1, 0.2, 0.3])
+    # What one of the parts has not told is not known of the whole.
+    assert concatenate([timed, block]).time_increment is None

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lidarcli.simulate.gait import STEPS
 from lidarcli.simulate.scene import STILL, Entity, Motion
 from lidarcli.sweeps import TURN, Float64
 
@@ -74,7 +75,12 @@ def legged(
 def person(
     x: float, y: float, yaw: float = 0.0, gap: float = 0.25, leg: float = 0.12, motion: Motion = STILL
 ) -> Entity:
-    """Two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`; a stride swings them."""
+    """Two round legs of the diameter `leg`, their axes `gap` apart, facing `yaw`.
+
+    A stride swings them; on a route they step.
+    """
+    if motion.route and not motion.stride:
+        motion = replace(motion, stride=STEPS[1])
     circles = np.array([[0, gap / 2, leg / 2], [0, -gap / 2, leg / 2]])
     return Entity("person", x, y, yaw, motion.stride + leg, gap + leg, circles=circles, motion=motion)
 
@@ -94,8 +100,8 @@ def plant(
 
 
 def legs_of(entity: Entity) -> list[Entity]:
-    """The legs of a legged thing as entities of their own (kind `leg`); anything else as it is."""
-    if entity.kind not in ("ladder", "chair", "table", "person"):
+    """The legs of a legged thing as entities of their own (kind `leg`); anything else, and what has a route, as it is."""
+    if entity.kind not in ("ladder", "chair", "table", "person") or entity.motion.route:
         return [entity]
     cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
     legs = []

@@ -14,7 +14,6 @@ import numpy as np
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.fields import Fields
-from lidarcli.simulate.gait import STEPS
 from lidarcli.simulate.load_motion import load_motion, load_robot, refuse_beside_route
 from lidarcli.simulate.scene import (
     LOST_AS,
@@ -222,7 +221,7 @@ def _person(fields: Fields) -> Entity:
     gap, leg = fields.number("gap", 0.25, above=0), fields.number("leg", 0.12, above=0)
     if motion.route:
         refuse_beside_route(fields, ("yaw", "yaw_rate"))
-        return make.person(*_place(fields), _yaw(fields), gap, leg, replace(motion, stride=STEPS[1]))
+        return make.person(*_place(fields), _yaw(fields), gap, leg, motion)
     speed = hypot(*motion.velocity)
     heading = degrees(np.arctan2(motion.velocity[1], motion.velocity[0])) if speed else 0.0
     stride = fields.number("stride", 0.5 if speed else 0.0, low=0)

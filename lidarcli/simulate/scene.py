@@ -64,7 +64,7 @@ class Motion:
     appears: float = -np.inf
     disappears: float = np.inf
     stride: float = 0.0
-    """Legs of a walker swing forth and back by half of this, in turn [m]."""
+    """Legs of a walker swing forth and back by half of this, in turn; on a route, the length of a long step [m]."""
     cadence: float = 0.0
     """Full swings per second."""
     route: Route | None = None

@@ -120,11 +120,13 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
     seen = np.flatnonzero(hits)
     row, entity = np.divmod(seen, max(count, 1))
 
-    world, velocity = np.empty((len(seen), 3)), np.empty((len(seen), 3))
+    world, velocity = np.empty((len(seen), 3)), np.zeros((len(seen), 3))
     for number in np.unique(entity):
-        mine = entity == number
-        world[mine] = entities[number].poses(block.seconds[row[mine]])
-        velocity[mine] = entities[number].velocities(block.seconds[row[mine]])
+        mine = np.flatnonzero(entity == number)
+        seconds = block.seconds[row[mine]]
+        world[mine] = entities[number].poses(seconds)
+        if not entities[number].motion.still:
+            velocity[mine] = entities[number].velocities(seconds)
     local = relative(world, block.poses[row])
     theta_i, theta_f = _extent(block, sweep, beam, cell, np.arctan2(local[:, 1], local[:, 0]), seen)
 
@@ -151,7 +153,7 @@ def truth_rows(block: SimulatedBlock, scene: Scene) -> pa.RecordBatch:
         world[:, 1],
         _wrap(world[:, 2]),
         *velocity.T,
-        velocity.any(axis=1),
+        (velocity != 0).any(axis=1),
     ]
     arrays = [pa.array(values, field.type) for values, field in zip(columns, TRUTH, strict=True)]
     return pa.RecordBatch.from_arrays(arrays, schema=TRUTH)

@@ -7,6 +7,7 @@ import pytest
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.simulate.load import load_scene
+from lidarcli.simulate.route import Route, Waypoint
 from tests.places import SAMPLES
 
 
@@ -85,6 +86,125 @@ def test_a_robot_on_a_course(load):
     assert np.hypot(*((scene.path.points - [1, -1]) / [2, 1]).T) == pytest.approx(1)
     assert scene.odometry is not None
     assert (scene.odometry.topic, scene.odometry.frame_id, scene.odometry.tf) == ("/odom", "odom", True)
+
+
+def test_routes_of_all_that_moves(load):
+    scene = load(
+        """
+        [sensor]
+        time_increment = 0.0002
+        flicker = 0.2
+        [robot.route]
+        speed = 0.5
+        loop = true
+        waypoints = [[0, 0], [4, 0], { x = 4, y = 3, wait = 2, speed = 0.3 }]
+        [robot.mount]
+        x = 0.2
+        yaw = 90
+        told = false
+        [robot.odometry]
+        delay = 0.15
+        [[person]]
+        [person.route]
+        speed = 1.2
+        waypoints = [[0, 5], [3, 5]]
+        [[box]]
+        length = 1
+        width = 0.5
+        yaw_rate = 20
+        [box.route]
+        speed = 0.4
+        acceleration = 1
+        turn_rate = 10
+        waypoints = [[0, 7], { x = 0, y = 9, corner = "stop" }, [2, 9]]
+        [[chair]]
+        route = { speed = 0.4, waypoints = [[5, 7], [5, 8]] }
+        yaw = 90
+        """
+    )
+    assert (scene.sensor.time_increment, scene.sensor.flicker) == (0.0002, 0.2)
+    assert isinstance(scene.path, Route)
+    assert scene.path.loop
+    assert scene.path.waypoints == (
+        Waypoint(0, 0, 0.5),
+        Waypoint(4, 0, 0.5),
+        Waypoint(4, 3, 0.3, wait=2),
+    )
+    assert scene.mount.pose == pytest.approx((0.2, 0, np.pi / 2))
+    assert not scene.mount.told
+    assert scene.odometry is not None
+    assert scene.odometry.delay == 0.15
+    assert not scene.still
+    person, box, chair = scene.entities
+    start, end = np.array([0.0]), np.array([1000.0])
+    assert person.poses(end)[0] == pytest.approx([3, 5, 0])
+    assert person.feet(end) is not None
+    assert box.poses(start)[0] == pytest.approx([0, 7, 0])
+    assert box.poses(np.array([1.0]))[0, 2] == pytest.approx(np.radians(20))
+    assert box.motion.route is not None
+    assert box.motion.route.waypoints[1].corner == "stop"
+    # Turned by 90 degrees against its way, which leads along +y.
+    assert chair.poses(end)[0] == pytest.approx([5, 8, np.pi])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "[[person]]\nroute = { waypoints = [[0, 0], [1, 0]] }",
+            "[[person]] number 1, route: 'speed' is missing",
+        ),
+        (
+            "[robot.route]\nspeed = 1\nwaypoints = [[0, 0]]",
+            "[robot.route]: 'waypoints' must be a list of 2 to 1,000 values",
+        ),
+        (
+            "[robot.route]\nspeed = 1\nwaypoints = [[0, 0], [1, 2, 3]]",
+            "[robot.route]: 'waypoints' must hold points, as [2.5, 0] or { x = 2.5, y = 0, wait = 1 }",
+        ),
+        (
+            "[robot.route]\nspeed = 1\nwaypoints = [[0, 0], [1, 'a']]",
+            "[robot.route.waypoints] number 2: 'y' must be a number, not the text 'a'",
+        ),
+        (
+            "[robot.route]\nspeed = 1\nwaypoints = [[0, 0], { x = 1, y = 1, weit = 2 }]",
+            "[robot.route.waypoints] number 2: unknown key 'weit'; did you mean 'wait'?",
+        ),
+        (
+            "[robot.route]\nspeed = 1\nwaypoints = [[0, 0], { x = 1, y = 1, corner = 'sharp' }]",
+            "[robot.route.waypoints] number 2: 'corner' must be one of round, stop, not 'sharp'",
+        ),
+        (
+            "[robot.route]\nspeed = 1\nwaypoints = [[0, 0], [1, 1], [1, 1]]",
+            "[robot.route]: 'waypoints' must be 0.001 m apart at least, one from the next",
+        ),
+        (
+            "[robot.route]\nspeed = 1\nloop = true\nwaypoints = [[0, 0], [1, 1], [0, 0]]",
+            "[robot.route]: 'waypoints' must be 0.001 m apart at least, one from the next and the last from the first",
+        ),
+        (
+            "[robot]\nspeed = 1\nroute = { speed = 1, waypoints = [[0, 0], [1, 1]] }",
+            "[robot]: 'speed' and route exclude each other: leave one out",
+        ),
+        (
+            "[[box]]\nx = 1\nlength = 1\nwidth = 1\nroute = { speed = 1, waypoints = [[0, 0], [1, 1]] }",
+            "[[box]] number 1: 'x' and route exclude each other: leave one out",
+        ),
+        (
+            "[[person]]\nyaw = 3\nroute = { speed = 1, waypoints = [[0, 0], [1, 1]] }",
+            "[[person]] number 1: 'yaw' and route exclude each other: leave one out",
+        ),
+        (
+            "[sensor]\ntime_increment = 0.001",
+            "[sensor]: 'time_increment' makes a sweep take longer than one turn; the most is 0.000277778",
+        ),
+        ("[sensor]\nflicker = 1", "[sensor]: 'flicker' must be at least 0 and at most 0.9, not 1"),
+    ],
+)
+def test_what_is_wrong_with_a_route_is_said_in_one_line(load, text, message):
+    with pytest.raises(OptionError) as caught:
+        load(text)
+    assert str(caught.value) == f"scene.toml: {message}"
 
 
 @pytest.mark.parametrize(

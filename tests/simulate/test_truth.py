@@ -8,8 +8,9 @@ import pytest
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_blocks, simulate_sweep_arrays
 from lidarcli.simulate.odometry import simulate_odometry
+from lidarcli.simulate.route import Waypoint, plan_route
 from lidarcli.simulate.scene import Course, Motion, Odometry, Scene, Sensor
-from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS, TruthWriter
+from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS, TruthWriter, truth_rows
 
 THINGS = (
     make.wall([[-3, -3], [3, -3], [3, 3], [-3, 3], [-3, -3]]),
@@ -72,6 +73,25 @@ def test_who_is_there_and_where(tables):
         assert row["y"] == pytest.approx(np.cos(0.05) * dy - np.sin(0.05) * dx)
         assert row["yaw"] == pytest.approx(row["world_yaw"] - 0.05)
         assert (row["length"], row["width"]) == (0.8, 0.4)
+        assert (row["vx"], row["vy"], row["yaw_rate"], row["moving"]) == (0.1, 0.0, 0.2, True)
+    for row in rows:
+        if row["entity"] != 1:
+            assert (row["vx"], row["vy"], row["yaw_rate"], row["moving"]) == (0.0, 0.0, 0.0, False)
+
+
+def test_velocities_on_a_route_are_those_of_the_body():
+    route = plan_route([Waypoint(2, -1, 1.0, wait=0.5), Waypoint(2, 1, 1.0)])
+    scene = Scene("", Sensor(), (make.person(0, 0, motion=Motion(route=route)),))
+    (block,) = simulate_blocks(scene, 40)
+    rows = truth_rows(block, scene).to_pylist()
+    # Half a second of waiting, half to start, one and a half on the way, half to stop.
+    assert [row["vy"] for row in rows] == pytest.approx(
+        [0] * 5 + [0, 0.2, 0.4, 0.6, 0.8] + [1] * 15 + [1, 0.8, 0.6, 0.4, 0.2] + [0] * 10, abs=1e-9
+    )
+    assert [row["moving"] for row in rows] == [False] * 6 + [True] * 24 + [False] * 10
+    assert {row["entity"] for row in rows} == {0}
+    assert rows[-1]["beams"] == np.count_nonzero(block.entity[-1] == 0)
+    assert rows[-1]["world_yaw"] == pytest.approx(np.pi / 2)
 
 
 def test_bearings_of_an_entity_pass_the_seam(tables):

@@ -19,15 +19,21 @@ angle_max = 180.0
 range_min = 0.1
 range_max = 12.0
 rate = 10.0
+time_increment = 0.003
+flicker = 0.1
 noise = 0.01
 lost = 0.003
 
 [robot]
-path = [[0.0, 0.0], [1.0, 0.5]]
+waypoints = [[0.0, 0.0], [1.0, 0.5]]
 speed = 0.5
 
 [robot.odometry]
 topic = "/odom"
+delay = 0.15
+
+[robot.mount]
+told = false
 
 [[wall]]
 points = [[-3.4, -2.9], [4.1, -2.9], [4.1, 3.2], [-3.4, 3.2]]
@@ -53,6 +59,17 @@ x = -1.5
 y = 1.7
 radius = 0.3
 seed = 4
+
+[[person]]
+gap = 0.25
+
+[person.route]
+speed = 1.2
+loop = true
+corner_radius = 0.5
+turn_rate = 90.0
+acceleration = 2.0
+waypoints = [[0.0, 2.0], { x = 1.0, y = 1.5, wait = 0.1, corner = "stop" }, [2.0, 2.0]]
 """
 _HEAD = "[scene]\nsweeps = 2\n[sensor]\nbeams = 9\n"
 
@@ -85,11 +102,15 @@ KNOWN: tuple[str, ...] = (
     *(_with(f"sweeps = {value}") for value in ("0", "99999999999999999999", "true")),
     *(_with(f"noise = {value}") for value in ("1e308", "inf", "nan", "-1")),
     *(_with(f"range_max = {value}") for value in ("1e308", "inf", "0.1", "1e-320")),
-    _with("path = [[0.0, 0.0], [0.0, 0.0]]"),
-    _with("path = [[0.0, 0.0], [1e308, -1e308]]", "speed = 1e308"),
+    _with("waypoints = [[0.0, 0.0], [0.0, 0.0]]"),
+    _with("waypoints = [[0.0, 0.0], [1e308, -1e308]]", "speed = 1e308"),
     _with("speed = 1e-300"),
     _with("x = 1e308", "y = -1e308"),
     _with("length = 1e308", "width = 1e308"),
+    *(_with(f"time_increment = {value}") for value in ("1e-320", "1e300", "0.0033333333333333335", "nan")),
+    *(_with(f"flicker = {value}") for value in ("1e-320", "0.9", "-1")),
+    *(_with(f"corner_radius = {value}", f"acceleration = {value}") for value in ("0.001", "1e6", "0")),
+    _with("delay = -10.0"),
     _with('name = "\\u0000\\u001b[31m"'),
     _HEAD + "[[wall]]\npoints = [" + "[0.0, 1.0]," * 60_000 + "]\n",
     _HEAD + "[[box]]\nx = 1\ny = 1\n" * 20_000,
