@@ -28,6 +28,10 @@ SPEED_AT_FIRST = 0.7
 """[m/s] Standard deviation of a velocity before anything is known."""
 TURNING = 0.02
 """[rad²/s³] Spectral density of the angular acceleration of a body."""
+ASKEW = math.radians(15.0)
+"""No body turns by more than this from one sweep to the next."""
+FASTEST_TURN = 2.0
+"""[rad/s] Nothing that is followed turns faster."""
 TURN_AT_FIRST = 0.15
 """[rad/s] Standard deviation of a turn rate before anything is known."""
 UNSEEN = 0.0025
@@ -316,11 +320,12 @@ def update_yaw(bodies: Bodies, b: int, yaw: float, var: float) -> None:
     off = yaw - bodies.yaw[b]
     off -= QUARTER * math.floor(off / QUARTER + 0.5)
     s = bodies.yaw_var[b] + var
-    if off * off > UNLIKELY * s:
-        s = off * off / UNLIKELY
+    if abs(off) > ASKEW:
+        # Rather a face that was not recognised than a turn.
+        s += off * off
     gain, gain_rate = bodies.yaw_var[b] / s, bodies.yaw_cov[b] / s
     turn(bodies, b, gain * off)
-    bodies.yaw_rate[b] += gain_rate * off
+    bodies.yaw_rate[b] = min(max(bodies.yaw_rate[b] + gain_rate * off, -FASTEST_TURN), FASTEST_TURN)
     bodies.rate_var[b] -= gain_rate * bodies.yaw_cov[b]
     bodies.yaw_cov[b] *= 1.0 - gain
     bodies.yaw_var[b] *= 1.0 - gain
