@@ -6,7 +6,7 @@ from typing import Any
 
 from lidarcli import native
 
-ACCELERATION = 0.6
+ACCELERATION = 0.15
 """[m²/s³] Spectral density of a body's acceleration."""
 SPEED_AT_FIRST = 1.0
 """[m/s] Standard deviation of a velocity before anything is known."""
@@ -65,8 +65,8 @@ def run(
             xv += dt * vv + 0.5 * ACCELERATION * dt * dt
             vv += ACCELERATION * dt
             off, s = z[i] - place, xx + var[i]
-            if off * off > 16.0 * s:
-                s = off * off / 16.0
+            if off * off > 6.0 * s:
+                s = off * off / 6.0
             gain, gain_v = xx / s, xv / s
             place += gain * off
             speed += gain_v * off
