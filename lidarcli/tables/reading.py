@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,17 +26,26 @@ DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
 MOST_WHOLE = 1 << 53
 """A count or an index is no larger: up to here a double holds every whole number."""
+_MAKERS = {"background": "background build", "tracks": "track"}
+"""Table → the command that writes it, where that is not `detect`."""
 
 
-def read_columns(path: Path, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
+def read_columns(
+    path: Path,
+    kind: str,
+    schema: pa.Schema,
+    names: Iterable[str] | None = None,
+    optional: Collection[str] = (),
+) -> pa.Table:
     """Columns of a table in their declared types, with the metadata of the file.
 
     Parameters
     ----------
     path : the file
-    kind : `objects`, `sweeps`, `beams` or `background`, as `schemas.NULLABLE` has it
+    kind : `objects`, `sweeps`, `tracks`, `beams` or `background`, as `schemas.NULLABLE` has it
     schema : that of the kind
     names : columns to read, by default all of the schema
+    optional : of these, columns that are null where an older table has none
 
     Raises
     ------
@@ -46,9 +55,18 @@ def read_columns(path: Path, kind: str, schema: pa.Schema, names: Iterable[str] 
     """
     wanted = _wanted(schema, names)
     with _opened(path, kind) as file:
-        _refuse_columns(path, kind, file.schema_arrow.names, wanted)
-        found = file.read(columns=wanted.names, use_threads=False)
-        columns = [_fitted(path, kind, field, found[field.name]) for field in wanted]
+        names_there = file.schema_arrow.names
+        there = pa.schema(
+            [field for field in wanted if field.name in names_there or field.name not in optional]
+        )
+        _refuse_columns(path, kind, names_there, there)
+        found = file.read(columns=there.names, use_threads=False)
+        columns = [
+            _fitted(path, kind, field, found[field.name])
+            if field.name in names_there
+            else pa.chunked_array([pa.nulls(file.metadata.num_rows, field.type)])
+            for field in wanted
+        ]
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
 
@@ -126,7 +144,7 @@ def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
 def _refuse_columns(path: Path, kind: str, there: list[str], wanted: pa.Schema) -> None:
     missing = sorted(name for name in wanted.names if name not in there)
     if missing:
-        maker = "background build" if kind == "background" else "detect"
+        maker = _MAKERS.get(kind, "detect")
         raise UnreadableError(f"{path}: not a table of lidarcli {maker}: no column {', '.join(missing)}")
     twice = [name for name in wanted.names if there.count(name) > 1]
     if twice:

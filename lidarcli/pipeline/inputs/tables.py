@@ -1,9 +1,9 @@
-"""From what a user names to pairs of tables: an objects and a sweeps table of the same log."""
+"""From what a user names to the tables of a log: objects and sweeps, and what lies beside them."""
 
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,11 @@ from lidarcli.tables.files import table_suffix
 from lidarcli.tables.reading import notes_of, parsed, read_columns, read_pieces
 from lidarcli.tables.schemas import SCHEMAS
 
-_OBJECTS, _SWEEPS, _BEAMS = map(table_suffix, ("objects", "sweeps", "beams"))
+_SUFFIXES = _OBJECTS, _SWEEPS, _TRACKS, _BEAMS = tuple(
+    map(table_suffix, ("objects", "sweeps", "tracks", "beams"))
+)
+NEWER = frozenset({"t", "vx", "vy", "moving", "label", "label_score"})
+"""Columns of the objects table that older versions did not write: null where they are not asked for by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,11 @@ class Pair:
     def sweeps(self) -> Path:
         """The sweeps table."""
         return Path(f"{self.stem}{_SWEEPS}")
+
+    @property
+    def tracks(self) -> Path:
+        """The tracks table of `track`; it need not be there."""
+        return Path(f"{self.stem}{_TRACKS}")
 
     @property
     def beams(self) -> Path:
@@ -58,7 +67,7 @@ def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]
 def table_files(inputs: Iterable[str]) -> list[Path]:
     """The files of all pairs that `inputs` name."""
     pairs, _ = find_pairs(inputs)
-    return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.beams)]
+    return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.tracks, pair.beams)]
 
 
 def _stems(text: str) -> list[Path]:
@@ -73,7 +82,7 @@ def _stems(text: str) -> list[Path]:
     if path.exists():
         return [_stem(path)]
     files = sorted(glob.glob(text)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
-    tables = [Path(file) for file in files if file.endswith((_OBJECTS, _SWEEPS, _BEAMS))]
+    tables = [Path(file) for file in files if file.endswith(_SUFFIXES)]
     if not tables:
         why = "no tables match this pattern" if glob.has_magic(text) else "no such file or folder"
         raise UnreadableError(f"{text}: {why}")
@@ -85,20 +94,42 @@ def _is_hidden(path: Path) -> bool:
 
 
 def _stem(path: Path) -> Path:
-    for suffix in (_OBJECTS, _SWEEPS, _BEAMS):
+    for suffix in _SUFFIXES:
         if path.name.endswith(suffix):
             return path.with_name(path.name.removesuffix(suffix))
     raise UnreadableError(f"{path}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})")
 
 
-def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
-    """Columns of one of the tables of a log, or `UnreadableError` with one line."""
+def read_table(pair: Pair, kind: str, columns: Iterable[str], optional: Collection[str] = ()) -> pa.Table:
+    """Columns of one of the tables of a log, or `UnreadableError` with one line; null for what an older one has not."""
     path = getattr(pair, kind)
     if not path.exists():
         raise UnreadableError(
             f"{path}: not there; a report needs both the objects and the sweeps table of a log"
         )
-    return read_columns(path, kind, SCHEMAS[kind], columns)
+    return read_columns(path, kind, SCHEMAS[kind], columns, optional)
+
+
+def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
+    """Columns of the tracks table of a log, None where it has none.
+
+    Raises
+    ------
+    UnreadableError
+        It cannot be read, or is not that of these objects: `detect` may have written them again.
+    """
+    if not pair.tracks.exists():
+        return None
+    tracks = read_table(pair, "tracks", {"topic", "track", *columns})
+    known = {(row["topic"], row["track"]) for row in tracks.select(["topic", "track"]).to_pylist()}
+    rows = objects.select(["topic", "track"]).drop_null()
+    seen = rows.group_by(["topic", "track"]).aggregate([]).to_pylist()
+    if (known and not seen) or any((row["topic"], row["track"]) not in known for row in seen):
+        raise UnreadableError(
+            f"{pair.tracks}: does not belong to {pair.objects.name}, whose tracks are others; "
+            "write both again with lidarcli track"
+        )
+    return tracks
 
 
 def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
