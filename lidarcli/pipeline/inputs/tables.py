@@ -10,7 +10,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.reports.columns import Origin
 from lidarcli.tables import metadata
 from lidarcli.tables.files import table_suffix
@@ -62,6 +62,24 @@ def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]
         except UnreadableError as err:
             problems.append(err)
     return [Pair(stem) for stem in stems], problems
+
+
+def one_pair(text: str) -> Pair:
+    """The tables of the one log that a file, folder or pattern names.
+
+    Raises
+    ------
+    UnreadableError
+        There are none.
+    OptionError
+        There are those of several logs.
+    """
+    pairs, problems = find_pairs([text])
+    if problems:
+        raise problems[0]
+    if len(pairs) > 1:
+        raise OptionError(f"{text}: holds the tables of {len(pairs)} logs; name one of them")
+    return pairs[0]
 
 
 def table_files(inputs: Iterable[str]) -> list[Path]:
