@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.inputs.tables import NEWER, Pair, find_pairs, origin_of, read_table, read_tracks
+from lidarcli.pipeline.inputs.tables import Pair, find_pairs, origin_of, read_table, read_tracks, require
 from lidarcli.reports.checks import Check, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.compare import compare
@@ -18,6 +18,7 @@ from lidarcli.reports.report import Report
 from lidarcli.reports.streams import streams_of
 from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS, edges_of, summarise, values_of
 from lidarcli.reports.tracks import TRACK_COLUMNS
+from lidarcli.tables.schemas import LATER
 
 FORMATS = ("text", "markdown", "html", "json", "junit")
 SUFFIXES = {
@@ -114,8 +115,11 @@ def _load(
 ) -> tuple[Run, tuple[Pair, ...], tuple[str, ...]]:
     """The rows of all tables that can be read, and one line for each that cannot."""
     pairs, problems = find_pairs(inputs)
-    asked = columns_needed(checks, "objects")
-    columns = {*OBJECT_COLUMNS, *asked, *((*VIEWER_COLUMNS, *TRACKED_VIEW) if viewer else ())}
+    columns = {
+        *OBJECT_COLUMNS,
+        *columns_needed(checks, "objects"),
+        *((*VIEWER_COLUMNS, *TRACKED_VIEW) if viewer else ()),
+    }
     sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps"), *(VIEWER_POSES if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
@@ -123,8 +127,10 @@ def _load(
     for pair in pairs:
         try:
             sweeps = read_table(pair, "sweeps", sweep_columns)
-            # What a check asks for has to be there: of a column that is not, nothing would be said.
-            objects = read_table(pair, "objects", columns, optional=NEWER - asked)
+            objects = read_table(pair, "objects", columns)
+            # Of a column that is not there a check would hold, whatever it asks.
+            for kind in LATER:
+                require(pair, kind, columns_needed(checks, kind) & LATER[kind])
         except UnreadableError as err:
             problems.append(err)
             continue

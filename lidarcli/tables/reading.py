@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
-from lidarcli.tables.schemas import INFINITE, NULLABLE
+from lidarcli.tables.schemas import INFINITE, LATER, NULLABLE
 
 GREATEST_VALUE = 1e12
 """A number of a table is no larger [m], [rad]: no place on Earth is farther, whatever the origin."""
@@ -26,18 +26,10 @@ DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
 MOST_WHOLE = 1 << 53
 """A count or an index is no larger: up to here a double holds every whole number."""
-_MAKERS = {"background": "background build", "tracks": "track"}
-"""Table → the command that writes it, where that is not `detect`."""
 
 
-def read_columns(
-    path: Path,
-    kind: str,
-    schema: pa.Schema,
-    names: Iterable[str] | None = None,
-    optional: Collection[str] = (),
-) -> pa.Table:
-    """Columns of a table in their declared types, with the metadata of the file.
+def read_columns(path: Path, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
+    """Columns of a table in their declared types, with the metadata of the file; null what an earlier version had not.
 
     Parameters
     ----------
@@ -45,7 +37,6 @@ def read_columns(
     kind : `objects`, `sweeps`, `tracks`, `beams` or `background`, as `schemas.NULLABLE` has it
     schema : that of the kind
     names : columns to read, by default all of the schema
-    optional : of these, columns that are null where an older table has none
 
     Raises
     ------
@@ -55,16 +46,12 @@ def read_columns(
     """
     wanted = _wanted(schema, names)
     with _opened(path, kind) as file:
-        names_there = file.schema_arrow.names
-        there = pa.schema(
-            [field for field in wanted if field.name in names_there or field.name not in optional]
-        )
-        _refuse_columns(path, kind, names_there, there)
-        found = file.read(columns=there.names, use_threads=False)
+        there = _columns_there(path, kind, file.schema_arrow.names, wanted)
+        found = file.read(columns=there, use_threads=False)
         columns = [
             _fitted(path, kind, field, found[field.name])
-            if field.name in names_there
-            else pa.chunked_array([pa.nulls(file.metadata.num_rows, field.type)])
+            if field.name in there
+            else pa.chunked_array([pa.nulls(found.num_rows, field.type)])
             for field in wanted
         ]
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
@@ -74,13 +61,21 @@ def read_pieces(path: Path, kind: str, schema: pa.Schema, names: Iterable[str]) 
     """The same piece by piece, for a table that may be large."""
     wanted = _wanted(schema, names)
     with _opened(path, kind) as file:
-        _refuse_columns(path, kind, file.schema_arrow.names, wanted)
-        for rows in file.iter_batches(columns=wanted.names, use_threads=False):
+        there = _columns_there(path, kind, file.schema_arrow.names, wanted)
+        for rows in file.iter_batches(columns=there, use_threads=False):
             columns = [
                 _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks()
+                if field.name in there
+                else pa.nulls(rows.num_rows, field.type)
                 for field in wanted
             ]
             yield pa.RecordBatch.from_arrays(columns, schema=wanted)
+
+
+def column_names(path: Path, kind: str) -> list[str]:
+    """The columns that a table has, also those that no schema knows."""
+    with _opened(path, kind) as file:
+        return list(file.schema_arrow.names)
 
 
 def notes_of(table: pa.Table) -> dict[str, str]:
@@ -141,14 +136,16 @@ def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
     return pa.schema([field for field in schema if field.name in chosen])
 
 
-def _refuse_columns(path: Path, kind: str, there: list[str], wanted: pa.Schema) -> None:
-    missing = sorted(name for name in wanted.names if name not in there)
+def _columns_there(path: Path, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
+    """Those of the wanted columns that a file has; refused where one is missing that was always there, or there twice."""
+    missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
     if missing:
-        maker = _MAKERS.get(kind, "detect")
+        maker = {"background": "background build", "tracks": "track"}.get(kind, "detect")
         raise UnreadableError(f"{path}: not a table of lidarcli {maker}: no column {', '.join(missing)}")
     twice = [name for name in wanted.names if there.count(name) > 1]
     if twice:
         raise UnreadableError(f"{path}: column {twice[0]} is there {there.count(twice[0])} times, not once")
+    return [name for name in wanted.names if name in there]
 
 
 def _fitted(path: Path, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:

@@ -220,5 +220,10 @@ NULLABLE = {
     "background": frozenset[str](),
 }
 """Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
+LATER = {
+    "objects": frozenset({"t", "vx", "vy", "moving", "label", "label_score"}),
+    "sweeps": frozenset({"t"}),
+}
+"""Table → columns that tables of earlier versions do not have: read as null."""
 INFINITE = frozenset({"r_e", "r_near"})
 """Columns that may be infinite: in these directions the scene is open."""

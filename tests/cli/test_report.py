@@ -360,7 +360,7 @@ def test_tables_of_an_older_version(lidarcli: Run, run: Path) -> None:
     ran = lidarcli("report", run, "--check", "objects == 30")
     assert (ran.code, ran.err) == (0, "")
     ran = lidarcli("report", run, "--check", "objects where label == box == 0")
-    assert (ran.code, "not a table of lidarcli detect: no column label" in ran.err) == (3, True)
+    assert (ran.code, "no column label, which a check asks for; an older version" in ran.err) == (3, True)
 
 
 def test_a_baseline_with_and_without_tracks(lidarcli: Run, run: Path, tracked: Path) -> None:

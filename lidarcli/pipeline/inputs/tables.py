@@ -1,4 +1,4 @@
-"""From what a user names to the tables of a log: objects and sweeps, and what lies beside them."""
+"""From what a user names to the tables of a log: objects and sweeps, and what else there is of it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,10 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.reports.columns import Origin
 from lidarcli.tables import metadata
 from lidarcli.tables.files import table_suffix
-from lidarcli.tables.reading import notes_of, parsed, read_columns, read_pieces
+from lidarcli.tables.reading import column_names, notes_of, parsed, read_columns, read_pieces
 from lidarcli.tables.schemas import SCHEMAS
 
-_SUFFIXES = _OBJECTS, _SWEEPS, _TRACKS, _BEAMS = tuple(
-    map(table_suffix, ("objects", "sweeps", "tracks", "beams"))
-)
-NEWER = frozenset({"t", "vx", "vy", "moving", "label", "label_score"})
-"""Columns of the objects table that older versions did not write: null where they are not asked for by name."""
+_OBJECTS, _SWEEPS, _TRACKS, _BEAMS = map(table_suffix, SCHEMAS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +39,7 @@ class Pair:
 
     @property
     def tracks(self) -> Path:
-        """The tracks table of `track`; it need not be there."""
+        """The tracks table; it is there where things were followed."""
         return Path(f"{self.stem}{_TRACKS}")
 
     @property
@@ -100,7 +96,7 @@ def _stems(text: str) -> list[Path]:
     if path.exists():
         return [_stem(path)]
     files = sorted(glob.glob(text)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
-    tables = [Path(file) for file in files if file.endswith(_SUFFIXES)]
+    tables = [Path(file) for file in files if file.endswith((_OBJECTS, _SWEEPS, _TRACKS, _BEAMS))]
     if not tables:
         why = "no tables match this pattern" if glob.has_magic(text) else "no such file or folder"
         raise UnreadableError(f"{text}: {why}")
@@ -112,20 +108,31 @@ def _is_hidden(path: Path) -> bool:
 
 
 def _stem(path: Path) -> Path:
-    for suffix in _SUFFIXES:
+    for suffix in (_OBJECTS, _SWEEPS, _TRACKS, _BEAMS):
         if path.name.endswith(suffix):
             return path.with_name(path.name.removesuffix(suffix))
     raise UnreadableError(f"{path}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})")
 
 
-def read_table(pair: Pair, kind: str, columns: Iterable[str], optional: Collection[str] = ()) -> pa.Table:
-    """Columns of one of the tables of a log, or `UnreadableError` with one line; null for what an older one has not."""
+def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
+    """Columns of one of the tables of a log, or `UnreadableError` with one line."""
     path = getattr(pair, kind)
     if not path.exists():
         raise UnreadableError(
             f"{path}: not there; a report needs both the objects and the sweeps table of a log"
         )
-    return read_columns(path, kind, SCHEMAS[kind], columns, optional)
+    return read_columns(path, kind, SCHEMAS[kind], columns)
+
+
+def require(pair: Pair, kind: str, columns: Collection[str]) -> None:
+    """Refuse a table without these columns, which are null where an older version has written it."""
+    there = column_names(getattr(pair, kind), kind) if columns else []
+    missing = sorted({*columns} - {*there})
+    if missing:
+        raise UnreadableError(
+            f"{getattr(pair, kind)}: no column {', '.join(missing)}, which a check asks for; "
+            "an older version has written this table"
+        )
 
 
 def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
