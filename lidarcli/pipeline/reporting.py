@@ -16,7 +16,14 @@ from lidarcli.reports.compare import compare
 from lidarcli.reports.figures import DELTA
 from lidarcli.reports.report import Report
 from lidarcli.reports.streams import streams_of
-from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS, edges_of, summarise, values_of
+from lidarcli.reports.summary import (
+    OBJECT_COLUMNS,
+    SWEEP_COLUMNS,
+    TRACKED_COLUMNS,
+    edges_of,
+    summarise,
+    values_of,
+)
 from lidarcli.reports.tracks import TRACK_COLUMNS
 from lidarcli.tables.schemas import LATER
 
@@ -34,7 +41,7 @@ VIEWER_COLUMNS = ("topic", "sweep", "object", "theta_i", "theta_f", "box_x", "bo
 """Columns of the objects table that only the viewer reads …"""
 TRACKED_VIEW = ("vx", "vy", "moving")
 """… and where things were tracked, …"""
-VIEWER_POSES = ("pose_x", "pose_y", "pose_yaw")
+TRACKED_POSES = ("pose_x", "pose_y", "pose_yaw")
 """… with these of the sweeps table."""
 CHECK_FAILED = 1
 
@@ -115,12 +122,12 @@ def _load(
 ) -> tuple[Run, tuple[Pair, ...], tuple[str, ...]]:
     """The rows of all tables that can be read, and one line for each that cannot."""
     pairs, problems = find_pairs(inputs)
-    columns = {
-        *OBJECT_COLUMNS,
-        *columns_needed(checks, "objects"),
-        *((*VIEWER_COLUMNS, *TRACKED_VIEW) if viewer else ()),
-    }
-    sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps"), *(VIEWER_POSES if viewer else ())}
+    columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
+    sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps")}
+    # Who does not track does not read what belongs to it.
+    if any(pair.tracks.exists() for pair in pairs):
+        columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
+        sweep_columns |= {*(TRACKED_POSES if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
     tracks: dict[int, pa.Table] = {}

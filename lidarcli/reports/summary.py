@@ -37,8 +37,6 @@ OF_OBJECTS = {
 }
 """Figure → column of the objects table."""
 OBJECT_COLUMNS = (
-    "topic",
-    "sweep",
     "set",
     "shape",
     "visibility",
@@ -47,11 +45,12 @@ OBJECT_COLUMNS = (
     "y",
     "world_x",
     "world_y",
-    "track",
     "label",
     *OF_OBJECTS.values(),
 )
-"""Columns of the objects table that a summary reads."""
+"""Columns of the objects table that a summary reads …"""
+TRACKED_COLUMNS = ("topic", "sweep", "track")
+"""… and where there are tracks."""
 SWEEP_COLUMNS = (
     *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
     *("d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SET_COLUMNS)),

@@ -188,6 +188,17 @@ def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path
         assert lidarcli("report", run, "--format", kind).code == 0
 
 
+def test_a_run_in_which_nothing_could_be_followed(lidarcli: Run, tmp_path: Path) -> None:
+    run = write_run(tmp_path, [sweep(0)], tracks=[])
+    for kind in ("text", "markdown", "html", "json", "junit"):
+        ran = lidarcli(
+            "report", run, "--format", kind, "--check", "tracks == 0", "--check", "agents_at_once.max == 0"
+        )
+        assert (ran.code, ran.err) == (0, "")
+    assert "things          0, 0 of them agents" in lidarcli("report", run).out
+    assert lidarcli("report", run, "--check", "tracks.duration.p50 > 0").code == 1
+
+
 @pytest.mark.parametrize(
     ("environment", "terminal", "coloured"),
     [

@@ -18,7 +18,7 @@ from lidarcli.reports.summary import summarise
 from lidarcli.reports.viewer import Raw, choose_sweeps, pack
 from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
-from tests.reports.runs import crossing, run_of, sweep, thing, write_run
+from tests.reports.runs import crossing, run_of, sweep, thing, track, write_run
 from tests.reports.test_paths import driving
 
 Run = Callable[..., Any]
@@ -136,7 +136,11 @@ def test_script_in_every_text_of_a_log_stays_text(lidarcli: Run, tmp_path: Path)
     name = EVIL.replace("/", "_")[:100]
     rows = [sweep(k, 1, **evil) for k in range(4)]
     rows[2] |= {"objects": 3}
-    tables = write_run(tmp_path, rows, [thing(k, 1, **evil) for k in range(4)], name, damage=[EVIL])
+    named = {**evil, "label": EVIL}
+    objects = [thing(k, 1, track=1, **named) for k in range(4)]
+    tables = write_run(
+        tmp_path, rows, objects, name, damage=[EVIL], tracks=[track(1, 0, 3, end=EVIL, **named)]
+    )
     for suffix in ("html", "md", "xml", "json", "txt"):
         code, err = lidarcli("report", tables, "--baseline", tables, "-o", tmp_path / f"r.{suffix}")
         assert (code, err) == (0, "")
