@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from lidarcli.sweeps import RangeRules
 
 PICTURE = "Picture"
+WITH_TRACKS = ("all", "scene")
+"""Views with the scene, in which tracks are drawn."""
 LAST = 1_000_000_000
 """The number of a sweep in an option is no larger: three years at 10 Hz."""
 
@@ -71,6 +73,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
   lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
   lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
+  lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
   lidarcli plot run.mcap --sweeps 0:100:2 --animate -o run.gif --overwrite""",
 )
 @click.argument("log", metavar="LOG", type=INPUTS)
@@ -121,6 +124,14 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     type=click.Path(),
     help="Background to compare with (docs/background.md): also r_w, r_e and their difference.  [default: none]",
 )
+@option(
+    "--tracks",
+    heading=PICTURE,
+    metavar="FILE",
+    type=click.Path(),
+    help="Table of track (the others of the log lie beside it): paths up to the sweep, numbers, velocities.  "
+    "[default: none]",
+)
 @object_options(walls="Also draw walls, with the corners of the room.", no_limit="paper")
 @range_options
 @csv_options
@@ -137,6 +148,7 @@ def plot(
     overwrite: bool,
     topic: str | None,
     background: str | None,
+    tracks: str | None,
     rules: RangeRules,
     csv: CsvOptions,
     **parameters: Any,
@@ -150,10 +162,14 @@ def plot(
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
 
+    if tracks is not None and view not in WITH_TRACKS:
+        raise click.UsageError(f"--tracks are drawn in the scene; give --view {' or '.join(WITH_TRACKS)}")
+
     from lidarcli.errors import UnreadableError
     from lidarcli.formalism import Parameters
     from lidarcli.newfiles import refuse
     from lidarcli.pipeline.inputs.search import files_of
+    from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.plotting import (
         PlotOptions,
         picture_bytes,
@@ -166,9 +182,11 @@ def plot(
     one = animate or wanted is None or len(wanted) == 1
     paths = [Path(output)] if one else _numbered(Path(output), wanted or ())
     if output != STDOUT:
-        refuse(paths, overwrite, [*files_of([source]), *([background] if background else [])])
+        others = [*map(str, table_files([tracks] if tracks else [])), *([background] if background else [])]
+        refuse(paths, overwrite, [*files_of([source]), *others])
     drawn = take_pictures(
-        source, PlotOptions(wanted, topic, Parameters.for_profile(**parameters), rules, csv, background)
+        source,
+        PlotOptions(wanted, topic, Parameters.for_profile(**parameters), rules, csv, background, tracks),
     )
     for note in drawn.notes:
         say.info(f"  note     {note}")

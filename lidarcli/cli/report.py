@@ -22,6 +22,7 @@ GATES = "Gates"
   lidarcli report tables/ -o out.md -o out.xml --check "sweeps >= 100"
   lidarcli report tables/ --check "objects_per_sweep.p95 <= 12"
   lidarcli report tables/ --check "objects where width > 1.5 == 0"
+  lidarcli report tables/ --check "agents_at_once.max <= 3"
   lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
   lidarcli report 'tables/*.parquet' --format json | jq .figures
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
@@ -85,8 +86,8 @@ def report(
 ) -> int:
     """Sum up what is in one or many runs, and hold it against checks.
 
-    TABLE is an objects or sweeps table of detect (the other one is found beside
-    it), a folder to search, or a pattern.
+    TABLE is an objects, sweeps or tracks table of detect or track (the others are
+    found beside it), a folder to search, or a pattern.
     """
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.inputs.search import files_of, find_logs

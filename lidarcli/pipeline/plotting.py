@@ -17,10 +17,13 @@ from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.newfiles import NewFiles, unwritable, write_whole
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.tables import one_pair, read_table
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
 from lidarcli.pipeline.reading.posing import NONE, Posing
 from lidarcli.pipeline.reading.summary import damage_lines
+from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
+from lidarcli.reports.paths import COLUMNS, Paths, TrackPath
 from lidarcli.reports.picture import Picture
 from lidarcli.sweeps import RangeRules, SweepBatch
 
@@ -41,6 +44,8 @@ class PlotOptions:
     csv: CsvOptions = field(default_factory=CsvOptions)
     background: str | None = None
     """A background table, to draw r_w - r_e."""
+    tracks: str | None = None
+    """Tables of `track`, to draw the paths up to each sweep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +157,7 @@ class _Work:
         self._subtracting = None
         if options.background is not None:
             self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)
+        self._paths: Paths | None = None
 
     def picture(self, batch: SweepBatch) -> Picture:
         """One sweep with its objects."""
@@ -163,6 +169,7 @@ class _Work:
             detection=detect(batch, parameters, per_beam=True),
             profile=parameters.profile,
             threshold=threshold if isinstance(threshold, str) else f"{threshold:g} m",
+            tracks=self._tracks(batch),
         )
         if self._subtracting is None:
             return picture
@@ -174,6 +181,24 @@ class _Work:
             background=np.where(np.isfinite(r_e), r_e, np.nan),
             difference=found.difference[0].astype(np.float64),
         )
+
+    def _tracks(self, batch: SweepBatch) -> tuple[TrackPath, ...] | None:
+        """The tracks up to this sweep; all sweeps are of one topic."""
+        if (name := self._options.tracks) is None:
+            return None
+        if self._paths is None:
+            pair = one_pair(name)
+            sweeps, objects = (
+                Rows.join([read_table(pair, kind, columns)])
+                for kind, columns in (("sweeps", COLUMNS["sweeps"]), ("objects", COLUMNS["objects"]))
+            )
+            self._paths = Paths(sweeps, objects, batch.topic)
+            if not self._paths.are_there:
+                raise OptionError(f"{name}: no tracks of {batch.topic} in it; lidarcli track LOG writes them")
+        sweep = int(batch.sweep[0])
+        if not self._paths.has(sweep):
+            raise OptionError(f"{name}: no sweep {sweep} of {batch.topic} in it")
+        return self._paths.up_to(sweep)
 
     def notes(self) -> list[str]:
         """What could not be compared."""

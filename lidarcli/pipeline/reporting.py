@@ -9,13 +9,23 @@ from typing import Any
 import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.pipeline.inputs.tables import Pair, find_pairs, origin_of, read_table
+from lidarcli.pipeline.inputs.tables import Pair, find_pairs, origin_of, read_table, read_tracks, require
 from lidarcli.reports.checks import Check, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.compare import compare
+from lidarcli.reports.figures import DELTA
 from lidarcli.reports.report import Report
 from lidarcli.reports.streams import streams_of
-from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS, edges_of, summarise, values_of
+from lidarcli.reports.summary import (
+    OBJECT_COLUMNS,
+    SWEEP_COLUMNS,
+    TRACKED_COLUMNS,
+    edges_of,
+    summarise,
+    values_of,
+)
+from lidarcli.reports.tracks import TRACK_COLUMNS
+from lidarcli.tables.schemas import LATER
 
 FORMATS = ("text", "markdown", "html", "json", "junit")
 SUFFIXES = {
@@ -28,7 +38,11 @@ SUFFIXES = {
     ".xml": "junit",
 }
 VIEWER_COLUMNS = ("topic", "sweep", "object", "theta_i", "theta_f", "box_x", "box_y", "box_yaw")
-"""Columns of the objects table that only the viewer reads."""
+"""Columns of the objects table that only the viewer reads …"""
+TRACKED_VIEW = ("vx", "vy", "moving")
+"""… and where things were tracked, …"""
+TRACKED_POSES = ("pose_x", "pose_y", "pose_yaw")
+"""… with these of the sweeps table."""
 CHECK_FAILED = 1
 
 
@@ -81,9 +95,10 @@ def make_report(options: ReportOptions, viewer: bool = False) -> Made:
         verdicts = tuple(judge(check, summary.figures, run) for check in checks)
         made = Made(Report(summary, verdicts, None, problems), run, pairs)
         return _with_viewer(made, options.logs) if viewer else made
-    base_run, _, base_problems = _load(options.baseline, (), False)
+    base_run, base_pairs, base_problems = _load(options.baseline, (), False)
     if base_problems:
         raise UnreadableError(f"baseline: {base_problems[0]}")
+    _refuse_untracked([check for check in checks if check.name.startswith(DELTA)], base_pairs)
     # Both runs share the edges of their histograms.
     edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
     summary, baseline = summarise(run, edges), summarise(base_run, edges)
@@ -109,19 +124,49 @@ def _load(
     pairs, problems = find_pairs(inputs)
     columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
     sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps")}
+    # Who does not track does not read what belongs to it.
+    if any(pair.tracks.exists() for pair in pairs):
+        columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
+        sweep_columns |= {*(TRACKED_POSES if viewer else ())}
+    track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
+    tracks: dict[int, pa.Table] = {}
     for pair in pairs:
         try:
             sweeps = read_table(pair, "sweeps", sweep_columns)
             objects = read_table(pair, "objects", columns)
-            read.append((pair, origin_of(pair, sweeps), sweeps, objects))
+            # Of a column that is not there a check would hold, whatever it asks.
+            for kind in LATER:
+                require(pair, kind, columns_needed(checks, kind) & LATER[kind])
         except UnreadableError as err:
             problems.append(err)
+            continue
+        try:
+            found = read_tracks(pair, objects, track_columns)
+        except UnreadableError as err:
+            problems.append(err)
+            found = None
+        if found is not None:
+            tracks[len(read)] = found
+        read.append((pair, replace(origin_of(pair, sweeps), tracked=found is not None), sweeps, objects))
     if not read:
         raise _nothing(problems)
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
-    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables))
+    _refuse_untracked(checks, kept)
+    things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
+    run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things)
     return run, kept, tuple(str(problem) for problem in problems)
+
+
+def _refuse_untracked(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:
+    """Refuse a check of tracks where some log has none: it would speak of the others alone."""
+    missing = [pair.tracks for pair in pairs if not pair.tracks.exists()]
+    for check in checks:
+        if check.needs_tracks and missing:
+            raise OptionError(
+                f"--check '{check.expression}' asks for tracks, but {missing[0]} is not there; "
+                "lidarcli track LOG writes it"
+            )
 
 
 def _nothing(problems: Sequence[UnreadableError]) -> LidarcliError:

@@ -19,7 +19,7 @@ from lidarcli.reports.picture import printable
 from lidarcli.reports.report import Report
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import SET_WORDS, kind_counts
+from lidarcli.reports.wording import SET_WORDS, kind_counts, track_kinds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,6 +52,8 @@ def charts(report: Report) -> Iterator[Chart]:
     streams = summary.streams.all[:LINES]
     if streams:
         yield _chart("Objects over time", lambda axes: _objects(axes, streams))
+        if any(np.nansum(stream.course.agents_max) for stream in streams):
+            yield _chart("Agents over time", lambda axes: _agents(axes, streams))
         yield _chart("Threshold and noise over time", lambda axes: _thresholds(axes, streams))
     if sum(summary.status.values()):
         yield _chart("Beams by status and set", lambda axes: _beams(axes, summary))
@@ -66,6 +68,11 @@ def charts(report: Report) -> Iterator[Chart]:
         counts = kind_counts(summary, name)
         if counts:
             yield _chart(f"Objects by {name}", partial(_kinds, counts=counts))
+    if summary.tracked is not None:
+        for name in summary.tracked.kinds:
+            counts = track_kinds(summary.tracked, name)
+            if counts:
+                yield _chart(name.replace(".", " by ").capitalize(), partial(_kinds, counts=counts))
     for found in summary.densities:
         yield _chart(f"Where objects were, {found.frame} frame", partial(_map, found=found))
 
@@ -122,6 +129,36 @@ def _objects(axes: Axes, streams: tuple[Stream, ...]) -> None:
             label=label,
         )
     axes.set(xlabel="time [s]", ylabel="objects per sweep", ylim=(0, None))
+    _whole(axes.yaxis)
+    axes.legend(frameon=False, loc="best", fontsize=6.5)
+
+
+def _agents(axes: Axes, streams: tuple[Stream, ...]) -> None:
+    for k, stream in enumerate(streams):
+        course = stream.course
+        label = printable(stream.name) if len(streams) > 1 else "mean"
+        if len(streams) == 1:
+            axes.fill_between(
+                course.seconds,
+                0,
+                course.agents_max,
+                step="post",
+                color=palette.ORANGE,
+                alpha=0.35,
+                lw=0,
+                label="most",
+            )
+        colour = palette.SET_STYLES["A"][0] if len(streams) == 1 else CYCLE[k]
+        axes.plot(
+            course.seconds,
+            course.agents_mean,
+            color=colour,
+            ls=DASHES[k],
+            lw=1.2,
+            drawstyle="steps-post",
+            label=label,
+        )
+    axes.set(xlabel="time [s]", ylabel="agents in view", ylim=(0, None))
     _whole(axes.yaxis)
     axes.legend(frameon=False, loc="best", fontsize=6.5)
 

@@ -1,25 +1,37 @@
-"""Gates on named figures: `sweeps >= 100`, `objects where width > 0.5 == 0`, `delta.objects between -5 and 5`.
+"""Gates on named figures: `sweeps >= 100`, `tracks where distance > 1 == 4`, `delta.objects between -5 and 5`.
 
 check      = measure ( sign number | "between" number "and" number )
-measure    = figure | ( "objects" | "sweeps" ) "where" condition
+measure    = figure | ( "objects" | "sweeps" | "tracks" ) "where" condition
 condition  = term { "or" term }
 term       = factor { "and" factor }
 factor     = "not" factor | "(" condition ")" | comparison
-comparison = column sign value | column "between" number "and" number | column "is" [ "not" ] "null"
+comparison = column sign value | column "between" number "and" number | column "is" [ "not" ] "null" | column
 sign       = "==" | "!=" | "<" | "<=" | ">" | ">="
 """
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lidarcli.reports import figures
 from lidarcli.reports.columns import Run
-from lidarcli.reports.conditions import COMPARE, Condition, parse_condition, read_limits, read_number, schemas
+from lidarcli.reports.conditions import (
+    COMPARE,
+    COUNTED,
+    Condition,
+    nearest,
+    parse_condition,
+    read_limits,
+    read_number,
+)
 from lidarcli.reports.spread import STATISTICS
 from lidarcli.reports.tokens import Tokens
+
+OF_THINGS = frozenset({"track", "vx", "vy", "moving", "label", "label_score"})
+"""Columns of the objects table that tell of things: where a condition names one, agents count as objects do."""
+OF_TRACKS = frozenset({"vx", "vy", "moving"})
+"""Columns of the objects table that are empty until something was tracked: a check of them would always hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +40,7 @@ class Check:
 
     expression: str
     name: str
-    """The figure, or `objects` or `sweeps` where rows are counted."""
+    """The figure, or the table whose rows are counted."""
     condition: Condition | None
     sign: str
     """A comparison, or `between`."""
@@ -41,6 +53,13 @@ class Check:
         if self.sign == "between":
             return f"between {self.low:g} and {self.high:g}"
         return f"{self.sign} {self.low:g}"
+
+    @property
+    def needs_tracks(self) -> bool:
+        """Whether there is nothing to hold it against without tracks tables."""
+        if self.condition is None:
+            return self.name.removeprefix(figures.DELTA) in figures.track_names()
+        return self.name == "tracks" or (self.name == "objects" and bool(self.condition.columns & OF_TRACKS))
 
     def admits(self, value: float) -> bool:
         """Whether a value is as expected."""
@@ -85,10 +104,10 @@ def parse_check(expression: str, compared: bool = False) -> Check:
     tokens.take()
     condition = None
     if tokens.take_if("where"):
-        tables = dict(schemas())
-        if token.text not in tables:
-            raise tokens.error(f"only {' and '.join(tables)} can be counted with where, not", token)
-        condition = parse_condition(tokens, tables[token.text])
+        if token.text not in COUNTED:
+            *first, last = COUNTED
+            raise tokens.error(f"only {', '.join(first)} and {last} can be counted with where, not", token)
+        condition = parse_condition(tokens, token.text)
     else:
         _known(tokens, token.text, compared)
     if tokens.take_if("between"):
@@ -104,17 +123,22 @@ def parse_check(expression: str, compared: bool = False) -> Check:
 
 def judge(check: Check, values: Mapping[str, float | None], run: Run) -> Verdict:
     """Hold a check against the figures of a run, or against its rows."""
-    if check.condition is None:
-        found = values[check.name]
-    else:
-        rows = run.objects if check.name == "objects" else run.sweeps
-        chosen = check.condition.holds(rows)
-        # Walls and agents count only where the condition asks for them.
-        if check.name == "objects" and "set" not in check.condition.columns:
-            chosen &= run.is_object
-        found = float(chosen.sum())
+    # Tracks tables that could not be read leave nothing to measure.
+    found = values.get(check.name) if check.condition is None else _count(check, check.condition, run)
     holds = found is not None and check.admits(found)
     return Verdict(check.expression, f"{check.expected}", found, holds)
+
+
+def _count(check: Check, condition: Condition, run: Run) -> float | None:
+    """The rows for which a condition holds."""
+    rows = {"objects": run.objects, "sweeps": run.sweeps, "tracks": run.tracks}[check.name]
+    if rows is None:
+        return None
+    chosen = condition.holds(rows)
+    # Walls and agents count only where the condition asks for them.
+    if check.name == "objects" and "set" not in condition.columns:
+        chosen &= run.is_object | run.is_agent if condition.columns & OF_THINGS else run.is_object
+    return float(chosen.sum())
 
 
 def columns_needed(checks: Sequence[Check], table: str) -> frozenset[str]:
@@ -125,17 +149,19 @@ def columns_needed(checks: Sequence[Check], table: str) -> frozenset[str]:
 
 def _known(tokens: Tokens, name: str, compared: bool) -> None:
     plain = name.removeprefix(figures.DELTA)
-    names = figures.names()
+    names = [*figures.names(), *figures.track_names()]
+    spreads = figures.SPREADS | figures.TRACK_SPREADS
     if plain in names or name in figures.COMPARED:
         if not compared and (name != plain or name in figures.COMPARED):
             raise tokens.error(f"{name} needs a --baseline to compare with;")
         return
-    if plain in figures.SPREADS:
+    if plain in spreads:
         raise tokens.error(f"{name} has several values, choose one of .{', .'.join(STATISTICS)};")
-    close = difflib.get_close_matches(plain, [*names, *figures.SPREADS, *figures.COMPARED], 1)
-    hint = f"did you mean {close[0]}? " if close else ""
-    kinds = [f"{name}.{kind}" for name, values in figures.CATEGORIES.items() for kind in values]
-    several = f"{{{', '.join(figures.SPREADS)}}}.{{{', '.join(STATISTICS)}}}"
-    there = ", ".join([*figures.COUNTS, several, *kinds, "objects where ...", "sweeps where ..."])
+    hint = nearest(plain, [*names, *spreads, *figures.COMPARED])
+    categories = figures.CATEGORIES | figures.TRACK_CATEGORIES
+    kinds = [f"{name}.{kind}" for name, values in categories.items() for kind in values]
+    several = f"{{{', '.join(spreads)}}}.{{{', '.join(STATISTICS)}}}"
+    counts = [*figures.COUNTS, *figures.TRACK_COUNTS]
+    there = ", ".join([*counts, several, *kinds, *(f"{table} where ..." for table in COUNTED)])
     more = f", with --baseline also delta.NAME, {', '.join(figures.COMPARED)}"
-    raise tokens.error(f"unknown figure '{name}'; {hint}available: {there}{more};")
+    raise tokens.error(f"unknown figure '{name}'{hint or ';'} available: {there}{more};")

@@ -28,6 +28,8 @@ class Origin:
     version: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
     damage: tuple[str, ...] = ()
+    tracked: bool = False
+    """Whether a tracks table lies beside."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +44,10 @@ class Rows:
         return int(self.table.num_rows)
 
     @staticmethod
-    def join(tables: Sequence[pa.Table]) -> Rows:
-        """The rows of several sources, one after the other."""
-        source = np.repeat(np.arange(len(tables), dtype=np.int32), [table.num_rows for table in tables])
+    def join(tables: Sequence[pa.Table], sources: Sequence[int] | None = None) -> Rows:
+        """The rows of several sources, one after the other; `sources` where not every source has a table."""
+        numbers = np.arange(len(tables)) if sources is None else np.asarray(sources)
+        source = np.repeat(numbers.astype(np.int32), [table.num_rows for table in tables])
         return Rows(pa.concat_tables(tables).unify_dictionaries().combine_chunks(), source)
 
     def numbers(self, name: str) -> Float64:
@@ -72,6 +75,11 @@ class Rows:
         codes = pc.fill_null(chunk.indices, -1).to_numpy(zero_copy_only=False).astype(np.int32, copy=False)
         return codes, chunk.dictionary.to_pylist()
 
+    def are(self, name: str, word: str) -> NDArray[np.bool_]:
+        """(K,) rows with this name in a column."""
+        codes, names = self.words(name)
+        return codes == names.index(word) if word in names else np.zeros(len(codes), bool)
+
     def has_any(self, name: str) -> bool:
         """Whether the column is there with any value at all."""
         return name in self.table.column_names and self.table[name].null_count < len(self)
@@ -86,14 +94,56 @@ class Rows:
 
 @dataclass(frozen=True)
 class Run:
-    """One or many logs after `detect`: what a report is about."""
+    """One or many logs after `detect` or `track`: what a report is about."""
 
     sources: tuple[Origin, ...]
     sweeps: Rows
     objects: Rows
+    tracks: Rows | None = None
+    """Of the sources that were tracked; None where none was."""
 
     @cached_property
     def is_object(self) -> NDArray[np.bool_]:
         """(K,) rows of the objects table that are objects (set O): walls and agents are not."""
-        codes, names = self.objects.words("set")
-        return codes == names.index("O") if "O" in names else np.zeros(len(codes), bool)
+        return self.objects.are("set", "O")
+
+    @cached_property
+    def is_agent(self) -> NDArray[np.bool_]:
+        """(K,) rows of the objects table that are agents (set A)."""
+        return self.objects.are("set", "A")
+
+    @cached_property
+    def agents_at_once(self) -> Float64:
+        """(S,) tracks of set A that are seen in each sweep, however many objects each has; NaN where nobody tracked."""
+        tracked = np.array([source.tracked for source in self.sources], bool)
+        numbers = np.where(tracked[self.sweeps.source], 0.0, np.nan)
+        if not tracked.any() or not self.is_agent.any():
+            return numbers
+        place, wanted = _places(self.objects, self.sweeps)
+        track = self.objects.numbers("track")
+        mine = self.is_agent & ~np.isnan(track)
+        names, dense = np.unique(track[mine], return_inverse=True)
+        one_each = np.unique(place[mine] * max(len(names), 1) + dense) // max(len(names), 1)
+        found, count = np.unique(one_each, return_counts=True)
+        at = np.searchsorted(found, wanted)
+        there = at < len(found)
+        there[there] = found[at[there]] == wanted[there]
+        numbers[there] += count[at[there]]
+        return numbers
+
+
+def _places(*tables: Rows) -> list[Int64]:
+    """A number for the sweep of each row, equal in all tables where source, topic and index are."""
+    words = [rows.words("topic") for rows in tables]
+    topics = {name: k for k, name in enumerate(dict.fromkeys(name for _, names in words for name in names))}
+    sweep = np.concatenate([rows.integers("sweep") for rows in tables])
+    indices, dense = np.unique(sweep, return_inverse=True)
+    group = np.concatenate(
+        [
+            rows.source.astype(np.int64) * max(len(topics), 1)
+            + np.array([topics[name] for name in names] or [0], np.int64)[code]
+            for rows, (code, names) in zip(tables, words, strict=True)
+        ]
+    )
+    ends = np.cumsum([len(rows) for rows in tables])
+    return np.split(group * max(len(indices), 1) + dense, ends[:-1])

@@ -59,7 +59,7 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
         "removed_sweeps": len(base_run.sweeps) - len(mine),
     }
     for name, value in summary.figures.items():
-        before = baseline.figures[name]
+        before = baseline.figures.get(name)
         figures[DELTA + name] = None if value is None or before is None else value - before
     best = changed[np.argsort(-np.abs(difference[changed]), kind="stable")[:SHOWN]]
     topic, topics = run.sweeps.words("topic")

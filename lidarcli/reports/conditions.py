@@ -1,9 +1,10 @@
-"""Conditions on the rows of a table: `width > 0.5 and not (shape == prismatic or track is null)`."""
+"""Conditions on the rows of a table: `width > 0.5 and moving and not (shape == prismatic or track is null)`."""
 
 from __future__ import annotations
 
+import difflib
 import operator
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +12,11 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.formalism.detection import CHANGES, SETS, SHAPES, VISIBILITIES
+from lidarcli.formalism.tracking.tracked import ENDS
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.tokens import Tokens
 from lidarcli.sweeps import Bool, Float64
-from lidarcli.tables.schemas import OBJECTS, SWEEPS
+from lidarcli.tables.schemas import OBJECTS, SWEEPS, TRACKS
 
 COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     "==": operator.eq,
@@ -24,17 +26,27 @@ COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-ALIASES = {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"}
-"""Other names of columns of the objects table."""
+COUNTED = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS}
+"""The tables whose rows can be counted, and their schemas."""
+ALIASES = {
+    "objects": {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"},
+    "sweeps": dict[str, str](),
+    "tracks": dict[str, str](),
+}
+"""Table → other names of its columns."""
 VOCABULARY = {
     "set": SETS,
     "shape": SHAPES,
     "visibility": VISIBILITIES,
     "change": CHANGES,
+    "end": ENDS,
 }
+CLOSE = 0.7
+"""Names that are alike to this degree (difflib) may have been meant."""
 DEEPEST = 50
 """Most brackets that are open at once in a condition."""
-KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where"})
+TRUTH = {"true": True, "false": False}
+KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where", *TRUTH})
 
 Truths = tuple[Bool, Bool]
 """(K,) what holds, and what is known: a comparison with null is neither true nor false."""
@@ -58,43 +70,43 @@ def column_names(schema: pa.Schema) -> list[str]:
     return [field.name for field in schema if not pa.types.is_timestamp(field.type)]
 
 
-def parse_condition(tokens: Tokens, schema: pa.Schema, depth: int = 0) -> Condition:
+def parse_condition(tokens: Tokens, table: str, depth: int = 0) -> Condition:
     """`term or term or ...`; stops where the condition ends. `depth` brackets are open."""
-    found = [_term(tokens, schema, depth)]
+    found = [_term(tokens, table, depth)]
     while tokens.take_if("or"):
-        found.append(_term(tokens, schema, depth))
+        found.append(_term(tokens, table, depth))
     return found[0] if len(found) == 1 else _any_of(found)
 
 
-def _term(tokens: Tokens, schema: pa.Schema, depth: int) -> Condition:
-    found = [_factor(tokens, schema, depth)]
+def _term(tokens: Tokens, table: str, depth: int) -> Condition:
+    found = [_factor(tokens, table, depth)]
     while tokens.take_if("and"):
-        found.append(_factor(tokens, schema, depth))
+        found.append(_factor(tokens, table, depth))
     return found[0] if len(found) == 1 else _all_of(found)
 
 
-def _factor(tokens: Tokens, schema: pa.Schema, depth: int) -> Condition:
+def _factor(tokens: Tokens, table: str, depth: int) -> Condition:
     negated = False
     while tokens.take_if("not"):
         negated = not negated
-    found = _plain_factor(tokens, schema, depth)
+    found = _plain_factor(tokens, table, depth)
     return _negated(found) if negated else found
 
 
-def _plain_factor(tokens: Tokens, schema: pa.Schema, depth: int) -> Condition:
+def _plain_factor(tokens: Tokens, table: str, depth: int) -> Condition:
     if not tokens.take_if("("):
-        return _comparison(tokens, schema)
+        return _comparison(tokens, table)
     if depth == DEEPEST:
         raise tokens.error(f"more than {DEEPEST} brackets are open")
-    found = parse_condition(tokens, schema, depth + 1)
+    found = parse_condition(tokens, table, depth + 1)
     if not tokens.take_if(")"):
         raise tokens.error("expected ')'")
     return found
 
 
-def _comparison(tokens: Tokens, schema: pa.Schema) -> Condition:
-    name = _column(tokens, schema)
-    kind = schema.field(name).type
+def _comparison(tokens: Tokens, table: str) -> Condition:
+    name = _column(tokens, table)
+    kind = COUNTED[table].field(name).type
     if tokens.take_if("is"):
         wanted = tokens.take_if("not") is None
         if not tokens.take_if("null"):
@@ -102,6 +114,8 @@ def _comparison(tokens: Tokens, schema: pa.Schema) -> Condition:
         return _null(name, wanted)
     if pa.types.is_dictionary(kind):
         return _word(tokens, name)
+    if pa.types.is_boolean(kind):
+        return _truth(tokens, name)
     if tokens.take_if("between"):
         low, high = read_limits(tokens)
         return _number(name, lambda values: (values >= low) & (values <= high))
@@ -110,19 +124,28 @@ def _comparison(tokens: Tokens, schema: pa.Schema) -> Condition:
     return _number(name, lambda values: COMPARE[sign](values, limit))
 
 
-def _column(tokens: Tokens, schema: pa.Schema) -> str:
+def _column(tokens: Tokens, table: str) -> str:
     token = tokens.next
-    known = column_names(schema)
-    name = ALIASES.get(token.text, token.text) if schema is OBJECTS else token.text
-    if token.kind != "name" or token.text in KEYWORDS or name not in known:
-        table = "objects" if schema is OBJECTS else "sweeps"
-        what = (
-            "unknown column" if token.kind == "name" and token.text not in KEYWORDS else "expected a column"
-        )
-        aliases = [*ALIASES] if schema is OBJECTS else []
-        raise tokens.error(f"{what} of {table} ({', '.join([*known, *aliases])})")
+    aliases = ALIASES[table]
+    known = column_names(COUNTED[table])
+    name = aliases.get(token.text, token.text)
+    if token.kind != "name" or token.text in KEYWORDS:
+        raise tokens.error(f"expected a column of {table} ({', '.join([*known, *aliases])})")
+    if name not in known:
+        names = [*known, *aliases]
+        raise tokens.error(f"unknown column of {table} ({', '.join(names)}){nearest(token.text, names)}")
     tokens.take()
     return name
+
+
+def nearest(text: str, names: Collection[str]) -> str:
+    """What may have been meant, as the end of a message, or nothing.
+
+    >>> nearest("widht", ["width", "x"])
+    '; did you mean width?'
+    """
+    close = difflib.get_close_matches(text, names, 1, CLOSE)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def _word(tokens: Tokens, name: str) -> Condition:
@@ -135,7 +158,7 @@ def _word(tokens: Tokens, name: str) -> Condition:
     if token.kind not in ("name", "text", "number"):
         raise tokens.error(f"expected a value of {name}{choice}")
     if known and token.text not in known:
-        raise tokens.error(f"unknown {name}{choice}")
+        raise tokens.error(f"unknown {name}{choice}{nearest(token.text, known)}")
     tokens.take()
 
     def judge(rows: Rows) -> Truths:
@@ -144,6 +167,15 @@ def _word(tokens: Tokens, name: str) -> Condition:
         return (equal if sign == "==" else ~equal), codes >= 0
 
     return Condition(frozenset({name}), judge)
+
+
+def _truth(tokens: Tokens, name: str) -> Condition:
+    """`moving`, `moving == true`, `moving != false`; a sign before anything else belongs to the check."""
+    wanted = True
+    if tokens.next.text in ("==", "!=") and tokens.after_next.text in TRUTH:
+        equal = tokens.take().text == "=="
+        wanted = TRUTH[tokens.take().text] == equal
+    return _number(name, lambda values: (values != 0) == wanted)
 
 
 def _number(name: str, test: Callable[[Float64], Bool]) -> Condition:
@@ -217,9 +249,3 @@ def read_limits(tokens: Tokens) -> tuple[float, float]:
     if low > high:
         raise tokens.error(f"{low:g} is above {high:g}: nothing is between them,", first)
     return low, high
-
-
-def schemas() -> Iterator[tuple[str, pa.Schema]]:
-    """Name and schema of the tables whose rows can be counted."""
-    yield "objects", OBJECTS
-    yield "sweeps", SWEEPS

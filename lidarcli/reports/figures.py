@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 from lidarcli.formalism.detection import CHANGES, SHAPES, VISIBILITIES
+from lidarcli.formalism.tracking.tracked import ENDS
 from lidarcli.reports.spread import STATISTICS
 
 COUNTS: dict[str, tuple[str, str]] = {
@@ -10,7 +13,7 @@ COUNTS: dict[str, tuple[str, str]] = {
     "topics": ("1", "sequences of sweeps: one per log, topic and frame"),
     "sweeps": ("1", "sweeps"),
     "objects": ("1", "objects (set O) of all sweeps"),
-    "agents": ("1", "agents (set A) of all sweeps"),
+    "agents": ("1", "agents (set A): tracks, or without a tracks table objects of all sweeps"),
     "beams": ("1", "beams of all sweeps"),
     "valid_share": ("1", "share of the beams with a range"),
     "no_return_share": ("1", "share of the beams without a return"),
@@ -55,6 +58,27 @@ CATEGORIES: dict[str, tuple[str, ...]] = {
 }
 """Numbers of objects by kind: `shape.prismatic`."""
 
+TRACK_COUNTS: dict[str, tuple[str, str]] = {
+    "tracks": ("1", "things that were followed from sweep to sweep"),
+}
+"""Figures of one number that need tracks tables."""
+
+TRACK_SPREADS: dict[str, tuple[str, str]] = {
+    "agents_at_once": ("1", "different agents (tracks of set A) that are seen in a sweep"),
+    "tracks.duration": ("s", "from the first sight of a track to the last"),
+    "tracks.sweeps": ("1", "sweeps in which a track was seen"),
+    "tracks.distance": ("m", "way that a track travelled over ground"),
+    "tracks.speed_mean": ("m/s", "mean speed of a track"),
+    "tracks.speed_max": ("m/s", "greatest speed of a track"),
+}
+"""Figures with a value per sweep or per track, with the same statistics; they need tracks tables."""
+
+TRACK_CATEGORIES: dict[str, tuple[str, ...]] = {
+    "tracks.shape": CATEGORIES["shape"],
+    "tracks.end": tuple(name.replace(" ", "_") for name in ENDS),
+}
+"""Numbers of tracks by kind: `tracks.shape.legged`."""
+
 COMPARED: dict[str, tuple[str, str]] = {
     "compared_sweeps": ("1", "sweeps that are in both runs"),
     "changed_sweeps": ("1", "of these, sweeps with another number of objects"),
@@ -67,14 +91,23 @@ DELTA = "delta."
 
 
 def names() -> list[str]:
-    """Every figure of one run, statistics spelled out."""
-    spreads = [f"{name}.{statistic}" for name in SPREADS for statistic in STATISTICS]
-    kinds = [f"{name}.{kind}" for name, values in CATEGORIES.items() for kind in values]
-    return [*COUNTS, *spreads, *kinds]
+    """Every figure of any run, statistics spelled out."""
+    return _spelled(COUNTS, SPREADS, CATEGORIES)
+
+
+def track_names() -> list[str]:
+    """Every figure that needs tracks tables."""
+    return _spelled(TRACK_COUNTS, TRACK_SPREADS, TRACK_CATEGORIES)
+
+
+def _spelled(counts: Iterable[str], spreads: Iterable[str], kinds: Mapping[str, Iterable[str]]) -> list[str]:
+    statistics = [f"{name}.{statistic}" for name in spreads for statistic in STATISTICS]
+    return [*counts, *statistics, *(f"{name}.{kind}" for name, values in kinds.items() for kind in values)]
 
 
 def unit_of(name: str) -> str:
     """The unit of a figure, `1` for a count or a share."""
     plain = name.removeprefix(DELTA)
-    entry = COUNTS.get(plain) or SPREADS.get(plain.split(".", maxsplit=1)[0])
+    entries = COUNTS | TRACK_COUNTS | SPREADS | TRACK_SPREADS
+    entry = entries.get(plain) or entries.get(plain.rsplit(".", maxsplit=1)[0])
     return entry[0] if entry else "1"

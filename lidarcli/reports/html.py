@@ -14,10 +14,10 @@ from lidarcli.reports.charts import charts
 from lidarcli.reports.junit import clean
 from lidarcli.reports.report import Report
 from lidarcli.reports.standing import KINDS
-from lidarcli.reports.text import COMPARED
 from lidarcli.reports.wording import (
     SHOWN_SPREADS,
     SHOWN_STATISTICS,
+    compared_rows,
     number,
     origin,
     quantity,
@@ -25,10 +25,17 @@ from lidarcli.reports.wording import (
     spread_name,
     spread_row,
     stamp,
+    track_cells,
+    track_spreads,
+    tracked_words,
 )
 
 SHOWN = 100
 """Rows of the tables of logs and topics."""
+RIGHT = frozenset(
+    {"track", "first seen", "duration", "sweeps", "hidden", "size", "distance", "mean speed", "top speed"}
+)
+"""Columns of the table of tracks that are flush right."""
 
 
 def render(report: Report, viewer: dict[str, Any]) -> str:
@@ -63,10 +70,13 @@ def render(report: Report, viewer: dict[str, Any]) -> str:
             (spread_name(name), spread_row(name, summary.spreads[name]))
             for name in SHOWN_SPREADS
             if summary.spreads[name].count
-        ],
+        ]
+        + (track_spreads(summary.tracked) if summary.tracked else []),
         statistics=SHOWN_STATISTICS,
+        tracks=[(one, track_cells(one)) for one in summary.tracked.tracks] if summary.tracked else [],
         kinds=KINDS,
         compared=[*_compared(report)],
+        right=RIGHT,
         shown=SHOWN,
         number=number,
         quantity=quantity,
@@ -109,6 +119,16 @@ def _cards(report: Report) -> Iterator[tuple[str, str, str]]:
         quantity("valid_share", lost),
         f"of {number(figures['beams'])}; {quantity('no_return_share', figures['no_return_share'])} no return",
     )
+    tracked = report.summary.tracked
+    if tracked is not None:
+        lines = tracked_words(tracked)
+        yield (
+            "tracks",
+            number(figures["tracks"]),
+            f"{number(tracked.agents)} agents; at once {lines['agents at once']}",
+        )
+        if tracked.scene is not None:
+            yield "scene", tracked.scene, lines["scene"].removeprefix(f"{tracked.scene}: ")
     gaps = f"{number(figures['missing_sweeps'])} sweeps missing, longest {quantity('longest_gap', figures['longest_gap'])}"
     yield "gaps", number(figures["gaps"]), gaps
     faults = (figures["backward"] or 0) + (figures["repeated"] or 0)
@@ -133,7 +153,4 @@ def _compared(report: Report) -> Iterator[tuple[str, str, str, str]]:
     if report.comparison is None:
         return
     here, there, delta = report.summary.figures, report.comparison.baseline.figures, report.comparison.figures
-    for name in COMPARED:
-        if here[name] is not None or there[name] is not None:
-            change = quantity(name, delta[f"delta.{name}"], sign=True)
-            yield name, quantity(name, there[name]), quantity(name, here[name]), change
+    yield from compared_rows(here, there, delta)

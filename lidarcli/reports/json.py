@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from lidarcli._version import __version__
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.distributions import Density, Histogram
@@ -72,7 +74,22 @@ def _summary(summary: Summary) -> dict[str, Any]:
         "maps": [_density(one) for one in summary.densities],
         "streams": [_stream(one) for one in summary.streams.all],
         "standing_out": [_standing(one) for one in summary.standing],
+        **_things(summary),
     }
+
+
+def _things(summary: Summary) -> dict[str, Any]:
+    """What is there only where something was tracked, or named by a catalogue."""
+    found: dict[str, Any] = {}
+    if (tracked := summary.tracked) is not None:
+        found["tracks"] = {
+            "scene": tracked.scene,
+            "agent_share": _number(tracked.agent_share),
+            **{name.removeprefix("tracks."): counts for name, counts in tracked.kinds.items()},
+        }
+    if summary.labels:
+        found["labels"] = [asdict(label) for label in summary.labels]
+    return found
 
 
 def _comparison(comparison: Comparison) -> dict[str, Any]:
@@ -127,7 +144,9 @@ def _stream(one: Stream) -> dict[str, Any]:
 
 
 def _course(one: Timeline) -> dict[str, Any]:
-    columns = ("seconds", "objects_mean", "objects_min", "objects_max", "d_th", "noise", "lost_share")
+    columns = ["seconds", "objects_mean", "objects_min", "objects_max", "d_th", "noise", "lost_share"]
+    if np.isfinite(one.agents_max).any():
+        columns += ["agents_mean", "agents_max"]
     return {"sweep": one.sweep.tolist(), **{name: _list(getattr(one, name)) for name in columns}}
 
 

@@ -9,11 +9,13 @@ from lidarcli.reports.bars import resample, spark
 from lidarcli.reports.report import Report
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.text import COMPARED, STREAMS
+from lidarcli.reports.text import STREAMS
+from lidarcli.reports.text_tracks import SHOWN_OF_TRACK, TRACKS
 from lidarcli.reports.wording import (
     SET_WORDS,
     SHOWN_SPREADS,
     SHOWN_STATISTICS,
+    compared_rows,
     kind_counts,
     number,
     origin,
@@ -23,6 +25,10 @@ from lidarcli.reports.wording import (
     spread_name,
     spread_row,
     stamp,
+    track_cells,
+    track_kinds,
+    track_spreads,
+    tracked_words,
     visible,
 )
 
@@ -34,10 +40,12 @@ def render(report: Report) -> str:
     summary = report.summary
     lines = [f"## lidarcli report: {text(report.title)}", ""]
     lines += [f"**Not read:** {text(problem)}\n" for problem in report.problems]
-    lines += [*_checks(report), *_overview(summary), *_comparison(report), *_standing(summary)]
+    lines += [*_checks(report), *_overview(summary), *_tracked(summary)]
+    lines += [*_comparison(report), *_standing(summary)]
     for title, part in (
         ("Figures", _spreads(summary)),
         ("Objects and beams by kind", _kinds(summary)),
+        ("Tracks", _tracks(summary)),
         ("Over time", _courses(summary)),
         ("Logs and parameters", _sources(summary)),
     ):
@@ -98,17 +106,7 @@ def _comparison(report: Report) -> Iterator[str]:
     here, there, delta = report.summary.figures, comparison.baseline.figures, comparison.figures
     yield "### Compared with the baseline"
     yield ""
-    rows = [
-        [
-            name,
-            quantity(name, there[name]),
-            quantity(name, here[name]),
-            quantity(name, delta[f"delta.{name}"], True),
-        ]
-        for name in COMPARED
-        if here[name] is not None or there[name] is not None
-    ]
-    yield from _table(["figure", "baseline", "here", "difference"], rows)
+    yield from _table(["figure", "baseline", "here", "difference"], [*compared_rows(here, there, delta)])
     for name, mine, other in comparison.parameters:
         yield f"- {text(name)}: {code(other)} in the baseline, {code(mine)} here"
     yield (
@@ -144,6 +142,8 @@ def _spreads(summary: Summary) -> list[str]:
         for name in SHOWN_SPREADS
         if summary.spreads[name].count
     ]
+    if summary.tracked is not None:
+        rows += [[code(name), *cells] for name, cells in track_spreads(summary.tracked)]
     return _table(["", *SHOWN_STATISTICS], rows) if rows else []
 
 
@@ -158,6 +158,40 @@ def _kinds(summary: Summary) -> Iterator[str]:
     counts = {**summary.status, **{SET_WORDS[name]: count for name, count in summary.sets.items()}}
     rows = [[name.replace("_", " "), f"{count:,}", share(count, beams)] for name, count in counts.items()]
     yield from _table(["beams", "count", "share"], rows)
+
+
+def _tracked(summary: Summary) -> list[str]:
+    """The tracks in a line, and what bears a name of the catalogue."""
+    lines: list[str] = []
+    if summary.tracked is not None:
+        words = tracked_words(summary.tracked)
+        lines += _table([*words], [[*words.values()]], None)
+    if summary.labels:
+        rows = [[text(one.name), number(one.tracks), number(one.objects)] for one in summary.labels]
+        lines += _table(["label", "tracks", "objects"], rows)
+    return lines
+
+
+def _tracks(summary: Summary) -> Iterator[str]:
+    tracked = summary.tracked
+    if tracked is None:
+        return
+    for name in tracked.kinds:
+        counts = track_kinds(tracked, name)
+        if counts:
+            total = sum(counts.values())
+            rows = [[kind, f"{count:,}", share(count, total)] for kind, count in counts.items()]
+            yield from _table([name.removeprefix("tracks."), "tracks", "share"], rows)
+    shown = [(one, track_cells(one)) for one in tracked.most(TRACKS)]
+    if shown:
+        rows = [
+            [text(one.log), text(one.topic), *(text(cells[name]) for name in SHOWN_OF_TRACK)]
+            for one, cells in shown
+        ]
+        yield from _table(["log", "topic", *SHOWN_OF_TRACK], rows, None)
+        if more := int(tracked.figures["tracks"] or 0) - len(shown):
+            yield f"and {more:,} more tracks"
+            yield ""
 
 
 def _courses(summary: Summary) -> Iterator[str]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidarcli.formalism.detection import SETS, VERTEX_KINDS
 from lidarcli.reports import palette
-from lidarcli.reports.picture import Limits, Picture, unwound
+from lidarcli.reports.paths import TrackPath
+from lidarcli.reports.picture import Limits, Picture, printable, unwound
 from lidarcli.sweeps import TURN, Float64
 
 if TYPE_CHECKING:
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
 
 MANY = 40
 """Of more objects only the boxes are drawn, without numbers."""
+ARROW = {"arrowstyle": "-|>", "lw": 1.0, "mutation_scale": 6, "shrinkA": 0.0, "shrinkB": 0.0}
+"""The velocity of a track: the way of one second."""
 
 
 def scene(axes: Axes, picture: Picture, limits: Limits) -> None:
@@ -31,7 +35,9 @@ def scene(axes: Axes, picture: Picture, limits: Limits) -> None:
         if not picture.is_wall(k):
             corners = picture.corners(k)
             axes.plot(corners[:, 0], corners[:, 1], color=palette.BLACK, lw=0.7, zorder=4)
-            _number(axes, picture, k, corners, limits)
+            # Where there are tracks the numbers are theirs.
+            if picture.tracks is None:
+                _number(axes, picture, k, corners, limits)
     _vertices(axes, picture, lambda theta, r: (r * np.cos(theta), r * np.sin(theta)))
     near = np.array([not picture.is_wall(k) for k in range(len(found))], bool)
     if near.any():
@@ -46,6 +52,7 @@ def scene(axes: Axes, picture: Picture, limits: Limits) -> None:
             zorder=7,
             label="nearest point",
         )
+    _tracks(axes, picture.tracks or (), limits)
     axes.set_aspect("equal", adjustable="box", anchor="N")
     axes.set(xlim=limits.x, ylim=limits.y, xlabel="x [m]", ylabel="y [m]")
 
@@ -179,6 +186,49 @@ def _vertices(axes: Axes, picture: Picture, place: Any) -> None:
                 zorder=5,
                 label=f"vertex, {name}",
             )
+
+
+def _tracks(axes: Axes, paths: Sequence[TrackPath], limits: Limits) -> None:
+    """Paths with their numbers and velocities; agents apart by colour and mark, hollow where hidden."""
+    from matplotlib.patheffects import withStroke
+
+    air = 0.035 * (limits.x[1] - limits.x[0])
+    for path in paths:
+        name = "agent" if path.is_agent else "object"
+        colour, mark, _ = palette.SET_STYLES["A" if path.is_agent else "O"]
+        axes.plot(path.x, path.y, color=colour, lw=1.1 if path.is_agent else 0.6, zorder=8)
+        x, y = float(path.x[-1]), float(path.y[-1])
+        face = colour if path.seen else "white"
+        axes.plot(
+            x, y, mark, mfc=face, mec=colour, ms=3.4, mew=0.8, ls="none", zorder=9, label=f"track, {name}"
+        )
+        vx, vy = path.velocity
+        speed = float(np.hypot(vx, vy))
+        if speed > 0:
+            axes.annotate(
+                "",
+                (x + vx, y + vy),
+                (x, y),
+                arrowprops={**ARROW, "color": colour},
+                zorder=9,
+                annotation_clip=True,
+            )
+        # On the side that it does not move to, or away from the sensor.
+        far = float(np.hypot(x, y)) or 1.0
+        way = (-vx / speed, -vy / speed) if speed > 0 else (x / far, y / far)
+        axes.text(
+            x + 1.3 * air * way[0],
+            y + 1.3 * air * way[1],
+            f"{path.number} {printable(path.label)}".rstrip(),
+            color=colour,
+            ha="center" if not path.label else ("left" if way[0] >= 0 else "right"),
+            va="center",
+            fontsize=7,
+            fontweight="bold",
+            zorder=10,
+            clip_on=True,
+            path_effects=[withStroke(linewidth=1.8, foreground="white")],
+        )
 
 
 def _number(axes: Axes, picture: Picture, k: int, corners: Float64, limits: Limits) -> None:

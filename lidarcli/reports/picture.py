@@ -9,6 +9,7 @@ import numpy as np
 
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import OBJECT, SHAPES, WALL
+from lidarcli.reports.paths import TrackPath
 from lidarcli.reports.wording import stamp
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 
@@ -29,6 +30,9 @@ class Picture:
     difference: Float64 | None = None
     """(B,) r_w - r_e as the comparison has it, which also knows beams without a return [m]."""
 
+    tracks: tuple[TrackPath, ...] | None = None
+    """The tracks up to this sweep; None where none were given."""
+
     @property
     def sweep(self) -> int:
         """Index of the sweep within its topic."""
@@ -42,10 +46,18 @@ class Picture:
         first = f"{printable(self.log)}  {printable(self.batch.topic)}  sweep {self.sweep}"
         d_th = float(found.sweep_d_th[0])
         second = (
-            f"{stamp(int(self.batch.stamp_ns[0]))}, profile {self.profile}, "
+            f"{stamp(int(self.batch.stamp_ns[0]))}{self._tracks_words}, profile {self.profile}, "
             f"$d_{{th}}$ = {d_th:.3g} m ({self.threshold}), {things} object{'' if things == 1 else 's'}"
         )
         return first, second
+
+    @property
+    def _tracks_words(self) -> str:
+        """How many tracks are drawn, and how many of them are agents."""
+        if self.tracks is None:
+            return ""
+        count, agents = len(self.tracks), sum(path.is_agent for path in self.tracks)
+        return f", {count} track{'' if count == 1 else 's'} ({agents} agent{'' if agents == 1 else 's'})"
 
     @property
     def theta(self) -> Float64:

@@ -14,6 +14,7 @@ EACH = 3
 KINDS = {
     "most_objects": "most objects",
     "fewest_objects": "fewest objects",
+    "most_agents": "most agents",
     "most_lost": "most lost beams",
     "longest_gap": "longest gap before",
 }
@@ -31,7 +32,7 @@ class Standing:
     sweep: int
     stamp_ns: int
     value: float
-    """Objects, share of lost beams, or seconds."""
+    """Objects, agents, share of lost beams, or seconds."""
 
     @property
     def words(self) -> str:
@@ -47,10 +48,12 @@ def standing_out(run: Run, streams: Streams) -> tuple[Standing, ...]:
     objects, beams, valid = rows.numbers("objects"), rows.numbers("beams"), rows.numbers("valid")
     lost = np.divide(beams - valid, beams, out=np.zeros(len(rows)), where=beams > 0)
     gap = np.where(streams.gap, streams.step, 0.0)
+    agents = np.nan_to_num(run.agents_at_once)
     usual = float(np.median(objects)) if len(objects) else 0.0
     scores: dict[str, tuple[Float64, Float64]] = {
         "most_objects": (objects, objects - usual),
         "fewest_objects": (objects, usual - objects),
+        "most_agents": (agents, agents),
         "most_lost": (lost, lost),
         "longest_gap": (gap, gap),
     }

@@ -31,6 +31,9 @@ class Timeline:
     """Mean [m]."""
     noise: Float64
     lost_share: Float64
+    agents_mean: Float64
+    """Different agents in view; NaN where nobody tracked."""
+    agents_max: Float64
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +113,7 @@ class _Columns:
         self.objects = rows.numbers("objects")
         self.d_th = rows.numbers("d_th")
         self.noise = rows.numbers("noise")
+        self.agents = run.agents_at_once
         beams = rows.numbers("beams")
         self.lost = np.divide(beams - rows.numbers("valid"), beams, out=np.zeros(len(rows)), where=beams > 0)
 
@@ -169,4 +173,6 @@ def _course(columns: _Columns, mine: Int64) -> Timeline:
         d_th=mean(columns.d_th[mine]),
         noise=mean(columns.noise[mine]),
         lost_share=mean(columns.lost[mine]),
+        agents_mean=mean(columns.agents[mine]),
+        agents_max=np.maximum.reduceat(columns.agents[mine], begin),
     )

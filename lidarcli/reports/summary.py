@@ -20,6 +20,7 @@ from lidarcli.reports.figures import CATEGORIES, SPREADS
 from lidarcli.reports.spread import STATISTICS, Spread
 from lidarcli.reports.standing import Standing, standing_out
 from lidarcli.reports.streams import Streams, streams_of
+from lidarcli.reports.tracks import Label, Tracked, labels_of, tracked_of
 from lidarcli.sweeps import STATUSES, Float64
 
 SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
@@ -44,9 +45,12 @@ OBJECT_COLUMNS = (
     "y",
     "world_x",
     "world_y",
+    "label",
     *OF_OBJECTS.values(),
 )
-"""Columns of the objects table that a summary reads."""
+"""Columns of the objects table that a summary reads …"""
+TRACKED_COLUMNS = ("topic", "sweep", "track")
+"""… and where there are tracks."""
 SWEEP_COLUMNS = (
     *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
     *("d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SET_COLUMNS)),
@@ -61,7 +65,8 @@ class Summary:
     sources: tuple[Origin, ...]
     streams: Streams
     figures: dict[str, float | None]
-    """Every name of `figures.names()` → value; None where there is nothing to measure."""
+    """Every name of `figures.names()` → value, with tracks tables also those of `figures.track_names()`; None where
+    there is nothing to measure."""
     spreads: dict[str, Spread]
     histograms: dict[str, Histogram]
     kinds: dict[str, dict[str, int]]
@@ -72,6 +77,10 @@ class Summary:
     """Beams by set (Def. 4)."""
     densities: tuple[Density, ...]
     standing: tuple[Standing, ...]
+    tracked: Tracked | None
+    """None without tracks tables."""
+    labels: tuple[Label, ...]
+    """Names of the catalogue that occur."""
 
 
 def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
@@ -118,10 +127,14 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     kinds = {name: run.objects.counts(name, mine) for name in CATEGORIES}
     status = {name: int(run.sweeps.numbers(name).sum()) for name in STATUSES}
     sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SET_COLUMNS.items()}
+    tracked = tracked_of(run, streams)
+    figures = _figures(run, streams, spreads, kinds, status, sets)
+    if tracked is not None:
+        figures |= {**tracked.figures, "agents": tracked.agents}
     return Summary(
         sources=run.sources,
         streams=streams,
-        figures=_figures(run, streams, spreads, kinds, status, sets),
+        figures=figures,
         spreads=spreads,
         histograms={name: histogram(name, SPREADS[name][0], values[name], edges[name]) for name in DRAWN},
         kinds=kinds,
@@ -129,6 +142,8 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
         sets=sets,
         densities=_densities(run),
         standing=standing_out(run, streams),
+        tracked=tracked,
+        labels=labels_of(run),
     )
 
 

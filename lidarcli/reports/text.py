@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from lidarcli.reports.bars import bar, resample, shade, spark
+import numpy as np
+
+from lidarcli.reports.bars import resample, shade, spark
 from lidarcli.reports.figures import SPREADS
 from lidarcli.reports.report import Report
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
+from lidarcli.reports.text_parts import WIDTH, grid, heading, share_bar
+from lidarcli.reports.text_tracks import track_parts
 from lidarcli.reports.wording import (
+    COMPARED,
     SET_WORDS,
     SHOWN_SPREADS,
     SHOWN_STATISTICS,
+    compared_rows,
     kind_counts,
     number,
     origin,
     quantity,
     settings,
-    share,
     spread_name,
     spread_row,
     stamp,
@@ -32,29 +37,9 @@ from lidarcli.reports.wording import (
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-WIDTH = 80
-BAR = 28
 SPARK = 54
 STREAMS = 12
 """Streams shown; the JSON holds all."""
-COMPARED = (
-    "sweeps",
-    "objects",
-    "agents",
-    "valid_share",
-    "no_return_share",
-    "gaps",
-    "longest_gap",
-    "rate",
-    "objects_per_sweep.mean",
-    "objects_per_sweep.p95",
-    "range.p50",
-    "width.p50",
-    "width.p95",
-    "d_th.mean",
-    "noise.p50",
-)
-"""Figures that a comparison shows, with the kinds of objects."""
 
 
 def render(report: Report, colour: bool = False) -> str:
@@ -87,36 +72,11 @@ def _parts(report: Report) -> Iterator[RenderableType]:
     yield from _streams(summary)
     yield from _spreads(summary)
     yield from _kinds(summary)
+    yield from track_parts(summary)
     yield from _histograms(summary)
     yield from _maps(summary)
     yield from _standing(summary)
     yield from _comparison(report)
-
-
-def _heading(text: str) -> RenderableType:
-    from rich.text import Text
-
-    return Text(f"\n{text}", style="bold")
-
-
-def _grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequence[str] = ()) -> Any:
-    """A table without lines; columns in `right` are flush right, the last one wraps."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, show_header=bool(head), pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    columns = len(head or rows[0])
-    for index in range(columns):
-        last = index == columns - 1
-        table.add_column(
-            head[index] if head else "",
-            justify="right" if index in right else "left",
-            overflow="fold",
-            no_wrap=not last and index != 0,
-        )
-    for row in rows:
-        table.add_row(*(Text(visible(cell)) for cell in row))
-    return table
 
 
 def _checks(report: Report) -> Iterator[RenderableType]:
@@ -129,7 +89,7 @@ def _checks(report: Report) -> Iterator[RenderableType]:
     failed = sum(not verdict.holds for verdict in report.verdicts)
     total = len(report.verdicts)
     words = f"Checks: {total} of {total} hold" if not failed else f"Checks: {failed} of {total} failed"
-    yield _heading(words)
+    yield heading(words)
     for verdict in report.verdicts:
         mark = "ok  " if verdict.holds else "FAIL"
         line = Text(mark, style="green" if verdict.holds else "bold red")
@@ -138,22 +98,22 @@ def _checks(report: Report) -> Iterator[RenderableType]:
 
 
 def _sources(summary: Summary) -> Iterator[RenderableType]:
-    yield _heading("Logs" if len(summary.sources) > 1 else "Log")
+    yield heading("Logs" if len(summary.sources) > 1 else "Log")
     shown = summary.sources[:STREAMS]
     rows = [[source.log, origin(source)] for source in shown]
     if len(summary.sources) > STREAMS:
         rows.append([f"and {len(summary.sources) - STREAMS:,} more", ""])
-    yield _grid(rows)
+    yield grid(rows)
     for text in dict.fromkeys(settings(source) for source in summary.sources):
-        yield _grid([["parameters", text]])
+        yield grid([["parameters", text]])
     for source in summary.sources:
         for line in source.damage:
-            yield _grid([["damage", f"{source.log}: {line}"]])
+            yield grid([["damage", f"{source.log}: {line}"]])
 
 
 def _overview(summary: Summary) -> Iterator[RenderableType]:
     figures = summary.figures
-    yield _heading("Overview")
+    yield heading("Overview")
     rows = [
         ["sweeps", f"{number(figures['sweeps'])} in {quantity('duration', figures['duration'])}"],
         [
@@ -171,26 +131,23 @@ def _overview(summary: Summary) -> Iterator[RenderableType]:
     ]
     total = sum(summary.status.values())
     rows.append(["beams", f"{total:,}"])
-    rows += [[f"  {name.replace('_', ' ')}", _bar(count, total)] for name, count in summary.status.items()]
-    rows += [[f"  {SET_WORDS[name]}", _bar(count, total)] for name, count in summary.sets.items()]
-    yield _grid(rows)
-
-
-def _bar(count: int, total: int) -> str:
-    part = count / total if total else 0.0
-    return f"{bar(part, BAR)} {share(count, total):>6} {count:>13,}"
+    rows += [
+        [f"  {name.replace('_', ' ')}", share_bar(count, total)] for name, count in summary.status.items()
+    ]
+    rows += [[f"  {SET_WORDS[name]}", share_bar(count, total)] for name, count in summary.sets.items()]
+    yield grid(rows)
 
 
 def _streams(summary: Summary) -> Iterator[RenderableType]:
     from rich.text import Text
 
     streams = summary.streams.all
-    yield _heading("Over time")
+    yield heading("Over time")
     for stream in streams[:STREAMS]:
         yield Text(visible(f"{stream.name}, {stream.sweeps:,} sweeps from {stamp(stream.start_ns)}"))
         yield from _course(stream)
     if len(streams) > STREAMS:
-        yield _grid([[f"and {len(streams) - STREAMS:,} more topics"]])
+        yield grid([[f"and {len(streams) - STREAMS:,} more topics"]])
 
 
 def _course(stream: Stream) -> Iterator[RenderableType]:
@@ -200,6 +157,7 @@ def _course(stream: Stream) -> Iterator[RenderableType]:
         ("d_th", course.d_th, " m"),
         ("noise", course.noise, " m"),
         ("lost", course.lost_share, ""),
+        *([("agents", course.agents_mean, "")] if np.nansum(course.agents_max) else []),
     ):
         top = max((value for value in values.tolist() if math.isfinite(value)), default=None)
         most = f"{top:.1%}" if name == "lost" and top is not None else f"{number(top, 3)}{unit}"
@@ -216,17 +174,17 @@ def _spreads(summary: Summary) -> Iterator[RenderableType]:
         if summary.spreads[name].count
     ]
     if rows:
-        yield _heading("Figures")
-        yield _grid(rows, right=range(1, 7), head=["", *SHOWN_STATISTICS])
+        yield heading("Figures")
+        yield grid(rows, right=range(1, 7), head=["", *SHOWN_STATISTICS])
 
 
 def _kinds(summary: Summary) -> Iterator[RenderableType]:
     for name in ("shape", "visibility", "change"):
         counts = kind_counts(summary, name)
         if counts:
-            yield _heading(f"Objects by {name}")
+            yield heading(f"Objects by {name}")
             total = sum(counts.values())
-            yield _grid([[f"{kind:<11}", _bar(count, total)] for kind, count in counts.items()])
+            yield grid([[f"{kind:<11}", share_bar(count, total)] for kind, count in counts.items()])
 
 
 def _histograms(summary: Summary) -> Iterator[RenderableType]:
@@ -235,7 +193,7 @@ def _histograms(summary: Summary) -> Iterator[RenderableType]:
         return
     from rich.text import Text
 
-    yield _heading("Distributions")
+    yield heading("Distributions")
     for one in drawn:
         factor, unit = (180 / math.pi, "deg") if one.unit == "rad" else (1.0, one.unit)
         unit = "" if unit == "1" else f" {unit}"
@@ -255,7 +213,7 @@ def _maps(summary: Summary) -> Iterator[RenderableType]:
         lines = shade(one, WIDTH - 4, 20)
         nx, ny = one.counts.shape
         span = f"x {number(one.x0)} to {number(one.x0 + nx * one.cell)} m, y {number(one.y0)} to "
-        yield _heading(
+        yield heading(
             f"Where objects were ({one.frame} frame, {span}{number(one.y0 + ny * one.cell)} m, y up)"
         )
         for line in lines:
@@ -265,7 +223,7 @@ def _maps(summary: Summary) -> Iterator[RenderableType]:
 def _standing(summary: Summary) -> Iterator[RenderableType]:
     if not summary.standing:
         return
-    yield _heading("Sweeps that stand out (lidarcli plot LOG --topic TOPIC --sweep N)")
+    yield heading("Sweeps that stand out (lidarcli plot LOG --topic TOPIC --sweep N)")
     several = len(summary.sources) > 1
     rows = [
         [
@@ -279,7 +237,7 @@ def _standing(summary: Summary) -> Iterator[RenderableType]:
         for one in summary.standing
     ]
     head = ["", "value", "sweep", *(["log"] if several else []), "topic", "stamp"]
-    yield _grid(rows, right=(1, 2), head=head)
+    yield grid(rows, right=(1, 2), head=head)
 
 
 def _comparison(report: Report) -> Iterator[RenderableType]:
@@ -287,23 +245,14 @@ def _comparison(report: Report) -> Iterator[RenderableType]:
     if comparison is None:
         return
     here, there, delta = report.summary.figures, comparison.baseline.figures, comparison.figures
-    yield _heading("Compared with the baseline")
+    yield heading("Compared with the baseline")
     kinds = [name for name in here if name.split(".")[0] in ("shape", "visibility") and name not in SPREADS]
     names = [*COMPARED, *(name for name in kinds if here[name] or there[name])]
-    rows = [
-        [
-            name,
-            quantity(name, there[name]),
-            quantity(name, here[name]),
-            quantity(f"delta.{name}", delta[f"delta.{name}"], sign=True),
-        ]
-        for name in names
-        if here[name] is not None or there[name] is not None
-    ]
-    yield _grid(rows, right=(1, 2, 3), head=["", "baseline", "here", "difference"])
+    rows = [list(row) for row in compared_rows(here, there, delta, names)]
+    yield grid(rows, right=(1, 2, 3), head=["", "baseline", "here", "difference"])
     for name, mine, other in comparison.parameters:
-        yield _grid([["differs", f"{name}: {other} in the baseline, {mine} here"]])
-    yield _grid(
+        yield grid([["differs", f"{name}: {other} in the baseline, {mine} here"]])
+    yield grid(
         [
             [
                 "sweeps",
@@ -318,5 +267,5 @@ def _comparison(report: Report) -> Iterator[RenderableType]:
             [one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.difference:+d}"]
             for one in comparison.changes
         ]
-        yield _heading("Sweeps whose objects changed most")
-        yield _grid(rows, right=(2, 3, 4, 5), head=["log", "topic", "sweep", "before", "now", "change"])
+        yield heading("Sweeps whose objects changed most")
+        yield grid(rows, right=(2, 3, 4, 5), head=["log", "topic", "sweep", "before", "now", "change"])

@@ -51,6 +51,11 @@ class Tokens:
         """The word that comes next."""
         return self._all[self._at]
 
+    @property
+    def after_next(self) -> Token:
+        """The word after that."""
+        return self._all[min(self._at + 1, len(self._all) - 1)]
+
     def take(self) -> Token:
         """The next word, which is then behind us."""
         token = self.next

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.columns import Run
+from lidarcli.reports.ground import ground_of
 from lidarcli.reports.palette import GREY, SHAPE_COLOURS
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.streams import Stream
@@ -23,9 +24,13 @@ BUDGET = 2_200_000
 STREAMS_SHOWN = 40
 """Most streams that the viewer shows."""
 PER_SWEEP, PER_OBJECT = 16, 17
-"""Bytes of one sweep and one object, ranges aside."""
+"""Bytes of one sweep and one object, ranges aside …"""
+PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
+"""… and what tracks add to them."""
 LOST = 65_535
 """Stands for a beam without a range."""
+SPEED = 0.005
+"""Velocities as whole numbers of this [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
 """Angles as whole numbers; theta_f may pass π."""
 
@@ -69,8 +74,10 @@ def choose_sweeps(run: Run, summary: Summary) -> Choice:
     streams = summary.streams
     count = min(len(streams.all), STREAMS_SHOWN)
     mine = streams.stream < count
-    cost = PER_SWEEP + 2 * run.sweeps.numbers("beams")
-    cost += PER_OBJECT * (run.sweeps.numbers("objects") + run.sweeps.numbers("agents"))
+    tracked = run.tracks is not None
+    cost = PER_SWEEP + PER_SWEEP_POSED * tracked + 2 * run.sweeps.numbers("beams")
+    per_object = PER_OBJECT + PER_OBJECT_TRACKED * tracked
+    cost += per_object * (run.sweeps.numbers("objects") + run.sweeps.numbers("agents"))
     total = float(cost[mine].sum()) * 4 / 3
     keep = min(1.0, BUDGET / total) if total else 1.0
     standing = {(one.stream, one.sweep) for one in summary.standing}
@@ -183,8 +190,39 @@ def _stream(
             for name in ("box_yaw", "theta_i", "theta_f")
         },
     }
+    if run.objects.has_any("label"):
+        codes, packed["labels"] = run.objects.words("label")
+        packed["label"] = _base64(np.where(codes < 0, LOST, codes)[members], np.uint16)
+    if run.sources[stream.source].tracked:
+        packed["tracks"] = _tracks(run, rows, members, np.repeat(np.arange(len(rows)), np.diff(offsets)))
     if raw is not None and len(raw.sweep):
         packed["raw"] = _raw(raw, sweeps)
+    return packed
+
+
+def _tracks(run: Run, rows: Int64, members: Int64, sweep: Int64) -> dict[str, Any]:
+    """The track of each object, where it is over ground and how fast; a thing that stands has no velocity."""
+    ground = ground_of(run.sweeps, rows, run.objects, members, sweep)
+    moves = run.objects.numbers("moving")[members] == 1
+    packed: dict[str, Any] = {
+        # Numbers beyond are no track's of a log that a page can show.
+        "track": _base64(
+            np.nan_to_num(np.minimum(run.objects.numbers("track")[members], 2**31 - 1)), np.int32
+        ),
+        "x": _base64(ground.x, np.float32),
+        "y": _base64(ground.y, np.float32),
+        "speed": SPEED,
+    }
+    for name in ("vx", "vy"):
+        velocity = np.where(moves, np.nan_to_num(run.objects.numbers(name)[members]), 0.0)
+        packed[name] = _base64(np.clip(np.round(velocity / SPEED), -32_767, 32_767), np.int16)
+    if ground.posed:
+        packed["pose"] = {
+            "side": ground.side,
+            "x": _base64(ground.pose_x, np.float32),
+            "y": _base64(ground.pose_y, np.float32),
+            "yaw": _base64(ground.pose_yaw, np.float32),
+        }
     return packed
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 
 from lidarcli.reports.columns import Origin
-from lidarcli.reports.figures import CATEGORIES, DELTA, unit_of
+from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, TRACK_SPREADS, unit_of
 from lidarcli.reports.spread import Spread
 from lidarcli.reports.summary import Summary
+from lidarcli.reports.tracks import Track, Tracked
 
 NONE = "-"
 SET_WORDS = {"O": "objects (O)", "A": "agents (A)", "S": "noise (S)"}
@@ -26,6 +28,30 @@ SHOWN_SPREADS = (
     "step",
 )
 SHOWN_STATISTICS = ("mean", "min", "p05", "p50", "p95", "max")
+
+COMPARED = (
+    "sweeps",
+    "objects",
+    "agents",
+    "valid_share",
+    "no_return_share",
+    "gaps",
+    "longest_gap",
+    "rate",
+    "objects_per_sweep.mean",
+    "objects_per_sweep.p95",
+    "range.p50",
+    "width.p50",
+    "width.p95",
+    "d_th.mean",
+    "noise.p50",
+    "tracks",
+    "agents_at_once.mean",
+    "agents_at_once.max",
+    "tracks.duration.p50",
+    "tracks.distance.p50",
+)
+"""Figures that a comparison shows, where they are there, with the kinds of objects."""
 
 
 def visible(text: str) -> str:
@@ -98,6 +124,55 @@ def kind_counts(summary: Summary, name: str) -> dict[str, int]:
     return {kind: counts[kind] for kind in CATEGORIES[name] if kind in counts}
 
 
+def tracked_words(tracked: Tracked) -> dict[str, str]:
+    """What matters most of the tracks: how many, how many agents at once, what kind of scene."""
+    count, agents = tracked.figures["tracks"], tracked.agents
+    at_once = tracked.spreads["agents_at_once"]
+    words = {
+        "things": f"{number(count)}, {number(agents)} of them {'an agent' if agents == 1 else 'agents'}",
+        "agents at once": f"{number(at_once.mean, 3)} in the mean, most {number(at_once.max)}",
+    }
+    if tracked.scene is not None:
+        part = number(100 * (tracked.agent_share or 0.0), 2)
+        words["scene"] = f"{tracked.scene}: {part} % of the beams on agents"
+    return words
+
+
+def track_spreads(tracked: Tracked) -> list[tuple[str, list[str]]]:
+    """The lines of the table of spreads that are about tracks."""
+    return [
+        (spread_name(name), spread_row(name, tracked.spreads[name]))
+        for name in TRACK_SPREADS
+        if tracked.spreads[name].count
+    ]
+
+
+def track_kinds(tracked: Tracked, name: str) -> dict[str, int]:
+    """Tracks by kind, in the order of the declaration."""
+    counts = tracked.kinds[name]
+    return {kind.replace("_", " "): counts[kind] for kind in TRACK_CATEGORIES[name] if kind in counts}
+
+
+def track_cells(one: Track) -> dict[str, str]:
+    """What a table for people says of a track: heading → cell."""
+    sizes = [number(value, 3) for value in (one.length, one.width) if math.isfinite(value)]
+    return {
+        "track": str(one.number),
+        "set": one.set,
+        "shape": one.shape,
+        "label": one.label,
+        "first seen": f"{number(one.start)} s",
+        "duration": f"{number(one.duration)} s",
+        "sweeps": number(one.sweeps),
+        "hidden": f"{number(one.hidden)} s",
+        "size": f"{' x '.join(sizes)} m" if sizes else NONE,
+        "distance": f"{number(one.distance, 3)} m",
+        "mean speed": f"{number(one.speed_mean, 2)} m/s",
+        "top speed": f"{number(one.speed_max, 2)} m/s",
+        "end": one.end,
+    }
+
+
 def spread_row(name: str, spread: Spread) -> list[str]:
     """One line of the table of spreads."""
     if name == "lost_share":
@@ -109,6 +184,20 @@ def spread_name(name: str) -> str:
     """The figure with its unit."""
     unit = unit_of(name)
     return name if unit == "1" else f"{name} [{unit}]"
+
+
+def compared_rows(
+    here: Mapping[str, float | None],
+    there: Mapping[str, float | None],
+    delta: Mapping[str, float | None],
+    names: Sequence[str] = COMPARED,
+) -> Iterator[tuple[str, str, str, str]]:
+    """Figure, value in the baseline, here, difference, of those that either of the two runs has."""
+    for name in names:
+        before, now = there.get(name), here.get(name)
+        if before is not None or now is not None:
+            change = quantity(name, delta.get(f"delta.{name}"), sign=True)
+            yield name, quantity(name, before), quantity(name, now), change
 
 
 def _plain(value: object) -> str:

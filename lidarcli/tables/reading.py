@@ -72,6 +72,12 @@ def read_pieces(path: Path, kind: str, schema: pa.Schema, names: Iterable[str]) 
             yield pa.RecordBatch.from_arrays(columns, schema=wanted)
 
 
+def column_names(path: Path, kind: str) -> list[str]:
+    """The columns that a table has, also those that no schema knows."""
+    with _opened(path, kind) as file:
+        return list(file.schema_arrow.names)
+
+
 def notes_of(table: pa.Table) -> dict[str, str]:
     """The metadata of a table that was read, as text."""
     notes = table.schema.metadata or {}

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
@@ -83,6 +85,53 @@ def test_a_background(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     assert (ran.code, ran.err.startswith(f"lidarcli: {logs / 'run.mcap'}: no background: ")) == (3, True)
 
 
+@pytest.fixture
+def tracked(lidarcli: Run, logs: Path, tmp_path: Path) -> Path:
+    """The tables of run.mcap, its first box followed by hand."""
+    folder = tmp_path / "tables"
+    assert lidarcli("-q", "detect", logs / "run.mcap", "-o", folder).code == 0
+    path = folder / "run.objects.parquet"
+    table = pq.read_table(path)
+    rows = table.to_pylist()
+    for row in rows:
+        if row["object"] == 1:
+            row |= {"track": 3, "set": "A", "vx": 0.5, "vy": 0.0, "moving": True, "label": "box"}
+    pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), path)
+    return path
+
+
+def test_tracks_are_drawn(lidarcli: Run, logs: Path, tracked: Path, tmp_path: Path) -> None:
+    words = ("plot", logs / "run.mcap", "--sweep", 5, "--view", "scene", "-o")
+    assert lidarcli(*words, tmp_path / "without.svg").code == 0
+    for name in (tracked, tracked.with_name("run.sweeps.parquet"), tracked.parent):
+        assert lidarcli(*words, tmp_path / "with.svg", "--tracks", name, "--overwrite").code == 0
+    without, found = ((tmp_path / f"{name}.svg").read_text("utf-8") for name in ("without", "with"))
+    assert ("track, agent" in without, "track, agent" in found) == (False, True)
+    assert len(found) > len(without)
+
+
+def test_tracks_that_cannot_be_drawn(lidarcli: Run, logs: Path, tracked: Path, tmp_path: Path) -> None:
+    words = ("plot", logs / "run.mcap", "--sweep", 5, "-o", tmp_path / "a.png", "--tracks", tracked)
+    sweeps = tracked.with_name("run.sweeps.parquet")
+    table = pq.read_table(sweeps)
+    pq.write_table(table.slice(0, 5), sweeps)
+    ran = lidarcli(*words)
+    assert (ran.code, ran.err) == (2, f"lidarcli: {tracked}: no sweep 5 of /scan in it\n")
+    pq.write_table(pq.read_table(tracked).slice(0, 0), tracked)
+    ran = lidarcli(*words)
+    assert (ran.code, ran.err) == (
+        2,
+        f"lidarcli: {tracked}: no tracks of /scan in it; lidarcli track LOG writes them\n",
+    )
+    sweeps.unlink()
+    assert lidarcli(*words).code == 3
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.objects.parquet").touch()
+    ran = lidarcli(*words[:-1], tmp_path)
+    assert (ran.code, "holds the tables of 3 logs; name one of them" in ran.err) == (2, True)
+    assert not (tmp_path / "a.png").exists()
+
+
 @pytest.mark.slow
 def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     out = tmp_path / "a.gif"
@@ -112,6 +161,16 @@ def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
         (("-o", "a.gif"), 2, "a.gif: the suffix has to be one of .png, .svg, .pdf or --animate"),
         (("--animate", "-o", "a.png"), 2, "a.png: the suffix has to be one of .gif, .mp4"),
         (("--sweeps", "1,2", "-o", "-"), 2, "standard output takes one picture"),
+        (
+            ("--tracks", "run.tracks.parquet", "--view", "polar", "-o", "a.png"),
+            2,
+            "--tracks are drawn in the scene; give --view all or scene",
+        ),
+        (
+            ("--tracks", "none.tracks.parquet", "-o", "a.png"),
+            3,
+            "none.tracks.parquet: no such file or folder",
+        ),
         (
             ("--topic", "/no", "-o", "a.png"),
             4,

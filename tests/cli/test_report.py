@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from tests.reports.runs import sweep, thing, write_run
+from tests.reports.runs import crossing, sweep, thing, write_run
 
 Run = Callable[..., Any]
 
@@ -188,6 +188,17 @@ def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path
         assert lidarcli("report", run, "--format", kind).code == 0
 
 
+def test_a_run_in_which_nothing_could_be_followed(lidarcli: Run, tmp_path: Path) -> None:
+    run = write_run(tmp_path, [sweep(0)], tracks=[])
+    for kind in ("text", "markdown", "html", "json", "junit"):
+        ran = lidarcli(
+            "report", run, "--format", kind, "--check", "tracks == 0", "--check", "agents_at_once.max == 0"
+        )
+        assert (ran.code, ran.err) == (0, "")
+    assert "things          0, 0 of them agents" in lidarcli("report", run).out
+    assert lidarcli("report", run, "--check", "tracks.duration.p50 > 0").code == 1
+
+
 @pytest.mark.parametrize(
     ("environment", "terminal", "coloured"),
     [
@@ -237,3 +248,136 @@ def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path,
     assert ran.code == 3
     assert all(line.isprintable() for line in ran.out.splitlines())
     assert ran.out.replace("\\\\", "\\").replace("\\[", "[").count("/a\\x1b[2J\\x07\\u202e") == 2
+
+
+@pytest.fixture
+def tracked(tmp_path: Path) -> Path:
+    """The tables of `track`: a pallet, a person, a robot."""
+    return write_run(tmp_path / "tracked", **crossing())
+
+
+def test_tracks_in_text(lidarcli: Run, tracked: Path) -> None:
+    ran = lidarcli("report", tracked)
+    assert (ran.code, ran.err) == (0, "")
+    assert max(map(len, ran.out.splitlines())) <= 80
+    for words in (
+        "things          3, 2 of them agents",
+        "agents at once  1.3 in the mean, most 2",
+        "scene           semi-structured: 6.2 % of the beams on agents",
+        "Tracks by shape",
+        "left view    █████████                     33.3%             1",
+        "    2  A    legged                0.7 s     0.7 m    1.2 m/s  left view",
+        "pallet       1       10",
+        "  agents  ▄▄▄▄▄███▄▄",
+    ):
+        assert words in ran.out
+
+
+def test_tracks_of_several_logs_in_text(lidarcli: Run, tracked: Path) -> None:
+    other = crossing("other")
+    other["tracks"][0]["label"] = (
+        "a label that is longer than the terminal is wide, by far, and far from useful"
+    )
+    for row in other["objects"]:
+        row["label"] = None
+    write_run(tracked.parent, **other, name="other")
+    ran = lidarcli("report", tracked.parent)
+    assert (ran.code, max(map(len, ran.out.splitlines()))) == (0, 80)
+    lines = ran.out.splitlines()
+    start = lines.index("Track by track")
+    assert lines[start + 1 : start + 8 : 5] == ["other /scan", "run /scan"]
+    assert (
+        lines[start + 3] == "    1  O    prismatic  a label tha...     0.9 s       0 m      0 m/s  end of log"
+    )
+    assert len(lines[start + 3]) == 80
+
+
+def test_any_table_names_the_log_and_the_tracks_lie_beside(lidarcli: Run, tracked: Path) -> None:
+    wanted = lidarcli("report", tracked, "--format", "json").out
+    for inputs in (
+        [tracked.with_name("run.tracks.parquet")],
+        [tracked.parent],
+        [f"{tracked.parent}/*.parquet"],
+    ):
+        assert lidarcli("report", *inputs, "--format", "json").out == wanted
+    found = json.loads(wanted)
+    assert found["figures"]["agents_at_once.max"] == 2
+    assert found["tracks"] == {
+        "scene": "semi-structured",
+        "agent_share": 0.062,
+        "shape": {"legged": 1, "prismatic": 1, "round": 1},
+        "end": {"end_of_log": 2, "left_view": 1},
+    }
+    assert found["labels"] == [{"name": "pallet", "tracks": 1, "objects": 10}]
+    assert found["streams"][0]["course"]["agents_max"] == [1] * 5 + [2] * 3 + [1] * 2
+
+
+def test_checks_of_tracks(lidarcli: Run, tracked: Path) -> None:
+    checks = ["tracks == 3", "agents_at_once.max <= 2", "tracks where shape == legged and distance > 1 == 1"]
+    words = [word for check in checks for word in ("--check", check)]
+    ran = lidarcli("report", tracked, "--format", "junit", *words)
+    assert ran.code == 1
+    assert ran.err == (
+        "lidarcli: check does not hold: tracks where shape == legged and distance > 1 == 1: expected == 1, found 0\n"
+    )
+    suite = ET.fromstring(ran.out.encode())[0]
+    properties = {item.get("name"): item.get("value") for item in suite.iter("property")}
+    assert (properties["tracks"], properties["tracks.duration.p50"]) == ("3", "0.7")
+    markdown = lidarcli("report", tracked, "--format", "markdown").out
+    assert (
+        "| 3, 2 of them agents | 1.3 in the mean, most 2 | semi-structured: 6.2 % of the beams on agents |"
+        in markdown
+    )
+    assert "| `tracks.duration [s]` |" in markdown
+
+
+def test_a_check_of_tracks_without_any(lidarcli: Run, run: Path, tracked: Path) -> None:
+    for expression in ("tracks == 5", "objects where moving == 0", "tracks where set == A == 0"):
+        for tables in ((run,), (tracked, run)):
+            ran = lidarcli("report", *tables, "--check", expression)
+            assert (ran.code, ran.out) == (2, "")
+            assert ran.err == (
+                f"lidarcli: --check '{expression}' asks for tracks, but {run.with_name('run.tracks.parquet')} "
+                "is not there; lidarcli track LOG writes it\n"
+            )
+    assert lidarcli("report", tracked, run, "--check", "objects where set == A > 20").code == 0
+    ran = lidarcli("report", tracked, "--baseline", run, "--check", "delta.tracks == 0")
+    assert (ran.code, "run.tracks.parquet is not there" in ran.err) == (2, True)
+
+
+def test_tracks_of_other_objects_are_told(lidarcli: Run, run: Path, tracked: Path) -> None:
+    stale = run.with_name("run.tracks.parquet")
+    stale.write_bytes(tracked.with_name("run.tracks.parquet").read_bytes())
+    ran = lidarcli("report", run, "--format", "json", "--check", "tracks >= 0")
+    assert ran.code == 3
+    assert ran.err.splitlines()[0] == (
+        f"lidarcli: {stale}: does not belong to run.objects.parquet, whose tracks are others; "
+        "write both again with lidarcli track"
+    )
+    found = json.loads(ran.out)
+    assert (found["figures"]["sweeps"], "tracks" in found, found["checks"][0]["found"]) == (20, False, None)
+    table = pq.read_table(stale)
+    pq.write_table(table.slice(1), tracked.with_name("run.tracks.parquet"))
+    assert "whose tracks are others" in lidarcli("report", tracked).err
+    pq.write_table(table.drop_columns(["end"]), tracked.with_name("run.tracks.parquet"))
+    ran = lidarcli("report", tracked)
+    assert (ran.code, "not a table of lidarcli track: no column end" in ran.err) == (3, True)
+
+
+def test_tables_of_an_older_version(lidarcli: Run, run: Path) -> None:
+    newer = ["t", "vx", "vy", "moving", "label", "label_score"]
+    table = pq.read_table(run)
+    pq.write_table(table.drop_columns(newer), run)
+    ran = lidarcli("report", run, "--check", "objects == 30")
+    assert (ran.code, ran.err) == (0, "")
+    ran = lidarcli("report", run, "--check", "objects where label == box == 0")
+    assert (ran.code, "no column label, which a check asks for; an older version" in ran.err) == (3, True)
+
+
+def test_a_baseline_with_and_without_tracks(lidarcli: Run, run: Path, tracked: Path) -> None:
+    ran = lidarcli("report", tracked, "--baseline", tracked, "--check", "delta.tracks == 0")
+    assert (ran.code, "agents_at_once.max             2        2          +0" in ran.out) == (0, True)
+    for here, there in ((run, tracked), (tracked, run)):
+        for kind in ("text", "markdown", "json"):
+            ran = lidarcli("report", here, "--baseline", there, "--format", kind)
+            assert (ran.code, ran.err) == (0, "")

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 
 from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.schemas import OBJECTS, SWEEPS
+from lidarcli.tables.schemas import OBJECTS, SWEEPS, TRACKS
 
 START = 1_700_000_000_000_000_000
 TENTH = 100_000_000
@@ -79,10 +79,81 @@ def thing(index: int, number: int, **other: Any) -> dict[str, Any]:
     }
 
 
-def run_of(sweeps: Sequence[Mapping[str, Any]], objects: Sequence[Mapping[str, Any]] = ()) -> Run:
+def track(number: int, first: int = 0, last: int = 9, **other: Any) -> dict[str, Any]:
+    """A thing that stands still from one sweep to another: the box of `thing`."""
+    return {
+        "log": "run",
+        "topic": "/scan",
+        "frame_id": "laser",
+        "track": number,
+        "set": "O",
+        "shape": "prismatic",
+        "first_sweep": first,
+        "last_sweep": last,
+        "first_stamp": START + TENTH * first,
+        "last_stamp": START + TENTH * last,
+        "duration": (last - first) / 10,
+        "sweeps": last - first + 1,
+        "hidden": 0.0,
+        "x": 2.1,
+        "y": 0.0,
+        "yaw": 0.5,
+        "length": 0.4,
+        "width": 0.2,
+        "length_sd": 0.01,
+        "width_sd": 0.01,
+        "distance": 0.0,
+        "speed_mean": 0.0,
+        "speed_max": 0.0,
+        "end": "end of log",
+        **other,
+    }
+
+
+def run_of(
+    sweeps: Sequence[Mapping[str, Any]],
+    objects: Sequence[Mapping[str, Any]] = (),
+    tracks: Sequence[Mapping[str, Any]] | None = None,
+) -> Run:
     """A run of one log."""
-    source = Origin("run.objects.parquet", "run", "mcap", 1000, "1", {"profile": "robust"})
-    return Run((source,), Rows.join([table(SWEEPS, sweeps)]), Rows.join([table(OBJECTS, objects)]))
+    source = Origin(
+        "run.objects.parquet", "run", "mcap", 1000, "1", {"profile": "robust"}, tracked=tracks is not None
+    )
+    things = None if tracks is None else Rows.join([table(TRACKS, tracks)])
+    return Run((source,), Rows.join([table(SWEEPS, sweeps)]), Rows.join([table(OBJECTS, objects)]), things)
+
+
+def crossing(log: str = "run") -> dict[str, list[dict[str, Any]]]:
+    """The tables of ten sweeps: a pallet stands at x = 2 m, a person passes it on two legs, a robot comes later.
+
+    The person (track 2) walks at 1 m/s along y from sweep 0 to 7, two objects in each sweep; the robot (track 3) drives at
+    0.5 m/s along x from sweep 5 on. Of 100 beams the pallet has 5, each leg 2, the robot 6.
+    """
+    here = {"log": log}
+    sweeps, objects = [], []
+    for k in range(10):
+        walks, drives = k < 8, k >= 5
+        agent_beams = 4 * walks + 6 * drives
+        counts = {"agents": 2 * walks + drives, "agent_beams": agent_beams, "noise_beams": 95 - agent_beams}
+        sweeps.append(sweep(k, 1, **{**here, **counts, "t": k / 10}))
+        still = {"vx": 0.0, "vy": 0.0, "moving": False}
+        rows = [thing(k, 1, track=1, label="pallet", label_score=0.9, **still)]
+        for leg in (-0.1, 0.1) if walks else ():
+            place = {"x": 3.0 + leg, "y": -0.5 + 0.1 * k, "box_x": 3.0 + leg, "box_y": -0.5 + 0.1 * k}
+            gait = {"vx": 0.0, "vy": 1.0, "moving": True, "shape": "legged", "beams": 2}
+            rows.append(thing(k, len(rows) + 1, track=2, set="A", **place, **gait))
+        if drives:
+            place = {"x": 1.0 + 0.05 * k, "y": 1.0, "box_x": 1.0 + 0.05 * k, "box_y": 1.0}
+            drive = {"vx": 0.5, "vy": 0.0, "moving": True, "shape": "round", "beams": 6}
+            rows.append(thing(k, len(rows) + 1, track=3, set="A", **place, **drive))
+        objects += [row | here for row in rows]
+    moved = {"set": "A", "hidden": 0.0}
+    tracks = [
+        track(1, label="pallet", label_score=0.9, **here),
+        track(2, 0, 7, shape="legged", distance=0.7, speed_mean=1.0, speed_max=1.2, end="left view", **moved),
+        track(3, 5, 9, shape="round", distance=0.2, speed_mean=0.5, speed_max=0.5, **moved),
+    ]
+    return {"sweeps": sweeps, "objects": objects, "tracks": [row | here for row in tracks]}
 
 
 def write_run(
@@ -91,12 +162,16 @@ def write_run(
     objects: Sequence[Mapping[str, Any]] = (),
     name: str = "run",
     damage: Sequence[str] = (),
+    tracks: Sequence[Mapping[str, Any]] | None = None,
 ) -> Path:
-    """The tables of one log in `folder`; the path of the objects table."""
+    """The tables of one log in `folder`, that of the tracks where there are any; the path of the objects table."""
     folder.mkdir(parents=True, exist_ok=True)
     origin = {"name": f"{name}.mcap", "size": 1000, "format": "mcap"}
     metadata = table_metadata({"profile": "robust", "every": 1}, origin, damage)
-    for kind, schema, rows in (("objects", OBJECTS, objects), ("sweeps", SWEEPS, sweeps)):
+    tables = {"objects": (OBJECTS, objects), "sweeps": (SWEEPS, sweeps)}
+    if tracks is not None:
+        tables["tracks"] = (TRACKS, tracks)
+    for kind, (schema, rows) in tables.items():
         found = table(schema, rows).replace_schema_metadata(metadata)
         pq.write_table(found, folder / f"{name}.{kind}.parquet")
     return folder / f"{name}.objects.parquet"

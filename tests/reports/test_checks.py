@@ -9,7 +9,7 @@ from lidarcli.reports.checks import columns_needed, judge, parse_check
 from lidarcli.reports.columns import Run
 from lidarcli.reports.conditions import DEEPEST
 from lidarcli.reports.summary import summarise
-from tests.reports.runs import run_of, sweep, thing
+from tests.reports.runs import crossing, run_of, sweep, thing
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +69,75 @@ def test_what_a_check_finds(run: Run, expression: str, found: float | None) -> N
     assert verdict.holds
 
 
+@pytest.fixture(scope="module")
+def tracked() -> Run:
+    return run_of(**crossing())
+
+
+@pytest.mark.parametrize(
+    ("expression", "found"),
+    [
+        ("tracks == 3", 3),
+        ("agents == 2", 2),
+        ("agents_at_once.max <= 2", 2),
+        ("agents_at_once.mean between 1.29 and 1.31", 1.3),
+        ("tracks.duration.p50 > 0.6", 0.7),
+        ("tracks.distance.max < 1", 0.7),
+        ("tracks.sweeps.min == 5", 5),
+        ("tracks.speed_max.p50 == 0.5", 0.5),
+        ("tracks.shape.legged == 1", 1),
+        ("tracks.end.left_view == 1", 1),
+        ("tracks.end.end_of_log == 2", 2),
+        ("tracks where shape == legged and distance > 0.5 == 1", 1),
+        ("tracks where label == pallet and set == O >= 1", 1),
+        ("tracks where end == 'left view' == 1", 1),
+        ("tracks where label is null == 2", 2),
+        ("tracks where last_sweep < 9 and not set == O == 1", 1),
+        ("objects where set == A == 21", 21),
+        ("objects where moving == 21", 21),
+        ("objects where not moving == 10", 10),
+        ("objects where moving == true == 21", 21),
+        ("objects where moving != true and track == 1 == 10", 10),
+        ("objects where moving == false == 10", 10),
+        ("objects where moving is null == 0", 0),
+        ("objects where vy > 0.9 == 16", 16),
+        ("objects where track == 2 and shape == legged == 16", 16),
+        ("objects where label == pallet == 10", 10),
+        ("objects where shape == legged == 0", 0),
+        ("sweeps where agents > 2 == 3", 3),
+    ],
+)
+def test_what_a_check_finds_of_tracks(tracked: Run, expression: str, found: float) -> None:
+    verdict = judge(parse_check(expression), summarise(tracked).figures, tracked)
+    assert verdict.found == pytest.approx(found)
+    assert verdict.holds
+
+
+@pytest.mark.parametrize(
+    ("expression", "needs"),
+    [
+        ("tracks == 5", True),
+        ("agents_at_once.max <= 3", True),
+        ("delta.tracks.duration.p50 > 0", True),
+        ("tracks where set == A == 0", True),
+        ("objects where moving == 0", True),
+        ("objects where vx > 1 == 0", True),
+        ("objects where track is null == 3", False),
+        ("objects where set == A == 0", False),
+        ("agents == 0", False),
+        ("sweeps where agents > 0 == 0", False),
+    ],
+)
+def test_which_checks_need_tracks(expression: str, needs: bool) -> None:
+    assert parse_check(expression, compared=True).needs_tracks == needs
+
+
+def test_tracks_that_could_not_be_read_leave_nothing_to_measure(run: Run) -> None:
+    for expression in ("tracks >= 0", "tracks where sweeps > 1 == 0", "agents_at_once.max <= 3"):
+        verdict = judge(parse_check(expression), summarise(run).figures, run)
+        assert (verdict.holds, verdict.found) == (False, None)
+
+
 @pytest.mark.parametrize(
     ("expression", "expected", "words"),
     [
@@ -104,7 +173,7 @@ def test_without_anything_to_measure_a_check_does_not_hold() -> None:
         ("sweeps between 4 and 3", "4 is above 3: nothing is between them, at '4', column 16"),
         (
             "beams where valid > 3 == 0",
-            "only objects and sweeps can be counted with where, not at 'beams', column 1",
+            "only objects, sweeps and tracks can be counted with where, not at 'beams', column 1",
         ),
         ("objects where (width > 1 == 0", "expected ')' at '==', column 26"),
         (
@@ -118,6 +187,19 @@ def test_without_anything_to_measure_a_check_does_not_hold() -> None:
         (
             "objects where shape == square == 0",
             "unknown shape (prismatic, round, legged, irregular, unknown, wall) at 'square', column 24",
+        ),
+        (
+            "tracks where shape == leged == 0",
+            "unknown shape (prismatic, round, legged, irregular, unknown, wall); did you mean legged? "
+            "at 'leged', column 23",
+        ),
+        (
+            "tracks where end == gone == 0",
+            "unknown end (left view, free, lost, end of log) at 'gone', column 21",
+        ),
+        (
+            "objects where moving > 0 between 1 and 3",
+            "expected nothing more at 'between', column 26",
         ),
         ("objects where change is nothing == 0", "expected null at 'nothing', column 25"),
         ("__import__('os').system('id') == 0", "cannot be read at '.', column 17"),
@@ -147,6 +229,26 @@ def test_an_unknown_column_lists_those_that_are_there() -> None:
         parse_check("objects where size > 1 == 0")
     with pytest.raises(OptionError, match=r"unknown column of sweeps \(log, .*valid.*\) at 'width'"):
         parse_check("sweeps where width > 1 == 0")
+
+
+def test_the_nearest_name_is_offered() -> None:
+    for expression, words in (
+        (
+            "tracks where durration > 1 == 0",
+            r"unknown column of tracks \(log, .*end\); did you mean duration\? at",
+        ),
+        (
+            "objects where widht > 1 == 0",
+            r"unknown column of objects .*; did you mean width\? at 'widht', column 15",
+        ),
+        (
+            "agents_at_onse.max < 3",
+            r"unknown figure 'agents_at_onse.max'; did you mean agents_at_once.max\? available",
+        ),
+        ("tracks.duration > 3", r"tracks.duration has several values, choose one of \.mean"),
+    ):
+        with pytest.raises(OptionError, match=words):
+            parse_check(expression)
 
 
 def test_a_spread_needs_a_statistic() -> None:

@@ -18,7 +18,8 @@ from lidarcli.reports.summary import summarise
 from lidarcli.reports.viewer import Raw, choose_sweeps, pack
 from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
-from tests.reports.runs import run_of, sweep, thing, write_run
+from tests.reports.runs import crossing, run_of, sweep, thing, track, write_run
+from tests.reports.test_paths import driving
 
 Run = Callable[..., Any]
 EVIL = "</script><script>document.title='owned'</script><img src=x onerror=alert(1)>"
@@ -135,7 +136,11 @@ def test_script_in_every_text_of_a_log_stays_text(lidarcli: Run, tmp_path: Path)
     name = EVIL.replace("/", "_")[:100]
     rows = [sweep(k, 1, **evil) for k in range(4)]
     rows[2] |= {"objects": 3}
-    tables = write_run(tmp_path, rows, [thing(k, 1, **evil) for k in range(4)], name, damage=[EVIL])
+    named = {**evil, "label": EVIL}
+    objects = [thing(k, 1, track=1, **named) for k in range(4)]
+    tables = write_run(
+        tmp_path, rows, objects, name, damage=[EVIL], tracks=[track(1, 0, 3, end=EVIL, **named)]
+    )
     for suffix in ("html", "md", "xml", "json", "txt"):
         code, err = lidarcli("report", tables, "--baseline", tables, "-o", tmp_path / f"r.{suffix}")
         assert (code, err) == (0, "")
@@ -153,6 +158,55 @@ def test_script_in_every_text_of_a_log_stays_text(lidarcli: Run, tmp_path: Path)
             assert chromium.evaluate("document.title").startswith("lidarcli report: ")
             assert chromium.evaluate("document.getElementById('words').textContent").startswith("sweep 0, ")
             assert chromium.complaints == []
+
+
+def test_the_viewer_holds_the_tracks() -> None:
+    run = run_of(**crossing())
+    summary = summarise(run)
+    (found,) = pack(run, summary, choose_sweeps(run, summary), {})["streams"]
+    held = found["tracks"]
+    track = array(held["track"], np.int32)
+    assert track.tolist() == run.objects.integers("track").tolist()
+    assert array(held["x"], np.float32) == pytest.approx(run.objects.numbers("box_x"))
+    assert "pose" not in held
+    person = track == 2
+    assert array(held["vy"], np.int16)[person] * held["speed"] == pytest.approx(np.ones(16))
+    # What stands has no velocity.
+    assert not array(held["vx"], np.int16)[track == 1].any()
+    assert found["labels"] == ["pallet"]
+    assert (array(found["label"], np.uint16) == np.where(track == 1, 0, viewer.LOST)).all()
+    plain = run_of([sweep(0, 1)], [thing(0, 1)])
+    (found,) = pack(plain, summarise(plain), choose_sweeps(plain, summarise(plain)), {})["streams"]
+    assert not {"tracks", "labels", "label"} & {*found}
+
+
+def test_the_viewer_knows_where_the_sensor_was() -> None:
+    run = driving(upside_down=True, far=5e6)
+    (found,) = pack(run, summarise(run), choose_sweeps(run, summarise(run)), {})["streams"]
+    pose = found["tracks"]["pose"]
+    assert pose["side"] == -1
+    assert array(pose["x"], np.float32) == pytest.approx(0.3 * np.arange(5))
+    assert array(found["tracks"]["x"], np.float32) == pytest.approx(np.full(4, 3.0))
+
+
+def test_the_page_tells_of_tracks(lidarcli: Run, tmp_path: Path) -> None:
+    tables = write_run(tmp_path, **crossing())
+    assert lidarcli("report", tables, "-o", tmp_path / "a.html") == (0, "")
+    page = (tmp_path / "a.html").read_text("utf-8")
+    assert "<h3>Agents over time</h3>" in page
+    section = page[page.index('<section id="tracks">') : page.index("<h2>By label</h2>")]
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in section.split("<tr>")[2:]]
+    assert ["|".join(re.sub("<[^>]*>", "", cell) for cell in row) for row in rows] == [
+        "1|object|prismatic|pallet|0 s|0.9 s|10|0 s|0.4 x 0.2 m|0 m|0 m/s|0 m/s|end of log|show",
+        "2|agent|legged||0 s|0.7 s|8|0 s|0.4 x 0.2 m|0.7 m|1 m/s|1.2 m/s|left view|show",
+        "3|agent|round||0.5 s|0.4 s|5|0 s|0.4 x 0.2 m|0.2 m|0.5 m/s|0.5 m/s|end of log|show",
+    ]
+    plain = write_run(tmp_path / "plain", [sweep(0, 1)], [thing(0, 1)])
+    assert lidarcli("report", plain, "-o", tmp_path / "b.html") == (0, "")
+    page = (tmp_path / "b.html").read_text("utf-8")
+    assert not [
+        words for words in ("Agents over time", 'id="tracks"', "By label", "of the tracks") if words in page
+    ]
 
 
 def test_long_logs_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,6 +302,33 @@ def test_the_viewer_in_a_browser(page: Page, room: Path) -> None:
         assert "most lost beams (1.4%)" in page.evaluate(WORDS)
     assert page.complaints == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+
+
+VERMILION = """(() => {
+  const canvas = document.getElementById('scene'), pen = canvas.getContext('2d');
+  const data = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) count += data[i] === 213 && data[i + 1] === 94 && data[i + 2] === 0;
+  return count;
+})()"""
+
+
+def test_tracks_in_a_browser(page: Page, lidarcli: Run, tmp_path: Path) -> None:
+    one = crossing()
+    one["objects"][0] |= {"label": EVIL}
+    assert lidarcli("report", write_run(tmp_path, **one), "-o", tmp_path / "a.html")[0] == 0
+    page.open(tmp_path / "a.html", 400)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert page.evaluate(WORDS).startswith("sweep 0, 0.00 s, 1 object, 1 agent, d_th ")
+    first = page.evaluate(VERMILION)
+    assert first > 30
+    page.evaluate("document.querySelector('#tracks .jump[data-sweep=\"5\"]').click()")
+    assert page.evaluate(WORDS).startswith("sweep 5, 0.50 s, 1 object, 2 agents, d_th ")
+    assert "track of an agent" in page.evaluate("document.getElementById('legend').textContent")
+    assert page.complaints == []
+    # A path of six points, and a second agent. To look at a picture twice is worth a warning to the browser.
+    assert page.evaluate(VERMILION) > first + 60
+    page.complaints.clear()
 
 
 def test_play_runs_to_the_end(page: Page, room: Path) -> None:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 
 from lidarcli.choices import VIEWS
 from lidarcli.formalism import Parameters, detect, sweep
-from lidarcli.reports import panels
+from lidarcli.reports import palette, panels
 from lidarcli.reports.drawing import animate, draw
+from lidarcli.reports.paths import TrackPath
 from lidarcli.reports.picture import Picture, limits_of, printable
 from lidarcli.sweeps import Float64
 
@@ -82,6 +85,32 @@ def test_what_the_scene_shows() -> None:
     assert len(boxes) == 2
     points = {one.get_label(): len(one.get_offsets()) for one in axes.collections}
     assert points == {"set O": 16, "set S": 56}
+
+
+def test_what_the_scene_shows_of_tracks() -> None:
+    still = TrackPath(4, False, "pallet", False, np.array([2.0]), np.array([0.0]), (0.0, 0.0))
+    walking = TrackPath(12, True, "", True, np.array([1.0, 1.0, 1.0]), np.array([0.0, 0.1, 0.2]), (0.0, 1.0))
+    one = replace(picture(room(b10_14=2.0)), tracks=(still, walking))
+    axes = Figure().add_subplot()
+    panels.scene(axes, one, limits_of([one.batch]))
+    # The object of the sweep has no number of its own beside those of the tracks; the arrow has no text.
+    assert [text.get_text() for text in axes.texts] == ["4 pallet", "", "12"]
+    lines = {line.get_label(): line for line in axes.lines}
+    agent, thing = lines["track, agent"], lines["track, object"]
+    assert (agent.get_marker(), agent.get_markeredgecolor(), agent.get_markerfacecolor()) == (
+        "^",
+        palette.VERMILION,
+        palette.VERMILION,
+    )
+    assert (thing.get_marker(), thing.get_markeredgecolor(), thing.get_markerfacecolor()) == (
+        "o",
+        palette.BLUE,
+        "white",
+    )
+    assert [list(line.get_ydata()) for line in axes.lines if len(line.get_xdata()) == 3] == [[0.0, 0.1, 0.2]]
+    (arrow,) = [text for text in axes.texts if isinstance(text, Annotation)]
+    assert (arrow.xy, arrow.xyann) == ((1.0, 1.2), (1.0, 0.2))
+    assert one.title[1].startswith("1970-01-01T00:00:00.000Z, 2 tracks (1 agent), profile paper, ")
 
 
 def test_what_the_difference_shows() -> None:

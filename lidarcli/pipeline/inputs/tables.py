@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.reports.columns import Origin
 from lidarcli.tables import metadata
 from lidarcli.tables.files import table_suffix
-from lidarcli.tables.reading import notes_of, parsed, read_columns, read_pieces
+from lidarcli.tables.reading import column_names, notes_of, parsed, read_columns, read_pieces
 from lidarcli.tables.schemas import SCHEMAS
 
 _OBJECTS, _SWEEPS, _TRACKS, _BEAMS = map(table_suffix, SCHEMAS)
@@ -58,6 +58,24 @@ def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]
         except UnreadableError as err:
             problems.append(err)
     return [Pair(stem) for stem in stems], problems
+
+
+def one_pair(text: str) -> Pair:
+    """The tables of the one log that a file, folder or pattern names.
+
+    Raises
+    ------
+    UnreadableError
+        There are none.
+    OptionError
+        There are those of several logs.
+    """
+    pairs, problems = find_pairs([text])
+    if problems:
+        raise problems[0]
+    if len(pairs) > 1:
+        raise OptionError(f"{text}: holds the tables of {len(pairs)} logs; name one of them")
+    return pairs[0]
 
 
 def table_files(inputs: Iterable[str]) -> list[Path]:
@@ -104,6 +122,39 @@ def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
             f"{path}: not there; a report needs both the objects and the sweeps table of a log"
         )
     return read_columns(path, kind, SCHEMAS[kind], columns)
+
+
+def require(pair: Pair, kind: str, columns: Collection[str]) -> None:
+    """Refuse a table without these columns, which are null where an older version has written it."""
+    there = column_names(getattr(pair, kind), kind) if columns else []
+    missing = sorted({*columns} - {*there})
+    if missing:
+        raise UnreadableError(
+            f"{getattr(pair, kind)}: no column {', '.join(missing)}, which a check asks for; "
+            "an older version has written this table"
+        )
+
+
+def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
+    """Columns of the tracks table of a log, None where it has none.
+
+    Raises
+    ------
+    UnreadableError
+        It cannot be read, or is not that of these objects: `detect` may have written them again.
+    """
+    if not pair.tracks.exists():
+        return None
+    tracks = read_table(pair, "tracks", {"topic", "track", *columns})
+    known = {(row["topic"], row["track"]) for row in tracks.select(["topic", "track"]).to_pylist()}
+    rows = objects.select(["topic", "track"]).drop_null()
+    seen = rows.group_by(["topic", "track"]).aggregate([]).to_pylist()
+    if (known and not seen) or any((row["topic"], row["track"]) not in known for row in seen):
+        raise UnreadableError(
+            f"{pair.tracks}: does not belong to {pair.objects.name}, whose tracks are others; "
+            "write both again with lidarcli track"
+        )
+    return tracks
 
 
 def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:

@@ -4,6 +4,7 @@
   if (!data.streams.length) return;
   const get = (id) => document.getElementById(id);
   const BLUE = "#0072B2", VERMILION = "#D55E00", GREY = "#8C8C8C", LIGHT = "#E4E4E4", SKY = "rgba(86,180,233,0.28)", INK = "#1a1a1a";
+  const PATH_SECONDS = 3, PATH_SWEEPS = 200;
   const LOST = 65535, TURN = 2 * Math.PI, DEGREES = 180 / Math.PI;
 
   function decode(text, Kind) {
@@ -22,6 +23,19 @@
     s.shape = decode(one.shape, Uint8Array);
     s.set = decode(one.set, Uint8Array);
     for (const name of ["box_x", "box_y", "box_length", "box_width", "box_yaw", "theta_i", "theta_f"]) s[name] = decode(one[name], Int16Array);
+    if (one.label) { s.labels = one.labels; s.label = decode(one.label, Uint16Array); }
+    if (one.tracks) {
+      const t = { speed: one.tracks.speed, track: decode(one.tracks.track, Int32Array) };
+      for (const name of ["x", "y"]) t[name] = decode(one.tracks[name], Float32Array);
+      for (const name of ["vx", "vy"]) t[name] = decode(one.tracks[name], Int16Array);
+      if (one.tracks.pose) {
+        t.pose = { side: one.tracks.pose.side };
+        for (const name of ["x", "y", "yaw"]) t.pose[name] = decode(one.tracks.pose[name], Float32Array);
+      }
+      t.last = new Map();
+      for (let k = 0; k < s.count; k++) for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) t.last.set(t.track[j], k);
+      s.tracks = t;
+    }
     if (one.raw) {
       const r = { scale: one.raw.scale };
       r.beams = decode(one.raw.beams, Int32Array);
@@ -59,13 +73,55 @@
     const size = Math.max(x1 - x0, y1 - y0, 0.2) * 1.12;
     s.view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, size: size, reach: reach * 1.05, jump: jump * 1.1, low: low, high: high };
     s.most = 1;
-    for (let k = 0; k < s.count; k++) s.most = Math.max(s.most, things(s, k));
+    for (let k = 0; k < s.count; k++) s.most = Math.max(s.most, things(s, k) + agents(s, k));
   }
 
   function things(s, k) {
     let count = 0;
     for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) count += s.set[j] === 0;
     return count;
+  }
+
+  // Agents are counted by their tracks: a person on two legs is one.
+  function agents(s, k) {
+    if (!s.tracks) return 0;
+    const seen = new Set();
+    for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) if (s.set[j] === 1) seen.add(s.tracks.track[j]);
+    return seen.size;
+  }
+
+  // Directions over ground, and points over ground, in the sensor frame of sweep k.
+  function turned(t, k, x, y) {
+    if (!t.pose) return [x, y];
+    const c = Math.cos(t.pose.yaw[k]), d = Math.sin(t.pose.yaw[k]);
+    return [c * x + d * y, t.pose.side * (c * y - d * x)];
+  }
+
+  function toSensor(t, k, x, y) { return t.pose ? turned(t, k, x - t.pose.x[k], y - t.pose.y[k]) : [x, y]; }
+
+  // The tracks that go on in sweep k, each with its path of the last seconds in the sensor frame, the newest point first.
+  function paths(s, k) {
+    const t = s.tracks, found = new Map();
+    for (let m = k; m >= 0 && k - m < PATH_SWEEPS && Math.abs(s.seconds[k] - s.seconds[m]) <= PATH_SECONDS; m--) {
+      const here = new Map();
+      for (let j = s.offsets[m]; j < s.offsets[m + 1]; j++) {
+        if (t.track[j] < 1 || t.last.get(t.track[j]) < k || s.set[j] === 2 || isNaN(t.x[j])) continue;
+        const sum = here.get(t.track[j]) || { x: 0, y: 0, n: 0, j: j };
+        sum.x += t.x[j]; sum.y += t.y[j]; sum.n += 1;
+        here.set(t.track[j], sum);
+      }
+      here.forEach((sum, number) => {
+        const [x, y] = toSensor(t, k, sum.x / sum.n, sum.y / sum.n);
+        if (isNaN(x)) return;
+        if (!found.has(number)) {
+          const [vx, vy] = turned(t, k, t.vx[sum.j] * t.speed, t.vy[sum.j] * t.speed);
+          const label = s.label && s.label[sum.j] !== LOST ? s.labels[s.label[sum.j]] : "";
+          found.set(number, { number: number, agent: s.set[sum.j] === 1, seen: m === k, vx: vx, vy: vy, label: label, points: [] });
+        }
+        found.get(number).points.push([x, y]);
+      });
+    }
+    return [...found.values()];
   }
 
   function corners(s, k) {
@@ -134,7 +190,7 @@
       for (let n = 0; n < sweep.r.length; n++) {
         if (isNaN(sweep.r[n])) continue;
         const mine = member(s, k, sweep.theta[n], step);
-        pen.fillStyle = mine ? BLUE : GREY;
+        pen.fillStyle = COLOURS[mine];
         dot(pen, X(sweep.r[n] * Math.cos(sweep.theta[n])), Y(sweep.r[n] * Math.sin(sweep.theta[n])), mine ? 2.1 : 1.2);
       }
     }
@@ -147,17 +203,61 @@
       pen.closePath(); pen.stroke();
       const x = s.box_x[j] * s.scale, y = s.box_y[j] * s.scale, far = Math.hypot(x, y) || 1;
       const out = Math.max(...box.map(([a, b]) => ((a - x) * x + (b - y) * y) / far)) + 11 / scale;
-      pen.fillStyle = INK; pen.textAlign = "center"; pen.textBaseline = "middle"; pen.font = "bold 12px system-ui, sans-serif";
-      pen.fillText(s.object[j], X(x + x / far * out), Y(y + y / far * out));
-      pen.textAlign = "start"; pen.textBaseline = "alphabetic"; pen.font = "11px system-ui, sans-serif";
+      // What was followed bears the number of its track.
+      if (s.tracks && s.tracks.track[j] > 0) continue;
+      const label = !s.tracks && s.label && s.label[j] !== LOST ? " " + s.labels[s.label[j]] : "";
+      number(pen, s.object[j] + label, X(x + x / far * out), Y(y + y / far * out), INK);
     }
+    if (s.tracks) drawTracks(s, k, pen, X, Y, scale);
     pen.fillStyle = INK;
     pen.beginPath(); pen.moveTo(X(0) + 8, Y(0)); pen.lineTo(X(0) - 5, Y(0) - 5); pen.lineTo(X(0) - 5, Y(0) + 5); pen.closePath(); pen.fill();
   }
 
+  function number(pen, text, x, y, colour) {
+    pen.textAlign = "center"; pen.textBaseline = "middle"; pen.font = "bold 12px system-ui, sans-serif";
+    pen.strokeStyle = "#fff"; pen.lineWidth = 3; pen.lineJoin = "round"; pen.strokeText(text, x, y);
+    pen.fillStyle = colour; pen.fillText(text, x, y);
+    pen.textAlign = "start"; pen.textBaseline = "alphabetic"; pen.font = "11px system-ui, sans-serif";
+  }
+
+  // Agents are triangles, objects circles; hollow where the thing is hidden in this sweep. The arrow is the way of a second.
+  function drawTracks(s, k, pen, X, Y, scale) {
+    for (const one of paths(s, k)) {
+      const [x, y] = one.points[0], u = X(x), v = Y(y), colour = one.agent ? VERMILION : BLUE;
+      pen.strokeStyle = colour; pen.lineWidth = one.agent ? 2 : 1.2;
+      pen.beginPath();
+      one.points.forEach(([a, b], i) => (i ? pen.lineTo(X(a), Y(b)) : pen.moveTo(X(a), Y(b))));
+      pen.stroke();
+      const speed = Math.hypot(one.vx, one.vy);
+      if (one.seen && speed > 0) arrow(pen, u, v, X(x + one.vx), Y(y + one.vy));
+      pen.fillStyle = one.seen ? colour : "#fff"; pen.lineWidth = 1.5;
+      pen.beginPath();
+      if (one.agent) { pen.moveTo(u, v - 6); pen.lineTo(u + 5.5, v + 4); pen.lineTo(u - 5.5, v + 4); pen.closePath(); }
+      else pen.arc(u, v, 3.5, 0, TURN);
+      pen.fill(); pen.stroke();
+      // Beside the head, on the side that it does not move to.
+      const back = speed > 0 ? 1 / speed : 0, far = Math.hypot(x, y) || 1;
+      const dx = speed > 0 ? -one.vx * back : x / far, dy = speed > 0 ? -one.vy * back : y / far;
+      const words = one.number + (one.label ? " " + one.label : "");
+      number(pen, words, u + dx * (12 + 3 * words.length), v - dy * 16, colour);
+    }
+  }
+
+  function arrow(pen, a, b, c, d) {
+    const length = Math.hypot(c - a, d - b);
+    if (length < 2) return;
+    const x = (c - a) / length, y = (d - b) / length, head = Math.min(7, length);
+    line(pen, a, b, c, d);
+    line(pen, c, d, c - head * (x + 0.5 * y), d - head * (y - 0.5 * x));
+    line(pen, c, d, c - head * (x - 0.5 * y), d - head * (y + 0.5 * x));
+  }
+
+  // The set that a beam belongs to: 0 for none, 1 objects, 2 agents.
+  const COLOURS = [GREY, BLUE, VERMILION];
+
   function member(s, k, theta, step) {
-    for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) if (s.set[j] !== 2 && inside(s, j, theta, step)) return true;
-    return false;
+    for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) if (s.set[j] !== 2 && inside(s, j, theta, step)) return s.set[j] + 1;
+    return 0;
   }
 
   function curves(id, s, k, low, high) {
@@ -191,7 +291,7 @@
     for (let n = 0; n < sweep.r.length; n++) {
       if (isNaN(sweep.r[n])) continue;
       const mine = member(s, k, sweep.theta[n], step);
-      pen.fillStyle = mine ? BLUE : GREY;
+      pen.fillStyle = COLOURS[mine];
       dot(pen, X(sweep.theta[n]), Y(sweep.r[n]), mine ? 1.8 : 1.1);
     }
   }
@@ -216,13 +316,15 @@
     pen.setLineDash([]);
   }
 
-  // Objects per sweep; vermilion triangles stand over the sweeps that stand out.
+  // Objects per sweep, agents above them; vermilion triangles stand over the sweeps that stand out.
   function drawTimeline(s, k) {
     const { pen, width, height } = open("timeline"), step = width / s.count;
-    pen.fillStyle = "#9ecae9";
     for (let i = 0; i < s.count; i++) {
-      const high = things(s, i) / s.most * (height - 12);
+      const high = things(s, i) / s.most * (height - 12), more = agents(s, i) / s.most * (height - 12);
+      pen.fillStyle = "#9ecae9";
       pen.fillRect(i * step, height - high, Math.max(step, 1), high);
+      pen.fillStyle = "#eca77c";
+      pen.fillRect(i * step, height - high - more, Math.max(step, 1), more);
     }
     pen.fillStyle = VERMILION;
     for (const one of data.standing) {
@@ -250,9 +352,9 @@
     if (!s.count) return;
     now.k = Math.max(0, Math.min(s.count - 1, now.k));
     get("slider").value = now.k;
-    const count = things(s, now.k);
+    const count = things(s, now.k), many = agents(s, now.k);
     const why = data.standing.filter((one) => one.stream === now.stream && one.sweep === s.sweep[now.k]).map((one) => one.kind + " (" + one.value + ")");
-    get("words").textContent = "sweep " + s.sweep[now.k] + ", " + s.seconds[now.k].toFixed(2) + " s, " + count + (count === 1 ? " object" : " objects") + ", d_th " + s.dth[now.k].toPrecision(3) + " m" + (why.length ? " \u2014 " + why.join(", ") : "");
+    get("words").textContent = "sweep " + s.sweep[now.k] + ", " + s.seconds[now.k].toFixed(2) + " s, " + count + (count === 1 ? " object" : " objects") + (s.tracks ? ", " + many + (many === 1 ? " agent" : " agents") : "") + ", d_th " + s.dth[now.k].toPrecision(3) + " m" + (why.length ? " \u2014 " + why.join(", ") : "");
     drawScene(s, now.k); drawRange(s, now.k); drawDifference(s, now.k); drawTimeline(s, now.k);
   }
 
@@ -266,11 +368,14 @@
 
   function legend(s) {
     const entries = s.raw ? [["beam of an object", BLUE], ["other beam", GREY], ["|s| > d_th", VERMILION]] : [];
+    if (s.raw && s.set.includes(1)) entries.splice(1, 0, ["beam of an agent", VERMILION]);
+    if (s.tracks) entries.push(["track of an object", BLUE, "circle"], ["track of an agent", VERMILION, "triangle"]);
     const seen = new Set(s.shape);
     data.shapes.forEach((name, i) => { if (seen.has(i) && name !== "wall") entries.push(["box: " + name, data.colours[i]]); });
-    get("legend").replaceChildren(...entries.map(([name, colour]) => {
+    get("legend").replaceChildren(...entries.map(([name, colour, form]) => {
       const item = document.createElement("span"), mark = document.createElement("i");
       mark.style.background = colour;
+      if (form) mark.className = form;
       item.append(mark, name);
       return item;
     }));
