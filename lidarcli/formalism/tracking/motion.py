@@ -20,9 +20,9 @@ CLIP = 3.0
 """One sweep says no more than this, either way."""
 DRIFT = 0.05
 """The evidence loses this much every sweep."""
-PARTIAL = 1.0
+PARTIAL = 2.0
 """A view of which an edge is hidden speaks for motion no more than this."""
-SETTLED = 3
+SETTLED = 2
 """A body speaks once its kind has been the same for so many sightings."""
 MOST = 60.0
 """More evidence than this is not kept."""
