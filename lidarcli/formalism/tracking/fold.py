@@ -225,6 +225,11 @@ def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
         _make_box(fold, bodies, views, b, k)
     else:
         _make_disc(fold, bodies, views, b, k)
+    # What appears inside of a body that is known may be a piece of it.
+    x, y = things.centre(bodies, b)
+    other = life.around(bodies, b, x, y)
+    if other >= 0:
+        bodies.same_as[b] = bodies.number[other]
     _note_view(fold, bodies, views, b, k)
     motion.note_rest(bodies, b, fold.sweeps - 1)
     return b

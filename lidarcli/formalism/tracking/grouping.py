@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,17 +27,21 @@ STANDING_WIDTH = 0.16
 """[m] Legs of things that stand are no wider …"""
 STANDING_APART = 0.65
 """[m] … and not further apart from the next one."""
-MOST_GAP = 6.0
+DOUBLE = 0.1
+"""[m] A body whose centre is no further outside of another one was split from that."""
+MOST_GAP = 15.0
 """[s] A piece of a track goes on after a gap that is no longer."""
 NEAR = 0.35
 """[m] It does so this near to where it is expected, and …"""
 ASTRAY = 0.5
 """[m/s] … further away by this for every second, …"""
-MOST_ASTRAY = 1.5
+MOST_ASTRAY = 2.5
 """[m] … but not further than this altogether."""
-SIZE_DIFFERENCE = 0.3
+ASTRAY_STILL, MOST_ASTRAY_STILL = 0.25, 1.0
+"""The same of what stands when it is seen again."""
+SIZE_DIFFERENCE = 0.2
 """[m] Two pieces of one thing do not differ in size by more than this, …"""
-SIZE_SHARE = 0.4
+SIZE_SHARE = 0.3
 """… and not by more than this share of it."""
 
 
@@ -60,9 +65,18 @@ def join(seen: Any, things: dict[int, Thing], begin: int, stop: int) -> None:
 def _join_doubles(new: list[Thing], things: dict[int, Thing]) -> None:
     """A body that was within another one all the time is that one."""
     for thing in new:
-        other = things.get(thing.same_as) if thing.has_ended else None
-        if other is not None and other is not thing:
+        other = things.get(thing.same_as)
+        if other is None or other is thing or other.moved != thing.moved:
+            continue
+        if _is_inside(thing, other):
             _track_of(other).absorb(thing)
+
+
+def _is_inside(thing: Thing, other: Thing) -> bool:
+    """Whether a body is still where another one is."""
+    x, y = thing.place(still=not thing.moved)
+    other_x, other_y = other.place(still=not other.moved)
+    return math.hypot(x - other_x, y - other_y) < math.hypot(*other.h) + DOUBLE
 
 
 def _track_of(thing: Thing) -> Track:
@@ -103,9 +117,7 @@ def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
             ):
                 continue
             x, y = earlier.x + earlier.vx * gap, earlier.y + earlier.vy * gap
-            allowed = (
-                min(NEAR + ASTRAY * gap, MOST_ASTRAY) if earlier.thing.moved or later.thing.moved else NEAR
-            )
+            allowed = _allowed(earlier.thing, later.thing, gap)
             off = float(np.hypot(later.x - x, later.y - y))
             # Who turned back, or stopped, is where it was last.
             off = min(off, float(np.hypot(later.x - earlier.x, later.y - earlier.y)) + 0.1)
@@ -125,6 +137,14 @@ def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
             track.absorb(part)
         if earlier_thing.moved and not later_thing.moved:
             later_thing.moved, later_thing.onset = 1, later_thing.first_sweep
+
+
+def _allowed(earlier: Thing, later: Thing, gap: float) -> float:
+    """How far from where it is expected a piece may begin after a gap [m]."""
+    if later.moved:
+        return min(NEAR + ASTRAY * gap, MOST_ASTRAY)
+    # What stands now may have moved while it was hidden, but then it has hardly been far.
+    return min(NEAR + ASTRAY_STILL * gap, MOST_ASTRAY_STILL) if earlier.moved else NEAR
 
 
 def _is_over(earlier: _Piece, later: _Piece) -> bool:

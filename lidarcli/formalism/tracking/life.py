@@ -106,7 +106,7 @@ def miss(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> Non
     e = bodies.existence[b]
     bodies.existence[b] = e * (1.0 - detect) / (1.0 - e * detect)
     bodies.out_of_view[b] = unseen
-    other = _around(bodies, b, x, y)
+    other = around(bodies, b, x, y)
     if other >= 0:
         bodies.inside[b] += 1
         bodies.same_as[b] = bodies.number[other]
@@ -123,10 +123,10 @@ def miss(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> Non
             finish(bodies, b, LEFT_VIEW if unseen > 0.5 else LOST)
 
 
-def _around(bodies: Bodies, b: int, x: float, y: float) -> int:
+def around(bodies: Bodies, b: int, x: float, y: float) -> int:
     """An older body that is seen now and has the centre x, y of another in it; -1 for none."""
     for other in range(bodies.high):
-        if bodies.state[other] != things.LIVE or bodies.view[other] < 0:
+        if bodies.state[other] != things.LIVE or bodies.view[other] < 0 or other == b:
             continue
         if bodies.number[other] < bodies.number[b] and association.outside(bodies, other, x, y) < 0.0:
             return other
@@ -135,7 +135,5 @@ def _around(bodies: Bodies, b: int, x: float, y: float) -> int:
 
 def finish(bodies: Bodies, b: int, why: int) -> None:
     """End a body; what was seen too seldom to be a track is forgotten at once."""
-    if bodies.inside[b] < WITHIN:
-        bodies.same_as[b] = 0
     bodies.end[b] = why
     bodies.state[b] = things.ENDED if bodies.sightings[b] >= CONFIRMED else things.EMPTY
