@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from lidarcli.formalism.tracking.things import Thing, Track
 
 LEG_WIDTH = 0.3
-"""[m] Legs, and two of them in one view, are no wider."""
+"""[m] Legs are no wider …"""
+PERSON_WIDTH = 0.65
+"""[m] … and two of them in one view no wider than this."""
 PACE = 0.8
 """[m] The legs of a person are not further apart than this, mostly …"""
 STRIDE = 1.3
@@ -231,7 +233,7 @@ def _join_legs(seen: Any, things: dict[int, Thing]) -> None:
 
 def _is_leg(thing: Thing) -> bool:
     """Whether a body may be a leg, or two in one view."""
-    return thing.kind == 0 and 2.0 * max(thing.h) <= LEG_WIDTH
+    return 2.0 * max(thing.h) <= (PERSON_WIDTH if thing.moved else LEG_WIDTH)
 
 
 def _go_together(one: _Leg, other: _Leg) -> float | None:
@@ -242,6 +244,8 @@ def _go_together(one: _Leg, other: _Leg) -> float | None:
     apart = np.hypot(one.x[i] - other.x[j], one.y[i] - other.y[j])
     mostly = float(np.median(apart))
     if one.thing.moved or other.thing.moved:
+        if 2.0 * min(max(one.thing.h), max(other.thing.h)) > LEG_WIDTH:
+            return None
         return mostly if mostly < PACE and float(np.quantile(apart, 0.95)) < STRIDE else None
     is_slim = 2.0 * max(*one.thing.h, *other.thing.h) <= STANDING_WIDTH
     return mostly if is_slim and mostly < STANDING_APART and float(apart.std()) < STEADY else None
