@@ -15,9 +15,11 @@ LEG_WIDTH = 0.3
 """[m] Legs are no wider …"""
 PERSON_WIDTH = 0.65
 """[m] … and two of them in one view no wider than this."""
+FEW = 12
+"""Sweeps that are less than a step."""
 PACE = 0.8
 """[m] The legs of a person are not further apart than this, mostly …"""
-STRIDE = 1.3
+STRIDE = 1.2
 """[m] … and hardly ever than this."""
 TOGETHER = 3
 """Sweeps in which two legs have to be seen, at least …"""
@@ -246,6 +248,8 @@ def _go_together(one: _Leg, other: _Leg) -> float | None:
     if one.thing.moved or other.thing.moved:
         if 2.0 * min(max(one.thing.h), max(other.thing.h)) > LEG_WIDTH:
             return None
-        return mostly if mostly < PACE and float(np.quantile(apart, 0.95)) < STRIDE else None
+        # Who is seen for a few sweeps alone may be seen with both feet on the ground.
+        pace = PACE if len(i) > FEW else STRIDE
+        return mostly if mostly < pace and float(np.quantile(apart, 0.95)) < STRIDE else None
     is_slim = 2.0 * max(*one.thing.h, *other.thing.h) <= STANDING_WIDTH
     return mostly if is_slim and mostly < STANDING_APART and float(apart.std()) < STEADY else None
