@@ -115,11 +115,16 @@ class _Piece:
 
 def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
     """Pieces that begin where another one, which is seen no more, would be by now."""
-    begins = [_beginning(seen, thing) for thing in new]
+    # Legs come and go with their persons.
+    begins = [_beginning(seen, thing) for thing in new if not thing.member]
     if not begins:
         return
     last_sweep = int(seen.sweep.max(initial=0))
-    ends = [_ending(seen, thing) for thing in things.values() if thing.last_sweep < last_sweep]
+    ends = [
+        _ending(seen, thing)
+        for thing in things.values()
+        if thing.last_sweep < last_sweep and not thing.member
+    ]
     pairs = []
     for later in begins:
         for earlier in ends:
