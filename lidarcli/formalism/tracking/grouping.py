@@ -44,7 +44,7 @@ ASTRAY = 0.9
 """[m/s] … further away by this for every second, …"""
 MOST_ASTRAY = 3.0
 """[m] … but not further than this altogether."""
-ASTRAY_STILL, MOST_ASTRAY_STILL = 0.25, 1.0
+ASTRAY_STILL, MOST_ASTRAY_STILL = 0.6, 2.0
 """The same of what stands when it is seen again."""
 SIZE_DIFFERENCE = 0.2
 """[m] Two pieces of one thing do not differ in size by more than this, …"""
@@ -216,7 +216,11 @@ def _speed(seen: Any, at: slice) -> tuple[float, float]:
 
 def _differ(one: Thing, other: Thing) -> bool:
     """Whether two bodies that were both seen whole differ in size too much to be one."""
-    if one.whole < 3 or other.whole < 3:
+    if one.has_legs or other.has_legs:
+        # Somebody on two legs is no box, nor anything large.
+        single = other if one.has_legs else one
+        return not single.has_legs and single.size_is_known and single.size > PERSON_WIDTH
+    if not (one.size_is_known and other.size_is_known):
         return False
     return abs(one.size - other.size) > max(SIZE_DIFFERENCE, SIZE_SHARE * max(one.size, other.size))
 
