@@ -98,7 +98,7 @@ class Register:
         seen = _Sightings(log, count, self.things, stop)
         grouping.join(seen, self.things, window.begin, stop)
         self._number_new(seen)
-        motions.smooth(seen, self.things, stop)
+        motions.smooth(seen, self.things)
         settled = _rows(window, seen)
         self._sum_up(window, seen)
         self._forget(stop)
