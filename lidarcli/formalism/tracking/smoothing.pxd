@@ -1,9 +1,10 @@
 cimport cython
+cimport libc.math as math
 
 from lidarcli cimport native
 
-cdef Py_ssize_t BOX
-cdef double ACCELERATION, SPEED_AT_FIRST, UNKNOWN_VAR, PART_VAR, CHANGE_VAR, UNLIKELY, LEAST_SPEED, SURE
+cdef Py_ssize_t BOX, LIVELINESSES
+cdef double SPEED_AT_FIRST, UNKNOWN_VAR, PART_VAR, CHANGE_VAR, UNLIKELY, LEAST_SPEED, SURE
 
 
 cdef class Smoother:
@@ -13,6 +14,7 @@ cdef class Smoother:
     cdef double* var
     cdef double* v
     cdef double* v_var
+    cdef double* liveliness
     cdef double* x
     cdef double* speed
     cdef double* xx
@@ -35,10 +37,17 @@ cdef void places(
 cdef (double, double) centre_of(
     double low, double high, double low_var, double high_var, double half, double half_var
 ) noexcept nogil
-@cython.locals(known=bint, i=Py_ssize_t, at=Py_ssize_t)
+@cython.locals(best=Py_ssize_t)
 cdef void along(
     Smoother room, Py_ssize_t axis, long long* order, double* time, double* state, Py_ssize_t count, Py_ssize_t keep
 ) noexcept nogil
+@cython.locals(known=bint, i=Py_ssize_t, at=Py_ssize_t)
+cdef double forth(
+    Smoother room, Py_ssize_t axis, long long* order, double* time, double* state, Py_ssize_t count, Py_ssize_t keep,
+    double acceleration
+) noexcept nogil
+@cython.locals(i=Py_ssize_t, at=Py_ssize_t)
+cdef void back(Smoother room, Py_ssize_t axis, double* time, Py_ssize_t count, double acceleration) noexcept nogil
 cdef void judge(
     Smoother room, Py_ssize_t count, Py_ssize_t onset, double* vx, double* vy, unsigned char* moving
 ) noexcept nogil

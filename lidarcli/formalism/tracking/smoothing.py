@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from lidarcli import native
 from lidarcli.formalism.tracking import tracked
 
 BOX = tracked.BOX
-ACCELERATION = 0.12
-"""[m²/s³] Spectral density of a body's acceleration."""
+ACCELERATIONS = (0.02, 0.12, 0.7)
+"""[m²/s³] Spectral densities of a body's acceleration that are tried: a parcel on a belt, a stroll, starts and stops."""
+LIVELINESSES = len(ACCELERATIONS)
 SPEED_AT_FIRST = 1.0
 """[m/s] Standard deviation of a velocity before anything is known."""
 UNKNOWN_VAR = 100.0
@@ -38,6 +40,9 @@ class Smoother:
         self.v = native.doubles(self.owner, 2 * most)
         self.v_var = native.doubles(self.owner, 2 * most)
         """The velocity at each sighting [m/s], and its variance."""
+        self.liveliness = native.doubles(self.owner, LIVELINESSES)
+        for i, value in enumerate(ACCELERATIONS):
+            self.liveliness[i] = value
         self.x = native.doubles(self.owner, most)
         self.speed = native.doubles(self.owner, most)
         self.xx = native.doubles(self.owner, most)
@@ -160,7 +165,20 @@ def centre_of(
 
 
 def along(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int) -> None:
-    """Along one axis of the world forth, then back (Rauch, Tung and Striebel)."""
+    """Along one axis of the world, with the liveliest acceleration that explains what was seen best."""
+    best, least = 0, forth(room, axis, order, time, state, count, 0, room.liveliness[0])
+    for i in range(1, LIVELINESSES):
+        misfit = forth(room, axis, order, time, state, count, 0, room.liveliness[i])
+        if misfit < least:
+            best, least = i, misfit
+    forth(room, axis, order, time, state, count, keep, room.liveliness[best])
+    back(room, axis, time, count, room.liveliness[best])
+
+
+def forth(
+    room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int, acceleration: float
+) -> float:
+    """What is known at each sighting by those before it; returns how badly each was expected, in all."""
     first = 2 * order[0] + axis
     known = state[6 * axis + 3] >= 0.0
     begin, place, speed = time[0], room.z[first], 0.0
@@ -168,15 +186,17 @@ def along(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: i
     if known:
         begin, place, speed = state[6 * axis], state[6 * axis + 1], state[6 * axis + 2]
         xx, xv, vv = state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5]
+    misfit = 0.0
     for i in range(count):
         if i > 0 or known:
             dt = time[i] - begin
             place += dt * speed
-            xx += dt * (2.0 * xv + dt * vv) + ACCELERATION * dt * dt * dt / 3.0
-            xv += dt * vv + 0.5 * ACCELERATION * dt * dt
-            vv += ACCELERATION * dt
+            xx += dt * (2.0 * xv + dt * vv) + acceleration * dt * dt * dt / 3.0
+            xv += dt * vv + 0.5 * acceleration * dt * dt
+            vv += acceleration * dt
             at = 2 * order[i] + axis
             off, s = room.z[at] - place, xx + room.var[at]
+            misfit += min(off * off / s, UNLIKELY) + math.log(s)
             if off * off > UNLIKELY * s:
                 s = off * off / UNLIKELY
             gain, gain_v = xx / s, xv / s
@@ -191,15 +211,21 @@ def along(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: i
         if i == keep - 1:
             state[6 * axis], state[6 * axis + 1], state[6 * axis + 2] = begin, place, speed
             state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5] = xx, xv, vv
-    last = 2 * (count - 1) + axis
-    room.v[last], room.v_var[last] = speed, vv
-    for back in range(1, count):
-        i = count - 1 - back
+    return misfit
+
+
+def back(room: Smoother, axis: int, time: Any, count: int, acceleration: float) -> None:
+    """What is known by those after it as well (Rauch, Tung and Striebel)."""
+    last = count - 1
+    place, speed = room.x[last], room.speed[last]
+    room.v[2 * last + axis], room.v_var[2 * last + axis] = speed, room.vv[last]
+    for step in range(1, count):
+        i = last - step
         dt = time[i + 1] - time[i]
         a, b, d = room.xx[i], room.xv[i], room.vv[i]
-        ahead_xx = a + dt * (2.0 * b + dt * d) + ACCELERATION * dt * dt * dt / 3.0
-        ahead_xv = b + dt * d + 0.5 * ACCELERATION * dt * dt
-        ahead_vv = d + ACCELERATION * dt
+        ahead_xx = a + dt * (2.0 * b + dt * d) + acceleration * dt * dt * dt / 3.0
+        ahead_xv = b + dt * d + 0.5 * acceleration * dt * dt
+        ahead_vv = d + acceleration * dt
         size = ahead_xx * ahead_vv - ahead_xv * ahead_xv
         if size <= 0.0:
             size = 1e-30
