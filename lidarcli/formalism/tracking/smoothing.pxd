@@ -3,8 +3,8 @@ cimport libc.math as math
 
 from lidarcli cimport native
 
-cdef Py_ssize_t BOX, LIVELINESSES
-cdef double SPEED_AT_FIRST, UNKNOWN_VAR, PART_VAR, CHANGE_VAR, UNLIKELY, LEAST_SPEED, SURE
+cdef Py_ssize_t BOX, AROUND, LIVELINESSES
+cdef double INFINITY, DOUBT, SPEED_AT_FIRST, UNKNOWN_VAR, PART_VAR, CHANGE_VAR, UNLIKELY, LEAST_SPEED, SURE
 
 
 cdef class Smoother:
@@ -15,6 +15,8 @@ cdef class Smoother:
     cdef double* v
     cdef double* v_var
     cdef double* liveliness
+    cdef double* acceleration
+    cdef double* misfit
     cdef double* x
     cdef double* speed
     cdef double* xx
@@ -37,17 +39,18 @@ cdef void places(
 cdef (double, double) centre_of(
     double low, double high, double low_var, double high_var, double half, double half_var
 ) noexcept nogil
-@cython.locals(best=Py_ssize_t)
 cdef void along(
     Smoother room, Py_ssize_t axis, long long* order, double* time, double* state, Py_ssize_t count, Py_ssize_t keep
 ) noexcept nogil
+@cython.locals(total=double, best=Py_ssize_t, first=Py_ssize_t, stop=Py_ssize_t)
+cdef void choose(Smoother room, Py_ssize_t count) noexcept nogil
 @cython.locals(known=bint, i=Py_ssize_t, at=Py_ssize_t)
-cdef double forth(
+cdef void forth(
     Smoother room, Py_ssize_t axis, long long* order, double* time, double* state, Py_ssize_t count, Py_ssize_t keep,
-    double acceleration
+    Py_ssize_t trial
 ) noexcept nogil
 @cython.locals(i=Py_ssize_t, at=Py_ssize_t)
-cdef void back(Smoother room, Py_ssize_t axis, double* time, Py_ssize_t count, double acceleration) noexcept nogil
+cdef void back(Smoother room, Py_ssize_t axis, double* time, Py_ssize_t count) noexcept nogil
 cdef void judge(
     Smoother room, Py_ssize_t count, Py_ssize_t onset, double* vx, double* vy, unsigned char* moving
 ) noexcept nogil

@@ -9,8 +9,13 @@ from lidarcli import native
 from lidarcli.formalism.tracking import tracked
 
 BOX = tracked.BOX
-ACCELERATIONS = (0.02, 0.12, 0.7)
+ACCELERATIONS = (0.02, 0.1, 0.4)
 """[m²/s³] Spectral densities of a body's acceleration that are tried: a parcel on a belt, a stroll, starts and stops."""
+AROUND = 20
+"""Sightings before and after one that tell how lively it is then."""
+DOUBT = 4.0
+"""A livelier acceleration has to explain what was seen better by this much, twice the log-likelihood."""
+INFINITY = float("inf")
 LIVELINESSES = len(ACCELERATIONS)
 SPEED_AT_FIRST = 1.0
 """[m/s] Standard deviation of a velocity before anything is known."""
@@ -43,6 +48,10 @@ class Smoother:
         self.liveliness = native.doubles(self.owner, LIVELINESSES)
         for i, value in enumerate(ACCELERATIONS):
             self.liveliness[i] = value
+        self.acceleration = native.doubles(self.owner, most)
+        """That of the step to each sighting."""
+        self.misfit = native.doubles(self.owner, LIVELINESSES * most)
+        """How badly each sighting was expected with each of the accelerations."""
         self.x = native.doubles(self.owner, most)
         self.speed = native.doubles(self.owner, most)
         self.xx = native.doubles(self.owner, most)
@@ -165,20 +174,34 @@ def centre_of(
 
 
 def along(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int) -> None:
-    """Along one axis of the world, with the liveliest acceleration that explains what was seen best."""
-    best, least = 0, forth(room, axis, order, time, state, count, 0, room.liveliness[0])
-    for i in range(1, LIVELINESSES):
-        misfit = forth(room, axis, order, time, state, count, 0, room.liveliness[i])
-        if misfit < least:
-            best, least = i, misfit
-    forth(room, axis, order, time, state, count, keep, room.liveliness[best])
-    back(room, axis, time, count, room.liveliness[best])
+    """Along one axis of the world, at each time with the acceleration that explains what was seen around it best."""
+    for c in range(LIVELINESSES):
+        for i in range(count):
+            room.acceleration[i] = room.liveliness[c]
+        forth(room, axis, order, time, state, count, 0, c)
+    choose(room, count)
+    forth(room, axis, order, time, state, count, keep, -1)
+    back(room, axis, time, count)
+
+
+def choose(room: Smoother, count: int) -> None:
+    """The acceleration of each step: that with the least misfit over the sightings around it."""
+    for i in range(count):
+        first, stop = max(i - AROUND, 0), min(i + AROUND + 1, count)
+        best, least = 0, INFINITY
+        for c in range(LIVELINESSES):
+            total = c * DOUBT
+            for k in range(first, stop):
+                total += room.misfit[c * room.most + k]
+            if total < least:
+                best, least = c, total
+        room.acceleration[i] = room.liveliness[best]
 
 
 def forth(
-    room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int, acceleration: float
-) -> float:
-    """What is known at each sighting by those before it; returns how badly each was expected, in all."""
+    room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int, trial: int
+) -> None:
+    """What is known at each sighting by those before it; of a trial also how badly each was expected."""
     first = 2 * order[0] + axis
     known = state[6 * axis + 3] >= 0.0
     begin, place, speed = time[0], room.z[first], 0.0
@@ -186,17 +209,19 @@ def forth(
     if known:
         begin, place, speed = state[6 * axis], state[6 * axis + 1], state[6 * axis + 2]
         xx, xv, vv = state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5]
-    misfit = 0.0
     for i in range(count):
+        if trial >= 0:
+            room.misfit[trial * room.most + i] = 0.0
         if i > 0 or known:
-            dt = time[i] - begin
+            dt, acceleration = time[i] - begin, room.acceleration[i]
             place += dt * speed
             xx += dt * (2.0 * xv + dt * vv) + acceleration * dt * dt * dt / 3.0
             xv += dt * vv + 0.5 * acceleration * dt * dt
             vv += acceleration * dt
             at = 2 * order[i] + axis
             off, s = room.z[at] - place, xx + room.var[at]
-            misfit += min(off * off / s, UNLIKELY) + math.log(s)
+            if trial >= 0:
+                room.misfit[trial * room.most + i] = min(off * off / s, UNLIKELY) + math.log(s)
             if off * off > UNLIKELY * s:
                 s = off * off / UNLIKELY
             gain, gain_v = xx / s, xv / s
@@ -211,17 +236,16 @@ def forth(
         if i == keep - 1:
             state[6 * axis], state[6 * axis + 1], state[6 * axis + 2] = begin, place, speed
             state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5] = xx, xv, vv
-    return misfit
 
 
-def back(room: Smoother, axis: int, time: Any, count: int, acceleration: float) -> None:
+def back(room: Smoother, axis: int, time: Any, count: int) -> None:
     """What is known by those after it as well (Rauch, Tung and Striebel)."""
     last = count - 1
     place, speed = room.x[last], room.speed[last]
     room.v[2 * last + axis], room.v_var[2 * last + axis] = speed, room.vv[last]
     for step in range(1, count):
         i = last - step
-        dt = time[i + 1] - time[i]
+        dt, acceleration = time[i + 1] - time[i], room.acceleration[i + 1]
         a, b, d = room.xx[i], room.xv[i], room.vv[i]
         ahead_xx = a + dt * (2.0 * b + dt * d) + acceleration * dt * dt * dt / 3.0
         ahead_xv = b + dt * d + 0.5 * acceleration * dt * dt
