@@ -8,7 +8,7 @@ from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.views cimport Views
 
 cdef Py_ssize_t ROUND, LEGGED
-cdef double AT_LEAST, COS_ALONG, SIN_BEHIND, AT_END, FLOOR, RAGGED, LEGGED_VAR
+cdef double AT_LEAST, COS_ALONG, SIN_BEHIND, AT_END, FLOOR, RAGGED, LEGGED_VAR, OPEN_VAR
 
 
 cdef class Sides:
@@ -22,6 +22,7 @@ cdef class Sides:
 cdef void measure(
     Sides sides, Views views, Py_ssize_t k, Bodies bodies, Py_ssize_t b, double pose_var
 ) noexcept nogil
+cdef double _doubt(Py_ssize_t edge) noexcept nogil
 @cython.locals(own_start=bint, own_end=bint)
 cdef void of_box(
     Sides sides, Views views, Py_ssize_t k, double cos, double sin, double pose_var
