@@ -17,6 +17,8 @@ from lidarcli.formalism.tracking.memory import Memory
 from lidarcli.formalism.tracking.sides import Sides
 from lidarcli.formalism.tracking.views import Views
 
+STEADY = 0.06
+"""[m] What changes its size by more than this is not seen as it is."""
 CLIP = 3.0
 """One sweep says no more than this, either way."""
 DRIFT = 0.05
@@ -48,7 +50,8 @@ def weigh(bodies: Bodies, b: int, sides: Sides, is_whole: bool) -> None:
     total = 0.0
     if sides.by_centre:
         for i in range(2):
-            total += _odds(bodies, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i])
+            if sides.var[2 * i] < measures.OPEN_VAR:
+                total += _odds(bodies, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i])
     else:
         for i in range(2):
             total += _axis_odds(bodies, 2 * b + i, sides, 2 * i)
@@ -84,6 +87,8 @@ def _axis_odds(bodies: Bodies, a: int, sides: Sides, low: int) -> float:
         return of_low + of_high
     if low_var < 0.0 or high_var < 0.0:
         # One of them is of no use, and the other alone is not believed.
+        return 0.0
+    if abs(sides.z[low + 1] - sides.z[low] - 2.0 * bodies.h[a]) > STEADY:
         return 0.0
     low_off, _ = things.still_residual(bodies, a, sides.z[low], -1.0, low_var)
     high_off, _ = things.still_residual(bodies, a, sides.z[low + 1], 1.0, high_var)

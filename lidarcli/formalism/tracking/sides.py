@@ -213,7 +213,10 @@ def of_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float
         depth_var = across_var = LEGGED_VAR
     ragged = 0.0 if views.shape[k] == ROUND else RAGGED * views.length[k]
     more = FLOOR + pose_var + ragged * ragged
-    across_var += more + _doubt(views.start[k]) + _doubt(views.end[k])
+    across_var += more
+    if views.shape[k] != ROUND:
+        # Of what is round the arc tells the middle, wherever it ends.
+        across_var += _doubt(views.start[k]) + _doubt(views.end[k])
     depth_var += more
     sides.z[0] = sides.z[1] = centre_x
     sides.z[2] = sides.z[3] = centre_y
