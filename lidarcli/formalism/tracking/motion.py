@@ -50,7 +50,7 @@ def weigh(bodies: Bodies, b: int, sides: Sides, is_whole: bool) -> None:
     total = 0.0
     if sides.by_centre:
         for i in range(2):
-            if sides.var[2 * i] < measures.OPEN_VAR:
+            if not sides.is_doubtful:
                 total += _odds(bodies, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i])
     else:
         for i in range(2):

@@ -15,7 +15,7 @@ cdef class Sides:
     cdef list owner
     cdef double* z
     cdef double* var
-    cdef bint by_centre
+    cdef bint by_centre, is_doubtful
     cdef double half, half_var
 
 

@@ -47,6 +47,8 @@ class Sides:
         """Its variance [m²], or `AT_LEAST`."""
         self.by_centre = False
         """Whether z[0] and z[2] are the centre of a disc; then `half` is its radius with the variance `half_var`."""
+        self.is_doubtful = False
+        """Whether the centre is that of returns which come and go."""
         self.half = 0.0
         self.half_var = 0.0
 
@@ -214,8 +216,11 @@ def of_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float
     ragged = 0.0 if views.shape[k] == ROUND else RAGGED * views.length[k]
     more = FLOOR + pose_var + ragged * ragged
     across_var += more
-    if views.shape[k] != ROUND:
-        # Of what is round the arc tells the middle, wherever it ends.
+    # Of what is round the arc tells the middle, wherever it ends.
+    sides.is_doubtful = views.shape[k] != ROUND and (
+        views.start[k] == looks.OPEN or views.end[k] == looks.OPEN
+    )
+    if sides.is_doubtful:
         across_var += _doubt(views.start[k]) + _doubt(views.end[k])
     depth_var += more
     sides.z[0] = sides.z[1] = centre_x
