@@ -61,6 +61,16 @@ class Correction:
         self.product = native.doubles(self.owner, 3)
         self.change = native.doubles(self.owner, 3)
 
+    def estimate(self) -> tuple[float, float, float, float, float]:
+        """Delay [s], place ahead and left [m], and the standard deviations of the delay and of the place."""
+        return (
+            self.value[DELAY],
+            self.value[AHEAD],
+            self.value[LEFT],
+            math.sqrt(self.cov[0]),
+            math.sqrt(max(self.cov[4], self.cov[8])),
+        )
+
 
 def place(correction: Correction, views: Views, x: float, y: float, yaw: float, side: float) -> None:
     """Where the sensor is when its pose is told as x, y, yaw."""
