@@ -17,7 +17,7 @@ from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.views import Views
 
 DELAY, AHEAD, LEFT = 0, 1, 2
-DELAY_AT_FIRST = 0.1
+DELAY_AT_FIRST = 0.2
 """[s] Standard deviation of the delay before anything is known."""
 PLACE_AT_FIRST = 0.1
 """[m] The same of where the sensor is."""
