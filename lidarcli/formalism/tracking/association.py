@@ -202,6 +202,9 @@ def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
             if bodies.state[b] != things.LIVE or bodies.view[b] < 0 or bodies.sightings[b] < 3:
                 continue
             out = outside(bodies, b, views.middle_x[k], views.middle_y[k])
+            if not measures.is_partial(views, bodies.view[b]):
+                # What is seen whole has no further parts, unless it is ragged.
+                out += 1.5 * JOIN
             if out < least and _has_room(bodies, b, views, k):
                 best, least = b, out
         if best >= 0:
