@@ -49,7 +49,7 @@ def passing(
     """
     ahead, left = looks.to_sensor(views, x, y)
     r = math.sqrt(ahead * ahead + left * left)
-    if views.step <= 0.0 or views.bearings < 1:
+    if views.step < memory.LEAST_STEP or views.bearings < 1:
         return 0.0, 0.0, 1.0
     past = math.atan2(left, ahead) - views.first
     past -= looks.TURN * math.floor(past / looks.TURN)
@@ -62,6 +62,8 @@ def passing(
     first, last = int(math.ceil(middle - core)), int(math.floor(middle + core))  # noqa: RUF046
     if last < first:
         first = last = int(math.floor(middle + 0.5))  # noqa: RUF046
+    # No header makes more beams of it than there are.
+    last = min(last, first + views.bearings)
     margin = MARGIN + 3.5 * views.sigma
     passes, hits, unseen, number = 0.0, 0.0, 0.0, 0.0
     for position in range(first, last + 1):

@@ -7,7 +7,7 @@ from lidarcli.formalism.tracking.views cimport Views
 
 cdef Py_ssize_t KEPT
 cdef int VALID, NO_RETURN
-cdef double HIT, APART, TURN, FLICKER_SHARE, FLICKERS, NOTHING, FAR
+cdef double LEAST_STEP, HIT, APART, TURN, FLICKER_SHARE, FLICKERS, NOTHING, FAR
 
 
 cdef class Memory:

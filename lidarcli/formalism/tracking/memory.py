@@ -21,6 +21,8 @@ FLICKERS = 0.2
 """Where more than this share of the beams without a return have one a sweep later, none proves free space."""
 HIT = 0.08
 """[m] A beam has ended at a point that is so near to its end, and twice the noise."""
+LEAST_STEP = 1e-6
+"""[rad] Beams that are closer together than this have no place of their own."""
 NOTHING = -1.0
 """The range of a beam that tells nothing; of one without a return it is `FAR`."""
 FAR = 1e9
@@ -139,7 +141,7 @@ def was_hit(memory: Memory, m: int, x: float, y: float) -> bool:
     r = math.sqrt(ahead * ahead + left * left)
     past = math.atan2(left, ahead) - memory.first[m]
     past -= TURN * math.floor(past / TURN)
-    if memory.step[m] <= 0.0:
+    if memory.step[m] < LEAST_STEP:
         return False
     at = int(past / memory.step[m] + 0.5)
     if memory.period[m] > 0:
@@ -161,7 +163,7 @@ def was_passed(memory: Memory, m: int, x: float, y: float, beside: float) -> boo
     # How far it is past the first bearing, within a turn.
     past = math.atan2(left, ahead) - memory.first[m]
     past -= TURN * math.floor(past / TURN)
-    if memory.step[m] <= 0.0:
+    if memory.step[m] < LEAST_STEP:
         return False
     position = int(past / memory.step[m])
     need = r + beside + 3.5 * memory.sigma[m] + r * memory.step[m]

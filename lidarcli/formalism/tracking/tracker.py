@@ -219,7 +219,9 @@ def _poses(batch: SweepBatch) -> Float64:
     if batch.poses is None:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
     poses = batch.poses
-    return np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
+    told = np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
+    told[~np.isfinite(told).all(axis=1), :3] = np.nan
+    return told
 
 
 def _power(wanted: int, at_least: int) -> int:

@@ -144,8 +144,8 @@ class Views:
         self.begin = native.integers(self.owner, objects + 1)
         self.face_begin = native.integers(self.owner, objects + 1)
         # Of each point.
-        self.point_x = native.doubles(self.owner, 2 * beams)
-        self.point_y = native.doubles(self.owner, 2 * beams)
+        self.point_x = native.doubles(self.owner, 2 * beams + objects)
+        self.point_y = native.doubles(self.owner, 2 * beams + objects)
         # Of each face: a point of its line, its direction counter-clockwise as seen by the sensor, how many points.
         self.face_x = native.doubles(self.owner, beams)
         self.face_y = native.doubles(self.owner, beams)
@@ -254,7 +254,7 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     for position in range(first, last + 1):
         k = position - views.bearings if position >= views.bearings else position
         r = scans.ranges[begin + (views.bearings - 1 - k if views.reverse else k)]
-        if r != r or n >= 2 * views.beams:
+        if r != r or n >= 2 * views.bearings:
             continue
         x, y = r * scans.cos[directions + k], r * scans.sin[directions + k]
         dx, dy = x - seen.box_x[at], y - seen.box_y[at]
@@ -269,8 +269,7 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     if face < last_face:
         f = _end_face(views, f, n)
     if n == views.begin[views.count]:
-        # Hardly an object; its middle stands for it.
-        n = min(n, 2 * views.beams - 1)
+        # Hardly an object, or one among too many that lie in each other; its middle stands for it.
         views.point_x[n], views.point_y[n] = views.middle_x[views.count], views.middle_y[views.count]
         n += 1
     views.begin[views.count + 1], views.face_begin[views.count + 1] = n, f
