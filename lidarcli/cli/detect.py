@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.cli.messages import Messages, standard_output
-from lidarcli.cli.object_options import object_options
+from lidarcli.cli.object_options import catalogue_option, object_options
 from lidarcli.cli.options import (
     LOGS,
     MOST,
@@ -52,6 +52,7 @@ OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db
   lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
   lidarcli detect run.mcap --pose /amcl_pose
   lidarcli detect run.mcap --background empty.background.parquet --removed
+  lidarcli detect run.mcap --catalogue things.toml
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
@@ -109,6 +110,7 @@ OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db
     type=Number("DEGREES", above=0),
     help="How far it may be turned away from it.  [default: as it was built]",
 )
+@catalogue_option
 @range_options
 @csv_options
 @click.pass_obj
@@ -127,6 +129,7 @@ def detect(
     any_frame: bool,
     distance: float | None,
     angle: float | None,
+    catalogue: str | None,
     rules: RangeRules,
     csv: CsvOptions,
     **parameters: Any,
@@ -145,6 +148,7 @@ def detect(
 
     from lidarcli.formalism import Parameters
     from lidarcli.pipeline.detecting import DetectOptions
+    from lidarcli.pipeline.inputs.catalogue import read_catalogue
 
     if compared is not None and parameters["max_width"] is None:
         # What differs from the background is no wall, however wide it is.
@@ -156,6 +160,7 @@ def detect(
         pose=selection.pose,
         pose_delay=selection.pose_delay,
         background=compared,
+        catalogue=None if catalogue is None else read_catalogue(catalogue),
         beams=beams,
         overwrite=overwrite,
         jobs=jobs or 0,

@@ -19,6 +19,7 @@ from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import LidarcliError, OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.building import (
@@ -28,6 +29,7 @@ from lidarcli.pipeline.building import (
     refuse_output,
 )
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_stream
+from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -146,6 +148,7 @@ def detect(
     parameters: Parameters | None = None,
     *,
     background: AnyPath | BackgroundOptions | Sequence[Background] | None = None,
+    catalogue: AnyPath | Catalogue | None = None,
     topics: str | Collection[str] | None = None,
     start: float | None = None,
     end: float | None = None,
@@ -164,10 +167,12 @@ def detect(
         order of topics)
     parameters : of the detection, by default those of profile `robust`; with a background no greatest width
     background : only what differs from it is an object: a background table, what `learn` returns, or with options
+    catalogue : things of interest, which objects are named by: a catalogue file, or what `read_catalogue` makes of it
     topics, start, end, every, rules, csv, pose, pose_delay : as of `read`; only for logs
     objects : single parameters (`max_width=1.0`, `profile="paper"`), instead of `parameters`
     """
     subtracted = _background(background)
+    things = read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue
     parameters = _parameters(parameters, objects, subtracted is not None)
     items: Iterator[Any] = iter([source] if isinstance(source, str | PathLike | SweepBatch) else source)
     first = next(items, None)
@@ -177,7 +182,7 @@ def detect(
         asked += ["every"] * (every != 1) + ["pose_delay"] * (pose_delay != 0)
         if asked:
             raise TypeError(f"only a log can be read with {', '.join(asked)}")
-        return _detect_batches(chain([first], items), parameters, subtracted)
+        return _detect_batches(chain([first], items), parameters, subtracted, things)
     options = DetectOptions(
         parameters=parameters,
         read=_read_options(topics, start, end, every, rules),
@@ -185,6 +190,7 @@ def detect(
         pose=pose,
         pose_delay=pose_delay,
         background=subtracted,
+        catalogue=things,
     )
     return _detect_logs(_sources([] if first is None else [first, *items]), options)
 
@@ -258,15 +264,31 @@ def _parameters(parameters: Parameters | None, objects: Mapping[str, Any], subtr
     return Parameters.for_profile(**{"max_width": float("inf") if subtracted else None, **objects})
 
 
-_OPTIONS = ("background", "topics", "start", "end", "every", "rules", "csv", "pose", "pose_delay")
+_OPTIONS = (
+    "background",
+    "catalogue",
+    "topics",
+    "start",
+    "end",
+    "every",
+    "rules",
+    "csv",
+    "pose",
+    "pose_delay",
+)
 
 
 def _detect_batches(
-    batches: Iterable[SweepBatch], parameters: Parameters, background: BackgroundOptions | None
+    batches: Iterable[SweepBatch],
+    parameters: Parameters,
+    background: BackgroundOptions | None,
+    catalogue: Catalogue | None,
 ) -> pa.Table:
-    find = finder(parameters, background)
-    rows = [objects_rows(batch.log, batch, find(batch, False)) for batch in batches]
+    find = finder(parameters, background, catalogue)
+    labels = () if catalogue is None else catalogue.names
+    rows = [objects_rows(batch.log, batch, find(batch, False), labels) for batch in batches]
     told = {} if background is None else {"background": background.as_dict()}
+    told |= {} if catalogue is None else {"catalogue": catalogue.as_dict()}
     return _table(rows, table_metadata(parameters.as_dict() | told))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.formalism import Parameters
+from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse
@@ -43,6 +44,8 @@ class DetectOptions:
     """The pose of a sweep is that at its header stamp and this much later [s]."""
     background: BackgroundOptions | None = None
     """Only what differs from this background is an object."""
+    catalogue: Catalogue | None = None
+    """Things of interest, which objects are named by."""
     beams: bool = False
     """Also write the beams table."""
     overwrite: bool = False
@@ -67,11 +70,12 @@ class DetectOptions:
 
     def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
         """The files that are read, none of which an output may replace."""
-        return [*files_of(sources), *([self.background.path] if self.background is not None else [])]
+        options = [each.path for each in (self.background, self.catalogue) if each is not None]
+        return [*files_of(sources), *(path for path in options if path)]
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """What is to be made of every batch of a log."""
-        return Recipe(source.name, tables, self.parameters, self.background)
+        return Recipe(source.name, tables, self.parameters, self.background, self.catalogue)
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the tables' metadata."""
@@ -80,6 +84,7 @@ class DetectOptions:
             **self.parameters.as_dict(),
             **reading_as_dict(self.read, self.csv, self.pose, self.pose_delay),
             **background,
+            **({} if self.catalogue is None else {"catalogue": self.catalogue.as_dict()}),
         }
 
 

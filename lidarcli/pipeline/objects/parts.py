@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
-from lidarcli.formalism import Parameters
+from lidarcli.formalism import Detection, Parameters
+from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.pipeline.objects.finders import finder
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
@@ -17,7 +18,7 @@ from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
-_ROWS = {"objects": objects_rows, "sweeps": sweeps_rows, "beams": beams_rows}
+_ROWS = {"sweeps": sweeps_rows, "beams": beams_rows}
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class Recipe:
     tables: tuple[str, ...]
     parameters: Parameters
     background: BackgroundOptions | None = None
+    catalogue: Catalogue | None = None
 
 
 @dataclass(slots=True)
@@ -46,7 +48,7 @@ class Maker:
 
     def __init__(self, recipe: Recipe) -> None:
         self._recipe = recipe
-        self.find = finder(recipe.parameters, recipe.background)
+        self.find = finder(recipe.parameters, recipe.background, recipe.catalogue)
 
     def make(self, batches: Sequence[SweepBatch]) -> Part:
         """The rows of some batches."""
@@ -55,7 +57,11 @@ class Maker:
         for batch in batches:
             detection = self.find(batch, "beams" in tables)
             part.found.add_objects(detection)
-            part.rows += [
-                (table, batch.topic, _ROWS[table](self._recipe.log, batch, detection)) for table in tables
-            ]
+            part.rows += [(table, batch.topic, self._rows(table, batch, detection)) for table in tables]
         return part
+
+    def _rows(self, table: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
+        log, catalogue = self._recipe.log, self._recipe.catalogue
+        if table == "objects":
+            return objects_rows(log, batch, detection, () if catalogue is None else catalogue.names)
+        return _ROWS[table](log, batch, detection)
