@@ -126,7 +126,7 @@ def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
 def _refuse_columns(path: Path, kind: str, there: list[str], wanted: pa.Schema) -> None:
     missing = sorted(name for name in wanted.names if name not in there)
     if missing:
-        maker = "background build" if kind == "background" else "detect"
+        maker = {"background": "background build", "tracks": "track"}.get(kind, "detect")
         raise UnreadableError(f"{path}: not a table of lidarcli {maker}: no column {', '.join(missing)}")
     twice = [name for name in wanted.names if there.count(name) > 1]
     if twice:
