@@ -15,6 +15,7 @@ WITH_EXAMPLES = (
     "docs/tutorial.md",
     "docs/poses.md",
     "docs/background.md",
+    "docs/catalogue.md",
     "docs/reports.md",
     "docs/ci.md",
 )

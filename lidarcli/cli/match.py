@@ -17,9 +17,9 @@ from lidarcli.cli.options import OUTPUT, GroupedCommand, option
     epilog="""Examples:
 
 \b
-  lidarcli match monday.tracks.parquet tuesday.tracks.parquet -o things.parquet
+  lidarcli match mon.tracks.parquet tue.tracks.parquet -o things.parquet
   lidarcli match tables/ -o things.csv --overwrite
-  lidarcli match a.tracks.parquet b.tracks.parquet --by constellation -o things.parquet""",
+  lidarcli match lap?.tracks.parquet --by constellation -o things.parquet""",
 )
 @click.argument("tracks", metavar="TRACKS...", nargs=-1, required=True, type=click.Path())
 @option(

@@ -19,7 +19,8 @@ def catalogue_option(command: F) -> F:
         heading=THINGS,
         metavar="FILE",
         type=click.Path(),
-        help="Things with their sizes (TOML, docs/catalogue.md): objects that are one of them get its name.",
+        help="Things with their sizes (TOML, docs/catalogue.md): objects that are one of them get its name.  "
+        "[default: none]",
     )(command)
 
 

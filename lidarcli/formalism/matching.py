@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lidarcli.formalism.fits import LARGEST, SMALLEST
 from lidarcli.formalism.pairing import assign
 from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float64, Int32, Int64
@@ -20,8 +21,8 @@ PLACE_SD = 0.1
 """[m] Where a standing thing is found, from one run to the other."""
 SIZE_SD = 0.01
 """[m] What sizes of the same thing differ by beside their standard deviations."""
-SIZES = 1.95
-"""[m] Sizes of different things differ by as much: they lie anywhere between 0.05 and 2 m."""
+SIZES = LARGEST - SMALLEST
+"""[m] Sizes of different things differ by as much: they may have any."""
 STAYS = 0.9
 """How likely a thing stands where it stood."""
 NEARER = 0.05
@@ -220,7 +221,7 @@ def _score(gain: Float64, thing: Int64, one: Int64) -> Float64:
 def _joined(known: Float64, known_sd: Float64, now: Float64, now_sd: Float64) -> tuple[Float64, Float64]:
     """What was known of sizes and what is measured now, each as heavy as it is sure, and its sd; NaN is nothing."""
     seen, was = np.isfinite(now), np.isfinite(known)
-    weight = np.where(seen, 1.0 / (np.where(seen, now_sd, 0.0) ** 2 + SIZE_SD**2), 0.0)
+    weight = np.where(seen, 1.0 / (np.nan_to_num(now_sd) ** 2 + SIZE_SD**2), 0.0)
     old = np.where(was, 1.0 / np.where(was, known_sd, 1.0) ** 2, 0.0)
     total = weight + old
     some = total > 0.0

@@ -7,14 +7,17 @@ import math
 import numpy as np
 import pytest
 
+import lidarcli
 from lidarcli import formalism
-from lidarcli.formalism.catalogue import KINDS, Evidence
+from lidarcli.formalism.catalogue import KINDS, Catalogue, Evidence, Thing
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, UNKNOWN, WALL, Detection
 from lidarcli.formalism.evidence import SEEN_AS, evidence_of
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.raycast import cast, place
 from lidarcli.simulate.scene import Entity
 from lidarcli.sweeps import Float64
+from tests.formalism.backgrounds import learned
 
 BEAMS = 1440
 STEP = 2 * math.pi / BEAMS
@@ -126,6 +129,23 @@ def test_walls_and_few_beams_tell_nothing() -> None:
     assert few.sum() == 1
     assert (evidence.shape[few] == 0).all()
     assert np.isnan([evidence.side_1[few], evidence.across[few]]).all()
+
+
+def test_what_has_gone_has_a_name_too() -> None:
+    """A box before and after: what a background finds removed is described like everything else."""
+    with_box, without = ranges_of(make.box(2.0, 0.3, 0.7, 0.4, 0.6)), ranges_of()
+    batch, later = (
+        formalism.sweep(np.tile(ranges, (3, 1)).astype(np.float32), angle_increment=STEP, range_max=12.0)
+        for ranges in (with_box, without)
+    )
+    background = learned(batch)
+    found = lidarcli.detect(
+        later,
+        background=BackgroundOptions("box", (background,), removed=True),
+        catalogue=Catalogue((Thing("crate", "prismatic", length=0.7, width=0.4),)),
+    )
+    assert found["change"].to_pylist() == ["removed"] * 3
+    assert found["label"].to_pylist() == ["crate"] * 3
 
 
 def test_no_sweep_and_no_object() -> None:

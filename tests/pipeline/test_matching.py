@@ -137,10 +137,10 @@ def test_what_is_refused(monday: str, tmp_path: Path) -> None:
         match_tables([monday, str(tmp_path / "none.parquet")])
     with pytest.raises(UnreadableError, match=r"no tracks tables match this pattern"):
         match_tables([str(tmp_path / "x*.parquet")])
+    (tmp_path / "folder").mkdir()
     with pytest.raises(
         UnreadableError, match=r"no \*.tracks.parquet in this folder; write some with lidarcli track"
     ):
-        (tmp_path / "folder").mkdir()
         match_tables([str(tmp_path / "folder")])
     (tmp_path / "text.parquet").write_text("no table")
     with pytest.raises(UnreadableError, match="cannot be read as Parquet"):
