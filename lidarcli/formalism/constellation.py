@@ -30,7 +30,9 @@ MOST_THINGS = 40
 MOST_PROPOSALS = 3000
 """So many proposals are looked at, those of the most alike pairs first."""
 BEST = 24
-"""So many of them are refined."""
+"""So many of them that differ are refined."""
+WORTH = 0.4
+"""A proposal that explains less than this share of what the best one does is none."""
 REFINEMENTS = 6
 """Steps from the things in place to the motion that fits them best, and on."""
 APART = 0.3
@@ -110,8 +112,20 @@ def _best(known: Standing, run: Standing) -> list[Motion]:
         away = np.hypot(x[:, None, :] - x0[:, None], y[:, None, :] - y0[:, None])
         gain = np.maximum(like + near(away, room) - SURE, 0.0)
         quality[at] = np.minimum(gain.max(axis=2).sum(axis=1), gain.max(axis=1).sum(axis=1))
-    best = np.argsort(-quality, kind="stable")[:BEST]
-    return [Motion(float(angle[k]), float(shift_x[k]), float(shift_y[k])) for k in best]
+    best: list[Motion] = []
+    for k in np.argsort(-quality, kind="stable").tolist():
+        motion = Motion(float(angle[k]), float(shift_x[k]), float(shift_y[k]))
+        if not any(_same(motion, other, x1, y1) for other in best):
+            best.append(motion)
+        if len(best) == BEST or quality[k] < WORTH * quality.max():
+            break
+    return best
+
+
+def _same(one: Motion, other: Motion, x: Float64, y: Float64) -> bool:
+    """Whether two motions bring all things to the same places."""
+    (x0, y0), (x1, y1) = one.of(x, y), other.of(x, y)
+    return bool(np.hypot(x1 - x0, y1 - y0).max() < IN_PLACE * PLACE_SD)
 
 
 def _chosen(things: Standing) -> Int64:

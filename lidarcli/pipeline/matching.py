@@ -28,6 +28,8 @@ from lidarcli.tables.stream import FORMATS, CountingOutput
 POSITION, CONSTELLATION, AUTO = MATCH_BY
 RELATIVE = "odom"
 """A world of this name begins where its run begins: places in it are not those of another run."""
+MOST_THINGS = 2000
+"""Standing things of a run: each is weighed against all that are known."""
 MOVED = 0.3
 """[m] What is no farther from its old place may only have been seen from another side."""
 
@@ -91,6 +93,12 @@ def match_tables(inputs: Sequence[str], by: str = AUTO) -> MatchResult:
     """
     tables = [read_tracks(path) for path in find_tracks(inputs)]
     runs = _runs(tables)
+    for run in runs:
+        if len(run.things) > MOST_THINGS:
+            raise OptionError(
+                f"{run.log}: {len(run.things):,} standing things of {run.topic} are more than can be matched "
+                f"({MOST_THINGS:,}); track with --end, or in parts"
+            )
     if len(tables) < 2:
         only = tables[0].path if tables else "nothing"
         raise OptionError(f"{only}: one run has nothing to be matched with; give the tracks of two or more")

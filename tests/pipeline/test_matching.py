@@ -142,6 +142,11 @@ def test_what_is_refused(monday: str, tmp_path: Path) -> None:
         UnreadableError, match=r"no \*.tracks.parquet in this folder; write some with lidarcli track"
     ):
         match_tables([str(tmp_path / "folder")])
+    many = write_tracks(tmp_path / "many.tracks.parquet", "many", ROOM[:1] * 2001)
+    with pytest.raises(
+        OptionError, match="many: 2,001 standing things of /scan are more than can be matched"
+    ):
+        match_tables([monday, str(many)])
     (tmp_path / "text.parquet").write_text("no table")
     with pytest.raises(UnreadableError, match="cannot be read as Parquet"):
         match_tables([monday, str(tmp_path / "text.parquet")])
