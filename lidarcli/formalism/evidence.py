@@ -32,10 +32,13 @@ SEEN_AS = {
     PRISMATIC: (0.94, 0.05, 0.05, 0.30),
     ROUND: (0.02, 0.88, 0.15, 0.12),
     LEGGED: (0.002, 0.002, 0.70, 0.002),
-    IRREGULAR: (0.04, 0.07, 0.10, 0.58),
+    IRREGULAR: (0.05, 0.08, 0.20, 0.52),
 }
 """How often a sweep takes a prismatic, round, legged or irregular thing for each shape (docs/accuracy.md, rounded up for
 what is rare: one sweep is no proof)."""
+ALIKE = (60.0, 20.0, 5.0, 2.0)
+"""How alike the sweeps of one prismatic, round, legged or irregular thing are, in sweeps that such a thing is known for
+beforehand: a box looks like any box, each plant is different."""
 UNIFORM_SD = 1.0 / math.sqrt(12.0)
 """Standard deviation of what lies anywhere within a step."""
 CORNER_SD = 4.0
@@ -47,6 +50,44 @@ ROUGH = 0.05
 MOST_PARTS = 8
 """Things of more parts than this are not measured."""
 SMALLEST = 1e-9
+
+
+def shape_likelihood(seen: Int64) -> Float64:
+    """What many sweeps of a thing say of its shape: they are not independent of each other, and no vote.
+
+    How often a thing is taken for each shape differs from thing to thing (Dirichlet), and its sweeps follow that.
+
+    Parameters
+    ----------
+    seen : (M, 6) in how many sweeps each of M things was taken for each of `SHAPES`
+
+    Returns
+    -------
+    (M, 4) log-likelihood of that under each of `KINDS`, for `Evidence.shape`
+
+    >>> shape_likelihood(np.array([[1, 0, 0, 0, 5, 0]])).round(2).tolist()
+    [[-0.07, -3.01, -3.09, -1.14]]
+    """
+    codes = [*SEEN_AS]
+    counts = np.asarray(seen)[:, codes].astype(np.float64)
+    shares = np.array([SEEN_AS[code] for code in codes]).T
+    result = np.empty((len(counts), len(ALIKE)))
+    for kind, weight in enumerate(ALIKE):
+        known = weight * shares[kind] / shares[kind].sum()
+        gained = _log_gamma(known + counts) - _log_gamma(known)
+        total = counts.sum(axis=1)
+        result[:, kind] = gained.sum(axis=1) + _log_gamma(np.array(weight)) - _log_gamma(weight + total)
+    return result
+
+
+def _log_gamma(x: Float64) -> Float64:
+    """Logarithm of the gamma function above 0, to 1e-9: Stirling's series, far enough out."""
+    far = x + 8.0
+    series = (far - 0.5) * np.log(far) - far + 0.5 * math.log(2.0 * math.pi)
+    series = series + 1.0 / (12.0 * far) - 1.0 / (360.0 * far**3) + 1.0 / (1260.0 * far**5)
+    steps: Float64 = np.log(np.asarray(x)[..., None] + np.arange(8.0)).sum(axis=-1)
+    result: Float64 = series - steps
+    return result
 
 
 def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:

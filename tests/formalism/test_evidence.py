@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import lidarcli
 from lidarcli import formalism
 from lidarcli.formalism.catalogue import KINDS, Catalogue, Evidence, Thing
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, UNKNOWN, WALL, Detection
-from lidarcli.formalism.evidence import SEEN_AS, evidence_of
+from lidarcli.formalism.evidence import ALIKE, SEEN_AS, evidence_of, shape_likelihood
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.raycast import cast, place
@@ -146,6 +147,44 @@ def test_what_has_gone_has_a_name_too() -> None:
     )
     assert found["change"].to_pylist() == ["removed"] * 3
     assert found["label"].to_pylist() == ["crate"] * 3
+
+
+def counts(
+    prismatic: int = 0, round_: int = 0, legged: int = 0, irregular: int = 0, unknown: int = 0
+) -> NDArray[np.int64]:
+    return np.array([[prismatic, round_, legged, irregular, unknown, 0]])
+
+
+def best_shape(seen: NDArray[np.int64]) -> str:
+    return KINDS[int(shape_likelihood(seen)[0].argmax())]
+
+
+def test_many_sweeps_are_no_vote() -> None:
+    """The plant of the sample room is taken for a prism four times of five, which no box is taken for something else."""
+    assert best_shape(counts(prismatic=78, round_=1, irregular=20)) == "irregular"
+    assert best_shape(counts(prismatic=99, irregular=1)) == "prismatic"
+    assert best_shape(counts(prismatic=2, round_=95, irregular=3)) == "round"
+    assert best_shape(counts(legged=30, round_=40, unknown=30)) == "legged"
+
+
+def test_the_shape_of_one_sweep_and_of_none() -> None:
+    one = shape_likelihood(counts(prismatic=1))[0]
+    shares = np.array(SEEN_AS[PRISMATIC]) / np.array(list(SEEN_AS.values())).sum(axis=0)
+    assert one == pytest.approx(np.log(shares), abs=1e-9)
+    for nothing in (counts(), counts(unknown=50)):
+        assert shape_likelihood(nothing)[0] == pytest.approx(np.zeros(4), abs=1e-9)
+    assert shape_likelihood(np.empty((0, 6), np.int64)).shape == (0, 4)
+
+
+def test_the_likelihood_of_shapes_is_that_of_the_formula() -> None:
+    """Dirichlet-multinomial, by the gamma function of the standard library."""
+    seen = counts(prismatic=3, irregular=2)
+    shares = np.array([SEEN_AS[code][0] for code in SEEN_AS])
+    known = ALIKE[0] * shares / shares.sum()
+    number = [3, 0, 0, 2]
+    expected = math.lgamma(ALIKE[0]) - math.lgamma(ALIKE[0] + 5)
+    expected += sum(math.lgamma(a + n) - math.lgamma(a) for a, n in zip(known, number, strict=True))
+    assert shape_likelihood(seen)[0, 0] == pytest.approx(expected, abs=1e-8)
 
 
 def test_no_sweep_and_no_object() -> None:

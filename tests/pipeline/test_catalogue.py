@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import lidarcli
+from lidarcli import formalism
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.formalism.catalogue import Catalogue, Thing
+from lidarcli.formalism.catalogue import Catalogue, Evidence, Thing, name
+from lidarcli.formalism.evidence import evidence_of, shape_likelihood
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from tests.places import SAMPLES
 
@@ -169,7 +173,7 @@ def labels(**options: Any) -> Counter[tuple[int, str | None]]:
 
 
 def test_the_boxes_of_the_room_have_names() -> None:
-    """Of a ladder one rail is seen in a sweep, and what the plant is nobody can tell from one side of it."""
+    """Of the ladder one rail is seen in a sweep; and what looks irregular once may be anything that is not seen well."""
     assert labels() == {
         (1, "smaller brown box"): 99,
         (1, None): 1,
@@ -178,6 +182,38 @@ def test_the_boxes_of_the_room_have_names() -> None:
         (4, None): 100,
         (5, None): 99,
     }
+
+
+def test_all_sweeps_together_name_the_plant_too() -> None:
+    """Medians over the log as a track may have them; standard deviations of a standing thing do not shrink."""
+    (batch,) = lidarcli.read(ROOM)
+    found = formalism.detect(batch)
+    each = evidence_of(batch, found)
+    of = [np.flatnonzero(found.object == number) for number in range(1, 6)]
+
+    def middle(field: str) -> Any:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            return np.array([np.nanmedian(getattr(each, field)[rows]) for rows in of])
+
+    measured = ("side_1", "side_2", "across", "span_1", "span_2", "least_1", "least_2")
+    sds = ("side_1_sd", "side_2_sd", "across_sd", "span_sd", "least_sd")
+    counts = np.array([np.bincount(found.shape[rows], minlength=6) for rows in of])
+    together = Evidence(
+        shape=shape_likelihood(counts),
+        **{field: middle(field) for field in (*measured, *sds)},
+        legs=np.zeros(5, np.int32),
+        moved=np.zeros(5, np.bool_),
+    )
+    catalogue = read_catalogue(CATALOGUE)
+    label, _ = name(together, catalogue)
+    assert [None if code < 0 else catalogue.names[code] for code in label] == [
+        "smaller brown box",
+        "brown box",
+        "brown box",
+        None,
+        "plant",
+    ]
 
 
 def test_of_batches_and_of_logs_the_same() -> None:
