@@ -180,7 +180,7 @@ class _Sightings:
         self.vx, self.vy = np.zeros(size), np.zeros(size)
         self.moving, self.agent = np.zeros(size, bool), np.zeros(size, bool)
         numbers, begins = np.unique(self.number, return_index=True)
-        ends = np.append(begins[1:], size)
+        ends = np.append(begins, size)[1:]
         self.spans = {int(n): slice(int(b), int(e)) for n, b, e in zip(numbers, begins, ends, strict=True)}
         """Body → its sightings."""
         first: dict[int, int] = {}
