@@ -74,7 +74,7 @@ def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
     """All pairs within the gate."""
     pairs.count = 0
     for b in range(bodies.high):
-        if bodies.state[b] != things.LIVE:
+        if bodies.state[b] != things.LIVE or bodies.kind[b] == things.PERSON:
             continue
         x, y = things.centre(bodies, b)
         moved_x, moved_y = x - bodies.from_x[b], y - bodies.from_y[b]
@@ -215,7 +215,7 @@ def outside(bodies: Bodies, b: int, x: float, y: float) -> float:
     """How far a point is outside of a body [m], negative inside."""
     centre_x, centre_y = things.centre(bodies, b)
     dx, dy = x - centre_x, y - centre_y
-    if bodies.kind[b] == things.DISC:
+    if bodies.kind[b] != things.BOX:
         return math.sqrt(dx * dx + dy * dy) - 0.5 * (bodies.h[2 * b] + bodies.h[2 * b + 1])
     along, across = things.to_axes(bodies, b, dx, dy)
     return max(abs(along) - bodies.h[2 * b], abs(across) - bodies.h[2 * b + 1])

@@ -2,7 +2,7 @@ cimport libc.math as math
 
 from lidarcli cimport native
 
-cdef Py_ssize_t LEGS, EMPTY, LIVE, ENDED, DISC, BOX
+cdef Py_ssize_t LEGS, EMPTY, LIVE, ENDED, DISC, BOX, PERSON
 cdef double ACCELERATION, BREATHING, CREEP, SPEED_AT_FIRST, TURNING, TURN_AT_FIRST, ASKEW, FASTEST_TURN, UNSEEN, UNLIKELY, LEAST, QUARTER
 
 
@@ -20,6 +20,7 @@ cdef class Bodies:
     cdef long long* moved
     cdef long long* inside
     cdef long long* same_as
+    cdef long long* member
     cdef long long* view
     cdef long long* latest
     cdef long long* first_sweep
@@ -75,6 +76,8 @@ cdef class Bodies:
     cpdef grow(self, Bodies old)
 
 
+cdef Py_ssize_t free_slot(Bodies bodies) noexcept nogil
+cdef void clear(Bodies bodies, Py_ssize_t b) noexcept nogil
 cdef (double, double) centre(Bodies bodies, Py_ssize_t b) noexcept nogil
 cdef (double, double) to_world(Bodies bodies, Py_ssize_t b, double along, double across) noexcept nogil
 cdef (double, double) to_axes(Bodies bodies, Py_ssize_t b, double x, double y) noexcept nogil

@@ -17,7 +17,7 @@ from lidarcli import native
 from lidarcli.formalism.tracking import tracked
 
 EMPTY, LIVE, ENDED = tracked.EMPTY, tracked.LIVE, tracked.ENDED
-DISC, BOX = tracked.DISC, tracked.BOX
+DISC, BOX, PERSON = tracked.DISC, tracked.BOX, tracked.PERSON
 ACCELERATION = 0.6
 """[m²/s³] Spectral density of a body's acceleration."""
 BREATHING = 1e-5
@@ -71,6 +71,8 @@ class Bodies:
         """Sweeps in which it was unseen within an older body that was seen, less those in which it was seen …"""
         self.same_as = native.at_longs(_new(self.arrays, "same_as", most, np.int64))
         """… and the number of that; of a body that has ended 0 where it is not the same thing."""
+        self.member = native.at_longs(_new(self.arrays, "member", most, np.int64))
+        """Number of the person that it is a leg of, 0 for none."""
         self.view = native.at_longs(_new(self.arrays, "view", most, np.int64))
         """Its view in this sweep, -1 for none."""
         self.latest = native.at_longs(_new(self.arrays, "latest", most, np.int64))
@@ -158,6 +160,39 @@ def _new(arrays: dict[str, NDArray[Any]], name: str, count: int, kind: Any) -> N
     return arrays[name]
 
 
+def free_slot(bodies: Bodies) -> int:
+    """The first slot without a body; there is room."""
+    b = 0
+    while bodies.state[b] != EMPTY:
+        b += 1
+    bodies.high = max(bodies.high, b + 1)
+    return b
+
+
+def clear(bodies: Bodies, b: int) -> None:
+    """A new body, of which nothing is known yet."""
+    bodies.born += 1
+    bodies.number[b] = bodies.born
+    bodies.state[b] = LIVE
+    bodies.sightings[b] = bodies.settled[b] = bodies.boxy[b] = bodies.whole[b] = 0
+    bodies.moved[b] = bodies.inside[b] = bodies.same_as[b] = bodies.member[b] = 0
+    bodies.gone_for[b] = bodies.out_of_view[b] = bodies.size[b] = 0.0
+    bodies.evidence[b] = bodies.evidence_most[b] = 0.0
+    bodies.yaw[b] = bodies.yaw_rate[b] = bodies.sin[b] = 0.0
+    bodies.yaw_var[b] = bodies.yaw_cov[b] = bodies.rate_var[b] = 0.0
+    bodies.cos[b] = 1.0
+    bodies.bulge[b] = bodies.bulge_points[b] = 0.0
+    for a in range(2 * b, 2 * b + 2):
+        bodies.side[a] = bodies.side_weight[a] = bodies.least[a] = 0.0
+    for i in range(6 * b, 6 * b + 6):
+        bodies.effect[i] = 0.0
+    for i in range(5 * b, 5 * b + 5):
+        bodies.looks[i] = 0.0
+    for i in range(LEGS * b, LEGS * b + LEGS):
+        bodies.leg_x[i] = bodies.leg_y[i] = 0.0
+        bodies.leg_seen[i] = 0
+
+
 def centre(bodies: Bodies, b: int) -> tuple[float, float]:
     """Where the centre of a body is [m]."""
     return to_world(bodies, b, bodies.c[2 * b], bodies.c[2 * b + 1])
@@ -175,7 +210,7 @@ def to_axes(bodies: Bodies, b: int, x: float, y: float) -> tuple[float, float]:
 
 def half_extent(bodies: Bodies, b: int, x: float, y: float) -> float:
     """How far a body reaches from its centre in a direction of the world [m]."""
-    if bodies.kind[b] == DISC:
+    if bodies.kind[b] != BOX:
         return 0.5 * (bodies.h[2 * b] + bodies.h[2 * b + 1])
     along, across = to_axes(bodies, b, x, y)
     return abs(along) * bodies.h[2 * b] + abs(across) * bodies.h[2 * b + 1]

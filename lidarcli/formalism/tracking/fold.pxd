@@ -6,6 +6,7 @@ from lidarcli.formalism.sweep.points cimport Scans
 from lidarcli.formalism.tracking cimport association, life, memory, motion, shapes, sightings
 from lidarcli.formalism.tracking cimport bodies as things
 from lidarcli.formalism.tracking cimport correction as corrections
+from lidarcli.formalism.tracking cimport persons as walkers
 from lidarcli.formalism.tracking cimport sides as measures
 from lidarcli.formalism.tracking cimport views as looks
 from lidarcli.formalism.tracking.assignment cimport Assignment
@@ -13,6 +14,7 @@ from lidarcli.formalism.tracking.association cimport Pairs
 from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.correction cimport Correction
 from lidarcli.formalism.tracking.memory cimport Memory
+from lidarcli.formalism.tracking.persons cimport Persons
 from lidarcli.formalism.tracking.shapes cimport Shapes
 from lidarcli.formalism.tracking.sides cimport Sides
 from lidarcli.formalism.tracking.sightings cimport Sightings
@@ -34,6 +36,7 @@ cdef class Fold:
     cdef readonly Views views
     cdef readonly Memory past
     cdef Pairs pairs
+    cdef Persons persons
     cdef Assignment task
     cdef readonly Correction correction
     cdef Shapes shapes

@@ -13,6 +13,7 @@ from lidarcli.formalism.sweep.points import Scans
 from lidarcli.formalism.tracking import association, life, memory, motion, shapes, sightings
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import correction as corrections
+from lidarcli.formalism.tracking import persons as walkers
 from lidarcli.formalism.tracking import sides as measures
 from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.assignment import Assignment
@@ -20,6 +21,7 @@ from lidarcli.formalism.tracking.association import Pairs
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.correction import Correction
 from lidarcli.formalism.tracking.memory import Memory
+from lidarcli.formalism.tracking.persons import Persons
 from lidarcli.formalism.tracking.shapes import Shapes
 from lidarcli.formalism.tracking.sides import Sides
 from lidarcli.formalism.tracking.sightings import Sightings
@@ -85,6 +87,7 @@ class Fold:
         self.past = past
         self.pairs = Pairs(bodies.most, views.objects)
         self.task = Assignment(bodies.most, views.objects)
+        self.persons = Persons(views.objects)
         self.taken_room: list[Any] = []
         self.taken = native.integers(self.taken_room, views.objects)
 
@@ -108,7 +111,7 @@ def has_room(fold: Fold, seen: Seen, row: int) -> bool:
     """Whether all objects of a sweep could be new bodies."""
     objects = seen.offset[row + 1] - seen.offset[row]
     return (
-        fold.bodies.high + objects <= fold.bodies.most
+        fold.bodies.high + 2 * objects <= fold.bodies.most
         and objects <= fold.views.objects
         and fold.log.count + objects <= fold.log.room
     )
@@ -132,8 +135,10 @@ def step(fold: Fold, seen: Seen, scans: Scans, row: int, number: Any) -> None:
             things.predict(fold.bodies, b, dt, _creep(fold, b))
     association.associate(fold.pairs, fold.task, fold.sides, fold.bodies, fold.views, fold.taken)
     association.join_parts(fold.bodies, fold.views, fold.taken)
+    for k in range(fold.views.count):
+        fold.persons.entry[k] = -1
     for b in range(fold.bodies.high):
-        if fold.bodies.state[b] != things.LIVE:
+        if fold.bodies.state[b] != things.LIVE or fold.bodies.kind[b] == things.PERSON:
             continue
         if fold.bodies.view[b] >= 0:
             _take(fold, fold.bodies, fold.views, scans, b, fold.bodies.view[b], dt)
@@ -142,12 +147,15 @@ def step(fold: Fold, seen: Seen, scans: Scans, row: int, number: Any) -> None:
             if fold.bodies.moved[b] == 0:
                 things.rest(fold.bodies, b)
     for k in range(fold.views.count):
-        b = fold.taken[k]
-        if b == -1:
-            b = _begin(fold, fold.bodies, fold.views, k)
-        elif b < -1:
-            b = -2 - b
-        number[fold.views.object[k]] = fold.bodies.number[b]
+        if fold.taken[k] == -1:
+            fold.taken[k] = _begin(fold, fold.bodies, fold.views, k)
+        elif fold.taken[k] < -1:
+            fold.taken[k] = -2 - fold.taken[k]
+    walkers.follow(
+        fold.persons, fold.bodies, fold.views, scans, fold.taken, fold.log, fold.clock, fold.sweeps - 1
+    )
+    for k in range(fold.views.count):
+        number[fold.views.object[k]] = fold.bodies.number[fold.taken[k]]
     corrections.apply(fold.correction, fold.bodies)
     memory.remember(fold.past, fold.views, scans, fold.clock)
 
@@ -204,23 +212,11 @@ def _creep(fold: Fold, b: int) -> float:
 
 def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
     """A view that nobody took is a new body; returns its slot."""
-    b = 0
-    while bodies.state[b] != things.EMPTY:
-        b += 1
-    bodies.high = max(bodies.high, b + 1)
-    bodies.born += 1
-    bodies.number[b] = bodies.born
-    bodies.state[b] = things.LIVE
-    bodies.sightings[b] = bodies.settled[b] = bodies.boxy[b] = bodies.whole[b] = 0
-    bodies.moved[b] = bodies.inside[b] = bodies.same_as[b] = 0
+    b = things.free_slot(bodies)
+    things.clear(bodies, b)
     bodies.first_sweep[b] = bodies.last_sweep[b] = fold.sweeps - 1
     bodies.existence[b] = life.AT_FIRST
     bodies.first_at[b] = bodies.seen_at[b] = fold.clock
-    bodies.gone_for[b] = bodies.out_of_view[b] = bodies.size[b] = 0.0
-    bodies.evidence[b] = bodies.evidence_most[b] = 0.0
-    for a in range(2 * b, 2 * b + 2):
-        bodies.side[a] = bodies.side_weight[a] = bodies.least[a] = 0.0
-    shapes.forget(bodies, b)
     if _is_boxy(views, k):
         _make_box(fold, bodies, views, b, k)
     else:
@@ -259,9 +255,6 @@ def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
 def _make_disc(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
     """Let a body be a disc as a view shows it; its axes are those of the world."""
     bodies.kind[b] = things.DISC
-    bodies.yaw[b] = bodies.yaw_rate[b] = bodies.sin[b] = 0.0
-    bodies.yaw_var[b] = bodies.yaw_cov[b] = bodies.rate_var[b] = 0.0
-    bodies.cos[b] = 1.0
     pose_var = looks.pose_variance(views, k)
     measures.of_disc(fold.sides, views, k, 0.0, measures.AT_LEAST, pose_var)
     half, half_var = max(0.5 * views.chord[k], 0.02), 0.01
@@ -420,6 +413,7 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
     bodies.middle_x[b], bodies.middle_y[b] = views.middle_x[k], views.middle_y[k]
     bodies.from_x[b], bodies.from_y[b] = things.centre(bodies, b)
     shapes.note(fold.shapes, bodies, b, views, k)
+    fold.persons.entry[k] = fold.log.count
     sightings.note(
         fold.log, bodies, b, fold.sides, fold.sweeps - 1, fold.clock, fold.objects + views.object[k]
     )

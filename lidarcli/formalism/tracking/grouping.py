@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.tracking.things import Thing, Track
+from lidarcli.formalism.tracking.tracked import PERSON
 
 LEG_WIDTH = 0.3
 """[m] Legs are no wider …"""
 PERSON_WIDTH = 0.65
 """[m] … and two of them in one view no wider than this."""
+FEW = 12
+"""Sweeps that are less than a step."""
 PACE = 0.8
 """[m] The legs of a person are not further apart than this, mostly …"""
-STRIDE = 1.3
+STRIDE = 1.2
 """[m] … and hardly ever than this."""
 TOGETHER = 3
 """Sweeps in which two legs have to be seen, at least …"""
@@ -67,10 +70,19 @@ def join(seen: Any, things: dict[int, Thing], begin: int, stop: int) -> None:
 def _join_doubles(new: list[Thing], things: dict[int, Thing]) -> None:
     """A body that was within another one all the time is that one."""
     for thing in new:
-        other = things.get(thing.same_as)
-        if other is None or other is thing or other.moved != thing.moved:
+        if thing.kind == PERSON and thing.track is None:
+            # A leg that was followed before it was known whose it is has brought its track.
+            legs = (leg for leg in things.values() if leg.same_as == thing.number and leg.track is not None)
+            leg = min(legs, key=lambda leg: leg.number, default=None)
+            if leg is not None:
+                _track_of(leg).absorb(thing)
+    for thing in new:
+        if thing.track is not None:
             continue
-        if _is_inside(thing, other):
+        other = things.get(thing.same_as)
+        if other is None or other is thing:
+            continue
+        if other.kind == PERSON or (other.moved == thing.moved and _is_inside(thing, other)):
             _track_of(other).absorb(thing)
 
 
@@ -243,9 +255,13 @@ def _go_together(one: _Leg, other: _Leg) -> float | None:
         return None
     apart = np.hypot(one.x[i] - other.x[j], one.y[i] - other.y[j])
     mostly = float(np.median(apart))
+    if one.thing.kind == PERSON or other.thing.kind == PERSON:
+        return None
     if one.thing.moved or other.thing.moved:
         if 2.0 * min(max(one.thing.h), max(other.thing.h)) > LEG_WIDTH:
             return None
-        return mostly if mostly < PACE and float(np.quantile(apart, 0.95)) < STRIDE else None
+        # Who is seen for a few sweeps alone may be seen with both feet on the ground.
+        pace = PACE if len(i) > FEW else STRIDE
+        return mostly if mostly < pace and float(np.quantile(apart, 0.95)) < STRIDE else None
     is_slim = 2.0 * max(*one.thing.h, *other.thing.h) <= STANDING_WIDTH
     return mostly if is_slim and mostly < STANDING_APART and float(apart.std()) < STEADY else None

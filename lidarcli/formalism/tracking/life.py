@@ -128,6 +128,8 @@ def around(bodies: Bodies, b: int, x: float, y: float) -> int:
     for other in range(bodies.high):
         if bodies.state[other] != things.LIVE or bodies.view[other] < 0 or other == b:
             continue
+        if bodies.kind[other] == things.PERSON:
+            continue
         if bodies.number[other] < bodies.number[b] and association.outside(bodies, other, x, y) < 0.0:
             return other
     return -1

@@ -8,6 +8,7 @@ import numpy as np
 
 from lidarcli.formalism.tracking.smoothing import Smoother
 from lidarcli.formalism.tracking.things import Thing, Track
+from lidarcli.formalism.tracking.tracked import BOX, PERSON
 from lidarcli.sweeps import Bool, Float64
 
 UNKNOWN_VAR = 100.0
@@ -18,6 +19,8 @@ SURE = 2.0
 """… and so is what may as well stand: a speed has to be this many standard deviations."""
 PART_VAR = 0.0625
 """[m²] Variance of where one leg is in a body of several: (25 cm)²."""
+PAIRS = 3
+"""Sweeps in which both legs of a person were seen."""
 AT_ONCE = 8
 """What shows to move within so many sweeps has come moving."""
 CHANGE_VAR = 0.0025
@@ -53,7 +56,7 @@ def _judge(track: Track) -> None:
 def _smooth_track(seen: Any, things: dict[int, Thing], track: Track, numbers: list[int], stop: int) -> None:
     parts = [np.arange(seen.spans[number].start, seen.spans[number].stop) for number in numbers]
     at = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    several = track.several
+    several = track.several or any(part.kind == PERSON and part.whole >= PAIRS for part in track.parts)
     places = np.concatenate(
         [_places(seen, things[number], part) for number, part in zip(numbers, parts, strict=True)]
     )
@@ -87,7 +90,7 @@ def _places(seen: Any, thing: Thing, at: Any) -> Float64:
     # By its final size, which early sightings did not know.
     middle, noise = np.empty((len(at), 2)), np.empty((len(at), 2))
     for axis, half_then in enumerate((seen.half_1[at], seen.half_2[at])):
-        half = np.where(centred | (thing.kind == 0), half_then, _half(thing, axis))
+        half = np.where(centred | (thing.kind != BOX), half_then, _half(thing, axis))
         low, high = z[:, 2 * axis], z[:, 2 * axis + 1]
         low_var, high_var = var[:, 2 * axis], var[:, 2 * axis + 1]
         has_low, has_high = low_var >= 0.0, high_var >= 0.0
@@ -104,7 +107,7 @@ def _places(seen: Any, thing: Thing, at: Any) -> Float64:
             np.where(has_low, low_var + half_var, np.where(has_high, high_var + half_var, UNKNOWN_VAR)),
         )
         middle[centred, axis] = low[centred]
-        noise[centred, axis] = low_var[centred] + (CHANGE_VAR if thing.kind == 1 else 0.0)
+        noise[centred, axis] = low_var[centred] + (CHANGE_VAR if thing.kind == BOX else 0.0)
     x = cos * middle[:, 0] - sin * middle[:, 1]
     y = sin * middle[:, 0] + cos * middle[:, 1]
     return np.column_stack(

@@ -22,4 +22,3 @@ cdef void note(Shapes shapes, Bodies bodies, Py_ssize_t b, Views views, Py_ssize
 @cython.locals(first=Py_ssize_t, last=Py_ssize_t, run=Py_ssize_t, here=double, before=double, after=double)
 cdef void note_legs(Bodies bodies, Py_ssize_t b, Views views, Py_ssize_t k, Scans scans) noexcept nogil
 cdef void _note_leg(Bodies bodies, Py_ssize_t b, double x, double y) noexcept nogil
-cdef void forget(Bodies bodies, Py_ssize_t b) noexcept nogil

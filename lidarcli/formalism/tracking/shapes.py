@@ -98,13 +98,3 @@ def _note_leg(bodies: Bodies, b: int, x: float, y: float) -> None:
             bodies.leg_y[i] += dy / (seen + 1)
             bodies.leg_seen[i] += 1
             return
-
-
-def forget(bodies: Bodies, b: int) -> None:
-    """Let a body that begins be of any shape."""
-    for i in range(5 * b, 5 * b + 5):
-        bodies.looks[i] = 0.0
-    bodies.bulge[b] = bodies.bulge_points[b] = 0.0
-    for i in range(things.LEGS * b, things.LEGS * b + things.LEGS):
-        bodies.leg_x[i] = bodies.leg_y[i] = 0.0
-        bodies.leg_seen[i] = 0

@@ -19,6 +19,7 @@ _SNAPSHOT = (
         "first_sweep",
         "last_sweep",
         "onset",
+        "member",
         "same_as",
         "end",
         "first_at",
@@ -43,6 +44,7 @@ class Thing:
     onset: int = 0
     end: int = END_OF_LOG
     same_as: int = 0
+    member: int = 0
     first_at: float = 0.0
     seen_at: float = 0.0
     evidence_most: float = 0.0

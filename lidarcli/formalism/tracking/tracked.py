@@ -10,7 +10,7 @@ LEFT_VIEW, FREE, LOST, END_OF_LOG = range(4)
 
 EMPTY, LIVE, ENDED = range(3)
 """A slot without a body, with one, with one that has ended and whose rows wait to be settled."""
-DISC, BOX = range(2)
+DISC, BOX, PERSON = range(3)
 """What a body is taken for."""
 LEGS = 6
 """Further legs of a thing that are remembered at most."""

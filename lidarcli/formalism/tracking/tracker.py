@@ -156,7 +156,7 @@ class Tracker:
                 more[: len(values)] = values
                 self._log[name] = more
             fold.log.attach(self._log)
-        if fold.bodies.high + fold.views.objects > fold.bodies.most:
+        if fold.bodies.high + 2 * fold.views.objects > fold.bodies.most:
             bodies = Bodies(2 * fold.bodies.most)
             bodies.grow(fold.bodies)
             fold.fit(bodies, fold.views, fold.past)
