@@ -32,6 +32,8 @@ ENOUGH_BEAMS = 8
 """A view with fewer beams does not make a box of a disc …"""
 SLIMMEST_BOX = 0.2
 """[m] … nor one that is smaller: legs look alike from all sides."""
+SIZE_BEAMS = 5
+"""A view with fewer beams does not tell the size of a body."""
 BOXY = 3
 """Sightings as a box that do."""
 FACE_POINTS = 5
@@ -305,7 +307,7 @@ def _take(fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int
         _update_disc(bodies, fold.sides, fold.correction, b)
     else:
         _update_box(bodies, fold.sides, fold.correction, b)
-    if is_whole:
+    if is_whole and views.size[k] >= SIZE_BEAMS:
         diagonal = math.sqrt(views.length[k] * views.length[k] + views.width[k] * views.width[k])
         bodies.whole[b] += 1
         bodies.size[b] += (diagonal - bodies.size[b]) / min(bodies.whole[b], 20)

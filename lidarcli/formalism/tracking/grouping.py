@@ -34,15 +34,17 @@ STANDING_APART = 0.65
 """[m] … and not further apart from the next one."""
 DOUBLE = 0.1
 """[m] A body whose centre is no further outside of another one was split from that."""
+PACE_SIGHTINGS = 12
+"""Sightings that tell the speed of a piece at its end."""
 MOST_GAP = 15.0
 """[s] A piece of a track goes on after a gap that is no longer."""
 NEAR = 0.35
 """[m] It does so this near to where it is expected, and …"""
-ASTRAY = 0.5
+ASTRAY = 0.9
 """[m/s] … further away by this for every second, …"""
-MOST_ASTRAY = 2.5
+MOST_ASTRAY = 3.0
 """[m] … but not further than this altogether."""
-ASTRAY_STILL, MOST_ASTRAY_STILL = 0.25, 1.0
+ASTRAY_STILL, MOST_ASTRAY_STILL = 0.6, 2.0
 """The same of what stands when it is seen again."""
 SIZE_DIFFERENCE = 0.2
 """[m] Two pieces of one thing do not differ in size by more than this, …"""
@@ -115,11 +117,16 @@ class _Piece:
 
 def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
     """Pieces that begin where another one, which is seen no more, would be by now."""
-    begins = [_beginning(seen, thing) for thing in new]
+    # Legs come and go with their persons.
+    begins = [_beginning(seen, thing) for thing in new if not thing.member]
     if not begins:
         return
     last_sweep = int(seen.sweep.max(initial=0))
-    ends = [_ending(seen, thing) for thing in things.values() if thing.last_sweep < last_sweep]
+    ends = [
+        _ending(seen, thing)
+        for thing in things.values()
+        if thing.last_sweep < last_sweep and not thing.member
+    ]
     pairs = []
     for later in begins:
         for earlier in ends:
@@ -130,11 +137,8 @@ def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
                 or not _is_over(earlier, later)
             ):
                 continue
-            x, y = earlier.x + earlier.vx * gap, earlier.y + earlier.vy * gap
             allowed = _allowed(earlier.thing, later.thing, gap)
-            off = float(np.hypot(later.x - x, later.y - y))
-            # Who turned back, or stopped, is where it was last.
-            off = min(off, float(np.hypot(later.x - earlier.x, later.y - earlier.y)) + 0.1)
+            off = _apart(earlier, later, gap)
             if off < allowed:
                 pairs.append((off / allowed, later.thing.number, earlier.thing.number))
     taken: set[int] = set()
@@ -169,30 +173,54 @@ def _is_over(earlier: _Piece, later: _Piece) -> bool:
     return track is not later.thing.track and all(part.last_sweep < later.sweep for part in track.parts)
 
 
+def _apart(earlier: _Piece, later: _Piece, gap: float) -> float:
+    """How far two pieces miss each other [m]: going on as they went, half of the way each, or staying where they were."""
+    dx, dy = later.x - earlier.x, later.y - earlier.y
+    half = 0.5 * gap
+    going = math.hypot(dx - earlier.vx * gap, dy - earlier.vy * gap)
+    meeting = math.hypot(dx - (earlier.vx + later.vx) * half, dy - (earlier.vy + later.vy) * half)
+    # Who turned back, or stopped, is where it was last.
+    staying = math.hypot(dx, dy) + 0.1
+    return min(going, meeting, staying)
+
+
 def _beginning(seen: Any, thing: Thing) -> _Piece:
+    """Where a body was first, and how fast."""
     i = seen.spans[thing.number].start
-    return _Piece(thing, int(seen.sweep[i]), float(seen.time[i]), float(seen.x[i]), float(seen.y[i]))
+    piece = _Piece(thing, int(seen.sweep[i]), float(seen.time[i]), float(seen.x[i]), float(seen.y[i]))
+    if thing.moved:
+        piece.vx, piece.vy = _speed(seen, slice(i, min(i + PACE_SIGHTINGS, seen.spans[thing.number].stop)))
+    return piece
 
 
 def _ending(seen: Any, thing: Thing) -> _Piece:
-    """Where a body was last; one that never moved still stands."""
+    """Where a body was last, and how fast; one that never moved still stands."""
     span = seen.spans.get(thing.number)
     x, y = thing.place(still=not thing.moved)
     piece = _Piece(thing, thing.last_sweep, thing.seen_at, x, y)
     if span is not None:
-        i = span.stop - 1
-        piece.x, piece.y = float(seen.x[i]), float(seen.y[i])
-        first = max(span.start, i - 5)
-        lapse = float(seen.time[i] - seen.time[first])
-        if thing.moved and lapse > 0.0:
-            piece.vx = float(seen.x[i] - seen.x[first]) / lapse
-            piece.vy = float(seen.y[i] - seen.y[first]) / lapse
+        piece.x, piece.y = float(seen.x[span.stop - 1]), float(seen.y[span.stop - 1])
+        if thing.moved:
+            piece.vx, piece.vy = _speed(seen, slice(max(span.start, span.stop - PACE_SIGHTINGS), span.stop))
     return piece
+
+
+def _speed(seen: Any, at: slice) -> tuple[float, float]:
+    """Velocity of a body over some sightings [m/s], by the line through its places."""
+    time = seen.time[at] - seen.time[at].mean()
+    spread = float((time * time).sum())
+    if spread <= 0.0:
+        return 0.0, 0.0
+    return float((time * seen.x[at]).sum()) / spread, float((time * seen.y[at]).sum()) / spread
 
 
 def _differ(one: Thing, other: Thing) -> bool:
     """Whether two bodies that were both seen whole differ in size too much to be one."""
-    if one.whole < 3 or other.whole < 3:
+    if one.has_legs or other.has_legs:
+        # Somebody on two legs is no box, nor anything large.
+        single = other if one.has_legs else one
+        return not single.has_legs and single.size_is_known and single.size > PERSON_WIDTH
+    if not (one.size_is_known and other.size_is_known):
         return False
     return abs(one.size - other.size) > max(SIZE_DIFFERENCE, SIZE_SHARE * max(one.size, other.size))
 

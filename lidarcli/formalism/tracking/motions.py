@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarcli.formalism.tracking.smoothing import Smoother
 from lidarcli.formalism.tracking.things import Thing, Track
-from lidarcli.formalism.tracking.tracked import BOX, PERSON
+from lidarcli.formalism.tracking.tracked import BOX
 from lidarcli.sweeps import Bool, Float64
 
 UNKNOWN_VAR = 100.0
@@ -19,8 +19,6 @@ SURE = 2.0
 """… and so is what may as well stand: a speed has to be this many standard deviations."""
 PART_VAR = 0.0625
 """[m²] Variance of where one leg is in a body of several: (25 cm)²."""
-PAIRS = 3
-"""Sweeps in which both legs of a person were seen."""
 AT_ONCE = 8
 """What shows to move within so many sweeps has come moving."""
 CHANGE_VAR = 0.0025
@@ -56,7 +54,7 @@ def _judge(track: Track) -> None:
 def _smooth_track(seen: Any, things: dict[int, Thing], track: Track, numbers: list[int], stop: int) -> None:
     parts = [np.arange(seen.spans[number].start, seen.spans[number].stop) for number in numbers]
     at = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    several = track.several or any(part.kind == PERSON and part.whole >= PAIRS for part in track.parts)
+    several = track.several or any(part.has_legs for part in track.parts)
     places = np.concatenate(
         [_places(seen, things[number], part) for number, part in zip(numbers, parts, strict=True)]
     )

@@ -12,6 +12,7 @@ from lidarcli import native
 from lidarcli.formalism.sweep.points import Scans
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import life
+from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.sightings import Sightings
 from lidarcli.formalism.tracking.views import Views
@@ -196,6 +197,10 @@ def _update(
     things.update(bodies, 2 * b + 1, y / number, 0.0, var)
     if number > 1.0:
         bodies.whole[b] += 1
+    elif not wide and views.start[bodies.view[b]] == looks.OWN and views.end[bodies.view[b]] == looks.OWN:
+        # What never shows two legs is as wide as the one.
+        bodies.boxy[b] += 1
+        bodies.size[b] += (views.chord[bodies.view[b]] - bodies.size[b]) / min(bodies.boxy[b], 20)
     _note(bodies, b, x / number, y / number, time, sweep)
 
 

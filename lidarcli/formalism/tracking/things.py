@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.tracking.tracked import DISC, END_OF_LOG, ENDED, LEGS
+from lidarcli.formalism.tracking.tracked import END_OF_LOG, ENDED, LEGS, PERSON
 
 _SNAPSHOT = (
     *(
@@ -87,9 +87,14 @@ class Thing:
         self.has_ended = arrays["state"].item(slot) == ENDED
 
     @property
-    def is_slim(self) -> bool:
-        """Whether it may be a leg."""
-        return self.kind == DISC and 2.0 * max(self.h) <= SLIM
+    def has_legs(self) -> bool:
+        """Whether it is somebody whose two legs were seen at once."""
+        return self.kind == PERSON and self.whole >= PAIRS
+
+    @property
+    def size_is_known(self) -> bool:
+        """Whether its size was seen, often enough."""
+        return (self.sightings if self.kind == PERSON else self.whole) >= PAIRS and self.size > 0.0
 
     def place(self, still: bool) -> tuple[float, float]:
         """Its centre in the world [m], of the body or of its twin that stands."""
@@ -100,8 +105,8 @@ class Thing:
 
 LEG_SHARE = 0.25
 """A leg is seen in so many of the sightings of its thing."""
-SLIM = 0.25
-"""[m] Legs are no thicker."""
+PAIRS = 3
+"""Sweeps in which both legs of a person were seen, or both ends of a thing, that are enough."""
 
 
 @dataclass(slots=True, eq=False)
