@@ -23,22 +23,13 @@ from lidarcli.formalism.detection import (
     PRISMATIC,
     ROUND,
     START_HIDDEN,
+    UNKNOWN,
     WALL,
     Detection,
 )
+from lidarcli.formalism.shares import SEEN_AS
 from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
 
-SEEN_AS = {
-    PRISMATIC: (0.94, 0.05, 0.05, 0.30),
-    ROUND: (0.02, 0.88, 0.15, 0.12),
-    LEGGED: (0.002, 0.002, 0.70, 0.002),
-    IRREGULAR: (0.05, 0.08, 0.20, 0.52),
-}
-"""How often a sweep takes a prismatic, round, legged or irregular thing for each shape (docs/accuracy.md, rounded up for
-what is rare: one sweep is no proof)."""
-ALIKE = (60.0, 20.0, 5.0, 2.0)
-"""How alike the sweeps of one prismatic, round, legged or irregular thing are, in sweeps that such a thing is known for
-beforehand: a box looks like any box, each plant is different."""
 UNIFORM_SD = 1.0 / math.sqrt(12.0)
 """Standard deviation of what lies anywhere within a step."""
 CORNER_SD = 4.0
@@ -50,44 +41,6 @@ ROUGH = 0.05
 MOST_PARTS = 8
 """Things of more parts than this are not measured."""
 SMALLEST = 1e-9
-
-
-def shape_likelihood(seen: Int64) -> Float64:
-    """What many sweeps of a thing say of its shape: they are not independent of each other, and no vote.
-
-    How often a thing is taken for each shape differs from thing to thing (Dirichlet), and its sweeps follow that.
-
-    Parameters
-    ----------
-    seen : (M, 6) in how many sweeps each of M things was taken for each of `SHAPES`
-
-    Returns
-    -------
-    (M, 4) log-likelihood of that under each of `KINDS`, for `Evidence.shape`
-
-    >>> shape_likelihood(np.array([[1, 0, 0, 0, 5, 0]])).round(2).tolist()
-    [[-0.07, -3.01, -3.09, -1.14]]
-    """
-    codes = [*SEEN_AS]
-    counts = np.asarray(seen)[:, codes].astype(np.float64)
-    shares = np.array([SEEN_AS[code] for code in codes]).T
-    result = np.empty((len(counts), len(ALIKE)))
-    for kind, weight in enumerate(ALIKE):
-        known = weight * shares[kind] / shares[kind].sum()
-        gained = _log_gamma(known + counts) - _log_gamma(known)
-        total = counts.sum(axis=1)
-        result[:, kind] = gained.sum(axis=1) + _log_gamma(np.array(weight)) - _log_gamma(weight + total)
-    return result
-
-
-def _log_gamma(x: Float64) -> Float64:
-    """Logarithm of the gamma function above 0, to 1e-9: Stirling's series, far enough out."""
-    far = x + 8.0
-    series = (far - 0.5) * np.log(far) - far + 0.5 * math.log(2.0 * math.pi)
-    series = series + 1.0 / (12.0 * far) - 1.0 / (360.0 * far**3) + 1.0 / (1260.0 * far**5)
-    steps: Float64 = np.log(np.asarray(x)[..., None] + np.arange(8.0)).sum(axis=-1)
-    result: Float64 = series - steps
-    return result
 
 
 def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
@@ -106,8 +59,7 @@ def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
     count = len(detection)
     shape = detection.shape
     likelihood = np.zeros((WALL + 1, 4))
-    for code, shares in SEEN_AS.items():
-        likelihood[code] = np.log(shares)
+    likelihood[: UNKNOWN + 1] = np.log(SEEN_AS).T
     step = np.abs(batch.angle_increment)[detection.row]
     sigma = np.nan_to_num(detection.noise[detection.row])
     nothing = np.full(count, np.nan)
@@ -196,28 +148,47 @@ def _legs(detection: Detection) -> tuple[Int32, Float64, Float64]:
     if not len(rows):
         return parts, span_1, span_2
     x, y = _places(detection, rows)
-    there = np.isfinite(x)
-    # A rectangle through all places has a side along two of them.
-    one, other = np.triu_indices(MOST_PARTS, 1)
-    angle = np.arctan2(y[:, other] - y[:, one], x[:, other] - x[:, one])
-    cos, sin = np.cos(angle)[:, :, None], np.sin(angle)[:, :, None]
-    u, v = x[:, None, :] * cos + y[:, None, :] * sin, y[:, None, :] * cos - x[:, None, :] * sin
-    wide, deep = (np.where(there[:, None, :], each, np.nan) for each in (u, v))
-    reach = np.stack([_reach(wide), _reach(deep)])
-    area = np.where(np.isfinite(reach[0]), reach[0] * reach[1], np.inf)
-    best = np.argmin(area, axis=1)
-    picked = reach[:, np.arange(len(rows)), best]
+    picked, _, _ = rectangle(x, y)
     span_1[rows] = picked[0]
     span_2[rows] = np.where(parts[rows] > 2, picked[1], np.nan)
     return parts, span_1, span_2
 
 
-def _reach(along: Float64) -> Float64:
-    """From the least to the greatest of the last axis, NaN left out; NaN where there is none."""
+def rectangle(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
+    """The smallest rectangles around some places.
+
+    Parameters
+    ----------
+    x, y : (R, N) of up to N places each [m], NaN where there are fewer
+
+    Returns
+    -------
+    (2, R) its sides, along its first axis and across [m]; (R,) direction of that axis [rad]; (2, R) its middle [m]
+    """
+    there = np.isfinite(x)
+    # It has a side along two of the places.
+    one, other = np.triu_indices(x.shape[1], 1)
+    angle = np.arctan2(y[:, other] - y[:, one], x[:, other] - x[:, one])
+    cos, sin = np.cos(angle)[:, :, None], np.sin(angle)[:, :, None]
+    u, v = x[:, None, :] * cos + y[:, None, :] * sin, y[:, None, :] * cos - x[:, None, :] * sin
+    ends = [_ends(np.where(there[:, None, :], each, np.nan)) for each in (u, v)]
+    reach = np.stack([high - low for low, high in ends])
+    area = np.where(np.isfinite(reach[0]), reach[0] * reach[1], np.inf)
+    best = np.argmin(area, axis=1)
+    every = np.arange(len(x))
+    along, across = (0.5 * (low + high)[every, best] for low, high in ends)
+    cos, sin = cos[every, best, 0], sin[every, best, 0]
+    middle = np.stack([cos * along - sin * across, sin * along + cos * across])
+    return reach[:, every, best], angle[every, best], middle
+
+
+def _ends(along: Float64) -> tuple[Float64, Float64]:
+    """The least and the greatest of the last axis, NaN left out; NaN where there is none."""
     empty = np.isnan(along)
-    reach = np.where(empty, -np.inf, along).max(axis=-1) - np.where(empty, np.inf, along).min(axis=-1)
-    result: Float64 = np.where(np.isfinite(reach), reach, np.nan)
-    return result
+    none = empty.all(axis=-1)
+    low = np.where(none, np.nan, np.where(empty, np.inf, along).min(axis=-1))
+    high = np.where(none, np.nan, np.where(empty, -np.inf, along).max(axis=-1))
+    return low, high
 
 
 def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:

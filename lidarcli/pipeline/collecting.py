@@ -77,13 +77,16 @@ def of_batches(
                 collected[table].write(rows)
     else:
         told["tracking"] = tracking.as_dict()
-        _follow(((batch, find(batch, False)) for batch in batches), collected, tracking)
+        _follow(((batch, find(batch, False)) for batch in batches), collected, tracking, catalogue)
     metadata = table_metadata(parameters.as_dict() | told)
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
 
 def _follow(
-    found: Iterable[tuple[SweepBatch, Detection]], sinks: Mapping[str, RowSink], tracking: TrackOptions
+    found: Iterable[tuple[SweepBatch, Detection]],
+    sinks: Mapping[str, RowSink],
+    tracking: TrackOptions,
+    catalogue: Catalogue | None,
 ) -> None:
     """Pass the rows of batches to the sinks of their tables, by log and topic."""
     # Who does not track does not wait for this import.
@@ -95,7 +98,7 @@ def _follow(
         for batch, detection in found:
             if batch.log not in logs:
                 orders = stack.enter_context(TopicOrders(sinks, None))
-                logs[batch.log] = Following(batch.log, tracking), orders
+                logs[batch.log] = Following(batch.log, tracking, catalogue), orders
             following, orders = logs[batch.log]
             made = Made(rows_of(batch.log, tables, batch, detection), (batch, detection))
             orders.write(following.take([made]))

@@ -141,7 +141,7 @@ def _rows(
         # Who does not track does not wait for this import.
         from lidarcli.pipeline.objects.following import Following
 
-        following = Following(source.name, options.tracking)
+        following = Following(source.name, options.tracking, options.catalogue)
     for part in work.parts(progress):
         summary.add_found(part.found)
         yield from part.rows if following is None else following.take(part.batches)

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import lidarcli
 from lidarcli import formalism
 from lidarcli.formalism.catalogue import KINDS, Catalogue, Evidence, Thing
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, UNKNOWN, WALL, Detection
-from lidarcli.formalism.evidence import ALIKE, SEEN_AS, evidence_of, shape_likelihood
+from lidarcli.formalism.evidence import evidence_of, rectangle
+from lidarcli.formalism.shares import SEEN_AS
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.raycast import cast, place
@@ -46,7 +46,7 @@ def test_both_sides_of_a_box_across_its_corner() -> None:
     assert 0 < evidence.side_1_sd[0] < 0.02
     assert 0 < evidence.side_2_sd[0] < 0.02
     assert np.isnan(evidence.across[0])
-    assert evidence.shape[0].tolist() == np.log(SEEN_AS[PRISMATIC]).tolist()
+    assert evidence.shape[0].tolist() == np.log(SEEN_AS).T[PRISMATIC].tolist()
     assert (evidence.legs[0], evidence.moved[0]) == (0, False)
 
 
@@ -120,6 +120,26 @@ def test_legs_past_the_seam() -> None:
     assert sorted([evidence.span_1[0], evidence.span_2[0]]) == pytest.approx([0.34, 0.44], abs=0.02)
 
 
+def test_the_smallest_rectangle_around_places() -> None:
+    """Of 4 x 2 m, turned by 30 degrees around (5, 1); beside it two places, and three of which one is on the way."""
+    turn = math.radians(30.0)
+    along = np.array(
+        [[2.0, -2.0, -2.0, 2.0, np.nan], [-1.0, 1.0, *[np.nan] * 3], [0.0, 1.0, 3.0, *[np.nan] * 2]]
+    )
+    across = np.array(
+        [[1.0, 1.0, -1.0, -1.0, np.nan], [0.0, 0.0, *[np.nan] * 3], [0.0, 0.5, 0.0, *[np.nan] * 2]]
+    )
+    x = 5.0 + math.cos(turn) * along - math.sin(turn) * across
+    y = 1.0 + math.sin(turn) * along + math.cos(turn) * across
+    sides, yaw, middle = rectangle(x, y)
+    assert np.sort(sides, axis=0) == pytest.approx(np.array([[2.0, 0.0, 0.5], [4.0, 2.0, 3.0]]), abs=1e-12)
+    assert np.sin(2.0 * (yaw - turn)) == pytest.approx(np.zeros(3), abs=1e-12)
+    assert middle[:, 0] == pytest.approx([5.0, 1.0])
+    assert middle[:, 1] == pytest.approx([5.0, 1.0])
+    nothing = rectangle(np.full((1, 3), np.nan), np.full((1, 3), np.nan))
+    assert np.isnan(nothing[0]).all()
+
+
 def test_walls_and_few_beams_tell_nothing() -> None:
     found, evidence = looked_at(ranges_of(make.cylinder(3.5, 1.0, 0.03)), walls=True)
     wall = found.shape == WALL
@@ -128,7 +148,7 @@ def test_walls_and_few_beams_tell_nothing() -> None:
     assert (evidence.shape[wall] == 0).all()
     few = found.shape == UNKNOWN
     assert few.sum() == 1
-    assert (evidence.shape[few] == 0).all()
+    assert (evidence.shape[few] == np.log(SEEN_AS).T[UNKNOWN]).all()
     assert np.isnan([evidence.side_1[few], evidence.across[few]]).all()
 
 
@@ -147,44 +167,6 @@ def test_what_has_gone_has_a_name_too() -> None:
     )
     assert found["change"].to_pylist() == ["removed"] * 3
     assert found["label"].to_pylist() == ["crate"] * 3
-
-
-def counts(
-    prismatic: int = 0, round_: int = 0, legged: int = 0, irregular: int = 0, unknown: int = 0
-) -> NDArray[np.int64]:
-    return np.array([[prismatic, round_, legged, irregular, unknown, 0]])
-
-
-def best_shape(seen: NDArray[np.int64]) -> str:
-    return KINDS[int(shape_likelihood(seen)[0].argmax())]
-
-
-def test_many_sweeps_are_no_vote() -> None:
-    """The plant of the sample room is taken for a prism four times of five, which no box is taken for something else."""
-    assert best_shape(counts(prismatic=78, round_=1, irregular=20)) == "irregular"
-    assert best_shape(counts(prismatic=99, irregular=1)) == "prismatic"
-    assert best_shape(counts(prismatic=2, round_=95, irregular=3)) == "round"
-    assert best_shape(counts(legged=30, round_=40, unknown=30)) == "legged"
-
-
-def test_the_shape_of_one_sweep_and_of_none() -> None:
-    one = shape_likelihood(counts(prismatic=1))[0]
-    shares = np.array(SEEN_AS[PRISMATIC]) / np.array(list(SEEN_AS.values())).sum(axis=0)
-    assert one == pytest.approx(np.log(shares), abs=1e-9)
-    for nothing in (counts(), counts(unknown=50)):
-        assert shape_likelihood(nothing)[0] == pytest.approx(np.zeros(4), abs=1e-9)
-    assert shape_likelihood(np.empty((0, 6), np.int64)).shape == (0, 4)
-
-
-def test_the_likelihood_of_shapes_is_that_of_the_formula() -> None:
-    """Dirichlet-multinomial, by the gamma function of the standard library."""
-    seen = counts(prismatic=3, irregular=2)
-    shares = np.array([SEEN_AS[code][0] for code in SEEN_AS])
-    known = ALIKE[0] * shares / shares.sum()
-    number = [3, 0, 0, 2]
-    expected = math.lgamma(ALIKE[0]) - math.lgamma(ALIKE[0] + 5)
-    expected += sum(math.lgamma(a + n) - math.lgamma(a) for a, n in zip(known, number, strict=True))
-    assert shape_likelihood(seen)[0, 0] == pytest.approx(expected, abs=1e-8)
 
 
 def test_no_sweep_and_no_object() -> None:
@@ -220,4 +202,4 @@ def test_standard_deviations_are_honest(beams: int, sigma: float) -> None:
     assert 0.3 < np.median(z) < 0.9
     assert np.mean(z > 2.0) < 0.1
     assert np.mean(z > 4.0) < 0.02
-    assert (evidence.shape[found.shape == ROUND] == np.log(SEEN_AS[ROUND])).all()
+    assert (evidence.shape[found.shape == ROUND] == np.log(SEEN_AS).T[ROUND]).all()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli import formalism
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.formalism.catalogue import Catalogue, Evidence, Thing, name
-from lidarcli.formalism.evidence import evidence_of, shape_likelihood
+from lidarcli.formalism.catalogue import Catalogue, Thing
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from tests.places import SAMPLES
 
@@ -184,36 +182,50 @@ def test_the_boxes_of_the_room_have_names() -> None:
     }
 
 
-def test_all_sweeps_together_name_the_plant_too() -> None:
-    """Medians over the log as a track may have them; standard deviations of a standing thing do not shrink."""
-    (batch,) = lidarcli.read(ROOM)
-    found = formalism.detect(batch)
-    each = evidence_of(batch, found)
-    of = [np.flatnonzero(found.object == number) for number in range(1, 6)]
+FIVE = [
+    ("smaller brown box", "prismatic"),
+    ("brown box", "prismatic"),
+    ("brown box", "prismatic"),
+    ("ladder", "legged"),
+    ("plant", "irregular"),
+]
 
-    def middle(field: str) -> Any:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)
-            return np.array([np.nanmedian(getattr(each, field)[rows]) for rows in of])
 
-    measured = ("side_1", "side_2", "across", "span_1", "span_2", "least_1", "least_2")
-    sds = ("side_1_sd", "side_2_sd", "across_sd", "span_sd", "least_sd")
-    counts = np.array([np.bincount(found.shape[rows], minlength=6) for rows in of])
-    together = Evidence(
-        shape=shape_likelihood(counts),
-        **{field: middle(field) for field in (*measured, *sds)},
-        legs=np.zeros(5, np.int32),
-        moved=np.zeros(5, np.bool_),
-    )
-    catalogue = read_catalogue(CATALOGUE)
-    label, _ = name(together, catalogue)
-    assert [None if code < 0 else catalogue.names[code] for code in label] == [
-        "smaller brown box",
-        "brown box",
-        "brown box",
-        None,
-        "plant",
+def test_all_sweeps_together_name_the_ladder_and_the_plant_too() -> None:
+    """Every row of a thing and the thing itself have its name, and no other."""
+    found = lidarcli.track(ROOM, catalogue=CATALOGUE)
+    assert list(zip(*(found.tracks[name].to_pylist() for name in ("label", "shape")), strict=True)) == FIVE
+    assert all(0.95 <= score <= 1.0 for score in found.tracks["label_score"].to_pylist())
+    rows = Counter(zip(found.objects["track"].to_pylist(), found.objects["label"].to_pylist(), strict=True))
+    expected = {(track, label): 100 for track, (label, _) in enumerate(FIVE, 1)}
+    assert rows == expected | {(4, "ladder"): 99}
+    assert json.loads(found.tracks.schema.metadata[b"lidarcli.parameters"])["catalogue"]["things"]
+
+
+def test_names_of_tracks_do_not_depend_on_batches() -> None:
+    """600 sweeps, so that several windows name their rows by what was seen until then."""
+    (once,) = lidarcli.read(ROOM)
+    size = len(once)
+    laps = [replace(once, sweep=once.sweep + k * size, stamp_ns=once.stamp_ns + k * 10**10) for k in range(6)]
+    tables = [
+        lidarcli.track(
+            [lap.rows(np.arange(at, min(at + step, size))) for lap in laps for at in range(0, size, step)],
+            catalogue=read_catalogue(CATALOGUE),
+        )
+        for step in (size, 7)
     ]
+    for one, other in zip(*tables, strict=True):
+        assert one.equals(other)
+    assert tables[0].tracks["label"].to_pylist() == [label for label, _ in FIVE]
+
+
+def test_the_rectangle_around_the_legs_is_that_of_the_thing() -> None:
+    """The ladder of the sample stands at (0.9, 2.1), turned by 15 degrees, its rails 0.47 x 0.41 m apart."""
+    (ladder,) = (row for row in lidarcli.track(ROOM).tracks.to_pylist() if row["shape"] == "legged")
+    assert (ladder["x"], ladder["y"]) == pytest.approx((0.9, 2.1), abs=0.05)
+    assert (ladder["length"], ladder["width"]) == pytest.approx((0.47, 0.41), abs=0.08)
+    assert ladder["yaw"] == pytest.approx(np.radians(15.0), abs=0.15)
+    assert ladder["label"] is None
 
 
 def test_of_batches_and_of_logs_the_same() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from lidarcli import native
 from lidarcli.formalism import detection
+from lidarcli.formalism.shares import SEEN_AS
 from lidarcli.formalism.sweep.points import Scans
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import memory
@@ -31,22 +32,15 @@ BEHIND = 0.25
 """[m] … which is nearer than its neighbours by this."""
 SAME = 0.08
 """[m] A leg is where it was, give or take this."""
-LIKELIHOOD = (
-    (0.80, 0.03, 0.01, 0.06, 0.10),
-    (0.15, 0.60, 0.01, 0.09, 0.15),
-    (0.10, 0.20, 0.40, 0.20, 0.10),
-    (0.35, 0.10, 0.03, 0.42, 0.10),
-)
-"""How often a thing that is prismatic, round, legged or irregular is seen as each of the shapes of a sweep."""
 
 
 class Shapes:
-    """Logarithms of `LIKELIHOOD`, in rows."""
+    """Logarithms of `SEEN_AS`, in rows."""
 
     def __init__(self) -> None:
         self.owner: list[Any] = []
         self.log = native.doubles(self.owner, 20)
-        for row, shares in enumerate(LIKELIHOOD):
+        for row, shares in enumerate(SEEN_AS):
             for column, share in enumerate(shares):
                 self.log[5 * row + column] = math.log(share)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -132,6 +133,10 @@ class Track:
     distance: float = 0.0
     speed_max: float = 0.0
     onset_ns: int = 0
+    label: int = -1
+    """Entry of the catalogue by what was seen so far, -1 for none, …"""
+    label_score: float = math.nan
+    """… and how probable that is."""
     x: float = 0.0
     y: float = 0.0
     state: NDArray[np.float64] | None = None
