@@ -7,21 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lidarcli.formalism.tracking.things import Thing, Track
-from lidarcli.formalism.tracking.tracked import PERSON
+from lidarcli.formalism.tracking.tracked import DISC, PERSON
 
-LEG_WIDTH = 0.3
-"""[m] Legs are no wider …"""
 PERSON_WIDTH = 0.65
-"""[m] … and two of them in one view no wider than this."""
-FEW = 12
-"""Sweeps that are less than a step."""
-PACE = 0.8
-"""[m] The legs of a person are not further apart than this, mostly …"""
-STRIDE = 1.2
-"""[m] … and hardly ever than this."""
+"""[m] Nobody on two legs is wider there."""
 TOGETHER = 3
 """Sweeps in which two legs have to be seen, at least …"""
 TOGETHER_SHARE = 0.3
@@ -225,71 +216,43 @@ def _differ(one: Thing, other: Thing) -> bool:
     return abs(one.size - other.size) > max(SIZE_DIFFERENCE, SIZE_SHARE * max(one.size, other.size))
 
 
-@dataclass(slots=True)
-class _Leg:
-    """What was seen of a slim body in the window and the one after."""
-
-    thing: Thing
-    sweep: NDArray[np.int64]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-
-
 def _join_legs(seen: Any, things: dict[int, Thing]) -> None:
-    """Legs that go together, or keep their distance, are one thing; those that are new join those that are known."""
-    legs = [
-        _Leg(thing, seen.sweep[span], seen.x[span], seen.y[span])
-        for number, span in sorted(seen.spans.items())
-        if _is_leg(thing := things[number])
-    ]
+    """Slim things that stand and keep their distance are the legs of one; those that are new join those that are known.
+
+    Legs that walk are a matter of `persons`.
+    """
+    legs = [things[number] for number in sorted(seen.spans) if _is_leg(things[number])]
     pairs = []
     for i, one in enumerate(legs):
         for other in legs[i + 1 :]:
-            if (one.thing.track is None or other.thing.track is None) and (
-                apart := _go_together(one, other)
-            ) is not None:
-                pairs.append((apart, one, other))
-    for _, one, other in sorted(
-        pairs, key=lambda pair: (pair[0], pair[1].thing.number, pair[2].thing.number)
-    ):
-        if one.thing.track is not None and other.thing.track is not None:
+            if one.track is None or other.track is None:
+                x, y = one.place(still=True)
+                other_x, other_y = other.place(still=True)
+                apart = math.hypot(x - other_x, y - other_y)
+                if apart < STANDING_APART:
+                    pairs.append((apart, one, other))
+    for _, one, other in sorted(pairs, key=lambda pair: (pair[0], pair[1].number, pair[2].number)):
+        if one.track is not None and other.track is not None:
             continue
-        if one.thing.track is None and other.thing.track is not None:
+        if one.track is None and other.track is not None:
             one, other = other, one
         # Now the first has a track, if either has.
-        if one.thing.moved or other.thing.moved:
-            members = [
-                leg for leg in legs if leg.thing.track is not None and leg.thing.track is one.thing.track
-            ]
-            if any(
-                leg is not one and len(np.intersect1d(leg.sweep, other.sweep)) > TOGETHER for leg in members
-            ):
-                # A person has two legs at a time.
-                continue
-        track = _track_of(one.thing)
-        track.several = True
-        track.absorb(other.thing)
+        if _are_seen_together(seen, one, other):
+            track = _track_of(one)
+            track.several = True
+            track.absorb(other)
 
 
 def _is_leg(thing: Thing) -> bool:
-    """Whether a body may be a leg, or two in one view."""
-    return 2.0 * max(thing.h) <= (PERSON_WIDTH if thing.moved else LEG_WIDTH)
+    """Whether a body may be a leg of something that stands."""
+    return not (thing.moved or thing.member) and thing.kind == DISC and 2.0 * max(thing.h) <= STANDING_WIDTH
 
 
-def _go_together(one: _Leg, other: _Leg) -> float | None:
-    """How far apart two legs of one thing mostly are [m]; None where they are none."""
-    _, i, j = np.intersect1d(one.sweep, other.sweep, return_indices=True)
-    if len(i) < max(TOGETHER, TOGETHER_SHARE * min(len(one.sweep), len(other.sweep))):
-        return None
-    apart = np.hypot(one.x[i] - other.x[j], one.y[i] - other.y[j])
-    mostly = float(np.median(apart))
-    if one.thing.kind == PERSON or other.thing.kind == PERSON:
-        return None
-    if one.thing.moved or other.thing.moved:
-        if 2.0 * min(max(one.thing.h), max(other.thing.h)) > LEG_WIDTH:
-            return None
-        # Who is seen for a few sweeps alone may be seen with both feet on the ground.
-        pace = PACE if len(i) > FEW else STRIDE
-        return mostly if mostly < pace and float(np.quantile(apart, 0.95)) < STRIDE else None
-    is_slim = 2.0 * max(*one.thing.h, *other.thing.h) <= STANDING_WIDTH
-    return mostly if is_slim and mostly < STANDING_APART and float(apart.std()) < STEADY else None
+def _are_seen_together(seen: Any, one: Thing, other: Thing) -> bool:
+    """Whether two bodies are often seen in the same sweeps, at a steady distance."""
+    at, among = seen.spans[one.number], seen.spans[other.number]
+    _, i, j = np.intersect1d(seen.sweep[at], seen.sweep[among], assume_unique=True, return_indices=True)
+    if len(i) < max(TOGETHER, TOGETHER_SHARE * min(at.stop - at.start, among.stop - among.start)):
+        return False
+    apart = np.hypot(seen.x[at][i] - seen.x[among][j], seen.y[at][i] - seen.y[among][j])
+    return float(apart.std()) < STEADY

@@ -97,6 +97,8 @@ class Tracker:
     def finish(self) -> tuple[list[Followed], Tracks]:
         """The rest, and all things."""
         self._register.collect(self._fold.bodies)
+        if not self._windows[-1].index:
+            self._windows.pop()
         while self._windows:
             self._settle()
         return self._answers(), summary.tracks_of(self._register, self._fold.sweeps)
