@@ -23,7 +23,6 @@ from lidarcli.formalism.detection import (
     PRISMATIC,
     ROUND,
     START_HIDDEN,
-    UNKNOWN,
     WALL,
     Detection,
 )
@@ -59,7 +58,7 @@ def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
     count = len(detection)
     shape = detection.shape
     likelihood = np.zeros((WALL + 1, 4))
-    likelihood[: UNKNOWN + 1] = np.log(SEEN_AS).T
+    likelihood[: IRREGULAR + 1] = np.log(SEEN_AS).T
     step = np.abs(batch.angle_increment)[detection.row]
     sigma = np.nan_to_num(detection.noise[detection.row])
     nothing = np.full(count, np.nan)

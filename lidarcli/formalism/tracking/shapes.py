@@ -7,7 +7,6 @@ from typing import Any
 
 from lidarcli import native
 from lidarcli.formalism import detection
-from lidarcli.formalism.shares import SEEN_AS
 from lidarcli.formalism.sweep.points import Scans
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import memory
@@ -16,9 +15,7 @@ from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.views import Views
 
 PRISMATIC = detection.PRISMATIC
-TEMPER = 0.2
-"""Sightings that follow each other see the same: each counts as this share of one."""
-CERTAIN_BEAMS = 20.0
+CERTAIN_BEAMS = 20
 """A view of so many beams counts in full."""
 SLIM = 0.15
 """[m] A leg is no wider."""
@@ -35,21 +32,18 @@ SAME = 0.08
 
 
 class Shapes:
-    """Logarithms of `SEEN_AS`, in rows."""
+    """What views count, by their number of beams."""
 
     def __init__(self) -> None:
         self.owner: list[Any] = []
-        self.log = native.doubles(self.owner, 20)
-        for row, shares in enumerate(SEEN_AS):
-            for column, share in enumerate(shares):
-                self.log[5 * row + column] = math.log(share)
+        self.weight = native.doubles(self.owner, CERTAIN_BEAMS + 1)
+        for beams in range(CERTAIN_BEAMS + 1):
+            self.weight[beams] = float(beams) / CERTAIN_BEAMS
 
 
 def note(shapes: Shapes, bodies: Bodies, b: int, views: Views, k: int) -> None:
-    """Add what a view says of the shape of a body."""
-    weight = TEMPER * min(views.size[k] / CERTAIN_BEAMS, 1.0)
-    for shape in range(4):
-        bodies.looks[5 * b + shape] += weight * shapes.log[5 * shape + views.shape[k]]
+    """Count the shape that a view has been taken for."""
+    bodies.looks[5 * b + views.shape[k]] += shapes.weight[min(views.size[k], CERTAIN_BEAMS)]
     if views.shape[k] != PRISMATIC:
         return
     for f in range(views.face_begin[k], views.face_begin[k + 1]):

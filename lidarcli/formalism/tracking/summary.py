@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
 from lidarcli.formalism.evidence import rectangle
+from lidarcli.formalism.shares import shape_likelihood
 from lidarcli.formalism.tracking.things import Thing, Track
 from lidarcli.formalism.tracking.tracked import BOX, END_OF_LOG, Tracks
 
@@ -156,7 +157,7 @@ def _side(thing: Thing, axis: int) -> tuple[float, float]:
 
 def shape_odds(track: Track, thing: Thing) -> list[float]:
     """Log-likelihood of all that was seen of a track, mostly as one body, if it is prismatic, round, legged, irregular."""
-    odds = [*thing.looks]
+    odds = shape_likelihood(thing.looks)
     if thing.bulge_points >= STRAIGHT_POINTS:
         # Faces that stay further from straight than noise explains are none of a prism.
         ratio = thing.bulge / thing.bulge_points

@@ -66,7 +66,8 @@ class Thing:
     side: tuple[float, float] = (0.0, 0.0)
     side_weight: tuple[float, float] = (0.0, 0.0)
     least: tuple[float, float] = (0.0, 0.0)
-    looks: tuple[float, ...] = ()
+    looks: tuple[float, ...] = (0.0,) * 4
+    """Views that took it for prismatic, round, legged, irregular."""
     has_ended: bool = False
     track: Track | None = None
     state: NDArray[np.float64] | None = None
