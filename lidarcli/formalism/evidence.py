@@ -35,6 +35,8 @@ CORNER_SD = 4.0
 """The end of a line through n points is this many standard deviations of a range over √n exact, and so is a corner."""
 FEW_POINTS = 2.5
 """A face of fewer points has no line of its own: its corners are points."""
+SHORT_FACE = 3.5
+"""A face of fewer points may go on, wherever it seems to end."""
 ROUGH = 0.05
 """The outline of an irregular thing changes by this share of its extent as one goes round it."""
 MOST_PARTS = 8
@@ -98,9 +100,10 @@ def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str,
     dx, dy = x[first + 1] - x[first], y[first + 1] - y[first]
     straight = np.maximum(np.hypot(dx, dy), SMALLEST)
     visibility = detection.visibility[owner]
-    own = np.ones(len(face), np.bool_)
     variance = np.zeros(len(face))
     points = np.abs(np.diff(theta)) / np.repeat(step, vertices)[:-1] + 1.0 if len(theta) else theta
+    # What is seen along its length may end where the next beam is too far behind to belong to it.
+    own = points[first] > SHORT_FACE
     for end, hidden in ((0, START_HIDDEN), (1, END_HIDDEN)):
         at = first + end
         edge = place == (faces[owner] - 1 if end else 0)
