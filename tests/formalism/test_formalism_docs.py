@@ -28,7 +28,7 @@ BENDS = {"FLAT", "CONVEX", "CONCAVE"}
 """Codes of a module that has constants, too."""
 BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}
 """The subtraction of a background has a page of its own, docs/background.md."""
-THINGS = {"catalogue", "constellation", "evidence", "fits", "matching", "pairing"}
+THINGS = {"catalogue", "constellation", "evidence", "fits", "matching", "naming", "pairing", "shares"}
 """So have things of interest, docs/catalogue.md."""
 
 

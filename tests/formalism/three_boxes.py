@@ -12,10 +12,12 @@ from lidarcli.formalism.catalogue import Catalogue, Thing
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import PARKED, Course, Scene, Sensor, super_ellipse
-from lidarcli.sweeps import RangeRules, SweepPoses, normalise
+from lidarcli.sweeps import TURN, RangeRules, SweepPoses, normalise
 
 SIDES = {"small": (0.70, 0.50), "middle": (0.75, 0.55), "large": (0.80, 0.60)}
-CATALOGUE = Catalogue(tuple(Thing(name, length=a, width=b, tolerance=0.005) for name, (a, b) in SIDES.items()))
+CATALOGUE = Catalogue(
+    tuple(Thing(name, length=a, width=b, tolerance=0.005) for name, (a, b) in SIDES.items())
+)
 ROOM = make.wall([[-4.6, -4.5], [4.4, -4.5], [4.4, 4.7], [-4.6, 4.7], [-4.6, -4.5]])
 SWEEPS = 300
 ROUND = Course(super_ellipse(0.9, 0.7, 2.0), 0.3)
@@ -38,7 +40,7 @@ class Named:
         return self
 
 
-def scene(seed: int, driving: bool, nearest: float, farthest: float) -> Scene:
+def scene(seed: int, driving: bool, nearest: float, farthest: float, beams: int = 361) -> Scene:
     """Boxes in directions that differ by 50 degrees at least, so that none hides another."""
     rng = np.random.Generator(np.random.PCG64(seed))
     first = rng.uniform(-math.pi, math.pi)
@@ -48,13 +50,13 @@ def scene(seed: int, driving: bool, nearest: float, farthest: float) -> Scene:
         away = rng.uniform(nearest, farthest)
         x, y = away * math.cos(towards), away * math.sin(towards)
         boxes.append(make.box(x, y, length, width, rng.uniform(-math.pi, math.pi)))
-    sensor = Sensor(beams=361, noise=0.01)
+    sensor = Sensor(beams=beams, angle_increment=TURN / (beams - 1), noise=0.01)
     return Scene(f"boxes-{seed}", sensor, (ROOM, *boxes), ROUND if driving else PARKED, sweeps=SWEEPS)
 
 
-def named(seed: int, driving: bool, nearest: float = 1.8, farthest: float = 3.5) -> Named:
+def named(seed: int, driving: bool, nearest: float = 1.8, farthest: float = 3.5, beams: int = 361) -> Named:
     """Track one log, and count its boxes."""
-    shown = scene(seed, driving, nearest, farthest)
+    shown = scene(seed, driving, nearest, farthest, beams)
     raw, _, entities = simulate_sweep_arrays(shown, SWEEPS, seed)
     x, y, yaw = shown.sensor_poses(np.arange(SWEEPS) / shown.sensor.rate).T
     poses = SweepPoses(x, y, yaw, np.zeros(SWEEPS, np.bool_))

@@ -6,6 +6,7 @@ nothing new of where these are: such sightings are one look. Only other looks ma
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -26,7 +27,9 @@ FEW = 2.0
 """A look of so many sweeps counts half."""
 OUTLIER = 9e-4
 """[m²] A look at a size that is (3 cm)² off from most counts half."""
-LEAST_SD = 0.005
+SHARED = 0.4
+"""Share of its standard deviation by which all looks at a size are off alike."""
+LEAST_SD = 0.003
 """[m] No size is known better by the sweeps of one log."""
 PAIRS = 3
 """Sweeps in which both legs of a person have to be seen."""
@@ -120,8 +123,8 @@ def _mean(count: Float64, weight: Float64, size: Float64) -> tuple[float, float]
     share = weight * count / (count + FEW) / (1.0 + np.square(off) / (OUTLIER + 1.0 / weight))
     total = share.sum()
     looks = total * total / np.square(share).sum()
-    information = float((share * weight).sum() / total * looks)
-    return float((share * size).sum() / total), float(np.hypot(information**-0.5, LEAST_SD))
+    variance = total / float((share * weight).sum()) * (1.0 / looks + SHARED * SHARED * (1.0 - 1.0 / looks))
+    return float((share * size).sum() / total), float(np.hypot(math.sqrt(variance), LEAST_SD))
 
 
 class Naming:
