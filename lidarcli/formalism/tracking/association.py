@@ -82,6 +82,9 @@ def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
         size = 2.0 * math.sqrt(bodies.h[2 * b] * bodies.h[2 * b] + bodies.h[2 * b + 1] * bodies.h[2 * b + 1])
         var = 0.5 * (bodies.cc[2 * b] + bodies.cc[2 * b + 1])
         reach = REACH + REACH_SIZE * size + math.sqrt(var)
+        if views.pose_var > 0.0 or views.pose_turn_var > 0.0:
+            dx, dy = x - views.x, y - views.y
+            reach += math.sqrt(views.pose_var + views.pose_turn_var * (dx * dx + dy * dy))
         most = min(math.sqrt(GATE) * reach, MOST_REACH)
         for k in range(views.count):
             dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
@@ -199,6 +202,9 @@ def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
             if bodies.state[b] != things.LIVE or bodies.view[b] < 0 or bodies.sightings[b] < 3:
                 continue
             out = outside(bodies, b, views.middle_x[k], views.middle_y[k])
+            if not measures.is_partial(views, bodies.view[b]):
+                # What is seen whole has no further parts, unless it is ragged.
+                out += 1.5 * JOIN
             if out < least and _has_room(bodies, b, views, k):
                 best, least = b, out
         if best >= 0:

@@ -22,6 +22,8 @@ cdef class Correction:
     cdef double* product
     cdef double* change
 
+    cpdef tuple estimate(self)
+
 
 cdef void place(Correction correction, Views views, double x, double y, double yaw, double side) noexcept nogil
 cdef void effect_on(Correction correction, Views views, double x, double y, double u_x, double u_y, Py_ssize_t axis

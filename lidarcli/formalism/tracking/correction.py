@@ -17,7 +17,7 @@ from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.views import Views
 
 DELAY, AHEAD, LEFT = 0, 1, 2
-DELAY_AT_FIRST = 0.1
+DELAY_AT_FIRST = 0.2
 """[s] Standard deviation of the delay before anything is known."""
 PLACE_AT_FIRST = 0.1
 """[m] The same of where the sensor is."""
@@ -60,6 +60,16 @@ class Correction:
         """Of the side at hand, for both axes of its body."""
         self.product = native.doubles(self.owner, 3)
         self.change = native.doubles(self.owner, 3)
+
+    def estimate(self) -> tuple[float, float, float, float, float]:
+        """Delay [s], place ahead and left [m], and the standard deviations of the delay and of the place."""
+        return (
+            self.value[DELAY],
+            self.value[AHEAD],
+            self.value[LEFT],
+            math.sqrt(self.cov[0]),
+            math.sqrt(max(self.cov[4], self.cov[8])),
+        )
 
 
 def place(correction: Correction, views: Views, x: float, y: float, yaw: float, side: float) -> None:

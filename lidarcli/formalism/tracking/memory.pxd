@@ -7,7 +7,7 @@ from lidarcli.formalism.tracking.views cimport Views
 
 cdef Py_ssize_t KEPT
 cdef int VALID, NO_RETURN
-cdef double APART, TURN, FLICKER_SHARE, FLICKERS, NOTHING, FAR
+cdef double HIT, APART, TURN, FLICKER_SHARE, FLICKERS, NOTHING, FAR
 
 
 cdef class Memory:
@@ -38,5 +38,7 @@ cdef void watch(Memory memory, Views views, Scans scans) noexcept nogil
 cdef bint is_steady(Memory memory) noexcept nogil
 cdef double range_at(Views views, Scans scans, Py_ssize_t position) noexcept nogil
 cdef void remember(Memory memory, Views views, Scans scans, double time) noexcept nogil
+@cython.locals(at=Py_ssize_t)
+cdef bint was_hit(Memory memory, Py_ssize_t m, double x, double y) noexcept nogil
 @cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)
 cdef bint was_passed(Memory memory, Py_ssize_t m, double x, double y, double beside) noexcept nogil

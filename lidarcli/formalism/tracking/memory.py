@@ -17,8 +17,10 @@ TURN = sweeps.TURN
 VALID, NO_RETURN = sweeps.Status.VALID.value, sweeps.Status.NO_RETURN.value
 FLICKER_SHARE = 0.02
 """Weight of a sweep in the mean numbers of beams that flicker."""
-FLICKERS = 0.3
+FLICKERS = 0.2
 """Where more than this share of the beams without a return have one a sweep later, none proves free space."""
+HIT = 0.08
+"""[m] A beam has ended at a point that is so near to its end, and twice the noise."""
 NOTHING = -1.0
 """The range of a beam that tells nothing; of one without a return it is `FAR`."""
 FAR = 1e9
@@ -127,6 +129,24 @@ def remember(memory: Memory, views: Views, scans: Scans, time: float) -> None:
     for k in range(views.bearings):
         memory.r[m * memory.beams + k] = range_at(views, scans, k)
     memory.count += 1
+
+
+def was_hit(memory: Memory, m: int, x: float, y: float) -> bool:
+    """Whether a beam of a remembered sweep ended at a point of the world."""
+    dx, dy = x - memory.x[m], y - memory.y[m]
+    ahead = memory.cos[m] * dx + memory.sin[m] * dy
+    left = memory.side[m] * (memory.cos[m] * dy - memory.sin[m] * dx)
+    r = math.sqrt(ahead * ahead + left * left)
+    past = math.atan2(left, ahead) - memory.first[m]
+    past -= TURN * math.floor(past / TURN)
+    if memory.step[m] <= 0.0:
+        return False
+    at = int(past / memory.step[m] + 0.5)
+    if memory.period[m] > 0:
+        at %= memory.period[m]
+    if at >= memory.bearings[m]:
+        return False
+    return abs(memory.r[m * memory.beams + at] - r) < HIT + 2.0 * memory.sigma[m]
 
 
 def was_passed(memory: Memory, m: int, x: float, y: float, beside: float) -> bool:

@@ -8,20 +8,21 @@ from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.views cimport Views
 
 cdef Py_ssize_t ROUND, LEGGED
-cdef double AT_LEAST, COS_ALONG, SIN_BEHIND, AT_END, FLOOR, RAGGED, LEGGED_VAR
+cdef double AT_LEAST, COS_ALONG, SIN_BEHIND, AT_END, FLOOR, RAGGED, LEGGED_VAR, OPEN_VAR
 
 
 cdef class Sides:
     cdef list owner
     cdef double* z
     cdef double* var
-    cdef bint by_centre
+    cdef bint by_centre, is_doubtful
     cdef double half, half_var
 
 
 cdef void measure(
     Sides sides, Views views, Py_ssize_t k, Bodies bodies, Py_ssize_t b, double pose_var
 ) noexcept nogil
+cdef double _doubt(Py_ssize_t edge) noexcept nogil
 @cython.locals(own_start=bint, own_end=bint)
 cdef void of_box(
     Sides sides, Views views, Py_ssize_t k, double cos, double sin, double pose_var

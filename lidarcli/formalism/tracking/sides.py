@@ -30,6 +30,8 @@ FLOOR = 1.6e-5
 """[m²] No surface is smoother and no scanner better: (4 mm)²."""
 RAGGED = 0.08
 """Share of its size by which the middle of a thing without faces is uncertain."""
+OPEN_VAR = 0.01
+"""[m²] Variance of an edge that may be one of returns rather than of a thing: (10 cm)²."""
 LEGGED_VAR = 0.0081
 """[m²] Variance of the middle of a group of legs: (9 cm)²."""
 
@@ -45,6 +47,8 @@ class Sides:
         """Its variance [m²], or `AT_LEAST`."""
         self.by_centre = False
         """Whether z[0] and z[2] are the centre of a disc; then `half` is its radius with the variance `half_var`."""
+        self.is_doubtful = False
+        """Whether the centre is that of returns which come and go."""
         self.half = 0.0
         self.half_var = 0.0
 
@@ -84,14 +88,19 @@ def of_box(sides: Sides, views: Views, k: int, cos: float, sin: float, pose_var:
             sides.z[2] = across
         if across > sides.z[3]:
             sides.z[3] = across
-    own_start = views.start[k] == looks.OWN
-    own_end = views.end[k] == looks.OWN
+    own_start = views.start[k] != looks.HIDDEN
+    own_end = views.end[k] != looks.HIDDEN
     if own_start:
-        _end_at(sides, views, k, first, -1.0, cos, sin, pose_var)
+        _end_at(sides, views, k, first, -1.0, cos, sin, pose_var + _doubt(views.start[k]))
     if own_end:
-        _end_at(sides, views, k, last, 1.0, cos, sin, pose_var)
+        _end_at(sides, views, k, last, 1.0, cos, sin, pose_var + _doubt(views.end[k]))
     for f in range(views.face_begin[k], views.face_begin[k + 1]):
         _face_at(sides, views, f, cos, sin, pose_var)
+
+
+def _doubt(edge: int) -> float:
+    """Further variance of an edge beside beams without a return, where such beams come and go [m²]."""
+    return OPEN_VAR if edge == looks.OPEN else 0.0
 
 
 def _face_at(sides: Sides, views: Views, f: int, cos: float, sin: float, pose_var: float) -> None:
@@ -156,8 +165,8 @@ def of_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float
     sides.by_centre = True
     first, last = views.begin[k], views.begin[k + 1] - 1
     sigma = views.sigma
-    own_start = views.start[k] == looks.OWN
-    own_end = views.end[k] == looks.OWN
+    own_start = views.start[k] != looks.HIDDEN
+    own_end = views.end[k] != looks.HIDDEN
     first_x, first_y = _direction(views, views.point_x[first], views.point_y[first])
     last_x, last_y = _direction(views, views.point_x[last], views.point_y[last])
     near = views.near[k]
@@ -207,6 +216,12 @@ def of_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float
     ragged = 0.0 if views.shape[k] == ROUND else RAGGED * views.length[k]
     more = FLOOR + pose_var + ragged * ragged
     across_var += more
+    # Of what is round the arc tells the middle, wherever it ends.
+    sides.is_doubtful = views.shape[k] != ROUND and (
+        views.start[k] == looks.OPEN or views.end[k] == looks.OPEN
+    )
+    if sides.is_doubtful:
+        across_var += _doubt(views.start[k]) + _doubt(views.end[k])
     depth_var += more
     sides.z[0] = sides.z[1] = centre_x
     sides.z[2] = sides.z[3] = centre_y
@@ -227,5 +242,5 @@ def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
 
 
 def is_partial(views: Views, k: int) -> bool:
-    """Whether an edge of a view is hidden."""
-    return views.start[k] == looks.HIDDEN or views.end[k] == looks.HIDDEN
+    """Whether a view may not reach to both ends of a thing."""
+    return views.start[k] != looks.OWN or views.end[k] != looks.OWN

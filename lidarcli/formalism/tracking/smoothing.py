@@ -2,71 +2,228 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from lidarcli import native
+from lidarcli.formalism.tracking import tracked
 
-ACCELERATION = 0.15
-"""[m²/s³] Spectral density of a body's acceleration."""
+BOX = tracked.BOX
+ACCELERATIONS = (0.02, 0.1, 0.4)
+"""[m²/s³] Spectral densities of a body's acceleration that are tried: a parcel on a belt, a stroll, starts and stops."""
+AROUND = 20
+"""Sightings before and after one that tell how lively it is then."""
+DOUBT = 4.0
+"""A livelier acceleration has to explain what was seen better by this much, twice the log-likelihood."""
+INFINITY = float("inf")
+LIVELINESSES = len(ACCELERATIONS)
 SPEED_AT_FIRST = 1.0
 """[m/s] Standard deviation of a velocity before anything is known."""
+UNKNOWN_VAR = 100.0
+"""[m²] A side that was not seen tells nothing."""
+PART_VAR = 0.0625
+"""[m²] Variance of where one leg is in a body of several: (25 cm)²."""
+CHANGE_VAR = 0.0025
+"""[m²] More variance where a box was still taken for a disc: (5 cm)²."""
+UNLIKELY = 6.0
+"""Squared residuals above this share of their variance are not believed."""
+LEAST_SPEED = 0.1
+"""[m/s] What is slower stands …"""
+SURE = 2.0
+"""… and so is what may as well stand: a speed has to be this many standard deviations."""
 
 
 class Smoother:
-    """Room for the sightings of one body along one axis."""
+    """Room for the sightings of one track: where it was, and what is known along each of the axes of the world."""
 
     def __init__(self, most: int) -> None:
         self.owner: list[Any] = []
         self.most = most
+        self.z = native.doubles(self.owner, 2 * most)
+        self.var = native.doubles(self.owner, 2 * most)
+        """Place along x and y [m], and its variance [m²]."""
+        self.v = native.doubles(self.owner, 2 * most)
+        self.v_var = native.doubles(self.owner, 2 * most)
+        """The velocity at each sighting [m/s], and its variance."""
+        self.liveliness = native.doubles(self.owner, LIVELINESSES)
+        for i, value in enumerate(ACCELERATIONS):
+            self.liveliness[i] = value
+        self.acceleration = native.doubles(self.owner, most)
+        """That of the step to each sighting."""
+        self.misfit = native.doubles(self.owner, LIVELINESSES * most)
+        """How badly each sighting was expected with each of the accelerations."""
         self.x = native.doubles(self.owner, most)
-        self.v = native.doubles(self.owner, most)
+        self.speed = native.doubles(self.owner, most)
         self.xx = native.doubles(self.owner, most)
         self.xv = native.doubles(self.owner, most)
         self.vv = native.doubles(self.owner, most)
         """What is known at each sighting by those before it and itself."""
 
-    def smooth(self, time: Any, z: Any, var: Any, v: Any, v_var: Any, state: Any, keep: int) -> None:
-        """Fill v and v_var, the velocity at each sighting and its variance; z becomes the place.
+    def locate(
+        self, begin: int, sighted: dict[str, Any], half: Any, half_var: Any, kind: int, several: bool
+    ) -> int:
+        """Write where a body was at its sightings, from `begin` on; returns where those of the next one go.
 
         Parameters
         ----------
-        time, z, var : (N,) when, where along the axis [m], and its variance [m²]; float64
-        v, v_var : (N,) [m/s], [m²/s²], to be filled
-        state : (6,) time, x, v and their covariance xx, xv, vv after the sighting before; xx < 0: none. It becomes that
-            after sighting `keep` - 1
+        sighted : arrays (N,) `centred`, `cos`, `sin`, `half_1`, `half_2` and (N, 4) `z`, `var` as `Sightings` has them
+        half, half_var : (2,) half extents as known in the end, which early sightings did not know [m, m²]
+        kind : what it is taken for
+        several : whether it is one of several parts
         """
-        run(
+        count = len(sighted["centred"])
+        places(
             self,
-            native.at_doubles(time),
-            native.at_doubles(z),
-            native.at_doubles(var),
-            native.at_doubles(v),
-            native.at_doubles(v_var),
-            native.at_doubles(state),
-            len(time),
-            keep,
+            begin,
+            count,
+            native.at_longs(sighted["centred"]),
+            native.at_doubles(sighted["cos"]),
+            native.at_doubles(sighted["sin"]),
+            native.at_doubles(sighted["half_1"]),
+            native.at_doubles(sighted["half_2"]),
+            native.at_doubles(sighted["z"]),
+            native.at_doubles(sighted["var"]),
+            native.at_doubles(half),
+            native.at_doubles(half_var),
+            kind,
+            PART_VAR if several else 0.0,
         )
+        return begin + count
+
+    def smooth(
+        self, order: Any, time: Any, state: Any, keep: int, onset: int, vx: Any, vy: Any, moving: Any
+    ) -> None:
+        """Fill vx, vy (N,) float64 [m/s] and moving (N,) uint8 of the located sightings, in the order of time.
+
+        Parameters
+        ----------
+        order : (N,) int64, the located sightings in the order of time
+        time : (N,) in that order [s]
+        state : (12,) time, x, v and their covariance xx, xv, vv after the sighting before, for x and for y; xx < 0: none.
+            It becomes that after sighting `keep` - 1
+        onset : sightings before this one stand
+        """
+        lead, at = native.at_longs(order), native.at_doubles(time)
+        known = native.at_doubles(state)
+        out_x, out_y, flags = native.at_doubles(vx), native.at_doubles(vy), native.at_bytes(moving)
+        count = len(time)
+        along(self, 0, lead, at, known, count, keep)
+        along(self, 1, lead, at, known, count, keep)
+        judge(self, count, onset, out_x, out_y, flags)
 
 
-def run(
-    room: Smoother, time: Any, z: Any, var: Any, v: Any, v_var: Any, state: Any, count: int, keep: int
+def places(
+    room: Smoother,
+    begin: int,
+    count: int,
+    centred: Any,
+    cos: Any,
+    sin: Any,
+    half_1: Any,
+    half_2: Any,
+    z: Any,
+    var: Any,
+    half: Any,
+    half_var: Any,
+    kind: int,
+    more: float,
 ) -> None:
-    """Forth, then back (Rauch, Tung and Striebel)."""
-    begin = time[0]
-    place, speed, xx, xv, vv = z[0], 0.0, var[0], 0.0, SPEED_AT_FIRST * SPEED_AT_FIRST
-    known = state[3] >= 0.0
-    if known:
-        begin, place, speed, xx, xv, vv = state[0], state[1], state[2], state[3], state[4], state[5]
+    """Where a body was by the sides that were seen, in the world."""
     for i in range(count):
+        c, s = cos[i], sin[i]
+        middle_1, noise_1 = centre_of(
+            z[4 * i],
+            z[4 * i + 1],
+            var[4 * i],
+            var[4 * i + 1],
+            half[0] if kind == BOX else half_1[i],
+            half_var[0],
+        )
+        middle_2, noise_2 = centre_of(
+            z[4 * i + 2],
+            z[4 * i + 3],
+            var[4 * i + 2],
+            var[4 * i + 3],
+            half[1] if kind == BOX else half_2[i],
+            half_var[1],
+        )
+        if centred[i]:
+            middle_1, noise_1 = z[4 * i], var[4 * i]
+            middle_2, noise_2 = z[4 * i + 2], var[4 * i + 2]
+            if kind == BOX:
+                noise_1 += CHANGE_VAR
+                noise_2 += CHANGE_VAR
+        at = 2 * (begin + i)
+        room.z[at], room.z[at + 1] = c * middle_1 - s * middle_2, s * middle_1 + c * middle_2
+        room.var[at] = c * c * noise_1 + s * s * noise_2 + more
+        room.var[at + 1] = s * s * noise_1 + c * c * noise_2 + more
+
+
+def centre_of(
+    low: float, high: float, low_var: float, high_var: float, half: float, half_var: float
+) -> tuple[float, float]:
+    """The middle between two sides, of which one may be unknown, and its variance."""
+    middle, noise = 0.5 * (low + high), UNKNOWN_VAR
+    if low_var >= 0.0 and high_var >= 0.0:
+        noise = 0.25 * (low_var + high_var)
+    elif low_var >= 0.0:
+        middle, noise = low + half, low_var + half_var
+    elif high_var >= 0.0:
+        middle, noise = high - half, high_var + half_var
+    return middle, noise
+
+
+def along(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int) -> None:
+    """Along one axis of the world, at each time with the acceleration that explains what was seen around it best."""
+    for c in range(LIVELINESSES):
+        for i in range(count):
+            room.acceleration[i] = room.liveliness[c]
+        forth(room, axis, order, time, state, count, 0, c)
+    choose(room, count)
+    forth(room, axis, order, time, state, count, keep, -1)
+    back(room, axis, time, count)
+
+
+def choose(room: Smoother, count: int) -> None:
+    """The acceleration of each step: that with the least misfit over the sightings around it."""
+    for i in range(count):
+        first, stop = max(i - AROUND, 0), min(i + AROUND + 1, count)
+        best, least = 0, INFINITY
+        for c in range(LIVELINESSES):
+            total = c * DOUBT
+            for k in range(first, stop):
+                total += room.misfit[c * room.most + k]
+            if total < least:
+                best, least = c, total
+        room.acceleration[i] = room.liveliness[best]
+
+
+def forth(
+    room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int, trial: int
+) -> None:
+    """What is known at each sighting by those before it; of a trial also how badly each was expected."""
+    first = 2 * order[0] + axis
+    known = state[6 * axis + 3] >= 0.0
+    begin, place, speed = time[0], room.z[first], 0.0
+    xx, xv, vv = room.var[first], 0.0, SPEED_AT_FIRST * SPEED_AT_FIRST
+    if known:
+        begin, place, speed = state[6 * axis], state[6 * axis + 1], state[6 * axis + 2]
+        xx, xv, vv = state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5]
+    for i in range(count):
+        if trial >= 0:
+            room.misfit[trial * room.most + i] = 0.0
         if i > 0 or known:
-            dt = time[i] - begin
+            dt, acceleration = time[i] - begin, room.acceleration[i]
             place += dt * speed
-            xx += dt * (2.0 * xv + dt * vv) + ACCELERATION * dt * dt * dt / 3.0
-            xv += dt * vv + 0.5 * ACCELERATION * dt * dt
-            vv += ACCELERATION * dt
-            off, s = z[i] - place, xx + var[i]
-            if off * off > 6.0 * s:
-                s = off * off / 6.0
+            xx += dt * (2.0 * xv + dt * vv) + acceleration * dt * dt * dt / 3.0
+            xv += dt * vv + 0.5 * acceleration * dt * dt
+            vv += acceleration * dt
+            at = 2 * order[i] + axis
+            off, s = room.z[at] - place, xx + room.var[at]
+            if trial >= 0:
+                room.misfit[trial * room.most + i] = min(off * off / s, UNLIKELY) + math.log(s)
+            if off * off > UNLIKELY * s:
+                s = off * off / UNLIKELY
             gain, gain_v = xx / s, xv / s
             place += gain * off
             speed += gain_v * off
@@ -74,18 +231,25 @@ def run(
             xv -= gain * xv
             xx -= gain * xx
         begin = time[i]
-        room.x[i], room.v[i] = place, speed
+        room.x[i], room.speed[i] = place, speed
         room.xx[i], room.xv[i], room.vv[i] = xx, xv, vv
         if i == keep - 1:
-            state[0], state[1], state[2], state[3], state[4], state[5] = begin, place, speed, xx, xv, vv
-    z[count - 1], v[count - 1], v_var[count - 1] = place, speed, vv
-    for back in range(1, count):
-        i = count - 1 - back
-        dt = time[i + 1] - time[i]
+            state[6 * axis], state[6 * axis + 1], state[6 * axis + 2] = begin, place, speed
+            state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5] = xx, xv, vv
+
+
+def back(room: Smoother, axis: int, time: Any, count: int) -> None:
+    """What is known by those after it as well (Rauch, Tung and Striebel)."""
+    last = count - 1
+    place, speed = room.x[last], room.speed[last]
+    room.v[2 * last + axis], room.v_var[2 * last + axis] = speed, room.vv[last]
+    for step in range(1, count):
+        i = last - step
+        dt, acceleration = time[i + 1] - time[i], room.acceleration[i + 1]
         a, b, d = room.xx[i], room.xv[i], room.vv[i]
-        ahead_xx = a + dt * (2.0 * b + dt * d) + ACCELERATION * dt * dt * dt / 3.0
-        ahead_xv = b + dt * d + 0.5 * ACCELERATION * dt * dt
-        ahead_vv = d + ACCELERATION * dt
+        ahead_xx = a + dt * (2.0 * b + dt * d) + acceleration * dt * dt * dt / 3.0
+        ahead_xv = b + dt * d + 0.5 * acceleration * dt * dt
+        ahead_vv = d + acceleration * dt
         size = ahead_xx * ahead_vv - ahead_xv * ahead_xv
         if size <= 0.0:
             size = 1e-30
@@ -94,15 +258,32 @@ def run(
         g_xv = (b * ahead_xx - (a + dt * b) * ahead_xv) / size
         g_vx = ((b + dt * d) * ahead_vv - d * ahead_xv) / size
         g_vv = (d * ahead_xx - (b + dt * d) * ahead_xv) / size
-        off_x = z[i + 1] - (room.x[i] + dt * room.v[i])
-        off_v = v[i + 1] - room.v[i]
-        z[i] = room.x[i] + g_xx * off_x + g_xv * off_v
-        v[i] = room.v[i] + g_vx * off_x + g_vv * off_v
+        at = 2 * i + axis
+        off_x = place - (room.x[i] + dt * room.speed[i])
+        off_v = speed - room.speed[i]
+        place = room.x[i] + g_xx * off_x + g_xv * off_v
+        speed = room.speed[i] + g_vx * off_x + g_vv * off_v
+        room.v[at] = speed
         # Of the variance only that of the speed is asked for: what is known of the place ahead is taken as certain.
-        v_var[i] = max(
+        room.v_var[at] = max(
             d
             - g_vx * (ahead_xx * g_vx + ahead_xv * g_vv)
             - g_vv * (ahead_xv * g_vx + ahead_vv * g_vv)
-            + g_vv * g_vv * v_var[i + 1],
+            + g_vv * g_vv * room.v_var[at + 2],
             0.0,
         )
+
+
+def judge(room: Smoother, count: int, onset: int, vx: Any, vy: Any, moving: Any) -> None:
+    """Hand out the velocities from the onset on, and which of them are motion."""
+    for i in range(count):
+        vx[i] = vy[i] = 0.0
+        moving[i] = 0
+        if i < onset:
+            continue
+        x, y = room.v[2 * i], room.v[2 * i + 1]
+        vx[i], vy[i] = x, y
+        speed = x * x + y * y
+        var = 0.5 * (room.v_var[2 * i] + room.v_var[2 * i + 1])
+        if speed > LEAST_SPEED * LEAST_SPEED and speed > SURE * SURE * var:
+            moving[i] = 1

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.detection import AGENT, OBJECT, Detection
-from lidarcli.formalism.tracking import sightings, summary
+from lidarcli.formalism.tracking import noting, sightings, summary
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.fold import Fold
 from lidarcli.formalism.tracking.memory import Memory
@@ -101,6 +101,7 @@ class Tracker:
             self._windows.pop()
         while self._windows:
             self._settle()
+        self.notes = noting.notes_of(self._fold.correction, self._register.tracks, self._fold.moves)
         return self._answers(), summary.tracks_of(self._register, self._fold.sweeps)
 
     def _follow(self, batch: SweepBatch, detection: Detection) -> None:

@@ -172,12 +172,12 @@ def look(views: Views, seen: Seen, scans: Scans, row: int) -> None:
 
 
 def judge_edges(views: Views) -> None:
-    """An edge beside beams without a return is the thing's own, unless such beams prove nothing."""
+    """An edge beside beams without a return is the thing's own, unless such beams prove little."""
     for k in range(views.count):
-        if views.start[k] == OPEN:
-            views.start[k] = OWN if views.steady else HIDDEN
-        if views.end[k] == OPEN:
-            views.end[k] = OWN if views.steady else HIDDEN
+        if views.steady and views.start[k] == OPEN:
+            views.start[k] = OWN
+        if views.steady and views.end[k] == OPEN:
+            views.end[k] = OWN
 
 
 def pose_variance(views: Views, k: int) -> float:

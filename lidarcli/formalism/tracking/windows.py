@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from lidarcli.formalism.tracking import grouping, motions
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.things import Thing, Track
-from lidarcli.formalism.tracking.tracked import CONFIRMED, EMPTY, ENDED, LIVE
+from lidarcli.formalism.tracking.tracked import CONFIRMED, EMPTY, ENDED, LIVE, PERSON
 from lidarcli.sweeps import Bool, Float64, Int32, Int64
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.naming import Looks, Naming
+
+LONGEST_LAPSE = 10.0
+"""[s] Nobody knows how far something went that was unseen for longer."""
 
 
 @dataclass(slots=True)
@@ -107,7 +110,7 @@ class Register:
         seen = _Sightings(log, count, self.things, stop)
         grouping.join(seen, self.things, window.begin, stop)
         self._number_new(seen)
-        motions.smooth(seen, self.things, stop)
+        motions.smooth(seen, self.things)
         at, found = seen.find(window)
         self._sum_up(window, seen)
         if self.naming is not None:
@@ -128,38 +131,40 @@ class Register:
                 self.tracks.append(track)
                 track.number = len(self.tracks)
 
-    def _sum_up(self, window: Window, seen: Any) -> None:
+    def _sum_up(self, window: Window, seen: _Sightings) -> None:
         """Add what a window says to the tracks."""
         index, stamps, frames = (
             np.concatenate(values) for values in (window.index, window.stamps, window.frames)
         )
         for track, at in seen.by_track():
-            sweeps, first = np.unique(seen.sweep[at], return_index=True)
-            times = seen.time[at][first]
-            rows = sweeps - window.begin
+            sweeps = seen.sweep[at]
+            firsts = at
+            if not isinstance(at, slice):
+                # Of several parts in one sweep the first stands for all.
+                sweeps, first = np.unique(sweeps, return_index=True)
+                firsts = at[first]
+            times = seen.time[firsts]
+            begin, end = int(sweeps[0]) - window.begin, int(sweeps[-1]) - window.begin
             if track.sweeps == 0:
-                track.first = (int(index[rows[0]]), int(stamps[rows[0]]))
-                track.frame = int(frames[rows[0]])
-                gaps, steps = np.diff(times), np.diff(sweeps)
-            else:
+                track.first = (index.item(begin), stamps.item(begin))
+                track.frame = frames.item(begin)
+                track.last_sweeps, track.last_time = int(sweeps[0]), float(times[0])
+            missed = int(sweeps[-1]) - track.last_sweeps - len(sweeps) + (track.sweeps == 0)
+            if missed > 0:
                 gaps = np.diff(times, prepend=track.last_time)
                 steps = np.diff(sweeps, prepend=track.last_sweeps)
-            # Of a pause of several sweeps one is the usual time from sight to sight.
-            track.hidden += float((gaps * (1.0 - 1.0 / np.maximum(steps, 1))).sum())
-            track.last = (int(index[rows[-1]]), int(stamps[rows[-1]]))
+                # Of a pause of several sweeps one is the usual time from sight to sight.
+                track.hidden += float((gaps * (1.0 - 1.0 / np.maximum(steps, 1))).sum())
+            track.last = (index.item(end), stamps.item(end))
             track.last_sweeps, track.last_time = int(sweeps[-1]), float(times[-1])
             track.sweeps += len(sweeps)
             if track.moved:
-                speed = np.hypot(seen.vx[at][first], seen.vy[at][first])
-                going = seen.moving[at][first]
-                lapse = np.minimum(np.diff(times, append=times[-1]), 10.0)
-                track.distance += float((speed * lapse * going).sum())
-                track.speed_max = max(track.speed_max, float(speed[going].max(initial=0.0)))
+                _sum_up_motion(track, seen, firsts, times)
                 onset = max(track.onset - window.begin, 0)
                 if track.onset_ns == 0 and onset < len(stamps):
-                    track.onset_ns = int(stamps[onset])
-            last = at[seen.sweep[at] == sweeps[-1]]
-            track.x, track.y = float(seen.x[last].mean()), float(seen.y[last].mean())
+                    track.onset_ns = stamps.item(onset)
+            last = seen.sweep[at] == sweeps[-1]
+            track.x, track.y = float(seen.x[at][last].mean()), float(seen.y[at][last].mean())
 
     def _name(self, naming: Naming, window: Window, seen: _Sightings, at: Int64, found: Bool) -> None:
         """Name the tracks of a window, by what it says."""
@@ -176,6 +181,14 @@ class Register:
             del self.things[number]
         if self.naming is not None:
             self.naming.forget(over)
+
+
+def _sum_up_motion(track: Track, seen: _Sightings, at: Any, times: Float64) -> None:
+    """Add the way and the speed of a track that moves."""
+    speed, going = np.hypot(seen.vx[at], seen.vy[at]), seen.moving[at]
+    lapse = np.minimum(np.diff(times, append=times[-1]), LONGEST_LAPSE)
+    track.distance += float((speed * lapse * going).sum())
+    track.speed_max = max(track.speed_max, float(speed[going].max(initial=0.0)))
 
 
 class _Sightings:
@@ -232,18 +245,25 @@ class _Sightings:
         parts = (self.things[number].track for number in self.in_window)
         return list({track.number: track for track in parts if track is not None}.values())
 
-    def by_track(self) -> list[tuple[Track, NDArray[np.intp]]]:
-        """Tracks with sightings in the window, and these in the order of the log."""
-        members: dict[int, list[NDArray[np.intp]]] = {}
+    def by_track(self) -> list[tuple[Track, Any]]:
+        """Tracks with sightings in the window, and these in the order of the log: a slice, or indices of several bodies."""
+        members: dict[int, list[slice]] = {}
         tracks: dict[int, Track] = {}
         for number in self.in_window:
             span, track = self.spans[number], self.things[number].track
             assert track is not None
-            at = np.arange(span.start, span.stop)[self.now[span]]
-            members.setdefault(track.number, []).append(at)
+            now = int(np.count_nonzero(self.now[span]))
+            members.setdefault(track.number, []).append(slice(span.start, span.start + now))
             tracks[track.number] = track
-        joined = ((n, parts[0] if len(parts) == 1 else np.concatenate(parts)) for n, parts in members.items())
-        return [(tracks[n], at[np.argsort(self.sweep[at], kind="stable")]) for n, at in joined]
+        return [(tracks[number], self._in_order(spans)) for number, spans in members.items()]
+
+    def _in_order(self, spans: list[slice]) -> Any:
+        """Sightings of several bodies in the order of the log; those of one that is seen once a sweep are as they are."""
+        first = spans[0]
+        if len(spans) == 1 and self.things[int(self.number[first.start])].kind != PERSON:
+            return first
+        at = np.concatenate([np.arange(span.start, span.stop) for span in spans])
+        return at[np.argsort(self.sweep[at], kind="stable")]
 
 
 def _rows(seen: _Sightings, at: Int64, found: Bool) -> Settled:

@@ -1,0 +1,65 @@
+"""What a user should know of a topic that was tracked, a line each."""
+
+from __future__ import annotations
+
+import math
+
+from lidarcli.formalism.tracking.correction import Correction
+from lidarcli.formalism.tracking.things import Track
+
+FAR_ENOUGH = 1.0
+"""[m] A sensor that has gone less far tells little of its poses."""
+SURE = 3.0
+"""An estimate that is not zero is so many standard deviations from it."""
+WORTH_TELLING, WORTH_TELLING_M = 0.02, 0.05
+"""[s], [m] Smaller delays and distances change nothing that is seen."""
+LONG = 20
+"""Sweeps of a track that tells whether all things move."""
+MOST = 0.6
+"""Where a larger share of such tracks are agents it is the sensor that moves."""
+SEVERAL = 4
+"""Fewer tracks tell nothing."""
+
+
+def notes_of(correction: Correction, tracks: list[Track], has_poses: bool) -> list[str]:
+    """What the poses of a topic are off by, or that it should have some."""
+    return _of_poses(correction) if has_poses else _of_motion(tracks)
+
+
+def _of_poses(correction: Correction) -> list[str]:
+    if correction.way < FAR_ENOUGH:
+        return []
+    delay, ahead, left, delay_sd, place_sd = correction.estimate()
+    lines = []
+    if abs(delay) > max(WORTH_TELLING, SURE * delay_sd):
+        when = "late" if delay > 0 else "early"
+        lines.append(
+            f"by what stands still the poses are {abs(delay):.2f} s {when}: corrected for tracks; "
+            f"--pose-delay {delay:.2f} also corrects the world columns"
+        )
+    if math.hypot(ahead, left) > max(WORTH_TELLING_M, SURE * place_sd):
+        lines.append(
+            f"by what stands still the sensor is {_place(ahead, left)} of where its poses are told: corrected for tracks"
+        )
+    return lines
+
+
+def _place(ahead: float, left: float) -> str:
+    """Where the sensor is, in words."""
+    words = []
+    if abs(ahead) >= 0.01:
+        words.append(f"{abs(ahead):.2f} m {'ahead' if ahead > 0 else 'behind'}")
+    if abs(left) >= 0.01:
+        words.append(f"{abs(left):.2f} m to the {'left' if left > 0 else 'right'}")
+    return " and ".join(words)
+
+
+def _of_motion(tracks: list[Track]) -> list[str]:
+    long = [track for track in tracks if track.sweeps >= LONG]
+    moved = sum(track.moved for track in long)
+    if len(long) < SEVERAL or moved <= MOST * len(long):
+        return []
+    return [
+        f"{moved} of {len(long)} things seem to move: without poses the sensor is taken as standing; if it drives, tracks "
+        "need a log with its poses (tf or odometry)"
+    ]
