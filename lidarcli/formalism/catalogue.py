@@ -159,7 +159,9 @@ def possible(evidence: Evidence, catalogue: Catalogue) -> Bool:
 def compare(evidence: Evidence, catalogue: Catalogue) -> Comparison:
     """Hold every thing against every entry."""
     count = len(evidence)
-    shape = evidence.shape - np.log(np.exp(evidence.shape).mean(axis=1))[:, None]
+    # Of many sweeps nothing is likely: only what is likelier counts.
+    shape = evidence.shape - evidence.shape.max(axis=1)[:, None]
+    shape -= np.log(np.exp(shape).mean(axis=1))[:, None]
     columns = [_compare(evidence, thing, shape) for thing in catalogue.things]
     ratio, fit = np.zeros((count, len(columns))), np.zeros((count, len(columns)))
     certain = np.zeros((count, len(columns)), np.bool_)

@@ -125,6 +125,15 @@ def test_another_shape_contradicts() -> None:
     assert names(seen(**size, shape=like("irregular", -50.0)), any_shape) == ["pole"]
 
 
+def test_a_likelihood_of_many_sweeps_may_be_next_to_nothing() -> None:
+    """Only what one shape is likelier than another by tells."""
+    few = seen(side_1=1.2, side_2=0.8, shape=like("prismatic"))
+    many = seen(side_1=1.2, side_2=0.8, shape=like("prismatic") - 5000.0)
+    ratios = [compare(evidence, Catalogue((PALLET,))).ratio.item() for evidence in (few, many)]
+    assert ratios[1] == pytest.approx(ratios[0])
+    assert names(many, PALLET) == ["pallet"]
+
+
 def test_what_never_moves_has_not_moved() -> None:
     pillar = Thing("pillar", diameter=0.3, tolerance=0.01, moves=False)
     things = seen(across=[0.3, 0.3], moved=[False, True])
