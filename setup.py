@@ -31,6 +31,10 @@ MACROS = [("Py_LIMITED_API", "0x030B0000"), ("CYTHON_LIMITED_API", "1")] if STAB
 sources = [
     path.with_suffix(".py") for path in sorted(Path("lidarcli").rglob("*.pxd")) if path.stem != "native"
 ]
+# A module knows the sizes of the classes of those it stands on, however far below: where a .pxd file has changed, all are
+# translated again.
+generated = [path.stat().st_mtime for path in Path("build").rglob("lidarcli/**/*.c")]
+changed = max((path.stat().st_mtime for path in Path("lidarcli").rglob("*.pxd")), default=0.0)
 modules = cythonize(
     [
         Extension(
@@ -43,6 +47,7 @@ modules = cythonize(
         for path in sources
     ],
     build_dir="build",
+    force=changed > min(generated, default=0.0),
     language_level=3,
     compiler_directives={
         # The types stand in the .pxd files: annotations are for readers and for the type checker.

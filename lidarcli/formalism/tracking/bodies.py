@@ -292,7 +292,7 @@ def residual(bodies: Bodies, a: int, z: float, sign: float, var: float) -> tuple
     """What a measurement of c + sign h differs by from the expected [m], and the variance of that [m²]."""
     return (
         z - bodies.c[a] - sign * bodies.h[a],
-        bodies.cc[a] + sign * (2.0 * bodies.ch[a] + sign * bodies.hh[a]) + var,
+        max(bodies.cc[a] + sign * (2.0 * bodies.ch[a] + sign * bodies.hh[a]), 0.0) + var,
     )
 
 
@@ -300,7 +300,7 @@ def still_residual(bodies: Bodies, a: int, z: float, sign: float, var: float) ->
     """The same of the twin."""
     return (
         z - bodies.still_c[a] - sign * bodies.still_h[a],
-        bodies.still_cc[a] + sign * (2.0 * bodies.still_ch[a] + sign * bodies.still_hh[a]) + var,
+        max(bodies.still_cc[a] + sign * (2.0 * bodies.still_ch[a] + sign * bodies.still_hh[a]), 0.0) + var,
     )
 
 

@@ -21,7 +21,7 @@ from lidarcli.formalism.tracking.sightings cimport Sightings
 from lidarcli.formalism.tracking.views cimport Seen, Views
 
 cdef Py_ssize_t PRISMATIC, UNKNOWN, ENOUGH_BEAMS, BOXY, SIZE_BEAMS, FACE_POINTS
-cdef double SLIMMEST_BOX, YAW_FLOOR, DRIFT, DRIFT_YAW, DRIFT_TURN, BEYOND, LEAST_VAR, MOST_PAUSE, SIDE_ERROR, OUTLIER
+cdef double SLIMMEST_BOX, YAW_FLOOR, FARTHEST, DRIFT, DRIFT_YAW, DRIFT_TURN, BEYOND, LEAST_VAR, MOST_PAUSE, SIDE_ERROR, OUTLIER
 
 
 cdef class Fold:

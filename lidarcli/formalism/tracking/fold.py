@@ -40,6 +40,8 @@ FACE_POINTS = 5
 """Points of a face that tell the direction of its body."""
 YAW_FLOOR = 7e-4
 """[rad²] No face tells it better: (1.5 degrees)²."""
+FARTHEST = 100.0
+"""[m] What is further away tells no more of the drift."""
 DRIFT, DRIFT_YAW = 2e-4, 4e-5
 """[m²/m], [rad²/m] By how much the variances of a pose grow on its way: (1.4 cm)² and (0.36 degrees)² on a metre …"""
 DRIFT_TURN = 1e-4
@@ -208,7 +210,7 @@ def _judge_pose(fold: Fold, seen: Seen, row: int, dt: float) -> None:
 def _creep(fold: Fold, b: int) -> float:
     """Variance by which a standing body seems to move while the sensor does, for poses that drift [m²]."""
     dx, dy = fold.bodies.from_x[b] - fold.views.x, fold.bodies.from_y[b] - fold.views.y
-    far = dx * dx + dy * dy
+    far = min(dx * dx + dy * dy, FARTHEST * FARTHEST)
     return fold.way * (DRIFT + DRIFT_YAW * far) + fold.turned * DRIFT_TURN * far
 
 
@@ -368,6 +370,7 @@ def _update_disc(bodies: Bodies, sides: Sides, correction: Correction, b: int) -
         things.update(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
         gain = things.update_still(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
         corrections.follow(correction, bodies, a, gain, i)
+        bodies.still_cc[a] = max(bodies.still_cc[a], sides.lasting_var)
         if sides.half_var >= 0.0:
             things.update_extent(bodies, a, sides.half, sides.half_var)
             _note_extent(bodies, a, 2.0 * sides.half, 4.0 * sides.half_var)

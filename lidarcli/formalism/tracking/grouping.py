@@ -150,10 +150,13 @@ def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
 
 def _allowed(earlier: Thing, later: Thing, gap: float) -> float:
     """How far from where it is expected a piece may begin after a gap [m]."""
+    if not earlier.moved:
+        # What was never shown to move has not gone far in the shadow.
+        return NEAR
     if later.moved:
         return min(NEAR + ASTRAY * gap, MOST_ASTRAY)
     # What stands now may have moved while it was hidden, but then it has hardly been far.
-    return min(NEAR + ASTRAY_STILL * gap, MOST_ASTRAY_STILL) if earlier.moved else NEAR
+    return min(NEAR + ASTRAY_STILL * gap, MOST_ASTRAY_STILL)
 
 
 def _is_over(earlier: _Piece, later: _Piece) -> bool:

@@ -8,7 +8,7 @@ from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.views cimport Views
 
 cdef Py_ssize_t ROUND, LEGGED
-cdef double AT_LEAST, COS_ALONG, SIN_BEHIND, AT_END, FLOOR, RAGGED, LEGGED_VAR, OPEN_VAR
+cdef double AT_LEAST, COS_ALONG, SIN_BEHIND, AT_END, FLOOR, CROOKED, RAGGED, LEGGED_VAR, OPEN_VAR
 
 
 cdef class Sides:
@@ -16,7 +16,7 @@ cdef class Sides:
     cdef double* z
     cdef double* var
     cdef bint by_centre, is_doubtful
-    cdef double half, half_var
+    cdef double half, half_var, lasting_var
 
 
 cdef void measure(

@@ -28,6 +28,8 @@ AT_END = 0.03
 """[m] An end of the points that is this close to the outermost one is it."""
 FLOOR = 1.6e-5
 """[m²] No surface is smoother and no scanner better: (4 mm)²."""
+CROOKED = 0.25
+"""Share of the mean squared distance of points from their face that its place is uncertain by."""
 RAGGED = 0.08
 """Share of its size by which the middle of a thing without faces is uncertain."""
 OPEN_VAR = 0.01
@@ -47,6 +49,8 @@ class Sides:
         """Its variance [m²], or `AT_LEAST`."""
         self.by_centre = False
         """Whether z[0] and z[2] are the centre of a disc; then `half` is its radius with the variance `half_var`."""
+        self.lasting_var = 0.0
+        """Variance of the centre that more sightings do not mend, as they see the same raggedness [m²]."""
         self.is_doubtful = False
         """Whether the centre is that of returns which come and go."""
         self.half = 0.0
@@ -111,6 +115,8 @@ def _face_at(sides: Sides, views: Views, f: int, cos: float, sin: float, pose_va
         normal_x, normal_y = -normal_x, -normal_y
     along, across = cos * normal_x + sin * normal_y, cos * normal_y - sin * normal_x
     var = views.sigma * views.sigma / views.face_points[f] + FLOOR + pose_var
+    # What is not straight is not where its line is.
+    var += CROOKED * views.bulge[f] / views.face_points[f]
     if abs(along) > COS_ALONG:
         side = 1 if along > 0.0 else 0
         sides.z[side], sides.var[side] = cos * x + sin * y, var
@@ -214,7 +220,8 @@ def of_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float
         centre_x, centre_y = views.middle_x[k], views.middle_y[k]
         depth_var = across_var = LEGGED_VAR
     ragged = 0.0 if views.shape[k] == ROUND else RAGGED * views.length[k]
-    more = FLOOR + pose_var + ragged * ragged
+    sides.lasting_var = ragged * ragged
+    more = FLOOR + pose_var + sides.lasting_var
     across_var += more
     # Of what is round the arc tells the middle, wherever it ends.
     sides.is_doubtful = views.shape[k] != ROUND and (

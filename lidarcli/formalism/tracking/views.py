@@ -24,7 +24,7 @@ TURN = sweeps.TURN
 HIDDEN, OPEN, OWN = 0, 1, 2
 """An edge: hidden by something nearer or by the end of the view, beside beams without a return, the thing's own."""
 BESIDE = 0.05
-"""[m] Points so far outside of the box of an object are of something else that stands between its parts."""
+"""[m] Points so far outside of the box of an object, and four times the noise, are of something else between its parts."""
 LEAST_FACE = 3
 """Points that a line needs."""
 
@@ -246,7 +246,8 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     if last < first:
         last += views.bearings
     cos, sin = math.cos(seen.box_yaw[at]), math.sin(seen.box_yaw[at])
-    half_length, half_width = 0.5 * seen.box_length[at] + BESIDE, 0.5 * seen.box_width[at] + BESIDE
+    beside = BESIDE + 4.0 * views.sigma
+    half_length, half_width = 0.5 * seen.box_length[at] + beside, 0.5 * seen.box_width[at] + beside
     begin = views.row * scans.width
     directions = scans.direction[views.row] * scans.width
     views.face_first[f] = n
@@ -267,6 +268,11 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
         n += 1
     if face < last_face:
         f = _end_face(views, f, n)
+    if n == views.begin[views.count]:
+        # Hardly an object; its middle stands for it.
+        n = min(n, 2 * views.beams - 1)
+        views.point_x[n], views.point_y[n] = views.middle_x[views.count], views.middle_y[views.count]
+        n += 1
     views.begin[views.count + 1], views.face_begin[views.count + 1] = n, f
 
 
