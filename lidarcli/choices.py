@@ -18,3 +18,5 @@ STATION_DEGREES = 5.0
 """… if their heading differs by no more than this [degrees]."""
 STATION_ANGLE = math.radians(STATION_DEGREES)
 """The same in radians."""
+MATCH_BY = ("position", "constellation", "auto")
+"""How runs are laid beside each other."""

@@ -20,6 +20,8 @@ MAY_IMPORT = {
     "choices": set[str](),
     "interrupts": set[str](),
     "newfiles": {"errors"},
+    "fields": {"errors"},
+    "tomlfiles": {"errors"},
     "compiled": set[str](),
     "threads": set[str](),
     "records": set[str](),
@@ -30,9 +32,10 @@ MAY_IMPORT = {
     "poses": CORE | {"logs"},
     "formalism": CORE,
     "tables": CORE | {"formalism", "newfiles", "threads"},
-    "simulate": CORE | {"newfiles", "tables"},
+    "simulate": CORE | {"fields", "newfiles", "tables", "tomlfiles"},
     "reports": CORE | {"formalism", "tables"},
-    "pipeline": CORE | {"logs", "poses", "formalism", "tables", "reports", "newfiles", "threads"},
+    "pipeline": CORE
+    | {"logs", "poses", "formalism", "tables", "reports", "fields", "newfiles", "threads", "tomlfiles"},
     "cli": CORE | {"compiled", "interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline"},
     "__init__": {"_version", "compiled", "formalism", "pipeline"},
 }

@@ -16,6 +16,7 @@ WITH_EXAMPLES = (
     "docs/poses.md",
     "docs/background.md",
     "docs/track.md",
+    "docs/catalogue.md",
     "docs/reports.md",
     "docs/ci.md",
 )

@@ -14,7 +14,7 @@ from lidarcli.cli import cli
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tables import metadata
 from lidarcli.tables.background import GEOMETRY
-from lidarcli.tables.schemas import BACKGROUND, SCHEMAS
+from lidarcli.tables.schemas import BACKGROUND, MATCHES, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -142,6 +142,11 @@ def tables_page() -> str:
         "[background.md](background.md) says what the figures mean.",
         "",
         *_schema(BACKGROUND),
+        "## matches",
+        "",
+        "Written by `match`. One row per thing and run that has it, by thing and run ([catalogue.md](catalogue.md)).",
+        "",
+        *_schema(MATCHES),
         "## truth",
         "",
         "`<log>.truth.parquet`, written by `simulate`. One row per sweep and visible entity.",

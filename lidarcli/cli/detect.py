@@ -22,6 +22,7 @@ from lidarcli.cli.options import LOGS, GroupedCommand
   lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
   lidarcli detect run.mcap --pose /amcl_pose
   lidarcli detect run.mcap --background empty.background.parquet --removed
+  lidarcli detect run.mcap --catalogue things.toml
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.cli.messages import Messages, standard_output
-from lidarcli.cli.object_options import object_options
+from lidarcli.cli.object_options import catalogue_option, object_options
 from lidarcli.cli.options import (
     MOST,
     OUTPUT,
@@ -119,6 +119,7 @@ def detection_options(*, tables: str) -> Callable[[F], F]:
                     type=Number("DEGREES", above=0),
                     help="How far it may be turned away from it.  [default: as it was built]",
                 ),
+                catalogue_option,
                 range_options,
                 csv_options,
             )
@@ -144,6 +145,7 @@ def find(
     any_frame: bool,
     distance: float | None,
     angle: float | None,
+    catalogue: str | None,
     rules: RangeRules,
     csv: CsvOptions,
     tracking: Callable[[], TrackOptions] | None = None,
@@ -162,6 +164,7 @@ def find(
 
     from lidarcli.formalism import Parameters
     from lidarcli.pipeline.detecting import DetectOptions
+    from lidarcli.pipeline.inputs.catalogue import read_catalogue
 
     if compared is not None and parameters["max_width"] is None:
         # What differs from the background is no wall, however wide it is.
@@ -173,6 +176,7 @@ def find(
         pose=selection.pose,
         pose_delay=selection.pose_delay,
         background=compared,
+        catalogue=None if catalogue is None else read_catalogue(catalogue),
         tracking=None if tracking is None else tracking(),
         beams=beams,
         overwrite=overwrite,

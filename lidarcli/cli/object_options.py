@@ -9,6 +9,19 @@ import click
 from lidarcli.cli.options import METRES, MOST, F, Number, Threshold, option
 
 OBJECTS = "Objects"
+THINGS = "Things of interest"
+
+
+def catalogue_option(command: F) -> F:
+    """`--catalogue`: the command gets the path of a `catalogue`."""
+    return option(
+        "--catalogue",
+        heading=THINGS,
+        metavar="FILE",
+        type=click.Path(),
+        help="Things with their sizes (TOML, docs/catalogue.md): objects that are one of them get its name.  "
+        "[default: none]",
+    )(command)
 
 
 def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:

@@ -90,6 +90,10 @@ class Detection:
     """(K,) whether it appeared or is gone, -1 for walls; only with a background."""
     station: Int32 | None = None
     """(S,) station of the background that each sweep was compared with, -1 for none; only with a background."""
+    label: Int32 | None = None
+    """(K,) entry of the catalogue, -1 for none; only with a catalogue."""
+    label_score: Float64 | None = None
+    """(K,) how well it fits, 0 to 1; NaN without a label."""
     beam_difference: Float32 | None = None
     """(S, B) r_w - r_e [m], NaN where not known; only with a background and `per_beam`."""
 

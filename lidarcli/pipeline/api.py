@@ -18,6 +18,7 @@ from lidarcli.choices import SIGNIFICANCE, STATION_ANGLE, STATION_DISTANCE
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.building import (
@@ -28,6 +29,7 @@ from lidarcli.pipeline.building import (
 )
 from lidarcli.pipeline.collecting import Failed, TrackTables, of_batches, of_logs
 from lidarcli.pipeline.detecting import DetectOptions
+from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -145,6 +147,7 @@ def detect(
     parameters: Parameters | None = None,
     *,
     background: AnyPath | BackgroundOptions | Sequence[Background] | None = None,
+    catalogue: AnyPath | Catalogue | None = None,
     topics: str | Collection[str] | None = None,
     start: float | None = None,
     end: float | None = None,
@@ -163,6 +166,7 @@ def detect(
         order of topics)
     parameters : of the detection, by default those of profile `robust`; with a background no greatest width
     background : only what differs from it is an object: a background table, what `learn` returns, or with options
+    catalogue : things of interest, which objects are named by: a catalogue file, or what `read_catalogue` makes of it
     topics, start, end, every, rules, csv, pose, pose_delay : as of `read`; only for logs
     objects : single parameters (`max_width=1.0`, `profile="paper"`), instead of `parameters`
     """
@@ -170,7 +174,7 @@ def detect(
     reading |= {"csv": csv, "pose": pose, "pose_delay": pose_delay}
     subtracted = _background(background)
     parameters = _parameters("detect", parameters, objects, subtracted is not None)
-    return _tables(source, ("objects",), parameters, subtracted, reading)["objects"]
+    return _tables(source, ("objects",), parameters, subtracted, catalogue, reading)["objects"]
 
 
 def track(
@@ -179,6 +183,7 @@ def track(
     *,
     significance: float = SIGNIFICANCE,
     background: AnyPath | BackgroundOptions | Sequence[Background] | None = None,
+    catalogue: AnyPath | Catalogue | None = None,
     topics: str | Collection[str] | None = None,
     start: float | None = None,
     end: float | None = None,
@@ -195,6 +200,7 @@ def track(
     ----------
     source : as of `detect`; batches of a log and topic have to come in the order of the log
     significance : share of the standing things that may pass for moving by chance, 1e-12 to 0.1
+    catalogue : as of `detect`; things are named by all that was seen of them
     parameters, background, topics, start, end, every, rules, csv, pose, pose_delay, objects : as of `detect`
 
     Returns
@@ -211,7 +217,8 @@ def track(
     tracking = TrackOptions(TrackParameters(significance=significance))
     subtracted = _background(background)
     parameters = _parameters("track", parameters, objects, subtracted is not None)
-    return TrackTables(**_tables(source, TrackTables._fields, parameters, subtracted, reading, tracking))
+    tables = _tables(source, TrackTables._fields, parameters, subtracted, catalogue, reading, tracking)
+    return TrackTables(**tables)
 
 
 def _tables(
@@ -219,16 +226,18 @@ def _tables(
     tables: Sequence[str],
     parameters: Parameters,
     background: BackgroundOptions | None,
+    catalogue: AnyPath | Catalogue | None,
     reading: dict[str, Any],
     tracking: TrackOptions | None = None,
 ) -> dict[str, pa.Table]:
     """Some tables of logs or of batches, by their names; `reading` holds what only a log can be read with."""
+    things = read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue
     items: Iterator[Any] = iter([source] if isinstance(source, str | PathLike | SweepBatch) else source)
     first = next(items, None)
     if isinstance(first, SweepBatch):
         if asked := [name for name, value in reading.items() if value != _UNASKED.get(name)]:
             raise TypeError(f"only a log can be read with {', '.join(asked)}")
-        return of_batches(chain([first], items), tables, parameters, background, tracking)
+        return of_batches(chain([first], items), tables, parameters, background, things, tracking)
     options = DetectOptions(
         parameters=parameters,
         read=_read_options(*(reading[name] for name in ("topics", "start", "end", "every", "rules"))),
@@ -236,6 +245,7 @@ def _tables(
         pose=reading["pose"],
         pose_delay=reading["pose_delay"],
         background=background,
+        catalogue=things,
         tracking=tracking,
     )
     return of_logs(_sources([] if first is None else [first, *items], level=4), tables, options)
@@ -317,4 +327,15 @@ def _parameters(
     return Parameters.for_profile(**{"max_width": float("inf") if subtracted else None, **objects})
 
 
-_OPTIONS = ("background", "topics", "start", "end", "every", "rules", "csv", "pose", "pose_delay")
+_OPTIONS = (
+    "background",
+    "catalogue",
+    "topics",
+    "start",
+    "end",
+    "every",
+    "rules",
+    "csv",
+    "pose",
+    "pose_delay",
+)

@@ -11,6 +11,7 @@ import pyarrow as pa
 
 from lidarcli.errors import LidarcliError
 from lidarcli.formalism import Detection, Parameters
+from lidarcli.formalism.catalogue import Catalogue, names_in
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_sinks
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.finders import finder
@@ -61,25 +62,31 @@ def of_batches(
     tables: Sequence[str],
     parameters: Parameters,
     background: BackgroundOptions | None,
+    catalogue: Catalogue | None,
     tracking: TrackOptions | None,
 ) -> dict[str, pa.Table]:
     """Some tables of batches that somebody has: as they come, or, where things are followed, by log and topic."""
-    find = finder(parameters, background)
+    # Where things are followed, their names are those of the tracks.
+    find = finder(parameters, background, catalogue if tracking is None else None)
     told: dict[str, Any] = {} if background is None else {"background": background.as_dict()}
+    told |= {} if catalogue is None else {"catalogue": catalogue.as_dict()}
     collected = {table: _Collected() for table in tables}
     if tracking is None:
         for batch in batches:
-            for table, _, rows in rows_of(batch.log, tables, batch, find(batch, False)):
+            for table, _, rows in rows_of(batch.log, tables, batch, find(batch, False), names_in(catalogue)):
                 collected[table].write(rows)
     else:
         told["tracking"] = tracking.as_dict()
-        _follow(((batch, find(batch, False)) for batch in batches), collected, tracking)
+        _follow(((batch, find(batch, False)) for batch in batches), collected, tracking, catalogue)
     metadata = table_metadata(parameters.as_dict() | told)
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
 
 def _follow(
-    found: Iterable[tuple[SweepBatch, Detection]], sinks: Mapping[str, RowSink], tracking: TrackOptions
+    found: Iterable[tuple[SweepBatch, Detection]],
+    sinks: Mapping[str, RowSink],
+    tracking: TrackOptions,
+    catalogue: Catalogue | None,
 ) -> None:
     """Pass the rows of batches to the sinks of their tables, by log and topic."""
     # Who does not track does not wait for this import.
@@ -91,7 +98,7 @@ def _follow(
         for batch, detection in found:
             if batch.log not in logs:
                 orders = stack.enter_context(TopicOrders(sinks, None))
-                logs[batch.log] = Following(batch.log, tracking), orders
+                logs[batch.log] = Following(batch.log, tracking, catalogue), orders
             following, orders = logs[batch.log]
             made = Made(rows_of(batch.log, tables, batch, detection), (batch, detection))
             orders.write(following.take([made]))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.formalism import Parameters
+from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse
@@ -44,6 +45,8 @@ class DetectOptions:
     """Only what differs from this background is an object."""
     tracking: TrackOptions | None = None
     """Follow things from sweep to sweep, and also write the tracks table."""
+    catalogue: Catalogue | None = None
+    """Things of interest, which objects are named by."""
     beams: bool = False
     """Also write the beams table."""
     overwrite: bool = False
@@ -69,14 +72,16 @@ class DetectOptions:
 
     def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
         """The files that are read, none of which an output may replace."""
-        return [*files_of(sources), *([self.background.path] if self.background is not None else [])]
+        options = [each.path for each in (self.background, self.catalogue) if each is not None]
+        return [*files_of(sources), *(path for path in options if path)]
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """What is to be made of every batch of a log."""
         of_batches = tuple(table for table in tables if table != "tracks")
-        return Recipe(
-            source.name, of_batches, self.parameters, self.background, followed=self.tracking is not None
-        )
+        followed = self.tracking is not None
+        # Where things are followed, their names are those of the tracks.
+        catalogue = None if followed else self.catalogue
+        return Recipe(source.name, of_batches, self.parameters, self.background, catalogue, followed=followed)
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the tables' metadata."""
@@ -86,6 +91,7 @@ class DetectOptions:
             **reading_as_dict(self.read, self.csv, self.pose, self.pose_delay),
             **background,
             **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),
+            **({} if self.catalogue is None else {"catalogue": self.catalogue.as_dict()}),
         }
 
 
@@ -135,7 +141,7 @@ def _rows(
         # Who does not track does not wait for this import.
         from lidarcli.pipeline.objects.following import Following
 
-        following = Following(source.name, options.tracking)
+        following = Following(source.name, options.tracking, options.catalogue)
     for part in work.parts(progress):
         summary.add_found(part.found)
         yield from part.rows if following is None else following.take(part.batches)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from math import degrees, hypot, radians
@@ -11,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.errors import OptionError
+from lidarcli.fields import Fields
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.fields import Fields
 from lidarcli.simulate.load_motion import load_motion, load_robot, refuse_beside_route
 from lidarcli.simulate.scene import (
     LOST_AS,
@@ -22,14 +20,11 @@ from lidarcli.simulate.scene import (
     Scene,
     Sensor,
 )
+from lidarcli.tomlfiles import read_toml
 
 MAX_BEAMS = 100_000
 MAX_SWEEPS = 10_000_000
 """Most sweeps of a log."""
-MAX_BYTES = 1_000_000
-"""Most bytes of a scene file."""
-MAX_DEPTH = 16
-"""Most levels of brackets, and of the parts of a dotted key, in a scene file."""
 MAX_SHAPES = 10_000
 """Most straight sides and circles of all entities: each beam meets all of them."""
 MAX_FLICKER = 0.9
@@ -38,20 +33,12 @@ LEAST_RATE = 1e-3
 """Fewest sweeps per second."""
 LEAST_STEP = 1e-9
 """Least angle from beam to beam [degrees]."""
-_TEXTS = re.compile(r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""")
-_BETWEEN_KEYS = re.compile(r"[^\w \t.-]")
 
 
 def load_scene(path: str | Path) -> Scene:
     """Read a scene file; whatever is wrong with it is one line that names the file and the key."""
     file = str(path)
-    text = _text(file)
-    _refuse_nested(file, text)
-    try:
-        document = tomllib.loads(text)
-    except ValueError as err:
-        raise UnreadableError(f"{file}: not valid TOML: {err}") from err
-
+    document = read_toml(file, "scene")
     top = Fields(file, "the scene", document)
     head = Fields(file, "[scene]", document.get("scene", {}))
     sensor = _sensor(Fields(file, "[sensor]", document.get("sensor", {})))
@@ -83,39 +70,6 @@ def load_scene(path: str | Path) -> Scene:
     top.asked = ["scene", "sensor", "robot", *_ENTITIES]
     top.done()
     return scene
-
-
-def _text(file: str) -> str:
-    """The text of a scene file."""
-    try:
-        with Path(file).open("rb") as opened:
-            data = opened.read(MAX_BYTES + 1)
-    except OSError as err:
-        raise UnreadableError(f"{file}: cannot read the scene: {err.strerror or err}") from err
-    if len(data) > MAX_BYTES:
-        raise UnreadableError(f"{file}: larger than a scene may be ({MAX_BYTES:,} bytes)")
-    try:
-        return data.decode("utf-8").replace("\r\n", "\n")
-    except UnicodeDecodeError as err:
-        raise UnreadableError(f"{file}: byte {err.start}: not UTF-8 text; a scene is a TOML file") from err
-
-
-def _refuse_nested(file: str, text: str) -> None:
-    """Refuse what would take the parser more memory than the scene is worth."""
-    for number, line in enumerate(_lines_without_texts(text), 1):
-        if any(part.count(".") > MAX_DEPTH for part in _BETWEEN_KEYS.split(line)):
-            raise UnreadableError(f"{file}: line {number}: a key of more than {MAX_DEPTH} parts")
-    depth = 0
-    for number, line in enumerate(_lines_without_texts(text), 1):
-        for mark in line:
-            depth += (mark in "[{") - (mark in "]}")
-            if depth > MAX_DEPTH:
-                raise UnreadableError(f"{file}: line {number}: more than {MAX_DEPTH} brackets are open")
-
-
-def _lines_without_texts(text: str) -> list[str]:
-    """Lines with a letter in place of each text, and without comments."""
-    return _TEXTS.sub("x", text).split("\n")
 
 
 def _sensor(fields: Fields) -> Sensor:

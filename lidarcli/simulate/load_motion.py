@@ -7,7 +7,7 @@ from math import hypot, radians
 
 import numpy as np
 
-from lidarcli.simulate.fields import Fields
+from lidarcli.fields import Fields
 from lidarcli.simulate.route import CORNERS, Corner, Route, Waypoint, plan_route
 from lidarcli.simulate.scene import Course, Motion, Mount, Odometry, super_ellipse
 

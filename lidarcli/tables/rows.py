@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -48,8 +49,13 @@ class Form:
 _OBJECTS, _SWEEPS, _BEAMS = map(Form.of, (OBJECTS, SWEEPS, BEAMS))
 
 
-def objects_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
-    """Rows of the objects table: one per object, in the order of the detection (sweep, object)."""
+def objects_rows(
+    log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str] = ()
+) -> pa.RecordBatch:
+    """Rows of the objects table: one per object, in the order of the detection (sweep, object).
+
+    `labels` are the names that the labels of the detection point into, where it has some.
+    """
     row = detection.row
     count = len(row)
     columns = {
@@ -67,6 +73,8 @@ def objects_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.Record
     }
     if detection.change is not None:
         columns["change"] = codes(detection.change, CHANGES)
+    if detection.label is not None:
+        columns["label"] = codes(detection.label, labels)
     if batch.poses is not None:
         world = batch.poses.to_world(row, detection.box_x, detection.box_y, detection.box_yaw)
         columns |= zip(("world_x", "world_y", "world_yaw"), map(floats, world), strict=True)

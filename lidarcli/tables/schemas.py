@@ -209,6 +209,21 @@ BACKGROUND = pa.schema(
     ]
 )
 
+MATCHES = pa.schema(
+    [
+        column("thing", INT64, "1", "number of the thing, 1, 2, ... by first sight in the order of the runs"),
+        column("log", TEXT, "", "log in which it was seen; its table where several logs have one name"),
+        _TOPIC,
+        column("track", INT64, "1", "its number in the tracks table of that log"),
+        column("x", FLOAT, "m", "where it stands, in the coordinates of the first run that is matched"),
+        column("y", FLOAT, "m", "where it stands"),
+        column(
+            "moved", FLOAT, "m", "how far from where it was in the run before that has it; null in the first"
+        ),
+        column("score", FLOAT, "1", "how likely it is that thing and no other, 0 to 1; null in the first"),
+    ]
+)
+
 SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
@@ -218,6 +233,7 @@ NULLABLE = {
     "tracks": frozenset({"label", "moved_at"}),
     "beams": frozenset({"object"}),
     "background": frozenset[str](),
+    "matches": frozenset[str](),
 }
 """Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
 LATER = {

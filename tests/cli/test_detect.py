@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.tables import OBJECTS
+from tests.places import SAMPLES
 
 Run = Callable[..., Any]
 
@@ -200,3 +201,42 @@ def test_empty_log_gives_empty_tables(tmp_path: Path, logs: Path, lidarcli: Run)
     assert ran.code == 0
     assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects"
     assert pq.read_table(tmp_path / "run.objects.parquet").schema.equals(OBJECTS)
+
+
+def test_objects_are_named_by_a_catalogue(lidarcli: Run, tmp_path: Path) -> None:
+    catalogue = SAMPLES / "room.catalogue.toml"
+    ran = lidarcli(
+        "detect",
+        SAMPLES / "room.mcap",
+        "--catalogue",
+        catalogue,
+        "-o",
+        "-",
+        "--format",
+        "csv",
+        "--end",
+        "0.05",
+    )
+    assert ran.code == 0
+    head, *rows = [line.split(",") for line in ran.out.splitlines()]
+    assert [row[-5] for row in rows] == ["smaller brown box", "brown box", "brown box", "", ""]
+    assert head[-5] == "label"
+
+
+def test_a_bad_catalogue_is_a_usage_error(lidarcli: Run, tmp_path: Path) -> None:
+    path = tmp_path / "things.toml"
+    path.write_text('[[thing]]\nname = "a"\nlenght = 1.0\n', encoding="utf-8")
+    ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", path, "-o", tmp_path / "out")
+    assert ran.code == 2
+    assert ran.err == (
+        f"lidarcli: {path}: [[thing]] number 1: unknown key 'lenght'; did you mean 'length'?\n"
+    )
+    assert lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", tmp_path / "none.toml").code == 3
+
+
+def test_no_output_replaces_the_catalogue(lidarcli: Run, tmp_path: Path) -> None:
+    path = tmp_path / "things.csv"
+    path.write_bytes((SAMPLES / "room.catalogue.toml").read_bytes())
+    ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", path, "-o", path, "--overwrite")
+    assert ran.code == 5
+    assert path.read_bytes() == (SAMPLES / "room.catalogue.toml").read_bytes()

@@ -28,6 +28,8 @@ BENDS = {"FLAT", "CONVEX", "CONCAVE"}
 """Codes of a module that has constants, too."""
 BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}
 """The subtraction of a background has a page of its own, docs/background.md."""
+THINGS = {"catalogue", "constellation", "evidence", "fits", "matching", "naming", "pairing", "shares"}
+"""So have things of interest, docs/catalogue.md."""
 
 
 def section(title: str) -> str:
@@ -66,7 +68,7 @@ def constants() -> dict[str, float]:
     names = {
         name: sorted(assigned(path) - codes)
         for name, path in sources().items()
-        if name not in CODES | BACKGROUND
+        if name not in CODES | BACKGROUND | THINGS
     }
     wanted = [(module_of(sources()[name]), name, list(values)) for name, values in names.items() if values]
     program = (

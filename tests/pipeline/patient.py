@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.formalism.detection import AGENT, OBJECT, SETS, SHAPES, Detection
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracked import ENDS, Followed, Tracks
@@ -23,7 +24,7 @@ class Patient:
     label = -1
     """Entry of the catalogue that agents are."""
 
-    def __init__(self, parameters: TrackParameters) -> None:
+    def __init__(self, parameters: TrackParameters, catalogue: Catalogue | None = None) -> None:
         self.parameters = parameters
         self.frames: list[str] = []
         self.notes: list[str] = []

@@ -16,6 +16,7 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import OptionError, OutputError
+from lidarcli.formalism.catalogue import Catalogue, Thing
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
@@ -32,7 +33,8 @@ from tests.pipeline.patient import PATIENCE, Patient
 from tests.places import SAMPLES
 from tests.sweeping import BOX, START, STEP, raw_sweeps, round_room
 
-TRACKING = TrackOptions(TrackParameters(), labels=("pallet", "person"))
+TRACKING = TrackOptions(TrackParameters())
+CATALOGUE = Catalogue((Thing("pallet", length=1.2, width=0.8), Thing("person", legs=2)))
 OTHER_BOX = (200, 230, 1.5)
 CHANGED = {
     "objects": {"set", "track", "vx", "vy", "moving", "label", "label_score"},
@@ -47,7 +49,8 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> list[Patient]:
     """Every tracker that is made is one whose answers are known."""
     made: list[Patient] = []
 
-    def make(parameters: TrackParameters) -> Patient:
+    def make(parameters: TrackParameters, catalogue: Catalogue | None) -> Patient:
+        assert catalogue in (None, CATALOGUE)
         made.append(Patient(parameters))
         return made[-1]
 
@@ -91,7 +94,7 @@ def test_every_table_tells_the_same(
     source: Source, tmp_path: Path, patient: list[Patient], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Patient, "label", 1)
-    summary = detect_to_files(source, tmp_path, followed(beams=True))
+    summary = detect_to_files(source, tmp_path, followed(beams=True, catalogue=CATALOGUE))
     found = tables(tmp_path)
     assert {name: table.schema for name, table in found.items()} == {
         name: SCHEMAS[name].with_metadata(found[name].schema.metadata) for name in SCHEMAS

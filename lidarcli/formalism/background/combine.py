@@ -18,11 +18,16 @@ _SWEEP_FIELDS = {
 }
 _VERTEX_FIELDS = ("vertex_theta", "vertex_r", "vertex_kind")
 _FACE_FIELDS = ("face_theta_i", "face_theta_f", "face_length", "face_rms")
+_LATER_FIELDS = ("label", "label_score")
+"""What is made of a detection when it is whole."""
 _OBJECT_FIELDS = [
     field.name
     for field in fields(Detection)
     if field.name
-    not in {*_SWEEP_FIELDS, *_VERTEX_FIELDS, *_FACE_FIELDS, "object", "vertex_offsets", "face_offsets"}
+    not in {
+        *(*_SWEEP_FIELDS, *_VERTEX_FIELDS, *_FACE_FIELDS, *_LATER_FIELDS),
+        *("object", "vertex_offsets", "face_offsets"),
+    }
 ]
 
 

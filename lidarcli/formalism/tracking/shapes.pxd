@@ -9,13 +9,13 @@ from lidarcli.formalism.tracking cimport views as looks
 from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.views cimport Views
 
-cdef Py_ssize_t PRISMATIC, SPECK
-cdef double TEMPER, CERTAIN_BEAMS, SLIM, AROUND, BESIDE, BEHIND, SAME
+cdef Py_ssize_t PRISMATIC, SPECK, CERTAIN_BEAMS
+cdef double SLIM, AROUND, BESIDE, BEHIND, SAME
 
 
 cdef class Shapes:
     cdef list owner
-    cdef double* log
+    cdef double* weight
 
 
 cdef void note(Shapes shapes, Bodies bodies, Py_ssize_t b, Views views, Py_ssize_t k) noexcept nogil

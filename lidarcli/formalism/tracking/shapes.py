@@ -15,9 +15,7 @@ from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.views import Views
 
 PRISMATIC = detection.PRISMATIC
-TEMPER = 0.2
-"""Sightings that follow each other see the same: each counts as this share of one."""
-CERTAIN_BEAMS = 20.0
+CERTAIN_BEAMS = 20
 """A view of so many beams counts in full."""
 SLIM = 0.15
 """[m] A leg is no wider."""
@@ -31,31 +29,21 @@ BEHIND = 0.25
 """[m] … which is nearer than its neighbours by this."""
 SAME = 0.08
 """[m] A leg is where it was, give or take this."""
-LIKELIHOOD = (
-    (0.80, 0.03, 0.01, 0.06, 0.10),
-    (0.15, 0.60, 0.01, 0.09, 0.15),
-    (0.10, 0.20, 0.40, 0.20, 0.10),
-    (0.35, 0.10, 0.03, 0.42, 0.10),
-)
-"""How often a thing that is prismatic, round, legged or irregular is seen as each of the shapes of a sweep."""
 
 
 class Shapes:
-    """Logarithms of `LIKELIHOOD`, in rows."""
+    """What views count, by their number of beams."""
 
     def __init__(self) -> None:
         self.owner: list[Any] = []
-        self.log = native.doubles(self.owner, 20)
-        for row, shares in enumerate(LIKELIHOOD):
-            for column, share in enumerate(shares):
-                self.log[5 * row + column] = math.log(share)
+        self.weight = native.doubles(self.owner, CERTAIN_BEAMS + 1)
+        for beams in range(CERTAIN_BEAMS + 1):
+            self.weight[beams] = float(beams) / CERTAIN_BEAMS
 
 
 def note(shapes: Shapes, bodies: Bodies, b: int, views: Views, k: int) -> None:
-    """Add what a view says of the shape of a body."""
-    weight = TEMPER * min(views.size[k] / CERTAIN_BEAMS, 1.0)
-    for shape in range(4):
-        bodies.looks[5 * b + shape] += weight * shapes.log[5 * shape + views.shape[k]]
+    """Count the shape that a view has been taken for."""
+    bodies.looks[5 * b + views.shape[k]] += shapes.weight[min(views.size[k], CERTAIN_BEAMS)]
     if views.shape[k] != PRISMATIC:
         return
     for f in range(views.face_begin[k], views.face_begin[k + 1]):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
+from lidarcli.formalism.evidence import rectangle
+from lidarcli.formalism.shares import shape_likelihood
 from lidarcli.formalism.tracking.things import Thing, Track
 from lidarcli.formalism.tracking.tracked import BOX, END_OF_LOG, Tracks
 
@@ -25,6 +28,10 @@ SURE = 20.0
 """Log-odds of what was seen beyond doubt."""
 LEAST_ODDS = 0.2
 """A shape has to be likelier than the next one by this."""
+LEG_SD = 0.03
+"""[m] Standard deviation of the distance of two legs: their fronts are seen."""
+ONE_LEG = 0.1
+"""[m] Places that are closer together are those of one leg."""
 RIGHT_ANGLE = 0.5 * math.pi
 
 
@@ -41,8 +48,8 @@ def tracks_of(register: Register, sweeps: int) -> Tracks:
         track=np.array([track.number for track in tracks], np.int64),
         set=np.array([AGENT if track.moved else OBJECT for track in tracks], np.uint8),
         shape=column("shape", np.uint8),
-        label=np.full(len(tracks), -1, np.int32),
-        label_score=np.full(len(tracks), np.nan),
+        label=np.array([track.label for track in tracks], np.int32),
+        label_score=np.array([track.label_score for track in tracks], np.float64),
         first_sweep=np.array([track.first[0] for track in tracks], np.int64),
         last_sweep=np.array([track.last[0] for track in tracks], np.int64),
         first_stamp_ns=np.array([track.first[1] for track in tracks], np.int64),
@@ -73,26 +80,71 @@ def _mean_speed(track: Track) -> float:
 
 def _row(track: Track) -> dict[str, float]:
     """What the parts of a track say of it."""
-    main = max(track.parts, key=lambda part: (part.sightings, -part.number))
+    body = main(track)
     last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
-    sides = [_side(main, axis) for axis in range(2)]
-    yaw = main.yaw
+    shape, end = _shape(track, body), last.end if last.has_ended else END_OF_LOG
+    if (frame := frame_of_legs(track)) is not None:
+        return {**asdict(frame), "length_sd": LEG_SD, "width_sd": LEG_SD, "shape": shape, "end": end}
+    sides = [_side(body, axis) for axis in range(2)]
+    yaw = body.yaw
     if sides[1][0] > sides[0][0]:
         sides.reverse()
         yaw += RIGHT_ANGLE
-    x, y = (track.x, track.y) if track.moved or len(track.parts) > 1 else main.place(True)
+    x, y = (track.x, track.y) if track.moved or len(track.parts) > 1 else body.place(True)
     (length, length_sd), (width, width_sd) = sides
     return {
         "x": x,
         "y": y,
-        "yaw": RIGHT_ANGLE - (RIGHT_ANGLE - yaw) % math.pi if main.kind == BOX else 0.0,
+        "yaw": _halved(yaw) if body.kind == BOX else 0.0,
         "length": length,
         "width": width,
         "length_sd": length_sd,
         "width_sd": width_sd,
-        "shape": _shape(track, main),
-        "end": last.end if last.has_ended else END_OF_LOG,
+        "shape": shape,
+        "end": end,
     }
+
+
+def main(track: Track) -> Thing:
+    """The part that was seen most often."""
+    return max(track.parts, key=lambda part: (part.sightings, -part.number))
+
+
+def _halved(yaw: float) -> float:
+    """The direction of an axis in (-π/2, π/2]."""
+    return RIGHT_ANGLE - (RIGHT_ANGLE - yaw) % math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class LegFrame:
+    """The smallest rectangle through the places of legs that stand."""
+
+    legs: int
+    length: float
+    width: float
+    x: float
+    y: float
+    yaw: float
+
+
+def frame_of_legs(track: Track) -> LegFrame | None:
+    """Where the legs of a thing stand; None where it has none, or walks."""
+    if track.moved:
+        return None
+    places: list[tuple[float, float]] = []
+    for part in track.parts if track.several else [main(track)]:
+        for place in (part.place(True), *part.legs):
+            if all(math.dist(place, other) > ONE_LEG for other in places):
+                places.append(place)
+    if len(places) < 2:
+        return None
+    x, y = np.array([places]).transpose(2, 0, 1)
+    sides, yaw, middle = rectangle(x, y)
+    one, other = sides[:, 0].tolist()
+    angle = float(yaw[0])
+    if other > one:
+        one, other, angle = other, one, angle + RIGHT_ANGLE
+    return LegFrame(len(places), one, other, float(middle[0, 0]), float(middle[1, 0]), _halved(angle))
 
 
 def _side(thing: Thing, axis: int) -> tuple[float, float]:
@@ -105,7 +157,7 @@ def _side(thing: Thing, axis: int) -> tuple[float, float]:
 
 def shape_odds(track: Track, thing: Thing) -> list[float]:
     """Log-likelihood of all that was seen of a track, mostly as one body, if it is prismatic, round, legged, irregular."""
-    odds = [*thing.looks]
+    odds = shape_likelihood(thing.looks)
     if thing.bulge_points >= STRAIGHT_POINTS:
         # Faces that stay further from straight than noise explains are none of a prism.
         ratio = thing.bulge / thing.bulge_points

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -65,7 +66,8 @@ class Thing:
     side: tuple[float, float] = (0.0, 0.0)
     side_weight: tuple[float, float] = (0.0, 0.0)
     least: tuple[float, float] = (0.0, 0.0)
-    looks: tuple[float, ...] = ()
+    looks: tuple[float, ...] = (0.0,) * 4
+    """Views that took it for prismatic, round, legged, irregular."""
     has_ended: bool = False
     track: Track | None = None
     state: NDArray[np.float64] | None = None
@@ -132,6 +134,10 @@ class Track:
     distance: float = 0.0
     speed_max: float = 0.0
     onset_ns: int = 0
+    label: int = -1
+    """Entry of the catalogue by what was seen so far, -1 for none, …"""
+    label_score: float = math.nan
+    """… and how probable that is."""
     x: float = 0.0
     y: float = 0.0
     state: NDArray[np.float64] | None = None

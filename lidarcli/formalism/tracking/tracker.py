@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,10 @@ from lidarcli.formalism.tracking.tracked import Followed, Tracks
 from lidarcli.formalism.tracking.views import Seen, Views
 from lidarcli.formalism.tracking.windows import Register, Settled, Window
 from lidarcli.sweeps import Float64, Int32, SweepBatch
+
+if TYPE_CHECKING:
+    from lidarcli.formalism.catalogue import Catalogue
+    from lidarcli.formalism.tracking.naming import Naming
 
 WINDOW = 256
 """Sweeps of a window: the rows of one are settled when the next one has been seen."""
@@ -42,8 +46,14 @@ class _Waiting:
 class Tracker:
     """Follows the things of one topic. Memory is bounded; the result does not depend on how sweeps are cut into batches."""
 
-    def __init__(self, parameters: TrackParameters | None = None) -> None:
+    def __init__(self, parameters: TrackParameters | None = None, catalogue: Catalogue | None = None) -> None:
         self.parameters = parameters or TrackParameters()
+        self._naming: Naming | None = None
+        if catalogue is not None:
+            # Who has no catalogue does not wait for this import.
+            from lidarcli.formalism.tracking.naming import Naming
+
+            self._naming = Naming(catalogue)
         self.frames: list[str] = []
         """Names of sensor frames, which `Tracks.frame` points into."""
         self.notes: list[str] = []
@@ -57,7 +67,7 @@ class Tracker:
         )
         self._log = sightings.room(SIGHTINGS_AT_FIRST)
         self._fold.log.attach(self._log)
-        self._register = Register()
+        self._register = Register(self._naming)
         self._waiting: deque[_Waiting] = deque()
         self._windows: deque[Window] = deque([Window(0, 0)])
         """Those that are not settled; the last one is being filled."""
@@ -99,11 +109,13 @@ class Tracker:
         if self._first_ns is None:
             self._first_ns = int(batch.stamp_ns[0])
         fold, laid_out = self._fold, scans(batch)
-        seen = Seen(detection, _poses(batch), (batch.stamp_ns - np.int64(self._first_ns)) / 1e9)
+        poses = _poses(batch)
+        seen = Seen(detection, poses, (batch.stamp_ns - np.int64(self._first_ns)) / 1e9)
         self._make_room(seen.most, batch.width)
         fold.moves = batch.poses is not None
         fold.objects = self._objects
         frames = self._frames(batch)
+        looks = None if self._naming is None else self._naming.see(batch, detection, poses)
         numbers = np.zeros(len(detection), np.int64)
         offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
         row = 0
@@ -119,6 +131,8 @@ class Tracker:
             window.index.append(batch.sweep[begin:row])
             window.stamps.append(batch.stamp_ns[begin:row])
             window.frames.append(frames[begin:row])
+            if looks is not None:
+                window.looks.append(looks.rows(slice(first, last)))
             if fold.sweeps % WINDOW == 0:
                 self._register.collect(fold.bodies)
                 if len(self._windows) > 1:
@@ -200,8 +214,8 @@ def _followed(one: _Waiting, settled: Settled) -> Followed:
         vy=settled.vy,
         moving=np.where(known, settled.moving, -1).astype(np.int8),
         set=kind,
-        label=np.full(len(found), -1, np.int32),
-        label_score=np.full(len(found), np.nan),
+        label=settled.label,
+        label_score=settled.label_score,
         objects=found.objects - agents,
         agents=agents,
         object_beams=found.object_beams - agent_beams,

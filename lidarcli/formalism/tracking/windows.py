@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,10 @@ from lidarcli.formalism.tracking import grouping, motions
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.things import Thing, Track
 from lidarcli.formalism.tracking.tracked import CONFIRMED, EMPTY, ENDED, LIVE, PERSON
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int32, Int64
+
+if TYPE_CHECKING:
+    from lidarcli.formalism.tracking.naming import Looks, Naming
 
 LONGEST_LAPSE = 10.0
 """[s] Nobody knows how far something went that was unseen for longer."""
@@ -36,6 +39,8 @@ class Window:
     """… its stamp …"""
     frames: list[Int64] = field(default_factory=list)
     """… and its frame."""
+    looks: list[Looks] = field(default_factory=list)
+    """What each object looked like, where tracks are named."""
 
     @property
     def count(self) -> int:
@@ -52,6 +57,8 @@ class Settled:
     vy: Float64
     moving: Bool
     agent: Bool
+    label: Int32
+    label_score: Float64
 
     def rows(self, part: slice) -> Settled:
         """Of some of the objects."""
@@ -60,7 +67,7 @@ class Settled:
     @staticmethod
     def joined(parts: list[Settled]) -> Settled:
         """Of one object after the other."""
-        kinds = (np.int64, np.float64, np.float64, np.bool_, np.bool_)
+        kinds = (np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64)
         if not parts:
             nothing: list[Any] = [np.empty(0, kind) for kind in kinds]
             return Settled(*nothing)
@@ -74,7 +81,9 @@ class Settled:
 class Register:
     """All things that were believed, and the tracks they are parts of."""
 
-    def __init__(self) -> None:
+    def __init__(self, naming: Naming | None = None) -> None:
+        self.naming = naming
+        """Names tracks, if there is a catalogue."""
         self.things: dict[int, Thing] = {}
         """By the number of their body; those that are over and settled are left out."""
         self.tracks: list[Track] = []
@@ -102,8 +111,11 @@ class Register:
         grouping.join(seen, self.things, window.begin, stop)
         self._number_new(seen)
         motions.smooth(seen, self.things)
-        settled = _rows(window, seen)
+        at, found = seen.find(window)
         self._sum_up(window, seen)
+        if self.naming is not None:
+            self._name(self.naming, window, seen, at, found)
+        settled = _rows(seen, at, found)
         self._forget(stop)
         return settled
 
@@ -154,10 +166,21 @@ class Register:
             last = seen.sweep[at] == sweeps[-1]
             track.x, track.y = float(seen.x[at][last].mean()), float(seen.y[at][last].mean())
 
+    def _name(self, naming: Naming, window: Window, seen: _Sightings, at: Int64, found: Bool) -> None:
+        """Name the tracks of a window, by what it says."""
+        number, axes = np.zeros(len(found), np.int64), np.full(len(found), np.nan)
+        number[found] = seen.number[at]
+        axes[found] = np.where(seen.centred[at] != 0, np.nan, np.arctan2(seen.sin[at], seen.cos[at]))
+        naming.take(window.looks, number, axes, self.things)
+        naming.name(seen.tracks())
+
     def _forget(self, stop: int) -> None:
         """Let go of what is over; the track keeps its parts."""
-        for number in [n for n, thing in self.things.items() if thing.has_ended and thing.last_sweep < stop]:
+        over = [n for n, thing in self.things.items() if thing.has_ended and thing.last_sweep < stop]
+        for number in over:
             del self.things[number]
+        if self.naming is not None:
+            self.naming.forget(over)
 
 
 def _sum_up_motion(track: Track, seen: _Sightings, at: Any, times: Float64) -> None:
@@ -186,6 +209,9 @@ class _Sightings:
         self.object: Int64
         self.x: Float64
         self.y: Float64
+        self.cos: Float64
+        self.sin: Float64
+        self.centred: Int64
         self.things = things
         self.now: Bool = self.sweep < stop
         """Whether it is in the window, or in the one after."""
@@ -202,6 +228,22 @@ class _Sightings:
                 first[n] = int(self.object[span.start])
         self.in_window = sorted(first, key=first.__getitem__)
         """Bodies with a row in the window, by first sight."""
+
+    def find(self, window: Window) -> tuple[Int64, Bool]:
+        """Of the objects of a window those that are sightings, and which of all these are: further parts of a body, too."""
+        numbers = np.concatenate(window.numbers) if window.numbers else np.empty(0, np.int64)
+        sweeps = np.concatenate(window.sweeps) if window.sweeps else np.empty(0, np.int64)
+        # Sightings are in order of body, then sweep: so are these keys.
+        keys = (self.number << 32) + self.sweep
+        wanted = (numbers << 32) + sweeps
+        at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
+        found = keys[at] == wanted if len(keys) else np.zeros(len(numbers), bool)
+        return at[found], found
+
+    def tracks(self) -> list[Track]:
+        """Tracks with sightings in the window."""
+        parts = (self.things[number].track for number in self.in_window)
+        return list({track.number: track for track in parts if track is not None}.values())
 
     def by_track(self) -> list[tuple[Track, Any]]:
         """Tracks with sightings in the window, and these in the order of the log: a slice, or indices of several bodies."""
@@ -224,24 +266,22 @@ class _Sightings:
         return at[np.argsort(self.sweep[at], kind="stable")]
 
 
-def _rows(window: Window, seen: _Sightings) -> Settled:
-    """What the sightings say of the objects of a window, further parts of a body among them."""
-    numbers = np.concatenate(window.numbers) if window.numbers else np.empty(0, np.int64)
-    sweeps = np.concatenate(window.sweeps) if window.sweeps else np.empty(0, np.int64)
-    # Sightings are in order of body, then sweep: so are these keys.
-    keys = (seen.number << 32) + seen.sweep
-    wanted = (numbers << 32) + sweeps
-    at = np.minimum(np.searchsorted(keys, wanted), max(len(keys) - 1, 0))
-    found = keys[at] == wanted if len(keys) else np.zeros(len(numbers), bool)
-    track_of = np.zeros(len(keys), np.int64)
+def _rows(seen: _Sightings, at: Int64, found: Bool) -> Settled:
+    """What the sightings `at` say of those objects of a window that were found, further parts of a body among them."""
+    size = len(seen.number)
+    track_of, label_of, score_of = (
+        np.zeros(size, np.int64),
+        np.full(size, -1, np.int32),
+        np.full(size, np.nan),
+    )
     for number in seen.in_window:
         track = seen.things[number].track
         assert track is not None
-        track_of[seen.spans[number]] = track.number
-    at = at[found]
+        span = seen.spans[number]
+        track_of[span], label_of[span], score_of[span] = track.number, track.label, track.label_score
 
     def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
-        out = np.full(len(numbers), empty, values.dtype)
+        out = np.full(len(found), empty, values.dtype)
         out[found] = values[at]
         return out
 
@@ -251,4 +291,6 @@ def _rows(window: Window, seen: _Sightings) -> Settled:
         vy=column(seen.vy, np.nan),
         moving=column(seen.moving, False),
         agent=column(seen.agent, False),
+        label=column(label_of, -1),
+        label_score=column(score_of, np.nan),
     )

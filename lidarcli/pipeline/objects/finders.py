@@ -8,6 +8,7 @@ from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.sweeps import SweepBatch
 
 if TYPE_CHECKING:
+    from lidarcli.formalism.catalogue import Catalogue
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 
@@ -23,8 +24,14 @@ class Finder(Protocol):
         """What a user should know of it in the end, a line each."""
 
 
-def finder(parameters: Parameters, background: BackgroundOptions | None) -> Finder:
-    """Each sweep by itself, or what differs from a background."""
+def finder(
+    parameters: Parameters, background: BackgroundOptions | None, catalogue: Catalogue | None = None
+) -> Finder:
+    """Each sweep by itself, or what differs from a background; with a catalogue its objects have labels."""
+    if catalogue is not None:
+        from lidarcli.pipeline.objects.naming import Naming
+
+        return Naming(finder(parameters, background), catalogue)
     if background is None:
         return _Alone(parameters)
     from lidarcli.pipeline.objects.subtracting import Subtracting

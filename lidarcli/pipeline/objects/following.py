@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from lidarcli.formalism.catalogue import Catalogue, names_in
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracked import Followed, Tracks
@@ -24,12 +25,10 @@ class TrackOptions:
     """What `track` lets a user choose beside the options of `detect`."""
 
     parameters: TrackParameters = field(default_factory=TrackParameters)
-    labels: tuple[str, ...] = ()
-    """Names that the labels of the tracker stand for."""
 
-    def tracker(self) -> Tracker:
-        """A tracker for one topic: the only place where one is made."""
-        return Tracker(self.parameters)
+    def tracker(self, catalogue: Catalogue | None = None) -> Tracker:
+        """A tracker for one topic, which names things by a catalogue: the only place where one is made."""
+        return Tracker(self.parameters, catalogue)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for the tables' metadata."""
@@ -39,9 +38,11 @@ class TrackOptions:
 class Following:
     """Follows the things of one log, each topic by itself, in the order of the log, and completes its rows."""
 
-    def __init__(self, log: str, options: TrackOptions) -> None:
+    def __init__(self, log: str, options: TrackOptions, catalogue: Catalogue | None = None) -> None:
         self._log = log
         self._options = options
+        self._catalogue = catalogue
+        self._labels = names_in(catalogue)
         self._topics: dict[str, _Topic] = {}
         self.summary = RunSummary(things=0)
         """The objects and agents of the rows that are complete; in the end the things, too."""
@@ -55,7 +56,7 @@ class Following:
             batch, detection = made.seen
             topic = self._topics.get(batch.topic)
             if topic is None:
-                topic = self._topics[batch.topic] = _Topic(self._options.tracker())
+                topic = self._topics[batch.topic] = _Topic(self._options.tracker(self._catalogue))
             topic.waiting.append(_waiting(made))
             yield from self._complete(topic, topic.tracker.add(batch, detection))
 
@@ -67,8 +68,7 @@ class Following:
             yield from self._complete(topic, followed)
             assert not topic.waiting, "a tracker answers for every batch"
             self._count(tracks)
-            labels = self._options.labels
-            yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, labels)
+            yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, self._labels)
             self.notes += topic.tracker.notes
 
     def _complete(self, topic: _Topic, followed: Sequence[Followed]) -> Iterator[Rows]:
@@ -76,7 +76,7 @@ class Following:
             made = topic.waiting.popleft()
             self.summary.add_sets(one)
             for table, name, rows in made.rows:
-                yield table, name, _completed(table, rows, made, one, self._options.labels)
+                yield table, name, _completed(table, rows, made, one, self._labels)
 
     def _count(self, tracks: Tracks) -> None:
         self.summary.add_things(len(tracks), int(np.count_nonzero(tracks.set == AGENT)))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pyarrow as pa
 
 from lidarcli.formalism import Detection, Parameters
+from lidarcli.formalism.catalogue import Catalogue, names_in
 from lidarcli.pipeline.objects.finders import finder
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
@@ -20,12 +21,22 @@ if TYPE_CHECKING:
 Rows = tuple[str, str, pa.RecordBatch]
 """(table, topic, rows)"""
 
-_ROWS = {"objects": objects_rows, "sweeps": sweeps_rows, "beams": beams_rows}
+_ROWS = {"sweeps": sweeps_rows, "beams": beams_rows}
 
 
-def rows_of(log: str, tables: Sequence[str], batch: SweepBatch, detection: Detection) -> list[Rows]:
-    """The rows that a batch of a log gives, of each of the tables."""
-    return [(table, batch.topic, _ROWS[table](log, batch, detection)) for table in tables]
+def rows_of(
+    log: str, tables: Sequence[str], batch: SweepBatch, detection: Detection, labels: Sequence[str] = ()
+) -> list[Rows]:
+    """The rows that a batch of a log gives, of each of the tables; `labels` are the names in the catalogue."""
+    return [(table, batch.topic, _rows(table, log, batch, detection, labels)) for table in tables]
+
+
+def _rows(
+    table: str, log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str]
+) -> pa.RecordBatch:
+    if table == "objects":
+        return objects_rows(log, batch, detection, labels)
+    return _ROWS[table](log, batch, detection)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +48,7 @@ class Recipe:
     tables: tuple[str, ...]
     parameters: Parameters
     background: BackgroundOptions | None = None
+    catalogue: Catalogue | None = None
     followed: bool = False
     """Whether the objects are followed afterwards, which needs more than rows."""
 
@@ -70,7 +82,8 @@ class Maker:
 
     def __init__(self, recipe: Recipe) -> None:
         self._recipe = recipe
-        self.find = finder(recipe.parameters, recipe.background)
+        self._labels = names_in(recipe.catalogue)
+        self.find = finder(recipe.parameters, recipe.background, recipe.catalogue)
 
     def make(self, batches: Sequence[SweepBatch]) -> Part:
         """The rows of some batches."""
@@ -82,6 +95,6 @@ class Maker:
                 part.found.add_noise(detection)
             else:
                 part.found.add_objects(detection)
-            rows = rows_of(self._recipe.log, tables, batch, detection)
+            rows = rows_of(self._recipe.log, tables, batch, detection, self._labels)
             part.batches.append(Made(rows, (batch, detection) if followed else None))
         return part

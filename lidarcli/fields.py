@@ -10,11 +10,11 @@ from typing import NoReturn
 from lidarcli.errors import OptionError
 
 LARGEST = 1e6
-"""Most that a number of a scene may be from 0 [m], [m/s], [degrees] ...: no sensor reaches farther."""
+"""Most that a number of a file may be from 0 [m], [m/s], [degrees] ...: no sensor reaches farther."""
 
 
 class Fields:
-    """One table of a scene file. Every key must be taken by somebody before `done`."""
+    """One table of a file. Every key must be taken by somebody before `done`."""
 
     def __init__(self, file: str, place: str, values: object) -> None:
         self.file, self.place = file, place
@@ -75,8 +75,8 @@ class Fields:
             self.fail(key, f"must be a whole number, not {value}")
         return int(value)
 
-    def text(self, key: str, default: str, choices: Sequence[str] = ()) -> str:
-        """A text, one of `choices` where there are any."""
+    def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
+        """A text, one of `choices` where there are any; without a default the key must be there."""
         value = self._take(key, default)
         if not isinstance(value, str) or (not value and not choices):
             self.fail(key, f"must be a text, not {_kind(value)}")
@@ -99,6 +99,20 @@ class Fields:
             self.fail(key, "must be two finite numbers, as [0.5, -1.0]")
         self._refuse_large(key, [numbers])
         return numbers[0], numbers[1]
+
+    def numbers(self, key: str, *, above: float, high: float) -> list[float]:
+        """A list of numbers within the limits."""
+        value = self._take(key, None)
+        numbers = _numbers(value)
+        if not numbers:
+            self.fail(key, "must be a list of finite numbers, as [0.5, 1.0]")
+        for number in numbers:
+            if not above < number <= high:
+                self.fail(
+                    key,
+                    f"must hold numbers above {above:g} and at most {high:g}, not {_short(number)}",
+                )
+        return numbers
 
     def points(self, key: str, least: int) -> list[list[float]]:
         """At least so many points of two numbers each."""

@@ -1,0 +1,216 @@
+"""What one sweep says of its objects for a catalogue: sides, extents, legs, and how sure they are.
+
+A face is a side of the thing where both of its ends are the thing's own: a corner, or an edge that nothing hides. Whatever
+is hidden or cut off makes it longer than it looks, and then it is only a least length.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lidarcli.formalism.background.ragged import spans
+from lidarcli.formalism.catalogue import Evidence
+from lidarcli.formalism.detection import (
+    BOTH_HIDDEN,
+    CORNER,
+    CUT,
+    END_HIDDEN,
+    FULL,
+    IRREGULAR,
+    LEGGED,
+    PRISMATIC,
+    ROUND,
+    START_HIDDEN,
+    WALL,
+    Detection,
+)
+from lidarcli.formalism.shares import SEEN_AS
+from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
+
+UNIFORM_SD = 1.0 / math.sqrt(12.0)
+"""Standard deviation of what lies anywhere within a step."""
+CORNER_SD = 4.0
+"""The end of a line through n points is this many standard deviations of a range over √n exact, and so is a corner."""
+FEW_POINTS = 2.5
+"""A face of fewer points has no line of its own: its corners are points."""
+SHORT_FACE = 3.5
+"""A face of fewer points may go on, wherever it seems to end."""
+ROUGH = 0.05
+"""The outline of an irregular thing changes by this share of its extent as one goes round it."""
+MOST_PARTS = 8
+"""Things of more parts than this are not measured."""
+SMALLEST = 1e-9
+
+
+def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
+    """The evidence of each object of a batch, by its own sweep alone.
+
+    Parameters
+    ----------
+    batch : the sweeps
+    detection : of K objects that were found in them
+
+    Returns
+    -------
+    Evidence
+        (K,) of each object; walls have none
+    """
+    count = len(detection)
+    shape = detection.shape
+    likelihood = np.zeros((WALL + 1, 4))
+    likelihood[: IRREGULAR + 1] = np.log(SEEN_AS).T
+    step = np.abs(batch.angle_increment)[detection.row]
+    sigma = np.nan_to_num(detection.noise[detection.row])
+    nothing = np.full(count, np.nan)
+    found = {
+        name: nothing.copy() for name in ("side_1", "side_1_sd", "side_2", "side_2_sd", "across", "across_sd")
+    }
+    _sides(detection, step, sigma, found)
+    _extents(detection, step, sigma, found)
+    legs, span_1, span_2 = _legs(detection)
+    seen = (shape != WALL) & (detection.beams > 1)
+    return Evidence(
+        shape=likelihood[shape],
+        **found,
+        least_1=np.where(seen, detection.box_length, np.nan),
+        least_2=np.where(seen, detection.box_width, np.nan),
+        least_sd=2.0 * sigma + 0.5 * detection.r_min * step,
+        legs=legs,
+        span_1=span_1,
+        span_2=span_2,
+        span_sd=sigma + detection.r_min * step,
+        moved=np.zeros(count, np.bool_),
+    )
+
+
+def _sides(detection: Detection, step: Float64, sigma: Float64, found: dict[str, Float64]) -> None:
+    """The faces of prismatic things with two own ends, along and across their boxes: the longest of each."""
+    vertices, faces = np.diff(detection.vertex_offsets), np.diff(detection.face_offsets)
+    owner = np.repeat(np.arange(len(detection)), faces)
+    # What something thin in front parts in two has hidden ends in its middle.
+    mine = (detection.shape == PRISMATIC) & (vertices == faces + 1)
+    face = np.flatnonzero(mine[owner])
+    owner = owner[face]
+    place = face - detection.face_offsets[owner]
+    first = detection.vertex_offsets[owner] + place
+    theta, r = detection.vertex_theta, detection.vertex_r
+    x, y = r * np.cos(theta), r * np.sin(theta)
+    dx, dy = x[first + 1] - x[first], y[first + 1] - y[first]
+    straight = np.maximum(np.hypot(dx, dy), SMALLEST)
+    visibility = detection.visibility[owner]
+    variance = np.zeros(len(face))
+    points = np.abs(np.diff(theta)) / np.repeat(step, vertices)[:-1] + 1.0 if len(theta) else theta
+    # What is seen along its length may end where the next beam is too far behind to belong to it.
+    own = points[first] > SHORT_FACE
+    for end, hidden in ((0, START_HIDDEN), (1, END_HIDDEN)):
+        at = first + end
+        edge = place == (faces[owner] - 1 if end else 0)
+        hides = (visibility == hidden) | (visibility == BOTH_HIDDEN) | (visibility == CUT)
+        own &= np.where(edge, ~hides, detection.vertex_kind[at] == CORNER)
+        grazing = np.abs(dx * y[at] - dy * x[at]) / (straight * np.maximum(r[at], SMALLEST))
+        along = np.minimum(r[at] * step[owner] / np.maximum(grazing, SMALLEST), straight)
+        # The line of the face beyond the corner tells where this one ends.
+        beyond = np.clip(at if end else at - 1, 0, len(points) - 1)
+        sharp = ~edge & (np.minimum(points[beyond], points[first]) > FEW_POINTS)
+        corner = CORNER_SD * sigma[owner] / np.sqrt(points[beyond])
+        variance += np.where(sharp, corner, UNIFORM_SD * along) ** 2
+    length = detection.face_length[face]
+    yaw = detection.box_yaw[owner]
+    axis = np.abs(dx * np.cos(yaw) + dy * np.sin(yaw)) < np.abs(dy * np.cos(yaw) - dx * np.sin(yaw))
+    for code, side in ((0, "side_1"), (1, "side_2")):
+        chosen = np.flatnonzero(own & (axis == code))
+        chosen = chosen[np.argsort(length[chosen], kind="stable")]
+        found[side][owner[chosen]] = length[chosen]
+        found[side + "_sd"][owner[chosen]] = np.sqrt(variance[chosen])
+
+
+def _extents(detection: Detection, step: Float64, sigma: Float64, found: dict[str, Float64]) -> None:
+    """Diameters of round things, and how far irregular ones reach across the line of sight; both edges are to be own."""
+    spacing = detection.r_min * step
+    whole = detection.visibility == FULL
+    is_round, irregular = (whole & (detection.shape == code) for code in (ROUND, IRREGULAR))
+    # One step more than from the first to the last beam: half a beam on either side.
+    angle = detection.theta_f - detection.theta_i + step
+    across = 2.0 * np.hypot(detection.x, detection.y) * np.tan(0.5 * np.minimum(angle, 0.5 * np.pi))
+    sd = np.hypot(math.sqrt(2.0) * UNIFORM_SD * spacing, sigma)
+    found["across"] = np.where(is_round, detection.box_length, np.where(irregular, across, np.nan))
+    rough = np.hypot(sd, ROUGH * across)
+    found["across_sd"] = np.where(is_round, sd, np.where(irregular, rough, np.nan))
+
+
+def _legs(detection: Detection) -> tuple[Int32, Float64, Float64]:
+    """Parts of legged things, and the sides of the smallest rectangle through their places."""
+    count = len(detection)
+    vertices, faces = np.diff(detection.vertex_offsets), np.diff(detection.face_offsets)
+    parts = np.where(detection.shape == LEGGED, vertices - faces, 0).astype(np.int32)
+    span_1, span_2 = np.full(count, np.nan), np.full(count, np.nan)
+    rows = np.flatnonzero((parts >= 2) & (parts <= MOST_PARTS))
+    if not len(rows):
+        return parts, span_1, span_2
+    x, y = _places(detection, rows)
+    picked, _, _ = rectangle(x, y)
+    span_1[rows] = picked[0]
+    span_2[rows] = np.where(parts[rows] > 2, picked[1], np.nan)
+    return parts, span_1, span_2
+
+
+def rectangle(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
+    """The smallest rectangles around some places.
+
+    Parameters
+    ----------
+    x, y : (R, N) of up to N places each [m], NaN where there are fewer
+
+    Returns
+    -------
+    (2, R) its sides, along its first axis and across [m]; (R,) direction of that axis [rad]; (2, R) its middle [m]
+    """
+    there = np.isfinite(x)
+    # It has a side along two of the places.
+    one, other = np.triu_indices(x.shape[1], 1)
+    angle = np.arctan2(y[:, other] - y[:, one], x[:, other] - x[:, one])
+    cos, sin = np.cos(angle)[:, :, None], np.sin(angle)[:, :, None]
+    u, v = x[:, None, :] * cos + y[:, None, :] * sin, y[:, None, :] * cos - x[:, None, :] * sin
+    ends = [_ends(np.where(there[:, None, :], each, np.nan)) for each in (u, v)]
+    reach = np.stack([high - low for low, high in ends])
+    area = np.where(np.isfinite(reach[0]), reach[0] * reach[1], np.inf)
+    best = np.argmin(area, axis=1)
+    every = np.arange(len(x))
+    along, across = (0.5 * (low + high)[every, best] for low, high in ends)
+    cos, sin = cos[every, best, 0], sin[every, best, 0]
+    middle = np.stack([cos * along - sin * across, sin * along + cos * across])
+    return reach[:, every, best], angle[every, best], middle
+
+
+def _ends(along: Float64) -> tuple[Float64, Float64]:
+    """The least and the greatest of the last axis, NaN left out; NaN where there is none."""
+    empty = np.isnan(along)
+    none = empty.all(axis=-1)
+    low = np.where(none, np.nan, np.where(empty, np.inf, along).min(axis=-1))
+    high = np.where(none, np.nan, np.where(empty, -np.inf, along).max(axis=-1))
+    return low, high
+
+
+def _places(detection: Detection, rows: Int64) -> tuple[Float64, Float64]:
+    """(R, MOST_PARTS) middles of the vertices of every part of some objects [m], NaN where there are fewer."""
+    begin = detection.vertex_offsets[rows].astype(np.int64)
+    vertex, row, offsets = spans(begin, np.diff(detection.vertex_offsets)[rows].astype(np.int64))
+    face, owner, _ = spans(
+        detection.face_offsets[rows].astype(np.int64),
+        np.diff(detection.face_offsets)[rows].astype(np.int64),
+    )
+    theta, r = detection.vertex_theta[vertex], detection.vertex_r[vertex]
+    # A part begins with the vertex that no face ends at.
+    starts = ~np.isin(row + 1j * theta, owner + 1j * detection.face_theta_f[face])
+    counted: Int64 = np.cumsum(starts)
+    number: Int64 = counted - counted[offsets[:-1]][row]
+    place = row * MOST_PARTS + np.minimum(number, MOST_PARTS - 1)
+    weight = np.bincount(place, minlength=len(rows) * MOST_PARTS)
+    with np.errstate(invalid="ignore"):
+        x, y = (
+            (np.bincount(place, at, len(weight)) / weight).reshape(-1, MOST_PARTS)
+            for at in (r * np.cos(theta), r * np.sin(theta))
+        )
+    return x, y

@@ -1,0 +1,64 @@
+"""The best way to pair rows with columns: each at most once, and only where it pays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lidarcli.sweeps import Float64, Int64
+
+
+def assign(gain: Float64) -> Int64:
+    """The pairs with the greatest sum of gains, found by shortest augmenting paths; none with a gain of 0 or less.
+
+    Of equal sums it takes the same whenever asked.
+
+    Parameters
+    ----------
+    gain : (N, M) of pairing row and column, -inf where they may not be paired
+
+    Returns
+    -------
+    (N,) column of each row, -1 for none
+
+    >>> assign(np.array([[3.0, 2.0], [2.0, -1.0]])).tolist()
+    [1, 0]
+    """
+    rows, columns = gain.shape
+    # Every row has a column of its own behind the others, where it gains nothing.
+    cost = np.full((rows, columns + rows), np.inf)
+    cost[:, :columns] = np.where(gain > 0.0, -gain, np.inf)
+    cost[np.arange(rows), columns + np.arange(rows)] = 0.0
+    row_of = np.full(columns + rows, -1)
+    column_of = np.full(rows, -1)
+    price = np.zeros(columns + rows)
+    for row in range(rows):
+        _augment(cost, row, price, row_of, column_of)
+    result: Int64 = np.where(column_of < columns, column_of, -1)
+    return result
+
+
+def _augment(cost: Float64, start: int, price: Float64, row_of: Int64, column_of: Int64) -> None:
+    """Give the row a column, along the cheapest path on which others give up theirs for another."""
+    distance = np.full(cost.shape[1], np.inf)
+    before = np.full(cost.shape[1], start)
+    done = np.zeros(cost.shape[1], np.bool_)
+    row, way = start, 0.0
+    while True:
+        # Prices make what is paired cost nothing more along the path.
+        level = 0.0 if row == start else cost[row, column_of[row]] - price[column_of[row]]
+        through = way + cost[row] - price - level
+        shorter = ~done & (through < distance)
+        distance[shorter], before[shorter] = through[shorter], row
+        column = int(np.argmin(np.where(done, np.inf, distance)))
+        way = float(distance[column])
+        done[column] = True
+        if row_of[column] < 0:
+            break
+        row = int(row_of[column])
+    price[done] += distance[done] - way
+    while True:
+        row = int(before[column])
+        row_of[column] = row
+        column_of[row], column = column, int(column_of[row])
+        if row == start:
+            return

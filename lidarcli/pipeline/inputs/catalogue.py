@@ -1,0 +1,126 @@
+"""Catalogue files: TOML → `Catalogue`; docs/catalogue.md lists the keys."""
+
+from __future__ import annotations
+
+from os import PathLike, fspath
+
+from lidarcli.errors import OptionError
+from lidarcli.fields import Fields
+from lidarcli.formalism.catalogue import KINDS, Catalogue, Thing
+from lidarcli.tomlfiles import read_toml
+
+MOST_THINGS = 1000
+"""Every object is compared with each of them."""
+LONGEST = 100.0
+"""[m] No thing of interest is larger."""
+TOLERANCE = 0.02
+"""[m] As far as nothing else is said."""
+MOST_LEGS = 8
+SIZES = {
+    "prismatic": (("length", "width"),),
+    "round": (("diameter",),),
+    "legged": (("legs", "spacing"),),
+    "irregular": (("length", "width"), ("diameter",)),
+}
+"""Shape → the keys that tell its size, one group or another."""
+ALL_SIZES = (("length", "width"), ("diameter",), ("legs", "spacing"))
+
+
+def read_catalogue(path: str | PathLike[str]) -> Catalogue:
+    """Read a catalogue; whatever is wrong with it is one line that names the file, the thing and the key.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, or it is no TOML.
+    OptionError
+        An entry does not say what a thing is.
+    """
+    file = fspath(path)
+    top = Fields(file, "the catalogue", read_toml(file, "catalogue"))
+    if not top.has("thing"):
+        top.done()
+        raise OptionError(f"{file}: no [[thing]] in this catalogue")
+    top.done()
+    given = top.values["thing"]
+    items = given if isinstance(given, list) else [given]
+    if not items:
+        raise OptionError(f"{file}: no [[thing]] in this catalogue")
+    if len(items) > MOST_THINGS:
+        raise OptionError(
+            f"{file}: {len(items):,} things are more than a catalogue may have ({MOST_THINGS:,})"
+        )
+    things: dict[str, Thing] = {}
+    for number, item in enumerate(items, 1):
+        fields = Fields(file, f"[[thing]] number {number}", item)
+        thing = _thing(fields)
+        fields.done()
+        if thing.name in things:
+            first = [*things].index(thing.name) + 1
+            fields.fail("name", f"is '{thing.name}' as that of number {first}: names must be unique")
+        things[thing.name] = thing
+    return Catalogue(tuple(things.values()), path=file)
+
+
+def _thing(fields: Fields) -> Thing:
+    """One entry. What is not known is told of before what is missing, which it may have been meant for."""
+    name = fields.text("name")
+    shape = fields.text("shape", choices=KINDS) if fields.has("shape") else None
+    keys = [key for group in ALL_SIZES for key in group]
+    given = [key for key in keys if fields.has(key)]
+    fields.has("tolerance", "moves")
+    fields.done()
+    group = _size_keys(fields, shape, given)
+    length = width = diameter = None
+    legs = 0
+    spacing: tuple[float, ...] = ()
+    if group == ("length", "width"):
+        length, width = (fields.number(key, above=0, high=LONGEST) for key in group)
+    elif group == ("diameter",):
+        diameter = fields.number("diameter", above=0, high=LONGEST)
+    else:
+        legs = fields.whole("legs", low=2, high=MOST_LEGS)
+        spacing = _spacing(fields, legs)
+    return Thing(
+        name=name,
+        shape=shape,
+        length=length,
+        width=width,
+        diameter=diameter,
+        legs=legs,
+        spacing=spacing,
+        tolerance=fields.number("tolerance", TOLERANCE, low=0, high=LONGEST),
+        moves=fields.flag("moves", True),
+    )
+
+
+def _size_keys(fields: Fields, shape: str | None, given: list[str]) -> tuple[str, ...]:
+    """The keys that tell the size of a thing: all of one group that its shape has, and no others."""
+    groups = ALL_SIZES if shape is None else SIZES[shape]
+    of = f"a {shape} thing" if shape != "irregular" else "an irregular thing"
+    of = "a thing" if shape is None else of
+    choices = ", or ".join(" and ".join(group) for group in groups)
+    if not given:
+        fields.fail(groups[0][0], f"is missing: the size of {of} is {choices}")
+    group = next((group for group in groups if given[0] in group), None)
+    if group is None:
+        fields.fail(given[0], f"is no size of {of}: that is {choices}")
+    for key in given:
+        if key not in group:
+            fields.fail(key, f"and '{given[0]}' exclude each other: the size of {of} is {choices}")
+    for key in group:
+        if key not in given:
+            fields.fail(key, f"is missing: the size of {of} is {choices}")
+    return group
+
+
+def _spacing(fields: Fields, legs: int) -> tuple[float, ...]:
+    """Distances of the axes of the legs: one of two legs, two of more."""
+    spacing = fields.numbers("spacing", above=0, high=LONGEST)
+    wanted = 1 if legs == 2 else 2
+    if len(spacing) != wanted:
+        of = (
+            "two legs is one number, as [0.3]" if wanted == 1 else "more legs is two numbers, as [0.55, 0.45]"
+        )
+        fields.fail("spacing", f"of {of}")
+    return tuple(spacing)

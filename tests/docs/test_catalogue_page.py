@@ -1,0 +1,67 @@
+"""docs/catalogue.md says what the code says: constants, keys, columns."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+from pathlib import Path
+
+from lidarcli.pipeline.inputs import catalogue
+from lidarcli.tables.schemas import MATCHES
+from tests.places import ROOT, SAMPLES
+
+PAGE = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
+MODULES = ("catalogue", "evidence", "tracking.naming", "fits", "matching", "constellation")
+
+
+def constants() -> dict[str, float]:
+    """Every number that these modules name in capitals and assign themselves."""
+    found = {}
+    for name in MODULES:
+        module = importlib.import_module(f"lidarcli.formalism.{name}")
+        for statement in ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body:
+            if not isinstance(statement, ast.Assign):
+                continue
+            for node in ast.walk(statement):
+                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id.isupper():
+                    value = getattr(module, node.id)
+                    if isinstance(value, int | float):
+                        found[f"{name.split('.')[-1]}.{node.id}"] = float(f"{value:.3g}")
+    return found
+
+
+def test_every_constant_is_documented_with_its_value() -> None:
+    rows = re.findall(r"^\| `(\w+\.\w+)` \| (-?[\d.]+) \|", PAGE, re.MULTILINE)
+    assert {name: float(value) for name, value in rows} == {
+        name: value for name, value in constants().items() if name not in NUMERICAL
+    }
+
+
+NUMERICAL = {
+    "evidence.SMALLEST",
+    "fits.TINY",
+    "matching.MOST_EXPONENT",
+    "constellation.CHUNK",
+    "naming.SIZES",
+}
+"""These keep numbers finite and arrays small, and decide nothing."""
+
+
+def test_every_key_is_documented() -> None:
+    keys = [key for group in catalogue.ALL_SIZES for key in group]
+    for key in ("name", "shape", *keys, "tolerance", "moves"):
+        assert re.search(rf"^\| .*`{key}`", PAGE, re.MULTILINE), key
+    assert f"[m] ({catalogue.TOLERANCE})" in PAGE
+
+
+def test_every_column_of_the_matches_is_named() -> None:
+    for column in MATCHES.names:
+        assert f"`{column}`" in PAGE
+
+
+def test_the_catalogue_of_the_page_is_that_of_the_samples() -> None:
+    (block,) = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    sample = (SAMPLES / "room.catalogue.toml").read_text(encoding="utf-8")
+    for thing in block.split("\n\n"):
+        assert thing.strip() in sample

@@ -1,0 +1,200 @@
+"""Which entry of a catalogue a thing is: only what was seen may contradict, and `none` is an answer."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism.catalogue import KINDS, Catalogue, Evidence, Thing, compare, name, possible
+from lidarcli.formalism.fits import LARGEST, SMALLEST, at_least, below, measured
+
+RANGE = LARGEST - SMALLEST
+PALLET = Thing("pallet", "prismatic", length=1.2, width=0.8, tolerance=0.05)
+POLE = Thing("pole", "round", diameter=0.3, tolerance=0.01)
+CHAIR = Thing("chair", "legged", legs=4, spacing=(0.4, 0.35), tolerance=0.02)
+PERSON = Thing("person", legs=2, spacing=(0.25,), tolerance=0.1)
+
+
+def seen(**given: Any) -> Evidence:
+    """Evidence of things of which only the given arrays were seen; standard deviations are 1 cm unless told."""
+    given = {key: np.atleast_1d(value) for key, value in given.items()}
+    count = len(next(iter(given.values())))
+    nothing = np.full(count, np.nan)
+    sides = dict.fromkeys(("side_1", "side_2", "least_1", "least_2", "across", "span_1", "span_2"), nothing)
+    sds = dict.fromkeys(("side_1_sd", "side_2_sd", "least_sd", "across_sd", "span_sd"), np.full(count, 0.01))
+    other = {
+        "shape": np.zeros((count, 4)),
+        "legs": np.zeros(count, np.int32),
+        "moved": np.zeros(count, np.bool_),
+    }
+    return Evidence(**(sides | sds | other | given))
+
+
+def like(kind: str, log_ratio: float = -5.0) -> Any:
+    """Shape log-likelihoods of one thing that looks like `kind`."""
+    return np.where(np.array(KINDS) == kind, 0.0, log_ratio)[None]
+
+
+def names(evidence: Evidence, *things: Thing) -> list[str | None]:
+    label, score = name(evidence, Catalogue(things))
+    assert (np.isfinite(score) == (label >= 0)).all()
+    return [None if code < 0 else things[code].name for code in label.tolist()]
+
+
+def test_two_sides_are_certain_in_either_order() -> None:
+    both = seen(side_1=[1.2, 0.81, 1.2, 0.8], side_2=[0.8, 1.19, 1.2, 0.8])
+    assert names(both, PALLET) == ["pallet", "pallet", None, None]
+
+
+def test_one_face_is_enough_to_be_possible() -> None:
+    one = seen(side_1=[1.2, 0.8, 1.0, 0.5])
+    assert possible(one, Catalogue((PALLET,)))[:, 0].tolist() == [True, True, False, False]
+    assert names(one, PALLET) == [None] * 4
+    exact = Thing("crate", length=1.2, width=0.8, tolerance=0.0)
+    assert names(seen(side_1=1.2, side_1_sd=0.001), exact) == [None]
+
+
+def test_what_is_hidden_contradicts_only_where_it_is_too_long() -> None:
+    hidden = seen(side_1=[0.8] * 4, least_2=[0.1, 1.15, 1.3, 1.4])
+    assert possible(hidden, Catalogue((PALLET,)))[:, 0].tolist() == [True, True, True, False]
+    nothing = seen(least_1=[0.5, 1.3], least_2=[0.2, 1.3])
+    assert possible(nothing, Catalogue((PALLET,)))[:, 0].tolist() == [True, False]
+
+
+def test_probability_is_that_of_the_formula() -> None:
+    """One size, measured 2 cm off: a normal density beside a uniform one."""
+    value, sd = np.array([0.32]), 0.02
+    (ratio,) = measured(value, np.array([sd]), 0.3, 0.3).ratio
+    spread = math.hypot(sd, 0.001)
+    density = math.exp(-0.5 * (0.02 / spread) ** 2) / (spread * math.sqrt(2 * math.pi))
+    assert ratio == pytest.approx(math.log(density * RANGE), abs=1e-12)
+    label, score = name(
+        seen(across=0.32, across_sd=0.02), Catalogue((Thing("pole", diameter=0.3, tolerance=0.0),))
+    )
+    assert label.tolist() == [0]
+    assert score == pytest.approx([density * RANGE / (1 + density * RANGE)], abs=1e-9)
+
+
+def test_a_least_length_tells_large_from_small() -> None:
+    fit = at_least(np.array([1.0, 1.0]), np.array([0.01, 0.01]), 1.2)
+    assert fit.ratio == pytest.approx([math.log(RANGE / (LARGEST - 1.0))] * 2)
+    assert at_least(np.array([1.0]), np.array([0.01]), 0.9).ratio[0] < -30
+
+
+def test_the_normal_distribution() -> None:
+    z = np.linspace(-6, 6, 241)
+    exact = [0.5 * math.erfc(-value / math.sqrt(2)) for value in z]
+    assert below(z) == pytest.approx(exact, abs=1e-7)
+
+
+def test_an_extent_lies_between_width_and_length() -> None:
+    bush = Thing("bush", "irregular", length=0.6, width=0.4, tolerance=0.01)
+    extents = seen(across=[0.3, 0.4, 0.5, 0.6, 0.7])
+    assert possible(extents, Catalogue((bush,)))[:, 0].tolist() == [False, True, True, True, False]
+
+
+def test_legs() -> None:
+    chairs = seen(
+        legs=[4, 3, 4, 5, 2, 2],
+        span_1=[0.4, 0.35, 0.6, 0.4, 0.25, np.nan],
+        span_2=[0.35, 0.4, 0.35, 0.35, np.nan, np.nan],
+        span_sd=[0.01] * 6,
+        shape=np.repeat(like("legged"), 6, axis=0),
+    )
+    assert names(chairs, CHAIR, PERSON) == ["chair", "chair", None, None, "person", None]
+    assert possible(chairs, Catalogue((CHAIR, PERSON))).tolist() == [
+        [True, False],
+        [True, False],
+        [False, False],
+        [False, False],
+        [False, True],
+        [True, True],
+    ]
+
+
+def test_another_shape_contradicts() -> None:
+    size = {"across": [0.3], "across_sd": [0.002]}
+    exact = Thing("pole", "round", diameter=0.3, tolerance=0.002)
+    assert names(seen(**size, shape=like("round")), exact) == ["pole"]
+    assert names(seen(**size, shape=like("irregular", -3.5)), exact) == ["pole"]
+    assert names(seen(**size, shape=like("irregular", -5.0)), exact) == [None]
+    any_shape = Thing("pole", diameter=0.3, tolerance=0.002)
+    assert names(seen(**size, shape=like("irregular", -50.0)), any_shape) == ["pole"]
+
+
+def test_a_likelihood_of_many_sweeps_may_be_next_to_nothing() -> None:
+    """Only what one shape is likelier than another by tells."""
+    few = seen(side_1=1.2, side_2=0.8, shape=like("prismatic"))
+    many = seen(side_1=1.2, side_2=0.8, shape=like("prismatic") - 5000.0)
+    ratios = [compare(evidence, Catalogue((PALLET,))).ratio.item() for evidence in (few, many)]
+    assert ratios[1] == pytest.approx(ratios[0])
+    assert names(many, PALLET) == ["pallet"]
+
+
+def test_what_never_moves_has_not_moved() -> None:
+    pillar = Thing("pillar", diameter=0.3, tolerance=0.01, moves=False)
+    things = seen(across=[0.3, 0.3], moved=[False, True])
+    assert names(things, pillar) == ["pillar", None]
+    assert names(things, POLE) == ["pole", "pole"]
+
+
+def test_two_entries_of_one_size_are_not_told_apart() -> None:
+    assert names(seen(side_1=1.2, side_2=0.8), PALLET, Thing("table", length=0.8, width=1.2)) == [None]
+
+
+def test_nothing_seen_and_nothing_known() -> None:
+    assert names(seen(moved=[False])) == [None]
+    assert names(seen(moved=[False]), PALLET, POLE, CHAIR, PERSON) == [None]
+    assert possible(seen(moved=[False]), Catalogue((PALLET, POLE, CHAIR))).all()
+    none = compare(seen(moved=np.empty(0, np.bool_)), Catalogue((PALLET,)))
+    assert none.ratio.shape == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("boxes", "sd", "least_named", "most_wrong"),
+    [
+        # Three like boxes that differ by 5 cm in both sides, seen by a track with sides known to 1 cm.
+        ([(0.6, 0.4), (0.65, 0.45), (0.7, 0.5)], 0.010, 0.99, 0.0002),
+        ([(0.6, 0.4), (0.65, 0.45), (0.7, 0.5)], 0.012, 0.97, 0.0005),
+        # In one side alone it takes 8 mm.
+        ([(0.6, 0.4), (0.65, 0.4), (0.7, 0.4)], 0.008, 0.97, 0.0003),
+    ],
+)
+def test_three_like_boxes(
+    boxes: list[tuple[float, float]], sd: float, least_named: float, most_wrong: float
+) -> None:
+    rng = np.random.Generator(np.random.PCG64(5))
+    count = 30_000
+    which = rng.integers(0, 3, count)
+    sides = np.array(boxes)[which] + rng.normal(0, sd, (count, 2))
+    sides = np.where(rng.random(count)[:, None] < 0.5, sides, sides[:, ::-1])
+    things = [
+        Thing(str(i), "prismatic", length=a, width=b, tolerance=0.005) for i, (a, b) in enumerate(boxes)
+    ]
+    spread = np.full(count, sd)
+    evidence = seen(side_1=sides[:, 0], side_2=sides[:, 1], side_1_sd=spread, side_2_sd=spread)
+    label, _ = name(evidence, Catalogue(tuple(things)))
+    assert (label == which).mean() >= least_named
+    assert ((label >= 0) & (label != which)).mean() <= most_wrong
+
+
+def test_things_of_any_size_get_few_names() -> None:
+    """Of boxes of any size those near an entry are taken for it, and no others."""
+    rng = np.random.Generator(np.random.PCG64(6))
+    true = rng.uniform(0.05, 2.0, (20_000, 2))
+    found = true + rng.normal(0, 0.01, true.shape)
+    label, _ = name(
+        seen(
+            side_1=found[:, 0],
+            side_2=found[:, 1],
+            side_1_sd=np.full(len(true), 0.01),
+            side_2_sd=np.full(len(true), 0.01),
+        ),
+        Catalogue((PALLET,)),
+    )
+    size = np.sort(true, axis=1) - [0.8, 1.2]
+    assert 0 < np.count_nonzero(label == 0) < 400
+    assert np.abs(size[label == 0]).max() < 0.2

@@ -1,0 +1,260 @@
+"""Catalogue files: what they mean, one clear line for whatever is wrong with them, and labels of objects."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarcli
+from lidarcli.errors import LidarcliError, OptionError, UnreadableError
+from lidarcli.formalism.catalogue import Catalogue, Thing
+from lidarcli.pipeline.inputs.catalogue import read_catalogue
+from tests.places import SAMPLES
+
+ROOM = SAMPLES / "room.mcap"
+CATALOGUE = SAMPLES / "room.catalogue.toml"
+BOX = '[[thing]]\nname = "a"\nlength = 1.2\nwidth = 0.8\n'
+
+
+def read(text: str, folder: Path) -> Catalogue:
+    path = folder / "things.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_catalogue(path)
+
+
+def test_what_a_catalogue_means(tmp_path: Path) -> None:
+    catalogue = read(
+        """
+        [[thing]]
+        name = "pallet"
+        shape = "prismatic"
+        length = 1.2
+        width = 0.8
+        tolerance = 0.05
+        moves = false
+        [[thing]]
+        name = "Fässchen"
+        diameter = 0.3
+        [[thing]]
+        name = "chair"
+        shape = "legged"
+        legs = 4
+        spacing = [0.4, 0.35]
+        [[thing]]
+        name = "person"
+        legs = 2
+        spacing = [0.25]
+        [[thing]]
+        name = "bush"
+        shape = "irregular"
+        length = 0.6
+        width = 0.5
+        """,
+        tmp_path,
+    )
+    assert catalogue.things == (
+        Thing("pallet", "prismatic", length=1.2, width=0.8, tolerance=0.05, moves=False),
+        Thing("Fässchen", diameter=0.3, tolerance=0.02),
+        Thing("chair", "legged", legs=4, spacing=(0.4, 0.35), tolerance=0.02),
+        Thing("person", legs=2, spacing=(0.25,), tolerance=0.02),
+        Thing("bush", "irregular", length=0.6, width=0.5, tolerance=0.02),
+    )
+    assert catalogue.as_dict()["things"][1] == {
+        "name": "Fässchen",
+        "diameter": 0.3,
+        "tolerance": 0.02,
+        "moves": True,
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("", "no [[thing]] in this catalogue"),
+        ("thing = []", "no [[thing]] in this catalogue"),
+        ("[[things]]\nname = 'a'", "the catalogue: unknown key 'things'; did you mean 'thing'?"),
+        (BOX + "[scene]", "the catalogue: unknown key 'scene'; known keys: thing"),
+        (BOX + "tolerence = 1", "[[thing]] number 1: unknown key 'tolerence'; did you mean 'tolerance'?"),
+        (BOX + "radius = 1", "[[thing]] number 1: unknown key 'radius'; known keys: name, shape, length, "),
+        ("[[thing]]\nlength = 1", "[[thing]] number 1: 'name' is missing"),
+        ("[[thing]]\nname = ''", "[[thing]] number 1: 'name' must be a text, not the text ''"),
+        (
+            "[[thing]]\nname = 'a'",
+            "[[thing]] number 1: 'length' is missing: the size of a thing is length and width, or diameter, "
+            "or legs and spacing",
+        ),
+        (
+            BOX + "shape = 'box'",
+            "[[thing]] number 1: 'shape' must be one of prismatic, round, legged, irregular, not 'box'",
+        ),
+        (BOX + "moves = 1", "[[thing]] number 1: 'moves' must be true or false, not 1"),
+        (
+            BOX + "tolerance = -1",
+            "[[thing]] number 1: 'tolerance' must be at least 0 and at most 100.0, not -1",
+        ),
+        (
+            BOX + BOX,
+            "[[thing]] number 2: 'name' is 'a' as that of number 1: names must be unique",
+        ),
+        (
+            BOX + "diameter = 1",
+            "[[thing]] number 1: 'diameter' and 'length' exclude each other: the size of a thing is length",
+        ),
+        (
+            BOX + "shape = 'round'",
+            "[[thing]] number 1: 'length' is no size of a round thing: that is diameter",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nlength = 1\n",
+            "[[thing]] number 1: 'width' is missing: the size of a thing is length and width, or diameter",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nshape = 'legged'\nlegs = 4\n",
+            "[[thing]] number 1: 'spacing' is missing: the size of a legged thing is legs and spacing",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nlegs = 4\nspacing = [1]",
+            "[[thing]] number 1: 'spacing' of more legs is two numbers, as [0.55, 0.45]",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nlegs = 2\nspacing = [1, 2]",
+            "[[thing]] number 1: 'spacing' of two legs is one number, as [0.3]",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nlegs = 4\nspacing = [1, 0]",
+            "[[thing]] number 1: 'spacing' must hold numbers above 0 and at most 100, not 0.0",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nlegs = 4\nspacing = 1",
+            "[[thing]] number 1: 'spacing' must be a list of finite numbers, as [0.5, 1.0]",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nlegs = 9\nspacing = [1, 1]",
+            "[[thing]] number 1: 'legs' must be at least 2 and at most 8, not 9",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nlength = 0\nwidth = 1",
+            "[[thing]] number 1: 'length' must be above 0 and at most 100.0, not 0",
+        ),
+        ("thing = 1", "[[thing]] number 1 must be a table of keys, not 1"),
+        (
+            "thing = [" + "{}," * 1001 + "]",
+            "1,001 things are more than a catalogue may have (1,000)",
+        ),
+    ],
+)
+def test_what_is_refused(text: str, line: str, tmp_path: Path) -> None:
+    with pytest.raises(OptionError) as caught:
+        read(text, tmp_path)
+    assert str(caught.value).startswith(f"{tmp_path / 'things.toml'}: {line}")
+    assert "\n" not in str(caught.value)
+
+
+def test_what_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableError, match=r"things.toml: not valid TOML: .*line 1"):
+        read("[[thing]", tmp_path)
+    with pytest.raises(UnreadableError, match="cannot read the catalogue: No such file"):
+        read_catalogue(tmp_path / "none.toml")
+    with pytest.raises(UnreadableError, match="larger than a catalogue may be"):
+        read("#" * 1_000_001, tmp_path)
+
+
+def labels(**options: Any) -> Counter[tuple[int, str | None]]:
+    found = lidarcli.detect(ROOM, catalogue=CATALOGUE, **options)
+    return Counter(zip(found["object"].to_pylist(), found["label"].to_pylist(), strict=True))
+
+
+def test_the_boxes_of_the_room_have_names() -> None:
+    """Of the ladder one rail is seen in a sweep; and what looks irregular once may be anything that is not seen well."""
+    assert labels() == {
+        (1, "smaller brown box"): 99,
+        (1, None): 1,
+        (2, "brown box"): 100,
+        (3, "brown box"): 100,
+        (4, None): 100,
+        (5, None): 99,
+    }
+
+
+FIVE = [
+    ("smaller brown box", "prismatic"),
+    ("brown box", "prismatic"),
+    ("brown box", "prismatic"),
+    ("ladder", "legged"),
+    ("plant", "irregular"),
+]
+
+
+def test_all_sweeps_together_name_the_ladder_and_the_plant_too() -> None:
+    """Every row of a thing and the thing itself have its name, and no other."""
+    found = lidarcli.track(ROOM, catalogue=CATALOGUE)
+    assert list(zip(*(found.tracks[name].to_pylist() for name in ("label", "shape")), strict=True)) == FIVE
+    assert all(0.95 <= score <= 1.0 for score in found.tracks["label_score"].to_pylist())
+    rows = Counter(zip(found.objects["track"].to_pylist(), found.objects["label"].to_pylist(), strict=True))
+    expected = {(track, label): 100 for track, (label, _) in enumerate(FIVE, 1)}
+    assert rows == expected | {(4, "ladder"): 99}
+    assert json.loads(found.tracks.schema.metadata[b"lidarcli.parameters"])["catalogue"]["things"]
+
+
+def test_names_of_tracks_do_not_depend_on_batches() -> None:
+    """600 sweeps, so that several windows name their rows by what was seen until then."""
+    (once,) = lidarcli.read(ROOM)
+    size = len(once)
+    laps = [replace(once, sweep=once.sweep + k * size, stamp_ns=once.stamp_ns + k * 10**10) for k in range(6)]
+    tables = [
+        lidarcli.track(
+            [lap.rows(np.arange(at, min(at + step, size))) for lap in laps for at in range(0, size, step)],
+            catalogue=read_catalogue(CATALOGUE),
+        )
+        for step in (size, 7)
+    ]
+    for one, other in zip(*tables, strict=True):
+        assert one.equals(other)
+    assert tables[0].tracks["label"].to_pylist() == [label for label, _ in FIVE]
+
+
+def test_the_rectangle_around_the_legs_is_that_of_the_thing() -> None:
+    """The ladder of the sample stands at (0.9, 2.1), turned by 15 degrees, its rails 0.47 x 0.41 m apart."""
+    (ladder,) = (row for row in lidarcli.track(ROOM).tracks.to_pylist() if row["shape"] == "legged")
+    assert (ladder["x"], ladder["y"]) == pytest.approx((0.9, 2.1), abs=0.05)
+    assert (ladder["length"], ladder["width"]) == pytest.approx((0.47, 0.41), abs=0.08)
+    assert ladder["yaw"] == pytest.approx(np.radians(15.0), abs=0.15)
+    assert ladder["label"] is None
+
+
+def test_of_batches_and_of_logs_the_same() -> None:
+    one = lidarcli.detect(ROOM, catalogue=CATALOGUE)
+    other = lidarcli.detect(lidarcli.read(ROOM), catalogue=read_catalogue(CATALOGUE))
+    for column in ("label", "label_score"):
+        assert one[column].to_pylist() == other[column].to_pylist()
+    for table in (one, other):
+        parameters = json.loads(table.schema.metadata[b"lidarcli.parameters"])
+        assert [thing["name"] for thing in parameters["catalogue"]["things"]] == [
+            "brown box",
+            "smaller brown box",
+            "ladder",
+            "plant",
+        ]
+    scores = one["label_score"].to_pylist()
+    known = [score is not None for score in scores]
+    assert known == [label is not None for label in one["label"].to_pylist()]
+    assert all(0.95 <= score <= 1.0 for score in scores if score is not None)
+
+
+def test_without_a_catalogue_there_is_no_label() -> None:
+    found = lidarcli.detect(ROOM, end=1)
+    assert found["label"].null_count == found["label_score"].null_count == len(found)
+    assert "catalogue" not in json.loads(found.schema.metadata[b"lidarcli.parameters"])
+
+
+def test_a_bad_catalogue_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "things.toml"
+    path.write_text(BOX.replace("width", "widht"), encoding="utf-8")
+    with pytest.raises(LidarcliError, match="unknown key 'widht'; did you mean 'width'"):
+        lidarcli.detect(ROOM, catalogue=path)
