@@ -370,7 +370,6 @@ def _update_disc(bodies: Bodies, sides: Sides, correction: Correction, b: int) -
         things.update(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
         gain = things.update_still(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
         corrections.follow(correction, bodies, a, gain, i)
-        bodies.still_cc[a] = max(bodies.still_cc[a], sides.lasting_var)
         if sides.half_var >= 0.0:
             things.update_extent(bodies, a, sides.half, sides.half_var)
             _note_extent(bodies, a, 2.0 * sides.half, 4.0 * sides.half_var)

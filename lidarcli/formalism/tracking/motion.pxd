@@ -15,7 +15,9 @@ cdef Py_ssize_t OFTEN, SETTLED, POINTS
 
 
 cdef void weigh(Bodies bodies, Py_ssize_t b, Sides sides, bint is_whole) noexcept nogil
-cdef double _odds(Bodies bodies, Py_ssize_t a, double z, double sign, double var) noexcept nogil
+cdef double _odds(
+    Bodies bodies, Py_ssize_t a, double z, double sign, double var, double lasting
+) noexcept nogil
 cdef double _axis_odds(Bodies bodies, Py_ssize_t a, Sides sides, Py_ssize_t low) noexcept nogil
 cdef void note_rest(Bodies bodies, Py_ssize_t b, Py_ssize_t sweep) noexcept nogil
 cdef bint is_shown(

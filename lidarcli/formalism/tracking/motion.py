@@ -51,7 +51,7 @@ def weigh(bodies: Bodies, b: int, sides: Sides, is_whole: bool) -> None:
     if sides.by_centre:
         for i in range(2):
             if not sides.is_doubtful:
-                total += _odds(bodies, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i])
+                total += _odds(bodies, 2 * b + i, sides.z[2 * i], 0.0, sides.var[2 * i], sides.lasting_var)
     else:
         for i in range(2):
             total += _axis_odds(bodies, 2 * b + i, sides, 2 * i)
@@ -64,10 +64,14 @@ def weigh(bodies: Bodies, b: int, sides: Sides, is_whole: bool) -> None:
     bodies.evidence_most[b] = max(bodies.evidence_most[b], bodies.evidence[b])
 
 
-def _odds(bodies: Bodies, a: int, z: float, sign: float, var: float) -> float:
-    """How much better a moving body explains a measurement of c + sign h than one that stands, as log-odds."""
+def _odds(bodies: Bodies, a: int, z: float, sign: float, var: float, lasting: float) -> float:
+    """How much better a moving body explains a measurement of c + sign h than one that stands, as log-odds.
+
+    `lasting`: variance of where the one that stands is that its sightings had in common [m²].
+    """
     off, s = things.residual(bodies, a, z, sign, var)
     still_off, still_s = things.still_residual(bodies, a, z, sign, var)
+    still_s += lasting
     return 0.5 * (still_off * still_off / still_s - off * off / s + math.log(still_s / s))
 
 
@@ -80,9 +84,9 @@ def _axis_odds(bodies: Bodies, a: int, sides: Sides, low: int) -> float:
     low_var, high_var = sides.var[low], sides.var[low + 1]
     of_low, of_high = 0.0, 0.0
     if low_var >= 0.0:
-        of_low = _odds(bodies, a, sides.z[low], -1.0, low_var)
+        of_low = _odds(bodies, a, sides.z[low], -1.0, low_var, 0.0)
     if high_var >= 0.0:
-        of_high = _odds(bodies, a, sides.z[low + 1], 1.0, high_var)
+        of_high = _odds(bodies, a, sides.z[low + 1], 1.0, high_var, 0.0)
     if low_var < measures.OPEN_VAR and high_var < measures.OPEN_VAR:
         return of_low + of_high
     if low_var < 0.0 or high_var < 0.0:

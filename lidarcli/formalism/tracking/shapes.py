@@ -54,7 +54,12 @@ def note(shapes: Shapes, bodies: Bodies, b: int, views: Views, k: int) -> None:
 
 def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> None:
     """Remember the slim things around a slim body that stands, of which beams tell too little to be objects."""
-    if bodies.moved[b] != 0 or views.length[k] > SLIM or views.step < memory.LEAST_STEP or views.near[k] <= AROUND:
+    if (
+        bodies.moved[b] != 0
+        or views.length[k] > SLIM
+        or views.step < memory.LEAST_STEP
+        or views.near[k] <= AROUND
+    ):
         return
     ahead, left = looks.to_sensor(views, views.middle_x[k], views.middle_y[k])
     past = math.atan2(left, ahead) - views.first
