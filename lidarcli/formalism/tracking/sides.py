@@ -30,7 +30,7 @@ FLOOR = 1.6e-5
 """[m²] No surface is smoother and no scanner better: (4 mm)²."""
 CROOKED = 0.25
 """Share of the mean squared distance of points from their face that its place is uncertain by."""
-RAGGED = 0.08
+RAGGED = 0.12
 """Share of its size by which the middle of a thing without faces is uncertain."""
 OPEN_VAR = 0.01
 """[m²] Variance of an edge that may be one of returns rather than of a thing: (10 cm)²."""
