@@ -227,7 +227,7 @@ def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
         _make_disc(fold, bodies, views, b, k)
     # What appears inside of a body that is known may be a piece of it.
     x, y = things.centre(bodies, b)
-    other = life.around(bodies, b, x, y)
+    other = life.around(bodies, b, x, y, association.JOIN if measures.is_partial(views, k) else 0.0)
     if other >= 0:
         bodies.same_as[b] = bodies.number[other]
     _note_view(fold, bodies, views, b, k)

@@ -22,5 +22,5 @@ cdef (double, double, double) passing_body(
 cdef void see(Bodies bodies, Py_ssize_t b) noexcept nogil
 @cython.locals(still=bint, astray=bint)
 cdef void miss(Bodies bodies, Py_ssize_t b, Views views, Scans scans, double time) noexcept nogil
-cdef Py_ssize_t around(Bodies bodies, Py_ssize_t b, double x, double y) noexcept nogil
+cdef Py_ssize_t around(Bodies bodies, Py_ssize_t b, double x, double y, double beside) noexcept nogil
 cdef void finish(Bodies bodies, Py_ssize_t b, Py_ssize_t why) noexcept nogil

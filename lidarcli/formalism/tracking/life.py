@@ -108,7 +108,7 @@ def miss(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> Non
     e = bodies.existence[b]
     bodies.existence[b] = e * (1.0 - detect) / (1.0 - e * detect)
     bodies.out_of_view[b] = unseen
-    other = around(bodies, b, x, y)
+    other = around(bodies, b, x, y, 0.0)
     if other >= 0:
         bodies.inside[b] += 1
         bodies.same_as[b] = bodies.number[other]
@@ -125,14 +125,14 @@ def miss(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> Non
             finish(bodies, b, LEFT_VIEW if unseen > 0.5 else LOST)
 
 
-def around(bodies: Bodies, b: int, x: float, y: float) -> int:
-    """An older body that is seen now and has the centre x, y of another in it; -1 for none."""
+def around(bodies: Bodies, b: int, x: float, y: float, beside: float) -> int:
+    """An older body that is seen now and has the centre x, y of another in it, or so near [m]; -1 for none."""
     for other in range(bodies.high):
         if bodies.state[other] != things.LIVE or bodies.view[other] < 0 or other == b:
             continue
         if bodies.kind[other] == things.PERSON:
             continue
-        if bodies.number[other] < bodies.number[b] and association.outside(bodies, other, x, y) < 0.0:
+        if bodies.number[other] < bodies.number[b] and association.outside(bodies, other, x, y) < beside:
             return other
     return -1
 
