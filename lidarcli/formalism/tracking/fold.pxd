@@ -26,7 +26,7 @@ cdef double SLIMMEST_BOX, YAW_FLOOR, FARTHEST, DRIFT, DRIFT_YAW, DRIFT_TURN, BEY
 
 cdef class Fold:
     cdef list owner, taken_room
-    cdef double alarm, stamp, usual, way, turned
+    cdef double alarm, stamp, usual, lapse, way, turned
     cdef readonly double clock
     cdef public Py_ssize_t sweeps, objects
     cdef public bint moves
@@ -56,6 +56,7 @@ cdef void _judge_pose(Fold fold, Seen seen, Py_ssize_t row, double dt) noexcept 
 cdef Py_ssize_t _begin(Fold fold, Bodies bodies, Views views, Py_ssize_t k) noexcept nogil
 cdef void _make_box(Fold fold, Bodies bodies, Views views, Py_ssize_t b, Py_ssize_t k) noexcept nogil
 cdef void _make_disc(Fold fold, Bodies bodies, Views views, Py_ssize_t b, Py_ssize_t k) noexcept nogil
+cdef void _depend_on_pose(Fold fold, Bodies bodies, Views views, Py_ssize_t b, Py_ssize_t k) noexcept nogil
 @cython.locals(best=Py_ssize_t)
 cdef (double, double) _direction(Views views, Py_ssize_t k) noexcept nogil
 @cython.locals(is_whole=bint)

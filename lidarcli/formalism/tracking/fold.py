@@ -74,6 +74,8 @@ class Fold:
         """How far the sensor has gone since the sweep before [m] …"""
         self.turned = 0.0
         """… and turned [rad]."""
+        self.lapse = 0.0
+        """Time since the last sweep whose pose was known [s]."""
         self.usual = 0.1
         """How long a sweep usually takes [s]."""
         self.sides = Sides()
@@ -125,10 +127,13 @@ def step(fold: Fold, seen: Seen, scans: Scans, row: int, number: Any) -> None:
     """One sweep."""
     for at in range(seen.offset[row], seen.offset[row + 1]):
         number[at] = 0
-    dt = _tick(fold, seen.seconds[row])
+    fold.lapse += _tick(fold, seen.seconds[row])
     fold.sweeps += 1
     if seen.poses[4 * row] != seen.poses[4 * row]:
         return
+    # Since the last sweep whose place was known.
+    dt = fold.lapse
+    fold.lapse = 0.0
     _judge_pose(fold, seen, row, dt)
     looks.look(fold.views, seen, scans, row)
     memory.watch(fold.past, fold.views, scans)
@@ -254,6 +259,7 @@ def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
             fold.sides.var[2 * i],
             fold.sides.var[2 * i + 1],
         )
+    _depend_on_pose(fold, bodies, views, b, k)
 
 
 def _make_disc(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
@@ -270,6 +276,15 @@ def _make_disc(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
         things.begin_axis(bodies, a, c - half, c + half, 2.0 * var, 2.0 * var)
         bodies.hh[a], bodies.ch[a] = half_var, 0.0
         things.stand_still(bodies, a)
+    _depend_on_pose(fold, bodies, views, b, k)
+
+
+def _depend_on_pose(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
+    """A body that is taken from one view is off by all that the pose of that sweep is off by."""
+    for i in range(2):
+        u_x, u_y = things.to_world(bodies, b, 1.0 - i, 1.0 * i)
+        corrections.effect_on(fold.correction, views, views.middle_x[k], views.middle_y[k], u_x, u_y, i)
+        corrections.follow(fold.correction, bodies, 2 * b + i, 1.0, i)
 
 
 def _direction(views: Views, k: int) -> tuple[float, float]:
