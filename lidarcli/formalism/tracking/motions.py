@@ -55,7 +55,7 @@ def _smooth_track(
     for number in numbers:
         span, thing = seen.spans[number], things[number]
         half = np.array([_half(thing, 0), _half(thing, 1)])
-        sighted = {name: getattr(seen, name)[span] for name in ARRAYS}
+        sighted = {name: seen.column(name, span) for name in ARRAYS}
         begin = smoother.locate(begin, sighted, half, np.array(thing.hh), thing.kind, several)
     if len(numbers) == 1:
         at: Any = seen.spans[numbers[0]]

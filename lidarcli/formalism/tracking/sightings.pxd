@@ -17,8 +17,6 @@ cdef class Sightings:
     cdef double* sin
     cdef double* half_1
     cdef double* half_2
-    cdef double* along
-    cdef double* across
     cdef double* z
     cdef double* var
 

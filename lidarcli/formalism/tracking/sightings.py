@@ -12,7 +12,7 @@ from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.sides import Sides
 
 INTEGERS = ("number", "sweep", "object", "centred")
-NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2", "along", "across")
+NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2")
 SIDES = ("z", "var")
 
 
@@ -43,9 +43,6 @@ class Sightings:
         """Its axes."""
         self.half_1 = native.at_doubles(arrays["half_1"])
         self.half_2 = native.at_doubles(arrays["half_2"])
-        self.along = native.at_doubles(arrays["along"])
-        self.across = native.at_doubles(arrays["across"])
-        """Extent of what was seen of it along its axes [m]."""
         self.z = native.at_doubles(arrays["z"])
         self.var = native.at_doubles(arrays["var"])
         """(N, 4) the sides and their variances, see `Sides`."""
@@ -70,5 +67,4 @@ def note(log: Sightings, bodies: Bodies, b: int, sides: Sides, sweep: int, time:
     log.centred[i] = 1 if sides.by_centre else 0
     for side in range(4):
         log.z[4 * i + side], log.var[4 * i + side] = sides.z[side], sides.var[side]
-    log.along[i], log.across[i] = sides.z[1] - sides.z[0], sides.z[3] - sides.z[2]
     log.count += 1

@@ -82,10 +82,10 @@ class Thing:
             setattr(self, name, (values.item(2 * slot), values.item(2 * slot + 1)))
         self.looks = tuple(arrays["looks"][5 * slot : 5 * slot + 4].tolist())
         at = slice(LEGS * slot, LEGS * slot + LEGS)
-        often = arrays["leg_seen"][at] > LEG_SHARE * self.sightings
-        self.legs = tuple(
-            zip(arrays["leg_x"][at][often].tolist(), arrays["leg_y"][at][often].tolist(), strict=True)
-        )
+        seen = arrays["leg_seen"][at].tolist()
+        if any(seen):
+            places = zip(seen, arrays["leg_x"][at].tolist(), arrays["leg_y"][at].tolist(), strict=True)
+            self.legs = tuple((x, y) for often, x, y in places if often > LEG_SHARE * self.sightings)
         self.has_ended = arrays["state"].item(slot) == ENDED
 
     @property

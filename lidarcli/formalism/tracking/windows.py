@@ -17,6 +17,7 @@ from lidarcli.sweeps import Bool, Float64, Int32, Int64
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.naming import Looks, Naming
 
+EVERYTHING = slice(None)
 LONGEST_LAPSE = 10.0
 """[s] Nobody knows how far something went that was unseen for longer."""
 
@@ -170,7 +171,11 @@ class Register:
         """Name the tracks of a window, by what it says."""
         number, axes = np.zeros(len(found), np.int64), np.full(len(found), np.nan)
         number[found] = seen.number[at]
-        axes[found] = np.where(seen.centred[at] != 0, np.nan, np.arctan2(seen.sin[at], seen.cos[at]))
+        axes[found] = np.where(
+            seen.column("centred")[at] != 0,
+            np.nan,
+            np.arctan2(seen.column("sin")[at], seen.column("cos")[at]),
+        )
         naming.take(window.looks, number, axes, self.things)
         naming.name(seen.tracks())
 
@@ -201,17 +206,12 @@ class _Sightings:
         # In the order of the log within each body.
         keep = keep[np.argsort(number[keep], kind="stable")]
         self.number: Int64 = number[keep]
-        for name, values in log.items():
-            if name != "number":
-                setattr(self, name, values[:count][keep])
-        self.sweep: Int64
-        self.time: Float64
-        self.object: Int64
-        self.x: Float64
-        self.y: Float64
-        self.cos: Float64
-        self.sin: Float64
-        self.centred: Int64
+        self._log, self._keep = log, keep
+        self.sweep: Int64 = self.column("sweep")
+        self.time: Float64 = self.column("time")
+        self.object: Int64 = self.column("object")
+        self.x: Float64 = self.column("x")
+        self.y: Float64 = self.column("y")
         self.things = things
         self.now: Bool = self.sweep < stop
         """Whether it is in the window, or in the one after."""
@@ -228,6 +228,10 @@ class _Sightings:
                 first[n] = int(self.object[span.start])
         self.in_window = sorted(first, key=first.__getitem__)
         """Bodies with a row in the window, by first sight."""
+
+    def column(self, name: str, of: slice = EVERYTHING) -> NDArray[Any]:
+        """A column of the log of sightings, or some of it."""
+        return self._log[name][self._keep[of]]
 
     def find(self, window: Window) -> tuple[Int64, Bool]:
         """Of the objects of a window those that are sightings, and which of all these are: further parts of a body, too."""
