@@ -216,9 +216,9 @@ def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -
 
 def _poses(batch: SweepBatch) -> Float64:
     """(S, 4) x, y, yaw and side of the sensor; a sensor whose pose nobody tells stands."""
-    if batch.poses is None:
+    poses = batch.true_poses or batch.poses
+    if poses is None:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
-    poses = batch.poses
     return np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
 
 
