@@ -235,6 +235,8 @@ class SweepBatch:
     """Stamp of the first sweep of the topic in the log, whether or not it is among these."""
     poses: SweepPoses | None = None
     """Where the sensor was, where that has been asked for and the log tells."""
+    true_poses: SweepPoses | None = None
+    """Where it was by the delay that makes the world sharpest, where `poses` are found to be late or early: for tracks."""
     log: str = ""
     """Name of the log that it was read from, where that has been told."""
 
@@ -244,7 +246,10 @@ class SweepBatch:
     def rows(self, index: NDArray[np.intp] | Int64) -> SweepBatch:
         """The same batch with the sweeps of `index` alone."""
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
-        return replace(self, poses=None if self.poses is None else self.poses.rows(index), **picked)
+        for name in ("poses", "true_poses"):
+            told = getattr(self, name)
+            picked[name] = None if told is None else told.rows(index)
+        return replace(self, **picked)
 
     def by_frame(self) -> Iterator[tuple[str, Int64, SweepBatch]]:
         """The sweeps of each frame: its name, the rows that are its own, and a batch of them."""

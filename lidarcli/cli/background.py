@@ -134,7 +134,7 @@ def build(
             read=selection.read(rules),
             csv=csv,
             pose=selection.pose,
-            pose_delay=selection.pose_delay,
+            pose_delay=selection.pose_delay or 0.0,
             distance=distance,
             angle=math.radians(angle),
         )

@@ -171,7 +171,8 @@ class Selection:
     end: float | None
     every: int
     pose: str | None
-    pose_delay: float
+    pose_delay: float | None
+    """None where nothing is said."""
 
     def read(self, rules: RangeRules) -> ReadOptions:
         """What to read, with how ranges are judged."""
@@ -210,8 +211,8 @@ def reading_options(command: F) -> F:
             "--pose-delay",
             heading=SELECT,
             type=Number("SECONDS"),
-            default=0.0,
-            show_default="0",
+            default=None,
+            show_default="0; track: 0, and for tracks what fits best",
             help="Take the pose of a sweep this much after its header stamp; negative: before. `info` tells where another "
             "than 0 fits better.",
         ),

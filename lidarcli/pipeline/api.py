@@ -191,7 +191,7 @@ def track(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
-    pose_delay: float = 0.0,
+    pose_delay: float | None = None,
     **objects: Any,
 ) -> TrackTables:
     """The objects and the sweeps of every log, and the things that its objects belong to, as Arrow tables.
@@ -201,7 +201,8 @@ def track(
     source : as of `detect`; batches of a log and topic have to come in the order of the log
     significance : share of the standing things that may pass for moving by chance, 1e-12 to 0.1
     catalogue : as of `detect`; things are named by all that was seen of them
-    parameters, background, topics, start, end, every, rules, csv, pose, pose_delay, objects : as of `detect`
+    parameters, background, topics, start, end, every, rules, csv, pose, objects : as of `detect`
+    pose_delay : as of `read`; by default 0, but things are followed by the poses of the delay that fits best
 
     Returns
     -------
@@ -235,7 +236,9 @@ def _tables(
     items: Iterator[Any] = iter([source] if isinstance(source, str | PathLike | SweepBatch) else source)
     first = next(items, None)
     if isinstance(first, SweepBatch):
-        if asked := [name for name, value in reading.items() if value != _UNASKED.get(name)]:
+        if asked := [
+            name for name, value in reading.items() if value is not None and value != _UNASKED.get(name)
+        ]:
             raise TypeError(f"only a log can be read with {', '.join(asked)}")
         return of_batches(chain([first], items), tables, parameters, background, things, tracking)
     options = DetectOptions(

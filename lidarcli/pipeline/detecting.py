@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.catalogue import Catalogue
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse
 from lidarcli.pipeline.inputs.opening import open_source
@@ -39,8 +39,9 @@ class DetectOptions:
     csv: CsvOptions = field(default_factory=CsvOptions)
     pose: str | None = None
     """Topic whose poses to take, `none` for no poses; by default the best there is."""
-    pose_delay: float = 0.0
-    """The pose of a sweep is that at its header stamp and this much later [s]."""
+    pose_delay: float | None = None
+    """The pose of a sweep is that at its header stamp and this much later [s]; None: no later, but things are followed by
+    the delay that fits best."""
     background: BackgroundOptions | None = None
     """Only what differs from this background is an object."""
     tracking: TrackOptions | None = None
@@ -75,6 +76,11 @@ class DetectOptions:
         options = [each.path for each in (self.background, self.catalogue) if each is not None]
         return [*files_of(sources), *(path for path in options if path)]
 
+    def reading(self, log: Log) -> Reading:
+        """The sweeps of a log with their poses."""
+        delay = 0.0 if self.tracking is None and self.pose_delay is None else self.pose_delay
+        return Reading(log, self.read, self.pose, delay)
+
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """What is to be made of every batch of a log."""
         of_batches = tuple(table for table in tables if table != "tracks")
@@ -86,9 +92,12 @@ class DetectOptions:
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the tables' metadata."""
         background = {} if self.background is None else {"background": self.background.as_dict()}
+        # Only where things are followed it matters whether somebody has said so.
+        as_told = {"pose_delay": 0.0} if self.tracking is not None and self.pose_delay == 0.0 else {}
         return {
             **self.parameters.as_dict(),
             **reading_as_dict(self.read, self.csv, self.pose, self.pose_delay),
+            **as_told,
             **background,
             **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),
             **({} if self.catalogue is None else {"catalogue": self.catalogue.as_dict()}),
@@ -103,7 +112,7 @@ def detect_to_files(
     refuse(outputs, options.overwrite, options.inputs([source]))
     with (
         open_source(source, options.csv) as log,
-        Reading(log, options.read, options.pose, options.pose_delay) as reading,
+        options.reading(log) as reading,
         TableFiles(folder, source.name, options.tables, reading.first, options.overwrite) as files,
         Splitting(reading, options.recipe(source, options.tables), options.threads) as work,
     ):
@@ -122,7 +131,7 @@ def detect_to_sinks(
     """Pass the rows of one log to the sink of their table, in its order; also the description of the source."""
     with (
         open_source(source, options.csv) as log,
-        Reading(log, options.read, options.pose, options.pose_delay) as reading,
+        options.reading(log) as reading,
         TopicOrders(sinks, reading.first) as orders,
         Splitting(reading, options.recipe(source, tuple(sinks)), options.threads) as work,
     ):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +16,12 @@ from lidarcli.logs.choice import scan_topics
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.clock import Clock, ClockInfo
+from lidarcli.pipeline.reading.delays import DelaySearch
 from lidarcli.pipeline.reading.posing import FoundPoses, PoseInfo, alike_note, find_poses, pose_infos
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
 
-if TYPE_CHECKING:
-    from lidarcli.poses.delay import DelaySample
-
-MAX_DELAYS = 4
-"""Topics and frames of which the delay of the poses is looked for: 0.1 s and a megabyte each."""
 MAX_SCANS = 1000
 """Topics and frames that are told apart: a log may have a new name in every message."""
 
@@ -105,16 +101,19 @@ def inspect_log(
     only_counted: Counter[str] = Counter()
     with open_source(source, csv) as log:
         poses = find_poses(log)
+        delays = None if poses is None else DelaySearch(poses.sources)
         report = ReadReport()
         for block in log.scans(None, report):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MAX_SCANS:
                     if key not in found:
-                        found[key] = _Scan(_delay_sample(poses, key[1], len(found)))
+                        found[key] = _Scan()
                     found[key].add(block.rows(block.frame == code), rules)
                 else:
                     only_counted[block.topic] += int(sweeps)
+            if delays is not None:
+                delays.add(block, rules)
             if progress is not None:
                 progress(log.position)
         topics = _with_counts(log.topics() or (), found, only_counted)
@@ -129,7 +128,7 @@ def inspect_log(
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
-            notes=(*report.notes, *_pose_notes(poses, found), *_not_shown(only_counted)),
+            notes=(*report.notes, *_pose_notes(poses, delays, found), *_not_shown(only_counted)),
             damage=tuple(damage_lines(report)),
         )
 
@@ -147,41 +146,24 @@ def _pose(poses: FoundPoses | None, frame_id: str) -> str:
     return f"{' and '.join(way.topics)} ({way.chain})" if way is not None else ""
 
 
-def _pose_notes(poses: FoundPoses | None, found: Mapping[tuple[str, str], _Scan]) -> list[str]:
+def _pose_notes(
+    poses: FoundPoses | None, delays: DelaySearch | None, found: Mapping[tuple[str, str], _Scan]
+) -> list[str]:
     """What a user should know of the poses: frames for which nobody can choose, and what reading them has met."""
-    if poses is None:
+    if poses is None or delays is None:
         return []
     sources = poses.sources
     unclear = [frame for frame in sorted({frame for _, frame in found}) if sources.alike(frame)]
     notes = [alike_note(frame, sources.alike(frame), sources.alternatives(frame)) for frame in unclear]
-    for (topic, _), scan in sorted(found.items()):
-        if scan.delay is not None and (best := scan.delay.best()) is not None:
-            delay, saved = best
-            side = "after" if delay > 0 else "before"
-            notes.append(
-                f"poses {abs(delay):.2f} s {side} the header stamps of {topic} fit better: its points fill "
-                f"{saved:.0%} fewer cells of the world (--pose-delay {delay:.2f})"
-            )
+    notes += [delay.note(topic) for (topic, _), delay in delays.best().items()]
     return [*notes, *poses.notes]
-
-
-def _delay_sample(poses: FoundPoses | None, frame_id: str, others: int) -> DelaySample | None:
-    """What finds the delay of the poses of a frame that has a moving pose, as long as there are not too many others."""
-    way = poses.sources.way(frame_id) if poses is not None and others < MAX_DELAYS else None
-    if way is None or way.span_ns is None:
-        return None
-    # Most logs have no poses and need not wait for the import.
-    from lidarcli.poses.delay import DelaySample
-
-    return DelaySample(way)
 
 
 class _Scan:
     """Folds blocks of one topic and frame into `ScanInfo`."""
 
-    def __init__(self, delay: DelaySample | None) -> None:
+    def __init__(self) -> None:
         self.sweeps = 0
-        self.delay = delay
         self._spans = dict.fromkeys(
             ("beams", "view", "angle_min", "increment", "range_min", "range_max"), Span()
         )
@@ -208,8 +190,6 @@ class _Scan:
             self._spans[name] = self._spans[name].with_values(value)
         batch = normalise(block, np.arange(len(block)), rules)
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
-        if self.delay is not None:
-            self.delay.add(batch)
 
     def info(self, topic: str, frame_id: str, pose: str) -> ScanInfo:
         """The state so far."""

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from lidarcli.poses.motion import planar
 from lidarcli.poses.sources import Way
-from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, SweepPoses
+from lidarcli.sweeps import (
+    Bool,
+    Float64,
+    Int64,
+    RangeRules,
+    RawSweeps,
+    Status,
+    SweepBatch,
+    SweepPoses,
+    normalise,
+)
 
 SWEEPS = 200
 """Sweeps that are looked at, the first ones of the way."""
@@ -28,6 +39,10 @@ LONGEST = 0.5
 """[s] Delays up to this one are tried, either way …"""
 FINENESS = 0.05
 """[s] … in such steps."""
+NEAR = 0.1
+"""[s] Around the best of them a parabola is laid through delays this far off …"""
+STEP_NEAR = 0.01
+"""[s] … in such steps: its lowest point is the delay."""
 CLEAR = 0.1
 """Share of the cells that a delay has to save to be worth telling."""
 
@@ -50,21 +65,38 @@ class DelaySample:
     """Sweep in the sample, x, y in the sensor frame [m]; (K,) each."""
     _count: int = 0
 
+    @property
+    def full(self) -> bool:
+        """Whether further sweeps change nothing."""
+        return self._count >= SWEEPS
+
     def add(self, batch: SweepBatch) -> None:
         """Take sweeps of the sensor, in their order."""
-        if self._count >= SWEEPS:
-            return
-        kept = self._far_enough(planar(self.way.at(batch.stamp_ns)))[: SWEEPS - self._count]
-        if not len(kept):
-            return
-        rows = batch.rows(kept)
+        kept = self._wanted(batch.stamp_ns)
+        if len(kept):
+            self._keep(batch.rows(kept))
+
+    def add_raw(self, block: RawSweeps, rules: RangeRules) -> None:
+        """The same of sweeps whose ranges nobody has judged yet: only those that count are."""
+        kept = self._wanted(block.time_ns)
+        if len(kept):
+            self._keep(normalise(block.rows(kept), kept, rules))
+
+    def _wanted(self, stamp_ns: Int64) -> Int64:
+        """The sweeps that belong to the sample."""
+        if self.full:
+            return np.zeros(0, np.int64)
+        return self._far_enough(planar(self.way.at(stamp_ns)))[: SWEEPS - self._count]
+
+    def _keep(self, rows: SweepBatch) -> None:
+        """Keep the points of sweeps that belong to it."""
         self._stamps.append(rows.stamp_ns)
         stride = np.maximum(rows.beams // BEAMS, 1)[:, None]
         usable = (rows.status == Status.VALID) & (rows.ranges < FARTHEST)
         row, beam = np.nonzero(usable & (np.arange(rows.width) % stride == 0))
         bearing, ranges = rows.bearings()[row, beam], rows.ranges[row, beam].astype(np.float64)
         self._points.append((row + self._count, ranges * np.cos(bearing), ranges * np.sin(bearing)))
-        self._count += len(kept)
+        self._count += len(rows)
 
     def best(self) -> tuple[float, float] | None:
         """The delay [s] whose poses draw the sharpest world, and the share of filled cells that it saves.
@@ -73,25 +105,42 @@ class DelaySample:
         """
         if self._count < LEAST_SWEEPS:
             return None
-        stamps = np.concatenate(self._stamps)
-        row, x, y = (np.concatenate(values) for values in zip(*self._points, strict=True))
         steps = round(LONGEST / FINENESS)
         # The least delay first, so that it wins where two are as good.
         order = sorted(range(-steps, steps + 1), key=lambda step: (abs(step), step))
-        delays = [round(step * FINENESS, 9) for step in order]
-        poses = [planar(self.way.at(stamps + round(delay * SECOND_NS))) for delay in delays]
-        # All delays are judged by the same points.
-        known: Bool = np.logical_and.reduce([~np.isnan(one.x) for one in poses])[row]
-        row, x, y = row[known], x[known], y[known]
-        if not len(row):
+        filled = self._filled([step * FINENESS for step in order])
+        if not filled[0]:
             return None
-        filled = np.array([_cells(one, row, x, y) for one in poses])
         sharpest = int(filled.argmin())
         saved = 1.0 - float(filled[sharpest] / filled[0])
         # At the end of what is tried a greater delay may be better yet, or the poses are those of something else.
         if saved < CLEAR or abs(order[sharpest]) == steps:
             return None
-        return delays[sharpest], saved
+        return self._refined(order[sharpest] * FINENESS), saved
+
+    def _refined(self, near: float) -> float:
+        """The lowest point of the parabola through the cells filled by delays around one [s], in steps of `STEP_NEAR`."""
+        steps = round(NEAR / STEP_NEAR)
+        step = np.arange(-steps, steps + 1)
+        filled = self._filled([near + float(by) * STEP_NEAR for by in step])
+        # Least squares over steps on both sides alike; sums of whole numbers are the same on every machine.
+        square = step * step
+        slope = int(step @ filled) / int(square.sum())
+        bend = len(step) * square - square.sum()
+        curvature = len(step) * int(bend @ filled) / int(bend @ bend)
+        # Farther off the next of the coarse steps would have been the best; and it never gets to none.
+        most = round(FINENESS / STEP_NEAR) - 1
+        lowest = -slope / (2.0 * curvature) if curvature > 0 else 0.0
+        return round(near + min(max(round(lowest), -most), most) * STEP_NEAR, 9)
+
+    def _filled(self, delays: Sequence[float]) -> Int64:
+        """Number of cells that the points fill with each of the delays [s], all judged by the same points."""
+        stamps = np.concatenate(self._stamps)
+        row, x, y = (np.concatenate(values) for values in zip(*self._points, strict=True))
+        poses = [planar(self.way.at(stamps + round(delay * SECOND_NS))) for delay in delays]
+        known: Bool = np.logical_and.reduce([~np.isnan(one.x) for one in poses])[row]
+        row, x, y = row[known], x[known], y[known]
+        return np.array([_cells(one, row, x, y) for one in poses], np.int64)
 
     def _far_enough(self, poses: SweepPoses) -> Int64:
         """The sweeps that are the first in their step of the way."""

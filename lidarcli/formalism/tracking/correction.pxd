@@ -7,7 +7,7 @@ from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.views cimport Views
 
 cdef Py_ssize_t DELAY, AHEAD, LEFT, ENOUGH
-cdef double DELAY_AT_FIRST, PLACE_AT_FIRST, DELAY_FLOOR, PLACE_FLOOR, BELIEVED, DOUBT, SIDE_VAR, MOST_DELAY
+cdef double DELAY_AT_FIRST, DELAY_LEFT, PLACE_AT_FIRST, DELAY_FLOOR, PLACE_FLOOR, BELIEVED, DOUBT, SIDE_VAR, MOST_DELAY
 
 
 cdef class Correction:
@@ -22,6 +22,7 @@ cdef class Correction:
     cdef double* product
     cdef double* change
 
+    cpdef trust(self)
     cpdef tuple estimate(self)
 
 

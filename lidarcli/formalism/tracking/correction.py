@@ -19,6 +19,8 @@ from lidarcli.formalism.tracking.views import Views
 DELAY, AHEAD, LEFT = 0, 1, 2
 DELAY_AT_FIRST = 0.2
 """[s] Standard deviation of the delay before anything is known."""
+DELAY_LEFT = 0.03
+"""[s] The same where a delay was found beforehand."""
 PLACE_AT_FIRST = 0.1
 """[m] The same of where the sensor is."""
 DELAY_FLOOR = 1e-4
@@ -60,6 +62,10 @@ class Correction:
         """Of the side at hand, for both axes of its body."""
         self.product = native.doubles(self.owner, 3)
         self.change = native.doubles(self.owner, 3)
+
+    def trust(self) -> None:
+        """Poses whose delay was found beforehand are off by little."""
+        self.cov[0] = DELAY_LEFT * DELAY_LEFT
 
     def estimate(self) -> tuple[float, float, float, float, float]:
         """Delay [s], place ahead and left [m], and the standard deviations of the delay and of the place."""

@@ -21,25 +21,32 @@ SEVERAL = 4
 """Fewer tracks tell nothing."""
 
 
-def notes_of(correction: Correction, tracks: list[Track], has_poses: bool) -> list[str]:
-    """What the poses of a topic are off by, or that it should have some."""
-    return _of_poses(correction) if has_poses else _of_motion(tracks)
+def notes_of(
+    topic: str, correction: Correction, tracks: list[Track], has_poses: bool, is_corrected: bool
+) -> list[str]:
+    """What the poses of a topic are off by, or that it should have some.
+
+    `is_corrected`: whether a delay was found beforehand, beyond which this one is.
+    """
+    return _of_poses(topic, correction, is_corrected) if has_poses else _of_motion(topic, tracks)
 
 
-def _of_poses(correction: Correction) -> list[str]:
+def _of_poses(topic: str, correction: Correction, is_corrected: bool) -> list[str]:
     if correction.way < FAR_ENOUGH:
         return []
     delay, ahead, left, delay_sd, place_sd = correction.estimate()
     lines = []
     if abs(delay) > max(WORTH_TELLING, SURE * delay_sd):
         when = "late" if delay > 0 else "early"
+        also = "" if is_corrected else f"; --pose-delay {delay:.2f} also corrects the world columns"
+        more = " more" if is_corrected else ""
         lines.append(
-            f"by what stands still the poses are {abs(delay):.2f} s {when}: corrected for tracks; "
-            f"--pose-delay {delay:.2f} also corrects the world columns"
+            f"{topic}: by what stands still the poses are {abs(delay):.2f} s{more} {when}: corrected for tracks{also}"
         )
     if math.hypot(ahead, left) > max(WORTH_TELLING_M, SURE * place_sd):
         lines.append(
-            f"by what stands still the sensor is {_place(ahead, left)} of where its poses are told: corrected for tracks"
+            f"{topic}: by what stands still the sensor is {_place(ahead, left)} of where its poses are told: "
+            "corrected for tracks"
         )
     return lines
 
@@ -54,12 +61,12 @@ def _place(ahead: float, left: float) -> str:
     return " and ".join(words)
 
 
-def _of_motion(tracks: list[Track]) -> list[str]:
+def _of_motion(topic: str, tracks: list[Track]) -> list[str]:
     long = [track for track in tracks if track.sweeps >= LONG]
     moved = sum(track.moved for track in long)
     if len(long) < SEVERAL or moved <= MOST * len(long):
         return []
     return [
-        f"{moved} of {len(long)} things seem to move: without poses the sensor is taken as standing; if it drives, tracks "
-        "need a log with its poses (tf or odometry)"
+        f"{topic}: {moved} of {len(long)} things seem to move: without poses the sensor is taken as standing; if it drives, "
+        "tracks need a log with its poses (tf or odometry)"
     ]

@@ -164,7 +164,7 @@ def shape_odds(track: Track, thing: Thing) -> list[float]:
         off = math.log(max(ratio, 1.0)) / BULGE_SPREAD
         odds[PRISMATIC] -= 0.5 * off * off
     if track.several or len(thing.legs) > 0:
-        odds[LEGGED] += SURE
+        odds[LEGGED] = max(odds) + SURE
     return odds
 
 

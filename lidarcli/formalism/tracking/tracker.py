@@ -59,6 +59,8 @@ class Tracker:
         self.notes: list[str] = []
         """What a user should know, a line each; whole after `finish`."""
         self._first_ns: int | None = None
+        self._topic = ""
+        self._is_corrected = False
         self._fold = Fold(
             -math.log(self.parameters.significance),
             Bodies(BODIES_AT_FIRST),
@@ -101,18 +103,24 @@ class Tracker:
             self._windows.pop()
         while self._windows:
             self._settle()
-        self.notes = noting.notes_of(self._fold.correction, self._register.tracks, self._fold.moves)
+        self.notes = noting.notes_of(
+            self._topic, self._fold.correction, self._register.tracks, self._fold.moves, self._is_corrected
+        )
         return self._answers(), summary.tracks_of(self._register, self._fold.sweeps)
 
     def _follow(self, batch: SweepBatch, detection: Detection) -> None:
         """Follow the sweeps of a batch, window by window."""
         if self._first_ns is None:
             self._first_ns = int(batch.stamp_ns[0])
+            self._topic = batch.topic
         fold, laid_out = self._fold, scans(batch)
         poses = _poses(batch)
         seen = Seen(detection, poses, (batch.stamp_ns - np.int64(self._first_ns)) / 1e9)
         self._make_room(seen.most, batch.width)
         fold.moves = batch.poses is not None
+        if batch.true_poses is not None and not self._is_corrected:
+            self._is_corrected = True
+            fold.correction.trust()
         fold.objects = self._objects
         frames = self._frames(batch)
         looks = None if self._naming is None else self._naming.see(batch, detection, poses)
@@ -230,9 +238,9 @@ def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -
 
 def _poses(batch: SweepBatch) -> Float64:
     """(S, 4) x, y, yaw and side of the sensor; a sensor whose pose nobody tells stands."""
-    if batch.poses is None:
+    poses = batch.true_poses or batch.poses
+    if poses is None:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
-    poses = batch.poses
     told = np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
     told[~np.isfinite(told).all(axis=1), :3] = np.nan
     return told

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
+from lidarcli.pipeline.reading.delays import SECOND, Delay, later
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ NONE = "none"
 """What `--pose` takes for no poses at all."""
 TILTED = np.deg2rad(10.0)
 """A sensor that leans more than this is worth a note."""
-SECOND = 1e-9
 MOST_DELAY = 3600.0
 """Greatest `--pose-delay` [s], either way: what is more is another clock."""
 
@@ -27,8 +27,10 @@ _PIPE = "poses, if there are any, are not used: a pipe is read only once; give t
 _SHOWN = 4
 
 
-def refuse_delay(wanted: str | None, delay: float) -> None:
+def refuse_delay(wanted: str | None, delay: float | None) -> None:
     """Refuse a delay of the poses that is none, or that there are no poses for."""
+    if delay is None:
+        return
     if not abs(delay) <= MOST_DELAY:
         raise OptionError(f"--pose-delay: {delay:g} s is not within {MOST_DELAY:,.0f} s")
     if wanted == NONE and delay:
@@ -174,6 +176,8 @@ class Posing:
     """Why there are no poses though there may be some in the log."""
     delay: float = 0.0
     """The pose of a sweep is that at its header stamp and this much later [s]."""
+    delays: Mapping[tuple[str, str], Delay] = field(default_factory=dict)
+    """Topic and frame → the delay by which things are followed, where it is another one."""
     seen: dict[str, _Seen] = field(default_factory=dict)
 
     @classmethod
@@ -195,24 +199,29 @@ class Posing:
             return batch
         from lidarcli.poses.motion import planar, tilt
 
-        count = len(batch)
-        x, y, yaw = (np.full(count, np.nan) for _ in range(3))
-        poses = SweepPoses(x, y, yaw, np.zeros(count, bool))
+        better: list[tuple[Int64, SweepPoses]] = []
+        poses = _nowhere(len(batch))
         for code in np.unique(batch.frame).tolist():
             rows = np.flatnonzero(batch.frame == code)
             seen = self.seen.setdefault(batch.frame_ids[code], _Seen())
-            at_ns = _later(batch.stamp_ns[rows], self.delay)
+            at_ns = later(batch.stamp_ns[rows], self.delay)
             seen.add(at_ns, batch.record_ns[rows])
             way = self.found.sources.way(batch.frame_ids[code])
             if way is None:
                 continue
             motion = way.at(at_ns)
             here = planar(motion)
-            poses.x[rows], poses.y[rows], poses.yaw[rows] = here.x, here.y, here.yaw
-            poses.upside_down[rows] = here.upside_down
+            _put(poses, rows, here)
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
             seen.tilt = max(seen.tilt, tilt(motion))
-        return replace(batch, poses=poses)
+            if (best := self.delays.get((batch.topic, batch.frame_ids[code]))) is not None:
+                better.append((rows, planar(way.at(later(at_ns, best.seconds)))))
+        if not better:
+            return replace(batch, poses=poses)
+        true = poses.rows(np.arange(len(batch)))
+        for rows, there in better:
+            _put(true, rows, there)
+        return replace(batch, poses=poses, true_poses=true)
 
     def notes(self) -> list[str]:
         """The choice, its alternatives and its gaps, a line each."""
@@ -222,18 +231,24 @@ class Posing:
         lines: list[str] = []
         for frame in sorted(self.seen):
             lines += self._frame_notes(frame, self.found.sources)
+        lines += [delay.note_of_use(topic) for (topic, _), delay in sorted(self.delays.items())]
         return [*dict.fromkeys(lines), *self.found.notes]
 
-    def described(self) -> dict[str, dict[str, str]]:
+    def described(self) -> dict[str, dict[str, Any]]:
         """Sensor frame → where its poses come from, for the tables' metadata."""
         if self.found is None:
             return {}
         ways = {frame: self.found.sources.way(frame) for frame in sorted(self.seen)}
         return {
-            frame: {"world": way.world, "topic": way.topics[0]}
+            frame: {"world": way.world, "topic": way.topics[0], **self._delays_of(frame)}
             for frame, way in ways.items()
             if way is not None
         }
+
+    def _delays_of(self, frame: str) -> dict[str, dict[str, float]]:
+        """The delays by which things are followed in a frame, for the tables' metadata."""
+        mine = {topic: best.seconds for (topic, name), best in sorted(self.delays.items()) if name == frame}
+        return {"track_delay": mine} if mine else {}
 
     def _frame_notes(self, frame: str, sources: PoseSources) -> list[str]:
         way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
@@ -268,12 +283,16 @@ def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
     )
 
 
-def _later(stamp_ns: Int64, delay: float) -> Int64:
-    """The stamps and a delay [s]; one at the end of its type stays there."""
-    by = round(delay / SECOND)
-    most = np.iinfo(np.int64).max - abs(by)
-    later: Int64 = np.clip(stamp_ns, -most, most) + by if by else stamp_ns
-    return later
+def _nowhere(sweeps: int) -> SweepPoses:
+    """So many poses that nobody knows, to put others in their place."""
+    x, y, yaw = (np.full(sweeps, np.nan) for _ in range(3))
+    return SweepPoses(x, y, yaw, np.zeros(sweeps, bool))
+
+
+def _put(poses: SweepPoses, rows: Int64, here: SweepPoses) -> None:
+    """Put poses in the place of those of some sweeps."""
+    poses.x[rows], poses.y[rows], poses.yaw[rows] = here.x, here.y, here.yaw
+    poses.upside_down[rows] = here.upside_down
 
 
 def _chosen(way: Way, others: Sequence[str]) -> str:

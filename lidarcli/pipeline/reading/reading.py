@@ -13,6 +13,7 @@ from lidarcli.logs.base import CsvOptions, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.delays import first_delays
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
 from lidarcli.sweeps import SweepBatch
@@ -28,7 +29,7 @@ Progress = Callable[[int], None]
 
 
 def reading_as_dict(
-    read: ReadOptions, csv: CsvOptions, pose: str | None, pose_delay: float = 0.0
+    read: ReadOptions, csv: CsvOptions, pose: str | None, pose_delay: float | None = 0.0
 ) -> dict[str, Any]:
     """What of a log is read and how, as plain values, for the tables' metadata."""
     rules = read.rules
@@ -58,10 +59,13 @@ def describe_source(source: Source, log: Log) -> dict[str, Any]:
 class Reading:
     """The sweeps of one log with their poses, counted: opens topics, remembers damage, judges what is missing.
 
+    Without a `pose_delay` poses are those at the header stamps, and batches also have `true_poses` where others fit better.
     A file is read ahead by a thread of its own, which has gone when this context is left; until then the log is its alone.
     """
 
-    def __init__(self, log: Log, options: ReadOptions, pose: str | None, pose_delay: float = 0.0) -> None:
+    def __init__(
+        self, log: Log, options: ReadOptions, pose: str | None, pose_delay: float | None = 0.0
+    ) -> None:
         self._log = log
         self._report = ReadReport()
         self.summary = RunSummary()
@@ -82,7 +86,9 @@ class Reading:
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
-        self._posing = Posing.of(log, pose, pose_delay)
+        self._posing = Posing.of(log, pose, pose_delay or 0.0)
+        if pose_delay is None and self._posing.found is not None:
+            self._posing.delays = first_delays(log, self._posing.found.sources, choice, options.rules)
         self._position = 0
         self._thread: Beside | None = None
 
