@@ -67,6 +67,6 @@ def _of_motion(topic: str, tracks: list[Track]) -> list[str]:
     if len(long) < SEVERAL or moved <= MOST * len(long):
         return []
     return [
-        f"{topic}: {moved} of {len(long)} things seem to move: without poses the sensor is taken as standing; if it drives, "
-        "tracks need a log with its poses (tf or odometry)"
+        f"{topic}: {moved} of {len(long)} things seem to move: without poses the sensor is taken as standing; if it "
+        "drives, tracks need a log with its poses (tf or odometry)"
     ]
