@@ -28,7 +28,8 @@ SWEEPS = 260
 def driven(mount: Mount, delay: float) -> SweepBatch:
     """A drive around; the log tells poses too late, and of the robot instead of the sensor."""
     sensor = replace(SENSOR, beams=360, angle_increment=TURN / 360, noise=0.005)
-    path = Course(super_ellipse(3.0, 2.2, 2.5), speed=0.8)
+    # Fine enough that the heading does not come in steps.
+    path = Course(super_ellipse(3.0, 2.2, 2.5, points=36_000), speed=0.8)
     scene = replace(scene_of(*PARKED_WORLD, path=path, sensor=sensor), mount=mount)
     batch = simulated(scene, SWEEPS, poses=False)
     told = path.poses(np.arange(SWEEPS) / sensor.rate - delay)
@@ -45,7 +46,7 @@ def value_of(told: Told) -> list[float]:
 def test_how_late_poses_are_is_found(delay: float) -> None:
     told = follow(driven(Mount(), delay))
     late, ahead, left = value_of(told)
-    assert late == pytest.approx(delay, abs=0.02)
+    assert late == pytest.approx(delay, abs=0.025)
     assert abs(ahead) < 0.03
     assert abs(left) < 0.03
     assert len(told.agents) == 0
@@ -58,6 +59,12 @@ def test_where_the_sensor_is_on_the_robot_is_found() -> None:
     assert ahead == pytest.approx(0.15, abs=0.04)
     assert left == pytest.approx(-0.1, abs=0.04)
     assert len(told.agents) == 0
+
+
+@pytest.mark.xfail(reason="a new body begins as if its place did not depend on what the poses are off by")
+def test_what_poses_are_off_by_is_not_taken_for_less() -> None:
+    _, ahead, left = value_of(follow(driven(Mount((0.15, -0.1, 0.0)), 0.0)))
+    assert (ahead, left) == (pytest.approx(0.15, abs=0.012), pytest.approx(-0.1, abs=0.012))
 
 
 def test_right_poses_are_left_as_they_are() -> None:
