@@ -34,9 +34,7 @@ def scenes() -> Iterator[SweepBatch]:
         batch = simulated(scene, SWEEPS, number, poses=driving, delay=0.05)
         if kind == "hall":
             assert batch.poses is not None
-            batch = replace(
-                batch, poses=replace(batch.poses, upside_down=np.ones(len(batch), np.bool_))
-            )
+            batch = replace(batch, poses=replace(batch.poses, upside_down=np.ones(len(batch), np.bool_)))
         yield batch
 
 

@@ -48,7 +48,9 @@ def joined(log: list[SweepBatch]) -> SweepBatch:
     if log[0].poses is not None:
         told = ("x", "y", "yaw", "upside_down")
         poses = SweepPoses(*(np.concatenate([getattr(batch.poses, name) for batch in log]) for name in told))
-    return replace(log[0], ranges=padded("ranges", np.nan), status=padded("status", 4), poses=poses, **columns)
+    return replace(
+        log[0], ranges=padded("ranges", np.nan), status=padded("status", 4), poses=poses, **columns
+    )
 
 
 def test_some_hostile_logs_are_followed_and_definition_4_sums() -> None:
@@ -91,7 +93,9 @@ def test_scenes_touch_nothing_outside_of_their_arrays() -> None:
         "    print(len(follow(log).tracks))\n"
     )
     environment = {"LIDARCLI_COMPILED": "no", "LIDARCLI_BOUNDS": "1", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     assert all(int(line) > 0 for line in done.stdout.split())
 

@@ -108,9 +108,7 @@ def test_the_size_of_a_box_is_known_once_all_of_it_was_seen() -> None:
 def test_everything_around_a_sensor_that_stands_stands(seed: int) -> None:
     # Legs of a chair that are thick enough to be seen from there.
     kinds = {**STANDING, "chair": make.legged("chair", 0.2, 0.1, 0.45, 0.45, 0.09, 0.3)}
-    things = [
-        replace(thing, x=2.2 * np.cos(k), y=2.2 * np.sin(k)) for k, thing in enumerate(kinds.values())
-    ]
+    things = [replace(thing, x=2.2 * np.cos(k), y=2.2 * np.sin(k)) for k, thing in enumerate(kinds.values())]
     sensor = replace(SENSOR, noise=0.02, lost=0.01)
     told = follow(simulated(scene_of(*things, sensor=sensor), 300, seed))
     assert told.agents.tolist() == []
@@ -278,7 +276,10 @@ def test_a_thing_on_four_legs_is_one_legged_track(kind: str) -> None:
 
 @pytest.mark.xfail(reason="that legs are seen side by side counts once, the look of a leg at every sighting")
 def test_a_thing_on_legs_stays_legged_however_long_it_is_seen() -> None:
-    for thing, sweeps in ((make.person(1.6, 0.4, 0.3), 400), (make.legged("chair", 1.6, 0.4, 0.5, 0.5, 0.05), 3000)):
+    for thing, sweeps in (
+        (make.person(1.6, 0.4, 0.3), 400),
+        (make.legged("chair", 1.6, 0.4, 0.5, 0.5, 0.05), 3000),
+    ):
         assert follow(simulated(scene_of(thing), sweeps)).tracks.shape.tolist() == [LEGGED]
 
 
@@ -286,7 +287,10 @@ def test_a_pillar_is_round_and_as_wide_as_it_is() -> None:
     told = follow(simulated(scene_of(make.cylinder(1.5, 0.5, 0.2)), 60))
     assert told.tracks.shape.tolist() == [ROUND]
     assert told.tracks.length[0] == pytest.approx(0.4, abs=0.04)
-    assert (told.tracks.x[0], told.tracks.y[0]) == (pytest.approx(1.5, abs=0.03), pytest.approx(0.5, abs=0.03))
+    assert (told.tracks.x[0], told.tracks.y[0]) == (
+        pytest.approx(1.5, abs=0.03),
+        pytest.approx(0.5, abs=0.03),
+    )
 
 
 def test_with_less_significance_motion_is_told_earlier() -> None:

@@ -22,7 +22,12 @@ def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run Python with some variables of the environment."""
     environment = os.environ | {"PYTEST_ADDOPTS": "", **variables}
     return subprocess.run(
-        [sys.executable, "-m", *arguments], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-m", *arguments],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
@@ -30,7 +35,9 @@ def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
 def test_every_step_agrees_with_its_reference() -> None:
     # Compiled modules do not show their steps, so these tests run on the source, in a process of their own.
     folder = HERE.relative_to(ROOT) / "steps"
-    done = run("pytest", "-q", "-p", "no:cacheprovider", str(folder), LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1")
+    done = run(
+        "pytest", "-q", "-p", "no:cacheprovider", str(folder), LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1"
+    )
     assert done.returncode == 0, done.stdout
     written = sum(
         len(re.findall(r"^def test_", path.read_text(), re.MULTILINE))

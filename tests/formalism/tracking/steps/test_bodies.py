@@ -54,7 +54,10 @@ def state_of(bodies: Bodies, a: int, prefix: str = "") -> tuple[np.ndarray, np.n
     names = "ch" if prefix else "cvh"
     x = np.array([getattr(bodies, prefix + name)[a] for name in names])
     p = np.array(
-        [[getattr(bodies, prefix + "".join(sorted((i, j), key="cvh".index)))[a] for j in names] for i in names]
+        [
+            [getattr(bodies, prefix + "".join(sorted((i, j), key="cvh".index)))[a] for j in names]
+            for i in names
+        ]
     )
     return x, p
 

@@ -59,7 +59,12 @@ def test_beams_passed_what_is_nearer_than_their_ends(geometry: str, pose: Pose) 
     views, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
     past = remembered(views, scans)
     for bearing in np.arange(-3.2, 3.2, 0.1):
-        for r, passed, hit in ((2.0, True, False), (3.6, True, False), (4.0, False, True), (5.0, False, False)):
+        for r, passed, hit in (
+            (2.0, True, False),
+            (3.6, True, False),
+            (4.0, False, True),
+            (5.0, False, False),
+        ):
             x, y = at(r, float(bearing), pose)
             assert memory.was_passed(past, 0, x, y, 0.1) == passed
             assert memory.was_hit(past, 0, x, y) == hit
