@@ -1,4 +1,4 @@
-"""`make bounds`: the core as plain Python with all indices checked, on random batches, the samples and real logs.
+"""`make bounds`: the core as plain Python with all indices checked, on random batches and logs, the samples and real logs.
 
 Compiled, an index beyond its array reads or writes whatever is there. As plain Python the same lines raise an
 `IndexError`; with `LIDARCLI_BOUNDS` they do for negative indices, too.
@@ -25,12 +25,18 @@ for index in (-1, 2):
         print("noticed")
 """
 READ = (0, 3, 4)
-"""Exit codes of `detect` for real logs: some are damaged, some have no LaserScan."""
+"""Exit codes of the commands for real logs: some are damaged, some have no LaserScan."""
 SIGNS = ("IndexError", "Exception ignored")
 """What a wild index says where nobody raises it, too."""
-RUNS = (["--walls", "--beams"], ["--profile", "paper"], ["--threshold", "0.2", "--group-gap", "0.3"])
-EVERY = ["--every", "20"]
-"""Of logs one sweep in twenty: this takes a hundred times as long as compiled."""
+RUNS = (
+    ["detect", "--every", "20", "--walls", "--beams"],
+    ["detect", "--every", "20", "--profile", "paper"],
+    ["detect", "--every", "20", "--threshold", "0.2", "--group-gap", "0.3"],
+    ["track", "--every", "5", "--group-gap", "0.3"],
+)
+"""Of logs one sweep in twenty, or in five to follow things: this takes a hundred times as long as compiled."""
+HOSTILE = "1000"
+"""Logs that no robot writes, which things are followed in."""
 
 
 def main() -> None:
@@ -41,6 +47,10 @@ def main() -> None:
     if random.returncode:
         sys.exit(f"random batches: {random.stderr}")
     print(f"{len(random.stdout.splitlines())} detections of random batches", flush=True)
+    hostile = python("-m", "tests.formalism.tracking.digests", HOSTILE, "scenes")
+    if hostile.returncode:
+        sys.exit(f"hostile logs: {hostile.stderr}")
+    print(f"{len(hostile.stdout.splitlines())} hostile and simulated logs with things to follow", flush=True)
     folders = [ROOT / "samples", *([Path(os.environ[REAL_LOGS])] if os.environ.get(REAL_LOGS) else [])]
     problems = [problem for folder in folders for options in RUNS for problem in detected(folder, options)]
     if problems:
@@ -54,13 +64,13 @@ def python(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def detected(folder: Path, options: list[str]) -> list[str]:
-    """What is wrong when all logs of a folder go through `detect`."""
+    """What is wrong when all logs of a folder go through a command."""
     with tempfile.TemporaryDirectory() as out:
-        ran = python("-m", "lidarcli", "-q", "detect", str(folder), "-o", out, *EVERY, *options)
+        ran = python("-m", "lidarcli", "-q", options[0], str(folder), "-o", out, *options[1:])
         tables = sum(1 for _ in Path(out).rglob("*.objects.parquet"))
-    print(f"detect {folder} {' '.join(options)}: {tables} logs, exit {ran.returncode}", flush=True)
+    print(f"{' '.join(options)} {folder}: {tables} logs, exit {ran.returncode}", flush=True)
     wrong = ran.returncode not in READ or not tables or any(sign in ran.stderr for sign in SIGNS)
-    return [f"detect {folder} {' '.join(options)}: exit {ran.returncode}\n{ran.stderr}"] if wrong else []
+    return [f"{' '.join(options)} {folder}: exit {ran.returncode}\n{ran.stderr}"] if wrong else []
 
 
 if __name__ == "__main__":

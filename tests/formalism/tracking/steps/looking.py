@@ -1,0 +1,45 @@
+"""The views of one sweep as the steps get them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from lidarcli.formalism import Parameters, detect
+from lidarcli.formalism.detect import scans
+from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.tracking import views as looks
+from lidarcli.formalism.tracking.views import Seen, Views
+from lidarcli.simulate.generate import simulate_sweep_arrays
+from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
+from lidarcli.sweeps import RangeRules, SweepBatch, normalise
+
+Pose = tuple[float, float, float, float]
+"""x, y [m], yaw [rad] and side of the sensor."""
+
+
+def look_at(batch: SweepBatch, pose: Pose = (0.0, 0.0, 0.0, 1.0), row: int = 0) -> tuple[Views, Scans]:
+    """The objects of a sweep whose sensor is there."""
+    found = detect(batch, Parameters())
+    seen = Seen(found, np.tile(pose, (len(batch), 1)), np.arange(len(batch)) / 10)
+    views = Views(max(seen.most, 1), max(batch.width, 1))
+    views.x, views.y = pose[0], pose[1]
+    views.cos, views.sin = math.cos(pose[2]), math.sin(pose[2])
+    laid_out = scans(batch)
+    looks.look(views, seen, laid_out, row)
+    looks.judge_edges(views)
+    return views, laid_out
+
+
+def seen_from(sensor: Sensor, pose: Pose, *entities: Entity) -> tuple[Views, Scans]:
+    """What a sensor at a pose sees of these, upside down where its side is -1."""
+    x, y, yaw, side = pose
+    hung = replace(sensor, angle_min=side * sensor.angle_min, angle_increment=side * sensor.angle_increment)
+    scene = Scene("steps", hung, entities, Course(np.array([[x, y]]), yaw=yaw))
+    raw, _, _ = simulate_sweep_arrays(scene, 1)
+    if side < 0:
+        # Hanging head down, bearings run the other way round.
+        raw = replace(raw, angle_min=-raw.angle_min, angle_increment=-raw.angle_increment)
+    return look_at(normalise(raw, np.arange(1), RangeRules()), pose)

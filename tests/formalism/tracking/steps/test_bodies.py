@@ -1,0 +1,228 @@
+"""The filters of a body along its axes, against one with full matrices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism.tracking import bodies as things
+from lidarcli.formalism.tracking.bodies import Bodies
+
+PAIRS = (("c", "c"), ("c", "v"), ("c", "h"), ("v", "v"), ("v", "h"), ("h", "h"))
+
+
+class Filter:
+    """A Kalman filter of (c, v, h) in matrices."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        root = rng.normal(size=(3, 3)) * [[0.1], [0.3], [0.05]]
+        self.x = np.array([rng.normal(), rng.normal(), rng.uniform(0.3, 0.6)])
+        self.p = root @ root.T + 1e-4 * np.eye(3)
+
+    def predict(self, dt: float) -> None:
+        step = np.array([[1, dt, 0], [0, 1, 0], [0, 0, 1]])
+        noise = np.zeros((3, 3))
+        noise[:2, :2] = things.ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        noise[2, 2] = things.BREATHING * dt
+        self.x, self.p = step @ self.x, step @ self.p @ step.T + noise
+
+    def update(self, z: float, sign: float, var: float) -> np.ndarray:
+        look = np.array([1.0, 0.0, sign])
+        off = z - look @ self.x
+        s = max(look @ self.p @ look + var, off * off / things.UNLIKELY)
+        gain = self.p @ look / s
+        self.x = self.x + gain * off
+        self.p = self.p - s * np.outer(gain, gain)
+        return gain
+
+
+def fill(bodies: Bodies, a: int, filt: Filter, still: Filter) -> None:
+    """Let an axis of a body, and its twin, know what the filters do."""
+    bodies.c[a], bodies.v[a], bodies.h[a] = filt.x
+    bodies.still_c[a], bodies.still_h[a] = still.x[0], still.x[2]
+    for one, other in PAIRS:
+        at = "cvh".index(one), "cvh".index(other)
+        getattr(bodies, one + other)[a] = filt.p[at]
+        if "v" not in (one, other):
+            getattr(bodies, f"still_{one}{other}")[a] = still.p[at]
+
+
+def state_of(bodies: Bodies, a: int, prefix: str = "") -> tuple[np.ndarray, np.ndarray]:
+    """What an axis knows, in matrices; the twin knows no v."""
+    names = "ch" if prefix else "cvh"
+    x = np.array([getattr(bodies, prefix + name)[a] for name in names])
+    p = np.array(
+        [
+            [getattr(bodies, prefix + "".join(sorted((i, j), key="cvh".index)))[a] for j in names]
+            for i in names
+        ]
+    )
+    return x, p
+
+
+def still(rng: np.random.Generator) -> Filter:
+    """A filter whose velocity is known to be nil."""
+    one = Filter(rng)
+    one.x[1] = 0.0
+    one.p[1] = one.p[:, 1] = 0.0
+    return one
+
+
+def assert_close(bodies: Bodies, a: int, filt: Filter, twin: Filter) -> None:
+    x, p = state_of(bodies, a)
+    np.testing.assert_allclose(x, filt.x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(p, filt.p, rtol=1e-7, atol=1e-12)
+    x, p = state_of(bodies, a, "still_")
+    np.testing.assert_allclose(x, twin.x[[0, 2]], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(p, twin.p[np.ix_([0, 2], [0, 2])], rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_filters_are_those_of_matrices(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    bodies = Bodies(2)
+    b = 1
+    filters, twins = [Filter(rng) for _ in range(2)], [still(rng) for _ in range(2)]
+    for i in range(2):
+        fill(bodies, 2 * b + i, filters[i], twins[i])
+    for _ in range(12):
+        dt, creep = float(rng.choice([0.0, 0.05, 0.1, 1.0])), float(rng.choice([0.0, 1e-4]))
+        things.predict(bodies, b, dt, creep)
+        for filt, twin in zip(filters, twins, strict=True):
+            filt.predict(dt)
+            twin.p[0, 0] += things.CREEP * dt + creep
+            twin.p[2, 2] += things.BREATHING * dt
+        for i, sign in ((0, -1.0), (0, 1.0), (1, 0.0)):
+            a = 2 * b + i
+            # Sometimes what is hardly to be believed.
+            z, var = filters[i].x[0] + sign * filters[i].x[2] + rng.choice([0.02, 2.0]) * rng.normal(), 4e-4
+            expected, s = things.residual(bodies, a, z, sign, var)
+            look = np.array([1.0, 0.0, sign])
+            assert expected == pytest.approx(z - look @ filters[i].x)
+            assert s == pytest.approx(look @ filters[i].p @ look + var)
+            things.update(bodies, a, z, sign, var)
+            gain = things.update_still(bodies, a, z, sign, var)
+            filters[i].update(z, sign, var)
+            assert gain == pytest.approx(twins[i].update(z, sign, var)[0])
+            if min(filters[i].x[2], twins[i].x[2]) < 0.01:
+                # Nothing has a negative extent: from here on matrices know something else.
+                return
+            assert_close(bodies, a, filters[i], twins[i])
+
+
+def test_a_turn_keeps_all_that_is_known_in_the_world() -> None:
+    rng = np.random.default_rng(3)
+    bodies = Bodies(1)
+    bodies.yaw[0], bodies.cos[0], bodies.sin[0] = 0.3, math.cos(0.3), math.sin(0.3)
+    for i in range(2):
+        fill(bodies, i, Filter(rng), still(rng))
+    for i in range(6):
+        bodies.effect[i] = rng.normal()
+
+    def world() -> list[float]:
+        pairs = [(bodies.c[0], bodies.c[1]), (bodies.v[0], bodies.v[1])]
+        pairs += [(bodies.still_c[0], bodies.still_c[1])]
+        pairs += [(bodies.effect[i], bodies.effect[3 + i]) for i in range(3)]
+        return [value for pair in pairs for value in things.to_world(bodies, 0, *pair)]
+
+    before, variances = world(), [(bodies.cc[0], bodies.vv[0]), (bodies.cc[1], bodies.vv[1])]
+    sums = bodies.cc[0] + bodies.cc[1], bodies.vv[0] + bodies.vv[1]
+    for angle in (0.1, -0.7, 2.0):
+        things.turn(bodies, 0, angle)
+        assert world() == pytest.approx(before, abs=1e-12)
+        # How uncertain it is altogether does not change either.
+        assert (bodies.cc[0] + bodies.cc[1], bodies.vv[0] + bodies.vv[1]) == pytest.approx(sums)
+    assert bodies.yaw[0] == pytest.approx(0.3 + 0.1 - 0.7 + 2.0)
+    for i in range(2):
+        fill(bodies, i, Filter(rng), still(rng))
+    variances = [(bodies.cc[i], bodies.vv[i]) for i in range(2)]
+    things.turn(bodies, 0, math.pi / 2)
+    assert [(bodies.cc[i], bodies.vv[i]) for i in range(2)] == [
+        pytest.approx(variances[1]),
+        pytest.approx(variances[0]),
+    ]
+
+
+def test_faces_tell_the_direction_up_to_quarter_turns() -> None:
+    for quarters in range(-3, 4):
+        bodies = Bodies(1)
+        bodies.kind[0], bodies.yaw_var[0], bodies.rate_var[0] = things.BOX, 4e-4, 0.02
+        things.turn(bodies, 0, 0.5)
+        var = 1e-4
+        things.predict(bodies, 0, 0.1, 0.0)
+        step = np.array([[1.0, 0.1], [0.0, 1.0]])
+        known = step @ np.diag([4e-4, 0.02]) @ step.T
+        known += things.TURNING * np.array([[0.1**3 / 3, 0.1**2 / 2], [0.1**2 / 2, 0.1]])
+        gain = known[:, 0] / (known[0, 0] + var)
+        things.update_yaw(bodies, 0, 0.6 + quarters * math.pi / 2, var)
+        assert bodies.yaw[0] == pytest.approx(0.5 + 0.1 * gain[0])
+        assert bodies.yaw_rate[0] == pytest.approx(0.1 * gain[1])
+        left = known - np.outer(gain, known[0])
+        assert (bodies.yaw_var[0], bodies.yaw_cov[0], bodies.rate_var[0]) == pytest.approx(
+            (left[0, 0], left[0, 1], left[1, 1])
+        )
+
+
+def test_a_face_far_askew_hardly_turns_a_body() -> None:
+    moved = []
+    for off in (0.9 * things.ASKEW, 1.1 * things.ASKEW):
+        bodies = Bodies(1)
+        bodies.yaw_var[0], bodies.rate_var[0] = 4e-4, 0.02
+        bodies.cos[0] = 1.0
+        things.update_yaw(bodies, 0, off, 1e-4)
+        moved.append(bodies.yaw[0])
+    assert moved[0] > 10 * moved[1] > 0
+
+
+@pytest.mark.parametrize("low_var", [-1.0, 1e-4])
+@pytest.mark.parametrize("high_var", [-1.0, 4e-4])
+def test_an_axis_begins_with_what_is_seen_of_its_sides(low_var: float, high_var: float) -> None:
+    bodies = Bodies(1)
+    things.begin_axis(bodies, 0, 1.0, 1.6, low_var, high_var)
+    c, h = bodies.c[0], bodies.h[0]
+    for sign, side, var in ((-1.0, 1.0, low_var), (1.0, 1.6, high_var)):
+        # A side that was seen is there, as uncertain as it was seen; the other one at least so far.
+        off, s = things.residual(bodies, 0, side, sign, 0.0)
+        if var >= 0:
+            assert (off, s) == pytest.approx((0.0, var), abs=1e-12)
+        else:
+            assert sign * off <= 1e-12
+            assert s > 0.01
+    assert h >= 0.3 - 1e-12
+    assert bodies.v[0] == 0.0
+    assert bodies.vv[0] == things.SPEED_AT_FIRST**2
+    assert (bodies.still_c[0], bodies.still_h[0]) == (c, h)
+    if low_var > 0 and high_var > 0:
+        assert bodies.ch[0] == pytest.approx((high_var - low_var) / 4)
+
+
+def test_what_rests_is_where_its_twin_stands() -> None:
+    bodies = Bodies(1)
+    things.clear(bodies, 0)
+    for i in range(2):
+        things.begin_axis(bodies, i, 1.0, 2.0, 1e-4, 1e-4)
+        bodies.c[i], bodies.v[i] = 1.9, 0.8
+    things.rest(bodies, 0)
+    assert things.centre(bodies, 0) == (1.5, 1.5)
+    assert (bodies.v[0], bodies.v[1], bodies.yaw_rate[0]) == (0.0, 0.0, 0.0)
+    assert bodies.cc[0] == pytest.approx(bodies.still_cc[0] + things.UNSEEN)
+
+
+def test_slots_are_used_again_and_numbers_are_not() -> None:
+    bodies = Bodies(3)
+    numbers = []
+    for _ in range(3):
+        b = things.free_slot(bodies)
+        things.clear(bodies, b)
+        numbers.append((b, bodies.number[b]))
+    assert numbers == [(0, 1), (1, 2), (2, 3)]
+    bodies.state[1] = things.EMPTY
+    assert things.free_slot(bodies) == 1
+    things.clear(bodies, 1)
+    assert bodies.number[1] == 4
+    larger = Bodies(6)
+    larger.grow(bodies)
+    assert [larger.number[b] for b in range(3)] == [1, 4, 3]
+    assert things.free_slot(larger) == 3

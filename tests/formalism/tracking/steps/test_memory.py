@@ -1,0 +1,211 @@
+"""Where it was free: remembered sweeps, and the beams of the sweep at hand, made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.tracking import bodies as things
+from lidarcli.formalism.tracking import life, memory
+from lidarcli.formalism.tracking.bodies import Bodies
+from lidarcli.formalism.tracking.memory import Memory
+from lidarcli.formalism.tracking.views import Views
+from lidarcli.sweeps import TURN, RangeRules, normalise
+from tests.formalism.tracking.steps.looking import Pose, look_at
+from tests.sweeping import raw_sweeps
+
+BEAMS = 360
+STEP = TURN / BEAMS
+HERE: Pose = (0.0, 0.0, 0.0, 1.0)
+
+
+def sweep_of(
+    ranges: np.ndarray, first: float = -math.pi, step: float = STEP, pose: Pose = HERE
+) -> tuple[Views, Scans]:
+    """One sweep, seen from there."""
+    raw = raw_sweeps(ranges[None], angle_min=first, angle_increment=step, range_max=50.0)
+    return look_at(normalise(raw, np.arange(1), RangeRules()), pose)
+
+
+def remembered(views: Views, scans: Scans) -> Memory:
+    past = Memory(BEAMS + 1)
+    memory.remember(past, views, scans, 0.0)
+    return past
+
+
+def at(r: float, bearing: float, pose: Pose = HERE) -> tuple[float, float]:
+    """A point of the world by range and bearing of the sensor."""
+    direction = pose[2] + pose[3] * bearing
+    return pose[0] + r * math.cos(direction), pose[1] + r * math.sin(direction)
+
+
+GEOMETRIES = {
+    "turn": (BEAMS, -math.pi, STEP),
+    "clockwise": (BEAMS, math.pi, -STEP),
+    "from ahead": (BEAMS, 0.0, STEP),
+    "twice": (BEAMS + 1, -math.pi, STEP),
+    "more than once around": (BEAMS, 2.0, STEP),
+}
+POSES: tuple[Pose, ...] = (HERE, (1.0, -2.0, 0.7, 1.0), (1.0, -2.0, 3.0, -1.0))
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+@pytest.mark.parametrize("pose", POSES)
+def test_beams_passed_what_is_nearer_than_their_ends(geometry: str, pose: Pose) -> None:
+    beams, first, step = GEOMETRIES[geometry]
+    views, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
+    past = remembered(views, scans)
+    for bearing in np.arange(-3.2, 3.2, 0.1):
+        for r, passed, hit in (
+            (2.0, True, False),
+            (3.6, True, False),
+            (4.0, False, True),
+            (5.0, False, False),
+        ):
+            x, y = at(r, float(bearing), pose)
+            assert memory.was_passed(past, 0, x, y, 0.1) == passed
+            assert memory.was_hit(past, 0, x, y) == hit
+
+
+def test_all_four_beams_around_a_point_have_to_pass_it() -> None:
+    # A post at one of them.
+    ranges = np.full(BEAMS, 4.0)
+    ranges[180] = 1.0
+    views, scans = sweep_of(ranges)
+    past = remembered(views, scans)
+    asked = [memory.was_passed(past, 0, *at(2.0, k * STEP), 0.1) for k in np.arange(-5, 5) + 0.5]
+    # The post is at bearing 0, between -0.5 and 0.5 steps.
+    assert asked == [True, True, True, False, False, False, False, True, True, True]
+    assert memory.was_passed(past, 0, *at(0.8, 0.0), 0.1)
+
+
+def test_outside_of_a_partial_view_nothing_was_passed() -> None:
+    views, scans = sweep_of(np.full(91, 4.0), -45 * STEP)
+    past = remembered(views, scans)
+    for degrees, passed in ((0, True), (43, True), (-43, True), (46, False), (-46, False), (180, False)):
+        x, y = at(2.0, math.radians(degrees))
+        assert memory.was_passed(past, 0, x, y, 0.1) == passed
+        assert memory.was_hit(past, 0, *at(4.0, math.radians(degrees))) == passed
+
+
+def test_a_beam_without_a_return_passed_everything_where_such_beams_are_steady() -> None:
+    ranges = np.full(BEAMS, np.inf)
+    ranges[90] = np.nan
+    views, scans = sweep_of(ranges)
+    assert memory.was_passed(remembered(views, scans), 0, *at(9.0, 0.0), 0.1)
+    # One that is invalid tells nothing.
+    assert not memory.was_passed(remembered(views, scans), 0, *at(9.0, -math.pi / 2), 0.1)
+    views.steady = False
+    assert not memory.was_passed(remembered(views, scans), 0, *at(9.0, 0.0), 0.1)
+
+
+def test_beams_that_come_and_go_prove_nothing() -> None:
+    rng = np.random.default_rng(1)
+    calm, flickering = Memory(BEAMS), Memory(BEAMS)
+    fixed = np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0)
+    for _ in range(20):
+        views, scans = sweep_of(fixed)
+        memory.watch(calm, views, scans)
+        views, scans = sweep_of(np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0))
+        memory.watch(flickering, views, scans)
+    assert memory.is_steady(calm)
+    assert not memory.is_steady(flickering)
+
+
+def test_the_latest_sweeps_are_kept_some_time_apart() -> None:
+    views, scans = sweep_of(np.full(BEAMS, 4.0))
+    past = Memory(BEAMS)
+    times = np.arange(0, 60, 0.1)
+    for time in times:
+        memory.remember(past, views, scans, float(time))
+    kept = sorted(past.time[m] for m in range(memory.KEPT))
+    gaps = np.diff(kept)
+    assert (gaps >= memory.APART - 1e-9).all()
+    assert gaps.max() < memory.APART + 0.11
+    assert kept[-1] > times[-1] - memory.APART
+    grown = Memory(2 * BEAMS)
+    grown.grow(past)
+    assert [memory.was_passed(grown, m, 2.0, 0.0, 0.1) for m in range(memory.KEPT)] == [True] * memory.KEPT
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+@pytest.mark.parametrize("pose", POSES)
+def test_a_place_is_passed_or_hit_or_in_the_shadow(geometry: str, pose: Pose) -> None:
+    beams, first, step = GEOMETRIES[geometry]
+    views, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
+    for bearing in np.arange(-3.2, 3.2, 0.1):
+        for r, shares in ((2.0, (1, 0, 0)), (4.05, (0, 1, 0)), (6.0, (0, 0, 0))):
+            assert life.passing(views, scans, *at(r, float(bearing), pose), 0.2, 0.2) == shares
+
+
+@pytest.mark.parametrize(("first", "step"), [(-90 * STEP, STEP), (90 * STEP, -STEP)])
+def test_a_place_at_the_edge_of_the_view_is_half_outside(first: float, step: float) -> None:
+    views, scans = sweep_of(np.full(181, 4.0), first, step)
+    for edge in (-90, 90):
+        passes, hits, unseen = life.passing(views, scans, *at(2.0, math.radians(edge)), 0.2, 0.4)
+        assert unseen == pytest.approx(0.5, abs=0.12)
+        assert passes == pytest.approx(1.0 - unseen)
+        assert hits == 0.0
+    assert life.passing(views, scans, *at(2.0, math.pi), 0.2, 0.4) == (0.0, 0.0, 1.0)
+
+
+def body_at(x: float, y: float, sightings: int) -> Bodies:
+    """A disc that was seen so often."""
+    bodies = Bodies(2)
+    b = things.free_slot(bodies)
+    things.clear(bodies, b)
+    bodies.kind[b] = things.DISC
+    for i, place in enumerate((x, y)):
+        things.begin_axis(bodies, i, place - 0.2, place + 0.2, 1e-4, 1e-4)
+    bodies.existence[b] = life.AT_FIRST
+    bodies.view[b] = -1
+    for _ in range(sightings):
+        life.see(bodies, b)
+        bodies.sightings[b] += 1
+    return bodies
+
+
+def test_what_beams_pass_through_is_gone_soon() -> None:
+    views, scans = sweep_of(np.full(BEAMS, 4.0))
+    bodies, missed = body_at(2.0, 0.0, 20), 0
+    likely = bodies.existence[0]
+    assert likely > 0.95
+    while bodies.state[0] == things.LIVE:
+        life.miss(bodies, 0, views, scans, 0.1 * missed)
+        assert bodies.existence[0] < likely
+        likely, missed = bodies.existence[0], missed + 1
+    assert bodies.state[0] == things.ENDED
+    assert bodies.end[0] == life.PASSED
+    assert missed < 10
+
+
+def test_what_was_hardly_seen_is_forgotten_at_once() -> None:
+    views, scans = sweep_of(np.full(BEAMS, 4.0))
+    bodies = body_at(2.0, 0.0, life.CONFIRMED - 1)
+    for _ in range(10):
+        if bodies.state[0] == things.LIVE:
+            life.miss(bodies, 0, views, scans, 0.0)
+    assert bodies.state[0] == things.EMPTY
+
+
+@pytest.mark.parametrize("moved", [0, 1])
+def test_in_the_shadow_a_body_is_kept_as_long_as_there_is_patience(moved: int) -> None:
+    views, scans = sweep_of(np.full(BEAMS, 1.0))
+    bodies = body_at(2.0, 0.0, 20)
+    bodies.moved[0], likely = moved, bodies.existence[0]
+    patience = life.PATIENCE_MOVING if moved else life.PATIENCE_STILL
+    life.miss(bodies, 0, views, scans, patience - 0.1)
+    assert bodies.state[0] == things.LIVE
+    assert bodies.existence[0] == likely
+    life.miss(bodies, 0, views, scans, patience + 0.1)
+    assert (bodies.state[0], bodies.end[0]) == (things.ENDED, life.LOST)
+
+
+def test_what_is_outside_of_the_view_has_left_it() -> None:
+    views, scans = sweep_of(np.full(91, 4.0), -45 * STEP)
+    bodies = body_at(-2.0, 0.0, 20)
+    life.miss(bodies, 0, views, scans, life.PATIENCE_STILL + 0.1)
+    assert (bodies.state[0], bodies.end[0]) == (things.ENDED, life.LEFT_VIEW)

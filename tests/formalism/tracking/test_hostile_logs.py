@@ -1,0 +1,236 @@
+"""Logs that no robot writes: nothing crashes, Definition 4 sums, and the answer does not depend on batches."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism import Parameters, detect
+from lidarcli.formalism.tracking.tracker import Tracker
+from lidarcli.simulate import entities as make
+from lidarcli.sweeps import RangeRules, SweepBatch, SweepPoses, normalise
+from tests.formalism.tracking.following import (
+    assert_same,
+    assert_sums,
+    batches,
+    follow,
+    moving_log,
+    scene_of,
+    simulated,
+)
+from tests.formalism.tracking.hostile import hostile_logs
+from tests.formalism.tracking.test_tracking_steps import run
+from tests.places import ROOT
+from tests.sweeping import raw_sweeps
+
+NO_POINTS = "a view whose points are all beside its box has none, and another one's are read"
+
+
+def joined(log: list[SweepBatch]) -> SweepBatch:
+    """All sweeps of a log in one batch, as wide as the widest."""
+    width = max(batch.width for batch in log)
+
+    def padded(name: str, empty: float) -> Any:
+        rows = [np.full((len(batch), width), empty, getattr(batch, name).dtype) for batch in log]
+        for row, batch in zip(rows, log, strict=True):
+            row[:, : batch.width] = getattr(batch, name)
+        return np.concatenate(rows)
+
+    names = ("frame", "sweep", "stamp_ns", "record_ns", "angle_min", "angle_increment")
+    names += ("range_min", "range_max", "beams", "closure")
+    columns = {name: np.concatenate([getattr(batch, name) for batch in log]) for name in names}
+    poses = None
+    if log[0].poses is not None:
+        told = ("x", "y", "yaw", "upside_down")
+        poses = SweepPoses(*(np.concatenate([getattr(batch.poses, name) for batch in log]) for name in told))
+    return replace(
+        log[0], ranges=padded("ranges", np.nan), status=padded("status", 4), poses=poses, **columns
+    )
+
+
+def test_some_hostile_logs_are_followed_and_definition_4_sums() -> None:
+    tracks = 0
+    for log, parameters in hostile_logs(150):
+        told = follow(log, parameters)
+        assert_sums(told, detect(joined(log), parameters))
+        tracks += len(told.tracks)
+    assert tracks > 50
+
+
+@pytest.mark.slow
+def test_many_hostile_logs_are_followed_and_definition_4_sums() -> None:
+    for log, parameters in hostile_logs(2000, seed=7):
+        assert_sums(follow(log, parameters), detect(joined(log), parameters))
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(reason=NO_POINTS)
+def test_hostile_logs_touch_nothing_outside_of_their_arrays() -> None:
+    done = run("tests.formalism.tracking.digests", "300", LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(reason=NO_POINTS)
+def test_hostile_logs_are_told_alike_however_they_are_cut() -> None:
+    for log, parameters in hostile_logs(1500):
+        whole = joined(log)
+        told = follow(log, parameters)
+        for size in (1, 5, len(whole)):
+            assert_same(told, follow(batches(whole, size), parameters))
+
+
+def test_scenes_touch_nothing_outside_of_their_arrays() -> None:
+    code = (
+        "from tests.formalism.tracking.following import *\n"
+        "for kind, driving in (('people', False), ('room', True)):\n"
+        "    log = moving_log(kind, 5, driving=driving).rows(np.arange(60))\n"
+        "    print(len(follow(log).tracks))\n"
+    )
+    environment = {"LIDARCLI_COMPILED": "no", "LIDARCLI_BOUNDS": "1", "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert all(int(line) > 0 for line in done.stdout.split())
+
+
+def test_no_sweeps_no_beams_nothing_detected() -> None:
+    _, tracks = Tracker().finish()
+    assert len(tracks) == 0
+    empty = moving_log("room", 3).rows(np.empty(0, np.int64))
+    told = follow([empty, empty])
+    assert len(told.tracks) == 0
+    assert told.columns["track"].shape == (0,)
+    for ranges in (np.empty((40, 0)), np.full((40, 90), np.inf), np.full((40, 90), np.nan)):
+        told = follow(normalise(raw_sweeps(ranges), np.arange(40), RangeRules()))
+        assert len(told.tracks) == 0
+        assert (told.columns["objects"] == 0).all()
+
+
+def test_empty_batches_between_others_change_nothing() -> None:
+    log = moving_log("room", 3)
+    empty = log.rows(np.empty(0, np.int64))
+    pieces = batches(log, 90)
+    assert_same(follow(log), follow([empty, *(one for piece in pieces for one in (piece, empty, empty))]))
+
+
+def standing() -> SweepBatch:
+    """Two things that stand, and a sensor that does as well."""
+    return simulated(scene_of(make.box(2.0, 0.3, 0.6, 0.4), make.cylinder(-2.0, 1.0, 0.15)), 60, poses=True)
+
+
+def poses_of(batch: SweepBatch, rows: Any, **values: float) -> SweepBatch:
+    """The same with other poses for some sweeps."""
+    assert batch.poses is not None
+    told = {name: getattr(batch.poses, name).copy() for name in ("x", "y", "yaw")}
+    for name, value in values.items():
+        told[name][rows] = value
+    return replace(batch, poses=replace(batch.poses, **told))
+
+
+def test_sweeps_without_a_pose_have_no_tracks_and_end_none() -> None:
+    log = poses_of(standing(), slice(20, 31), x=np.nan, y=np.nan, yaw=np.nan)
+    told = follow(log)
+    assert_sums(told, detect(log, Parameters()))
+    without = np.isin(told.row, np.arange(20, 31))
+    assert (told.columns["track"][without] == 0).all()
+    assert (told.columns["track"][~without] > 0).mean() > 0.9
+    assert len(told.tracks) == 2
+    assert told.tracks.hidden == pytest.approx([1.1, 1.1])
+    assert told.tracks.sweeps.tolist() == [49, 49]
+    assert not told.tracks.moved.any()
+
+
+@pytest.mark.xfail(reason="only a pose whose x is NaN counts as unknown")
+@pytest.mark.parametrize("name", ["y", "yaw"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_pose_that_is_no_number_is_unknown(name: str, value: float) -> None:
+    told = follow(poses_of(standing(), 20, **{name: value}))
+    assert told.tracks.sweeps.tolist() == [59, 59]
+
+
+@pytest.mark.parametrize("kind", ["back", "still", "zero", "far"])
+def test_stamps_may_jump_back_or_stand_still(kind: str) -> None:
+    log = standing()
+    stamps = log.stamp_ns.copy()
+    if kind == "back":
+        stamps[30:] -= 50_000_000_000
+    elif kind == "still":
+        stamps[10:40] = stamps[10]
+    elif kind == "zero":
+        stamps[:] = 0
+    else:
+        stamps[30:] = np.iinfo(np.int64).max - 10**12
+    told = follow(replace(log, stamp_ns=stamps))
+    # After a pause of centuries nobody knows what is what.
+    assert len(told.tracks) == 2 or (kind == "far" and len(told.tracks) <= 4)
+    assert not told.tracks.moved.any()
+    assert (told.columns["track"] > 0).mean() > 0.9
+
+
+def test_the_number_of_beams_may_change() -> None:
+    log = standing()
+    other = simulated(
+        scene_of(
+            make.box(2.0, 0.3, 0.6, 0.4),
+            make.cylinder(-2.0, 1.0, 0.15),
+            sensor=replace(moving_sensor(), beams=1081, angle_increment=2 * np.pi / 1081),
+        ),
+        60,
+        poses=True,
+    )
+    pieces = [one for pair in zip(batches(log, 7), batches(other, 7), strict=True) for one in pair]
+    step = int(log.stamp_ns[1] - log.stamp_ns[0])
+    first, turned = int(log.stamp_ns[0]), []
+    for piece in pieces:
+        before = sum(map(len, turned))
+        turned.append(
+            replace(
+                piece,
+                sweep=before + np.arange(len(piece)),
+                stamp_ns=first + step * (before + np.arange(len(piece))),
+            )
+        )
+    told = follow(turned)
+    assert len(told.tracks) == 2
+    assert told.tracks.sweeps.tolist() == [120, 120]
+
+
+def moving_sensor() -> Any:
+    """The sensor of the scenes."""
+    return scene_of().sensor
+
+
+@pytest.mark.slow
+def test_the_longest_log_keeps_no_more_than_a_short_one() -> None:
+    log = moving_log("people", 4)
+    tracker, most = Tracker(), []
+    stamp = int(log.stamp_ns[1] - log.stamp_ns[0])
+    sweeps = 0
+    while sweeps < 20_000:
+        index = sweeps + np.arange(len(log))
+        batch = replace(log, sweep=index, stamp_ns=log.stamp_ns[0] + stamp * index)
+        tracker.add(batch, detect(batch, Parameters()))
+        sweeps += len(log)
+        most.append(
+            (
+                tracker._fold.bodies.most,
+                tracker._fold.log.room,
+                tracker._fold.log.count,
+                len(tracker._register.things),
+                len(tracker._waiting),
+                sum(len(piece.track) for piece in tracker._settled),
+                len(tracker._windows),
+            )
+        )
+    early, late = np.max(most[:10], axis=0), np.max(most[-10:], axis=0)
+    assert (late <= 2 * early).all(), (early, late)
+    assert late[0] <= 256
+    assert late[3] < 100
+    assert late[6] <= 3
