@@ -1,8 +1,8 @@
 """Throughput and memory of `lidarcli detect`, and once of `track`: containers, sensors, profiles, lengths; one process.
 
-Every time is from file to Parquet, given per sweep and as a multiple of what others take in the same run: iterating the raw messages of an
-MCAP with the same sweeps (`mcap`), only reading and decompressing it, DBSCAN on each sweep, and the paper's formulas as
-a loop in Python. `--stages` also takes the time of each stage apart.
+Every time is from file to Parquet, given per sweep and as a multiple of what others take in the same run: iterating the
+raw messages of an MCAP with the same sweeps (`mcap`), only reading and decompressing it, DBSCAN on each sweep, and the
+paper's formulas as a loop in Python. `--stages` also takes the time of each stage apart.
 """
 
 from __future__ import annotations
