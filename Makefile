@@ -60,7 +60,7 @@ golden: $(VENV)/installed-dev ## accept today's tables and reports as the expect
 docs: $(VENV)/compiled ## write docs/cli.md and docs/tables.md from the code
 	$(BIN)/python -m tools.make_docs
 
-bench: $(VENV)/compiled ## throughput and memory of detect, beside merely reading the log
+bench: $(VENV)/compiled ## throughput and memory of detect, beside merely reading the log, and of track
 	$(BIN)/python benchmarks/bench.py $(BENCH)
 
 bench-full: $(VENV)/installed-dev ## the same over containers, sensors, profiles and lengths, with more references

@@ -1,4 +1,4 @@
-"""Throughput and memory of `lidarcli detect`, beside merely iterating the same log's messages.
+"""Throughput and memory of `lidarcli detect`, beside merely iterating the same log's messages, and of `track` beside it.
 
 One process, whose threads use all cores unless said otherwise.
 
@@ -23,6 +23,8 @@ from statistics import median
 
 HERE = Path(__file__).parent
 LIDARCLI = str(Path(sys.executable).with_name("lidarcli"))
+MOVING = "scene_moving.toml"
+"""The scene for `track`: things move in it."""
 COMPILED_EACH_TIME = "PYTHONDONTWRITEBYTECODE"
 """Where this is set every start compiles all modules, which is not how Python is used."""
 RSS_UNIT = 1 if sys.platform == "darwin" else 1024
@@ -85,13 +87,19 @@ class Figures:
     long: Result
     pinned: Result
     alone: Result
+    moving: Result
+    track: Result
+    plain: Result
+    plain_track: Result
     objects_per_sweep: float = 0.0
+    moving_per_sweep: float = 0.0
     help_ms: dict[str, float] = field(default_factory=dict)
 
     def results(self) -> tuple[Result, ...]:
         """All contestants, the yardstick first."""
         logs = self.robust, self.paper, self.changing, self.short, self.long
-        return self.iterate, *logs, self.pinned, self.alone
+        both = self.moving, self.track, self.plain, self.plain_track
+        return self.iterate, *logs, self.pinned, self.alone, *both
 
     def ratio(self, result: Result) -> float:
         """Time per sweep, as a multiple of the time that iterating takes."""
@@ -117,15 +125,27 @@ class Figures:
         """Throughput with threads that share the detection, as a multiple of that of one alone."""
         return gain(self.alone, self.robust)
 
+    @property
+    def tracking(self) -> float:
+        """Time of `track`, as a multiple of that of `detect` on the same log."""
+        return gain(self.track, self.moving)
+
+    @property
+    def plain_tracking(self) -> float:
+        """The same where nothing is compiled."""
+        return gain(self.plain_track, self.plain)
+
 
 def gain(slow: Result, fast: Result) -> float:
     """Throughput of the one as a multiple of the other's: round by round, as the machine changes."""
     return median(one / two for one, two in zip(slow.seconds, fast.seconds, strict=True))
 
 
-def run(*command: str, pinned: bool = False) -> Run:
+def run(*command: str, pinned: bool = False, compiled: bool = True) -> Run:
     """Run a command to its end, `pinned` on one core; a failure ends the benchmark with what it said."""
     environment = {name: value for name, value in os.environ.items() if name != COMPILED_EACH_TIME}
+    if not compiled:
+        environment["LIDARCLI_COMPILED"] = "no"
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         started = time.perf_counter()
         pin = _pin if pinned and hasattr(os, "sched_setaffinity") else None
@@ -146,11 +166,11 @@ def _pin() -> None:
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 
 
-def make_log(folder: Path, name: str, sweeps: int, *options: str) -> Path:
-    """Simulate a log of the benchmark's scene; its name has the suffix of its container."""
+def make_log(folder: Path, name: str, sweeps: int, *options: str, scene: str = "scene.toml") -> Path:
+    """Simulate a log of one of the benchmark's scenes; its name has the suffix of its container."""
     log = folder / name
     print(f"writing {name}: {sweeps:,} sweeps ...", file=sys.stderr)
-    run(sys.executable, str(HERE / "make_log.py"), str(HERE / "scene.toml"), str(sweeps), str(log), *options)
+    run(sys.executable, str(HERE / "make_log.py"), str(HERE / scene), str(sweeps), str(log), *options)
     return log
 
 
@@ -163,11 +183,19 @@ def iterate(log: Path, result: Result) -> None:
     result.add(replace(done, seconds=seconds, cpu_seconds=cpu))
 
 
-def detect(log: Path, folder: Path, result: Result, *options: str, pinned: bool = False) -> None:
-    """Time `lidarcli detect` from the start of Python to its end."""
+def detect(
+    log: Path,
+    folder: Path,
+    result: Result,
+    *options: str,
+    command: str = "detect",
+    pinned: bool = False,
+    compiled: bool = True,
+) -> None:
+    """Time `lidarcli detect`, or `track`, from the start of Python to its end."""
     out = folder / "tables"
-    command = LIDARCLI, "-q", "detect", str(log), *options, "-o", str(out), "--overwrite"
-    result.add(run(*command, pinned=pinned))
+    whole = LIDARCLI, "-q", command, str(log), *options, "-o", str(out), "--overwrite"
+    result.add(run(*whole, pinned=pinned, compiled=compiled))
 
 
 def count_objects(folder: Path, log: Path) -> int:
@@ -181,6 +209,9 @@ def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
     """Run everything and gather the figures."""
     log = make_log(folder, "fixed.mcap", sweeps)
     changing = make_log(folder, "changing.mcap", sweeps, "--jitter", "3")
+    moving = make_log(folder, "moving.mcap", sweeps, scene=MOVING)
+    few = max(sweeps // 50, 1)
+    plain = make_log(folder, "plain.mcap", few, scene=MOVING)
     figures = Figures(
         machine=f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
         log_mb=log.stat().st_size / 1e6,
@@ -192,6 +223,10 @@ def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
         robust=Result("detect", sweeps),
         pinned=Result("detect, on one core", sweeps),
         alone=Result("detect --jobs 1", sweeps),
+        moving=Result("detect, things move", sweeps),
+        track=Result("track, things move", sweeps),
+        plain=Result("detect, not compiled", few),
+        plain_track=Result("track, not compiled", few),
     )
     for turn in range(repeats):
         print(f"round {turn + 1} of {repeats} ...", file=sys.stderr)
@@ -201,7 +236,12 @@ def measure(sweeps: int, repeats: int, folder: Path) -> Figures:
         detect(log, folder, figures.alone, "--jobs", "1")
         detect(log, folder, figures.pinned, pinned=True)
         detect(log, folder, figures.robust)
+        detect(moving, folder, figures.moving)
+        detect(moving, folder, figures.track, command="track")
+        detect(plain, folder, figures.plain, compiled=False)
+        detect(plain, folder, figures.plain_track, command="track", compiled=False)
     figures.objects_per_sweep = count_objects(folder, log) / sweeps
+    figures.moving_per_sweep = count_objects(folder, moving) / sweeps
     for result in (figures.short, figures.long):
         # The logs differ by ten times; both fill every buffer on the way.
         detect(make_log(folder, "other.mcap", result.sweeps), folder, result)
@@ -217,7 +257,9 @@ def show(figures: Figures) -> None:
     print(
         f"{figures.machine}; MCAP zstd, {figures.log_mb:.0f} MB, {figures.robust.sweeps:,} sweeps,", end=" "
     )
-    print(f"{figures.objects_per_sweep:.1f} objects per sweep\n")
+    print(
+        f"{figures.objects_per_sweep:.1f} objects per sweep, {figures.moving_per_sweep:.1f} where things move\n"
+    )
     print(f"{'':28}{'sweeps/s':>10}{'best':>10}{'x iterate':>11}{'cpu us':>8}{'peak MB':>9}")
     for result in figures.results():
         print(
@@ -228,6 +270,8 @@ def show(figures: Figures) -> None:
     print(f"throughput of changing / of fixed geometry        {figures.changing_geometry:6.2f}")
     print(f"throughput on all cores / on one                  {figures.on_cores:6.2f}")
     print(f"throughput of threads for the detection / of one  {figures.of_threads:6.2f}")
+    print(f"time of track / of detect                         {figures.tracking:6.2f}")
+    print(f"the same where nothing is compiled                {figures.plain_tracking:6.2f}")
     for name, milliseconds in figures.help_ms.items():
         print(f"{name:50}{milliseconds:6.0f} ms")
 
@@ -239,6 +283,8 @@ def broken(figures: Figures) -> list[str]:
         ("peak memory [MB]", max(result.peak_mb for result in figures.results()), 300.0),
         ("peak memory of a log / of one a tenth as long", figures.growth, 1.25),
         ("throughput of fixed / of changing geometry", 1 / figures.changing_geometry, 2.0),
+        ("time of track / of detect", figures.tracking, 1.25),
+        ("time of track / of detect, not compiled", figures.plain_tracking, 3.0),
         ("lidarcli --help [ms]", figures.help_ms["lidarcli --help"], 150.0),
     )
     return [f"{name}: {value:.2f} is above {limit:g}" for name, value, limit in checks if value > limit]
@@ -253,6 +299,8 @@ def as_json(figures: Figures) -> str:
         "changing_geometry": figures.changing_geometry,
         "on_cores": figures.on_cores,
         "of_threads": figures.of_threads,
+        "tracking": figures.tracking,
+        "plain_tracking": figures.plain_tracking,
     }
     return json.dumps({**asdict(figures), **derived}, indent=2) + "\n"
 

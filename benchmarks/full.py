@@ -1,8 +1,8 @@
-"""Throughput and memory of `lidarcli detect` over containers, sensors, profiles and lengths, file to Parquet, one process.
+"""Throughput and memory of `lidarcli detect`, and once of `track`: containers, sensors, profiles, lengths; one process.
 
-Every time is given per sweep and as a multiple of what others take in the same run: iterating the raw messages of an
-MCAP with the same sweeps (`mcap`), only reading and decompressing it, DBSCAN on each sweep, and the paper's formulas as
-a loop in Python. `--stages` also takes the time of each stage apart.
+Every time is from file to Parquet, given per sweep and as a multiple of what others take in the same run: iterating the
+raw messages of an MCAP with the same sweeps (`mcap`), only reading and decompressing it, DBSCAN on each sweep, and the
+paper's formulas as a loop in Python. `--stages` also takes the time of each stage apart.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
-from benchmarks.bench import HERE, Result, detect, iterate, make_log, run
+from benchmarks.bench import HERE, MOVING, Result, detect, iterate, make_log, run
 
 DECADES = (1_000, 10_000, 100_000, 1_000_000)
 
@@ -38,6 +38,8 @@ class Case:
     """Options of `detect`."""
     yardstick: str = "361"
     """Beams of the MCAP whose iteration is the reference."""
+    scene: str = "scene.toml"
+    command: str = "detect"
 
 
 CASES = (
@@ -52,6 +54,8 @@ CASES = (
     Case("ROS 1 bag", "ros1.bag"),
     Case("ROS 2 bag, sqlite3", "ros2.db3"),
     Case("CSV", "csv.csv", 0.2),
+    Case("things move", "moving.mcap", scene=MOVING),
+    Case("things move, track", "moving.mcap", scene=MOVING, command="track"),
 )
 
 
@@ -81,7 +85,7 @@ def measure(sweeps: int, repeats: int, longest: int, stages: bool, folder: Path)
     for case in CASES:
         length = round(sweeps * case.sweeps)
         if case.file not in logs:
-            logs[case.file] = make_log(folder, case.file, length, *case.made)
+            logs[case.file] = make_log(folder, case.file, length, *case.made, scene=case.scene)
         report.cases[case.name] = Result(case.name, length)
         report.yardstick[case.name] = f"iterate {case.yardstick}"
     looped = {name: Result(name, report.cases[f"{name} beams"].sweeps) for name in ("361", "720", "1081")}
@@ -92,7 +96,8 @@ def measure(sweeps: int, repeats: int, longest: int, stages: bool, folder: Path)
             iterate(logs[f"{beams}.mcap"], result)
         read.append(_seconds("read", logs["361.mcap"])[0] / sweeps)
         for case in CASES:
-            detect(logs[case.file], folder, report.cases[case.name], *case.options)
+            result = report.cases[case.name]
+            detect(logs[case.file], folder, result, *case.options, command=case.command)
     for beams, result in looped.items():
         report.references[f"iterate {beams}"] = median(result.seconds) / result.sweeps
     report.references["read and decompress"] = median(read)

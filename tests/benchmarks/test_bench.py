@@ -31,6 +31,12 @@ def test_the_benchmark_runs(tmp_path: Path) -> None:
     assert figures["ratio"]["detect"] > 1
     assert 20 < figures["robust"]["peak_mb"] < 300
     assert figures["on_cores"] > 0
+    assert figures["track"]["sweeps"] == figures["moving"]["sweeps"] == 50
+    assert figures["tracking"] == pytest.approx(
+        figures["track"]["seconds"][0] / figures["moving"]["seconds"][0]
+    )
+    assert figures["plain_tracking"] > 0
+    assert 4 < figures["moving_per_sweep"] < 8
     assert "lidarcli --help" in done.stdout
 
 
@@ -55,7 +61,7 @@ def test_the_full_benchmark_runs(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     figures = json.loads(target.read_text(encoding="utf-8"))
-    assert len(figures["cases"]) == 11
+    assert len(figures["cases"]) == 13
     assert figures["cases"]["CSV"]["sweeps"] == 10
     assert all(case["ratio"] > 1 for case in figures["cases"].values())
     assert set(figures["references_us"]) >= {"iterate 361", "read and decompress", "loop", "dbscan"}

@@ -19,13 +19,20 @@ from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = re.compile(
-    r"\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|NOTHING|ONE|INFINITY|TINY|NEAR|FAR|FEW)"
+    r"(?!sides)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
+    r"|noise\.(NOTHING|ONE|NEAR|FAR|FEW)|bodies\.QUARTER|summary\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
 )
 """Functions of other constants, factors of the normal distribution, and what only saves time."""
 CODES = {"detection", "points", "segments", "detect", "native"}
 """Modules whose numbers are codes or the layout of arrays, not constants of the method."""
-BENDS = {"FLAT", "CONVEX", "CONCAVE"}
-"""Codes of a module that has constants, too."""
+MARKS = {
+    "faces": {"FLAT", "CONVEX", "CONCAVE"},
+    "views": {"HIDDEN", "OPEN", "OWN"},
+    "sides": {"AT_LEAST"},
+    "memory": {"NOTHING", "FAR"},
+    "correction": {"DELAY", "AHEAD", "LEFT"},
+}
+"""Codes of modules that have constants, too."""
 BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}
 """The subtraction of a background has a page of its own, docs/background.md."""
 THINGS = {"catalogue", "constellation", "evidence", "fits", "matching", "naming", "pairing", "shares"}
@@ -46,9 +53,24 @@ def table(title: str) -> list[list[str]]:
 
 
 def sources() -> dict[str, Path]:
-    """The files of the formalism by the name of their module; a compiled module tells too little of itself."""
-    paths = sorted(Path(formalism.__file__).parent.rglob("*.py"))
-    return {path.stem: path for path in paths if path.stem != "__init__"}
+    """The files of the formalism by the name of their module; a compiled module tells too little of itself.
+
+    Of two files of one name the one in the deeper folder has the name of that before its own.
+    """
+    found: dict[str, Path] = {}
+    for path in sorted(Path(formalism.__file__).parent.rglob("*.py"), key=lambda path: len(path.parts)):
+        if path.stem != "__init__":
+            found[f"{path.parent.name}.{path.stem}" if path.stem in found else path.stem] = path
+    return found
+
+
+def is_copied(value: ast.expr | None) -> bool:
+    """Whether a value is that of another module, or one of a row of codes."""
+    if isinstance(value, ast.Tuple):
+        return all(is_copied(each) for each in value.elts)
+    if isinstance(value, ast.Call):
+        return isinstance(value.func, ast.Name) and value.func.id == "range"
+    return isinstance(value, ast.Attribute)
 
 
 def assigned(path: Path) -> set[str]:
@@ -56,17 +78,24 @@ def assigned(path: Path) -> set[str]:
     return {
         node.id
         for statement in ast.parse(path.read_text(encoding="utf-8")).body
-        if isinstance(statement, ast.Assign | ast.AnnAssign)
+        if isinstance(statement, ast.Assign | ast.AnnAssign) and not is_copied(statement.value)
         for node in ast.walk(statement)
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id.isupper()
     }
 
 
-def constants() -> dict[str, float]:
-    """Every number that a module of the formalism names in capitals, asked of the source."""
-    codes = BENDS | assigned(sources()["detection"])
+def numbers(value: object) -> list[float]:
+    """A number, or all that are in a table; nothing of anything else."""
+    if isinstance(value, list):
+        return [each for part in value for each in numbers(part)]
+    return [float(value)] if isinstance(value, int | float) else []
+
+
+def constants() -> dict[str, list[float]]:
+    """Every number that a module of the formalism names in capitals, asked of the source; those of a table in a row."""
+    codes = assigned(sources()["detection"])
     names = {
-        name: sorted(assigned(path) - codes)
+        name: sorted(assigned(path) - codes - MARKS.get(name, set()))
         for name, path in sources().items()
         if name not in CODES | BACKGROUND | THINGS
     }
@@ -86,7 +115,7 @@ def constants() -> dict[str, float]:
         check=True,
     )
     pairs = [json.loads(line) for line in done.stdout.splitlines()]
-    return {name: float(value) for name, value in pairs if isinstance(value, int | float)}
+    return {name: found for name, value in pairs if (found := numbers(value))}
 
 
 def module_of(path: Path) -> str:
@@ -95,7 +124,9 @@ def module_of(path: Path) -> str:
 
 
 def test_every_constant_is_documented_with_its_value() -> None:
-    documented = {row[0].strip("`"): float(row[1]) for row in table("Constants")}
+    rows = [*table("Constants"), *table("Constants of tracking")]
+    documented = {row[0].strip("`"): [float(value) for value in row[1].split(",")] for row in rows}
+    assert len(documented) == len(rows)
     assert documented == {name: value for name, value in constants().items() if not DERIVED.fullmatch(name)}
 
 
@@ -119,7 +150,7 @@ def test_every_function_of_the_definitions_exists() -> None:
         }
         for name, path in sources().items()
     }
-    for row in table("Definitions and functions"):
+    for row in [*table("Definitions and functions"), *table("Steps over time")]:
         named = re.findall(r"`([A-Za-z_.]+)`", row[2])
         assert named, row
         for name in named:

@@ -1,4 +1,4 @@
-"""Tables of `detect` and `background build`, changed as pandas, other programs and hostile people change them."""
+"""Tables of `track` and `background build`, changed as pandas, other programs and hostile people change them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,45 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tools.fuzz.commands import judge_commands, run
-from tools.fuzz.containers import sample_of
 from tools.fuzz.mutate import mutate
 from tools.fuzz.place import Place
 from tools.fuzz.target import Random, Target
 
 LOG = "run.mcap"
-NAMES = ("run.objects.parquet", "run.sweeps.parquet", "run.beams.parquet", "empty.background.parquet")
+BACKGROUND = "empty.background.parquet"
+TRACKS = "run.tracks.parquet"
+NAMES = ("run.objects.parquet", "run.sweeps.parquet", TRACKS, "run.beams.parquet", BACKGROUND)
 FORMATS = ("text", "markdown", "html", "json", "junit")
+
+SCENE = """
+[scene]
+name = "run"
+sweeps = 20
+[sensor]
+beams = 91
+angle_min = -180
+angle_max = 180
+noise = 0.01
+lost = 0.05
+[robot]
+waypoints = [[0, 0], [1.5, 0]]
+speed = 0.3
+[robot.odometry]
+[[wall]]
+points = [[-2, -2], [3, -2], [3, 2], [-2, 2]]
+closed = true
+[[box]]
+x = 1.6
+y = 0.8
+length = 0.6
+width = 0.4
+[[cylinder]]
+x = -1.2
+y = -0.6
+radius = 0.25
+velocity = [0.8, 0.0]
+"""
+"""Something that stands and something that moves, seen by a sensor that drives: all tables have rows, and poses."""
 
 Change = Callable[[pa.Table, Random], pa.Table]
 
@@ -31,18 +62,18 @@ Change = Callable[[pa.Table, Random], pa.Table]
 @cache
 def tables() -> dict[str, bytes]:
     """Sound tables, by name, and the log that they are made of."""
-    log = sample_of("mcap-cdr-zstd").files[LOG]
     with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / LOG)
-        Path(path).write_bytes(log)
-        background = str(Path(folder) / NAMES[3])
+        path, scene = str(Path(folder) / LOG), Path(folder) / "scene.toml"
+        scene.write_text(SCENE, encoding="utf-8")
+        background = str(Path(folder) / BACKGROUND)
         for command in (
-            ["detect", path, "-o", folder, "--beams"],
+            ["simulate", str(scene), "-o", path],
+            ["track", path, "-o", folder, "--beams"],
             ["background", "build", path, "-o", background],
         ):
             if (ran := run(["-q", *command])).code:
                 raise RuntimeError(ran.err)
-        return {LOG: log, **{name: (Path(folder) / name).read_bytes() for name in NAMES}}
+        return {name: (Path(folder) / name).read_bytes() for name in (LOG, *NAMES)}
 
 
 def put(place: Place, changed: str = "", data: bytes = b"") -> None:
@@ -74,7 +105,7 @@ def write(place: Place, number: int, random: Random) -> None:
 
 def _reading(name: str, formats: tuple[str, ...]) -> list[list[str]]:
     """Commands that read the table."""
-    if "background" in name:
+    if name == BACKGROUND:
         return [
             ["background", "info", f"in/{name}", "--format", "json"],
             ["background", "info", f"in/{name}"],
@@ -83,7 +114,12 @@ def _reading(name: str, formats: tuple[str, ...]) -> list[list[str]]:
     reports = [["report", "in/run.objects.parquet", "--format", form] for form in formats]
     baseline = ["report", "in/run.objects.parquet", "--baseline", "in/base", "--format", formats[0]]
     against = ["report", "in/base/run.objects.parquet", "--baseline", "in/run.objects.parquet"]
-    return [*reports, baseline, [*against, "--format", formats[-1]]]
+    whole = [*reports, baseline, [*against, "--format", formats[-1]]]
+    if name == TRACKS:
+        whole.append(["report", f"in/{name}", "--format", formats[0]])
+    if "beams" not in name:
+        whole.append(["plot", f"in/{LOG}", "--sweep", "1", "--tracks", f"in/{TRACKS}", "-o", "out/sweep.png"])
+    return whole
 
 
 def _changed(data: bytes, changes: list[Change], random: Random) -> bytes:
@@ -329,6 +365,16 @@ KNOWN: list[tuple[str, list[Change]]] = [
     ("run.sweeps.parquet", [_doubled("topic")]),
     ("run.objects.parquet", [_doubled("sweep")]),
     ("run.beams.parquet", [_cast("status", pa.string())]),
+    (TRACKS, [_by_pandas]),
+    (TRACKS, [_cast("track", pa.string())]),
+    (TRACKS, [_set("track", None)]),
+    (TRACKS, [_set("track", 2**63 - 1)]),
+    (TRACKS, [_set("duration", np.inf)]),
+    (TRACKS, [_set("x", 1e308)]),
+    (TRACKS, [_doubled("track")]),
+    ("run.objects.parquet", [_set("track", 2**63 - 1)]),
+    ("run.objects.parquet", [_set("vx", 1e308)]),
+    ("run.objects.parquet", [_cast("moving", pa.string())]),
     ("empty.background.parquet", [_geometry({"a": 1})]),
     ("empty.background.parquet", [_geometry([1, 2])]),
     ("empty.background.parquet", [_geometry([{"topic": None}])]),
