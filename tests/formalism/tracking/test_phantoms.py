@@ -42,7 +42,7 @@ def test_nothing_moves_where_everything_stands(kind: str, drive: bool) -> None:
                 tracks, agents = tracks + len(told.tracks), agents + len(told.agents)
     assert tracks > 20
     # It should be none. Legs that are seen in turn are told to move by mistake, mostly to a sensor that drives.
-    assert agents <= (0.03 if drive else 0.005) * tracks
+    assert agents <= (0.03 if drive else 0.01) * tracks
 
 
 @pytest.mark.xfail(

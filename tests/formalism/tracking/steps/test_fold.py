@@ -52,9 +52,9 @@ def test_pairs_of_persons_and_legs_are_sorted_by_cost() -> None:
         room.person[i], room.view[i], room.cost[i] = i, 100 + i, float(cost)
     persons._sort(room)
     # Of equals the first stays the first.
-    assert room.person[:12] == np.argsort(costs, kind="stable").tolist()
+    assert [room.person[i] for i in range(12)] == np.argsort(costs, kind="stable").tolist()
     assert [room.view[i] - room.person[i] for i in range(12)] == [100] * 12
-    assert room.cost[:12] == sorted(costs)
+    assert [room.cost[i] for i in range(12)] == sorted(costs)
 
 
 def test_a_leg_is_the_mean_of_where_it_was_seen() -> None:
