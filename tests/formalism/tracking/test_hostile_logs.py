@@ -78,7 +78,7 @@ def test_hostile_logs_touch_nothing_outside_of_their_arrays() -> None:
 @pytest.mark.slow
 @pytest.mark.xfail(reason=NO_POINTS)
 def test_hostile_logs_are_told_alike_however_they_are_cut() -> None:
-    for log, parameters in hostile_logs(400):
+    for log, parameters in hostile_logs(1500):
         whole = joined(log)
         told = follow(log, parameters)
         for size in (1, 5, len(whole)):
