@@ -82,3 +82,9 @@ def test_without_poses_nothing_is_learned() -> None:
     assert trackers.WINDOW < SWEEPS
     told = follow(replace(driven(Mount(), 0.1), poses=None))
     assert value_of(told) == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.xfail(reason="a new body begins as if its place did not depend on what the poses are off by")
+def test_a_sensor_that_stands_learns_nothing() -> None:
+    batch = simulated(scene_of(*PARKED_WORLD), SWEEPS, poses=True)
+    assert np.abs(value_of(follow(batch))).max() < 1e-9
