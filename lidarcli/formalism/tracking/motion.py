@@ -116,11 +116,15 @@ def is_shown(
     dx, dy = x - bodies.birth_x[b], y - bodies.birth_y[b]
     if dx * dx + dy * dy < WAY * WAY:
         return False
+    passes, hits, _ = life.passing_body(views, scans, bodies, b, bodies.birth_x[b], bodies.birth_y[b])
+    size = 2.0 * max(bodies.h[2 * b], bodies.h[2 * b + 1])
+    if hits > 0.5 and dx * dx + dy * dy > (size + PASSED) * (size + PASSED):
+        # Something still stands where it was: another leg of the same chair was taken for it.
+        return False
     if stood_there(bodies, b, views, k, past, time):
         return False
     if was_free(views, k, past, time):
         return True
-    passes, hits, _ = life.passing_body(views, scans, bodies, b, bodies.birth_x[b], bodies.birth_y[b])
     return passes > 0.5 and hits < 0.2
 
 

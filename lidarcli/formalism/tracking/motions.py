@@ -71,7 +71,9 @@ def _smooth_track(
         track.state = np.full(12, -1.0)
     vx, vy, moving = np.empty(begin), np.empty(begin), np.empty(begin, np.uint8)
     smoother.smooth(order, np.ascontiguousarray(seen.time[at]), track.state, keep, onset, vx, vy, moving)
-    seen.vx[at], seen.vy[at], seen.moving[at] = vx, vy, moving
+    # Legs of one sweep are one thing.
+    first = np.searchsorted(sweep, sweep)
+    seen.vx[at], seen.vy[at], seen.moving[at] = vx[first], vy[first], moving[first]
     agent: NDArray[np.bool_] = np.arange(begin) >= onset
     seen.agent[at] = agent
 

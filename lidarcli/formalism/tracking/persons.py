@@ -249,5 +249,4 @@ def _found(
     persons.taken[k] = b + 1
     _rename(persons, bodies, log, b, k)
     _note(bodies, b, views.middle_x[k], views.middle_y[k], time, sweep)
-    bodies.sightings[b] = max(bodies.sightings[b], life.CONFIRMED)
     return b

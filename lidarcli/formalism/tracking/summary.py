@@ -68,9 +68,14 @@ def tracks_of(register: Register, sweeps: int) -> Tracks:
         speed_mean=np.array([_mean_speed(track) for track in tracks], np.float64),
         speed_max=np.array([track.speed_max for track in tracks], np.float64),
         moved=np.array([track.moved for track in tracks], np.bool_),
-        moved_at_ns=np.array([track.onset_ns for track in tracks], np.int64),
+        moved_at_ns=np.array([_onset(track) for track in tracks], np.int64),
         end=column("end", np.uint8),
     )
+
+
+def _onset(track: Track) -> int:
+    """Stamp at which a track began to move, as far as it was seen; 0 for what never moved."""
+    return min(max(track.onset_ns, track.first[1]), track.last[1]) if track.moved else 0
 
 
 def _mean_speed(track: Track) -> float:
@@ -163,7 +168,7 @@ def shape_odds(track: Track, thing: Thing) -> list[float]:
         ratio = thing.bulge / thing.bulge_points
         off = math.log(max(ratio, 1.0)) / BULGE_SPREAD
         odds[PRISMATIC] -= 0.5 * off * off
-    if track.several or len(thing.legs) > 0:
+    if track.several or len(thing.legs) > 0 or any(part.has_legs for part in track.parts):
         odds[LEGGED] = max(odds) + SURE
     return odds
 

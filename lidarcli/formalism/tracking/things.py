@@ -142,6 +142,20 @@ class Track:
     y: float = 0.0
     state: NDArray[np.float64] | None = None
 
+    def let_go(self, stop: int) -> None:
+        """Of the bodies that are over keep the one that was seen most, and the last: they tell all that the tables say.
+
+        `stop`: sweeps of the topic that are settled.
+        """
+        self.several = self.several or any(part.has_legs for part in self.parts)
+        over = [part for part in self.parts if part.has_ended and part.last_sweep < stop]
+        if len(over) > 2:
+            kept = (
+                max(over, key=lambda part: (part.sightings, -part.number)),
+                max(over, key=lambda part: part.last_sweep),
+            )
+            self.parts = [part for part in self.parts if part in kept or part not in over]
+
     def absorb(self, thing: Thing) -> None:
         """Take a body as a part of this."""
         self.parts.append(thing)

@@ -182,6 +182,8 @@ class Register:
     def _forget(self, stop: int) -> None:
         """Let go of what is over; the track keeps its parts."""
         over = [n for n, thing in self.things.items() if thing.has_ended and thing.last_sweep < stop]
+        for track in {id(track): track for n in over if (track := self.things[n].track) is not None}.values():
+            track.let_go(stop)
         for number in over:
             del self.things[number]
         if self.naming is not None:
