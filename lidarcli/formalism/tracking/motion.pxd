@@ -10,7 +10,7 @@ from lidarcli.formalism.tracking.memory cimport Memory
 from lidarcli.formalism.tracking.sides cimport Sides
 from lidarcli.formalism.tracking.views cimport Views
 
-cdef double STEADY, CLIP, DRIFT, PARTIAL, MOST, WAY, SHARE, STOOD, PASSED, LATEST
+cdef double STEADY, SAME_SIZE, CLIP, DRIFT, PARTIAL, MOST, WAY, SHARE, STOOD, PASSED, LATEST
 cdef Py_ssize_t OFTEN, SETTLED, POINTS
 
 

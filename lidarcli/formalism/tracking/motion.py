@@ -19,6 +19,8 @@ from lidarcli.formalism.tracking.views import Views
 
 STEADY = 0.06
 """[m] What changes its size by more than this is not seen as it is."""
+SAME_SIZE = 0.2
+"""[m] … and what changes it by more than this is not the same."""
 CLIP = 3.0
 """One sweep says no more than this, either way."""
 DRIFT = 0.05
@@ -87,12 +89,16 @@ def _axis_odds(bodies: Bodies, a: int, sides: Sides, low: int) -> float:
         of_low = _odds(bodies, a, sides.z[low], -1.0, low_var, 0.0)
     if high_var >= 0.0:
         of_high = _odds(bodies, a, sides.z[low + 1], 1.0, high_var, 0.0)
+    length = sides.z[low + 1] - sides.z[low]
+    if low_var >= 0.0 and high_var >= 0.0 and abs(length - 2.0 * bodies.still_h[a]) > SAME_SIZE:
+        # Another piece of the same wall, say.
+        return 0.0
     if low_var < measures.OPEN_VAR and high_var < measures.OPEN_VAR:
         return of_low + of_high
     if low_var < 0.0 or high_var < 0.0:
         # One of them is of no use, and the other alone is not believed.
         return 0.0
-    if abs(sides.z[low + 1] - sides.z[low] - 2.0 * bodies.h[a]) > STEADY:
+    if abs(length - 2.0 * bodies.h[a]) > STEADY:
         return 0.0
     low_off, _ = things.still_residual(bodies, a, sides.z[low], -1.0, low_var)
     high_off, _ = things.still_residual(bodies, a, sides.z[low + 1], 1.0, high_var)
