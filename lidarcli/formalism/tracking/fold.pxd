@@ -15,7 +15,6 @@ from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.correction cimport Correction
 from lidarcli.formalism.tracking.memory cimport Memory
 from lidarcli.formalism.tracking.persons cimport Persons
-from lidarcli.formalism.tracking.shapes cimport Shapes
 from lidarcli.formalism.tracking.sides cimport Sides
 from lidarcli.formalism.tracking.sightings cimport Sightings
 from lidarcli.formalism.tracking.views cimport Seen, Views
@@ -39,7 +38,6 @@ cdef class Fold:
     cdef Persons persons
     cdef Assignment task
     cdef readonly Correction correction
-    cdef Shapes shapes
     cdef Py_ssize_t* taken
 
     cpdef fit(self, Bodies bodies, Views views, Memory past)

@@ -22,7 +22,6 @@ from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.correction import Correction
 from lidarcli.formalism.tracking.memory import Memory
 from lidarcli.formalism.tracking.persons import Persons
-from lidarcli.formalism.tracking.shapes import Shapes
 from lidarcli.formalism.tracking.sides import Sides
 from lidarcli.formalism.tracking.sightings import Sightings
 from lidarcli.formalism.tracking.views import Seen, Views
@@ -83,7 +82,6 @@ class Fold:
         self.correction = Correction()
         self.moves = False
         """Whether poses tell where the sensor is."""
-        self.shapes = Shapes()
         self.fit(bodies, views, past)
 
     def fit(self, bodies: Bodies, views: Views, past: Memory) -> None:
@@ -431,7 +429,7 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
     bodies.seen_at[b] = fold.clock
     bodies.middle_x[b], bodies.middle_y[b] = views.middle_x[k], views.middle_y[k]
     bodies.from_x[b], bodies.from_y[b] = things.centre(bodies, b)
-    shapes.note(fold.shapes, bodies, b, views, k)
+    shapes.note(bodies, b, views, k)
     fold.persons.entry[k] = fold.log.count
     sightings.note(
         fold.log, bodies, b, fold.sides, fold.sweeps - 1, fold.clock, fold.objects + views.object[k]

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from lidarcli import native
 from lidarcli.formalism import detection
 from lidarcli.formalism.sweep.points import Scans
 from lidarcli.formalism.tracking import bodies as things
@@ -15,8 +13,8 @@ from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.views import Views
 
 PRISMATIC = detection.PRISMATIC
-CERTAIN_BEAMS = 20
-"""A view of so many beams counts in full."""
+PER_BEAM = 0.05
+"""Each beam of a view counts as this share of a view, up to one."""
 SLIM = 0.15
 """[m] A leg is no wider."""
 AROUND = 0.75
@@ -31,19 +29,9 @@ SAME = 0.08
 """[m] A leg is where it was, give or take this."""
 
 
-class Shapes:
-    """What views count, by their number of beams."""
-
-    def __init__(self) -> None:
-        self.owner: list[Any] = []
-        self.weight = native.doubles(self.owner, CERTAIN_BEAMS + 1)
-        for beams in range(CERTAIN_BEAMS + 1):
-            self.weight[beams] = float(beams) / CERTAIN_BEAMS
-
-
-def note(shapes: Shapes, bodies: Bodies, b: int, views: Views, k: int) -> None:
+def note(bodies: Bodies, b: int, views: Views, k: int) -> None:
     """Count the shape that a view has been taken for."""
-    bodies.looks[5 * b + views.shape[k]] += shapes.weight[min(views.size[k], CERTAIN_BEAMS)]
+    bodies.looks[5 * b + views.shape[k]] += min(views.size[k] * PER_BEAM, 1.0)
     if views.shape[k] != PRISMATIC:
         return
     for f in range(views.face_begin[k], views.face_begin[k + 1]):

@@ -205,6 +205,11 @@ class _Sightings:
         number = log["number"][:count]
         believed = np.fromiter(things, np.int64, len(things))
         keep = np.flatnonzero(np.isin(number, believed))
+        # Of a leg most sightings may be those of its person; what is left of it is too little for a track.
+        seen, counts = np.unique(number[keep], return_counts=True)
+        few = [n for n in seen[counts < CONFIRMED].tolist() if things[n].track is None]
+        if few:
+            keep = keep[~np.isin(number[keep], few)]
         # In the order of the log within each body.
         keep = keep[np.argsort(number[keep], kind="stable")]
         self.number: Int64 = number[keep]

@@ -69,14 +69,12 @@ def test_many_hostile_logs_are_followed_and_definition_4_sums() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason=NO_POINTS)
 def test_hostile_logs_touch_nothing_outside_of_their_arrays() -> None:
     done = run("tests.formalism.tracking.digests", "300", LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1")
     assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason=NO_POINTS)
 def test_hostile_logs_are_told_alike_however_they_are_cut() -> None:
     for log, parameters in hostile_logs(1500):
         whole = joined(log)
@@ -147,7 +145,6 @@ def test_sweeps_without_a_pose_have_no_tracks_and_end_none() -> None:
     assert not told.tracks.moved.any()
 
 
-@pytest.mark.xfail(reason="only a pose whose x is NaN counts as unknown")
 @pytest.mark.parametrize("name", ["y", "yaw"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_pose_that_is_no_number_is_unknown(name: str, value: float) -> None:

@@ -52,6 +52,5 @@ def test_legs_that_are_found_in_turn_are_no_motion() -> None:
     assert told_of("hall", 501, "1081", 0.03, log_seed=1).agents.tolist() == []
 
 
-@pytest.mark.xfail(reason="things far from a driving sensor that are seen in pieces")
 def test_pieces_that_come_into_view_are_no_motion() -> None:
     assert told_of("hall", 700, "1081", 0.01, drive=True).agents.tolist() == []

@@ -71,7 +71,6 @@ def test_numbers_are_finite_and_fit_together(kind: str, driving: bool) -> None:
     assert (tracks.length_sd[known] > 0).all()
 
 
-@pytest.mark.xfail(reason="the onset may be that of a leg whose rows another track has")
 def test_the_onset_is_within_the_time_of_a_track() -> None:
     for seed in range(30, 36):
         tracks = told_in_part(seed).tracks
@@ -80,7 +79,6 @@ def test_the_onset_is_within_the_time_of_a_track() -> None:
         assert (onset <= tracks.last_stamp_ns[tracks.moved]).all()
 
 
-@pytest.mark.xfail(reason="a leg that moves founds a person, which is believed at once")
 def test_a_track_was_seen_often_enough_to_be_believed() -> None:
     for seed in range(30, 36):
         assert (told_in_part(seed).tracks.sweeps >= CONFIRMED).all()

@@ -62,10 +62,6 @@ def test_frames_are_named_by_first_sight() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(
-    raises=subprocess.TimeoutExpired,
-    reason="the beams at the core of a place are counted one by one, however small the increment",
-)
 def test_a_header_with_hardly_any_increment_takes_no_time() -> None:
     module = "tests.formalism.tracking.test_track_parameters"
     done = subprocess.run(

@@ -231,12 +231,7 @@ def test_where_the_axes_of_the_world_lie_changes_nothing(kind: Kind, yaw: float)
     [
         "people",
         "hall",
-        pytest.param(
-            "room",
-            marks=pytest.mark.xfail(
-                reason="a new body begins as if its place did not depend on what poses are off by"
-            ),
-        ),
+        "room",
     ],
 )
 def test_a_sensor_that_is_told_to_stand_tells_what_one_without_a_pose_does(kind: Kind) -> None:

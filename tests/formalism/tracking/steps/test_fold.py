@@ -65,9 +65,3 @@ def test_a_leg_is_the_mean_of_where_it_was_seen() -> None:
     shapes._note_leg(bodies, 0, 1.5, 2.0)
     assert (bodies.leg_x[0], bodies.leg_y[0], bodies.leg_seen[0]) == (pytest.approx(1.02), 2.0, 3)
     assert (bodies.leg_x[1], bodies.leg_seen[1], bodies.leg_seen[2]) == (1.5, 1, 0)
-
-
-def test_shapes_are_as_likely_as_they_say() -> None:
-    table = np.exp(np.array(list(shapes.Shapes().log)).reshape(4, 5))
-    np.testing.assert_allclose(table, shapes.LIKELIHOOD)
-    np.testing.assert_allclose(table.sum(axis=1), 1.0)
