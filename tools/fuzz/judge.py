@@ -48,9 +48,10 @@ def judge(target: Target, place: Place) -> list[str]:
     small = sum(size for _, size, _, _ in before["input"].values()) < SMALL
     import_once()
     reset_peak()
+    held = peak_mb()
     started = time.process_time()
     problems = list(target.judge(place))
-    seconds, peak = time.process_time() - started, peak_mb()
+    seconds, peak = time.process_time() - started, peak_mb() - held
     if small and seconds > SECONDS:
         problems.append(f"took {seconds:.1f} s")
     if small and peak > PEAK_MB:

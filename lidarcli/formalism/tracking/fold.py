@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from lidarcli import native
 from lidarcli.formalism import detection
 from lidarcli.formalism.sweep.points import Scans
@@ -412,6 +410,7 @@ def _update_box(bodies: Bodies, sides: Sides, correction: Correction, b: int) ->
 
 def _note_extent(bodies: Bodies, a: int, length: float, var: float) -> None:
     """Add an extent that was seen from end to end to the mean of such; what differs much counts little."""
+    length = max(length, 0.0)
     weight = 1.0 / (var + SIDE_ERROR)
     if bodies.side_weight[a] > 0.0:
         off = length - bodies.side[a]
@@ -434,8 +433,3 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
     sightings.note(
         fold.log, bodies, b, fold.sides, fold.sweeps - 1, fold.clock, fold.objects + views.object[k]
     )
-
-
-def seconds_of(stamp_ns: Any, first_ns: int) -> Any:
-    """Stamps since the first of a topic [s]."""
-    return (stamp_ns - np.int64(first_ns)) / 1e9

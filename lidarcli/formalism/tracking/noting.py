@@ -28,7 +28,8 @@ def notes_of(
 
     `is_corrected`: whether a delay was found beforehand, beyond which this one is.
     """
-    return _of_poses(topic, correction, is_corrected) if has_poses else _of_motion(topic, tracks)
+    of_poses = _of_poses(topic, correction, is_corrected) if has_poses else []
+    return of_poses + _of_motion(topic, tracks, has_poses)
 
 
 def _of_poses(topic: str, correction: Correction, is_corrected: bool) -> list[str]:
@@ -61,12 +62,14 @@ def _place(ahead: float, left: float) -> str:
     return " and ".join(words)
 
 
-def _of_motion(topic: str, tracks: list[Track]) -> list[str]:
+def _of_motion(topic: str, tracks: list[Track], has_poses: bool) -> list[str]:
     long = [track for track in tracks if track.sweeps >= LONG]
     moved = sum(track.moved for track in long)
     if len(long) < SEVERAL or moved <= MOST * len(long):
         return []
-    return [
-        f"{topic}: {moved} of {len(long)} things seem to move: without poses the sensor is taken as standing; if it "
-        "drives, tracks need a log with its poses (tf or odometry)"
-    ]
+    why = (
+        "the poses may be wrong, or sweeps take long (--pose TOPIC|none, docs/poses.md)"
+        if has_poses
+        else "without poses the sensor is taken as standing; if it drives, tracks need a log with its poses (tf, odometry)"
+    )
+    return [f"{topic}: {moved} of {len(long)} things seem to move: {why}"]

@@ -195,7 +195,7 @@ def _sum_up_motion(track: Track, seen: _Sightings, at: Any, times: Float64) -> N
     speed, going = np.hypot(seen.vx[at], seen.vy[at]), seen.moving[at]
     lapse = np.minimum(np.diff(times, append=times[-1]), LONGEST_LAPSE)
     track.distance += float((speed * lapse * going).sum())
-    track.speed_max = max(track.speed_max, float(speed[going].max(initial=0.0)))
+    track.speed_max = max(track.speed_max, float(speed.max(initial=0.0)))
 
 
 class _Sightings:

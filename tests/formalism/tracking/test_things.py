@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
@@ -77,23 +78,33 @@ def test_a_side_is_known_by_sightings_or_by_the_estimate() -> None:
 
 
 def test_the_shape_is_the_likeliest_if_it_is_likelier() -> None:
+    """`looks` counts the views that took it for prismatic, round, legged and irregular."""
     track = Track()
-    assert summary._shape(track, Thing(1, looks=(-1.0, -3.0, -5.0, -3.0))) == PRISMATIC
-    assert summary._shape(track, Thing(1, looks=(-1.0, -1.0, -5.0, -3.0))) == UNKNOWN
-    bulging = Thing(1, looks=(-1.0, -2.0, -5.0, -3.0), bulge=400.0, bulge_points=100.0)
-    assert summary._shape(track, bulging) != PRISMATIC
+    boxy = (40.0, 1.0, 0.0, 2.0)
+    assert summary._shape(track, Thing(1, looks=boxy)) == PRISMATIC
+    assert summary._shape(track, Thing(1, looks=(0.0,) * 4)) == UNKNOWN
+    assert summary._shape(track, Thing(1, looks=boxy, bulge=400.0, bulge_points=100.0)) != PRISMATIC
     track.several = True
-    assert summary._shape(track, Thing(1, looks=(-1.0, -3.0, -5.0, -3.0))) == LEGGED
+    assert summary._shape(track, Thing(1, looks=boxy)) == LEGGED
+    # However long it is seen.
+    assert summary._shape(track, Thing(1, looks=tuple(1000.0 * count for count in boxy))) == LEGGED
 
 
 def test_what_is_settled_is_joined_and_taken_apart() -> None:
     nothing = Settled.joined([])
-    assert [len(getattr(nothing, name)) for name in ("track", "vx", "vy", "moving", "agent")] == [0] * 5
+    names = [each.name for each in fields(Settled)]
+    assert [len(getattr(nothing, name)) for name in names] == [0] * len(names)
     some = Settled(
-        np.arange(5), np.arange(5.0), np.zeros(5), np.zeros(5, np.bool_), np.array([0, 0, 1, 1, 1], np.bool_)
+        track=np.arange(5),
+        vx=np.arange(5.0),
+        vy=np.zeros(5),
+        moving=np.zeros(5, np.bool_),
+        agent=np.array([0, 0, 1, 1, 1], np.bool_),
+        label=np.arange(5, dtype=np.int32),
+        label_score=np.linspace(0.0, 1.0, 5),
     )
     again = Settled.joined([some.rows(slice(0, 2)), some.rows(slice(2, None))])
-    for name in ("track", "vx", "vy", "moving", "agent"):
+    for name in names:
         np.testing.assert_array_equal(getattr(again, name), getattr(some, name), strict=True)
     assert Window(0, 0).count == 0
     assert Window(0, 0, index=[np.arange(3), np.arange(4)]).count == 7

@@ -1,0 +1,57 @@
+"""What a user is told of the poses of a topic, and of scenes in which everything moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism.tracking import noting
+from lidarcli.formalism.tracking.things import Track
+
+
+class Estimate:
+    """A correction with these values."""
+
+    def __init__(self, delay: float, ahead: float = 0.0, left: float = 0.0, way: float = 10.0) -> None:
+        self.way = way
+        self.values = (delay, ahead, left, 0.005, 0.01)
+
+    def estimate(self) -> tuple[float, float, float, float, float]:
+        """As told."""
+        return self.values
+
+
+def notes(
+    estimate: Estimate, tracks: list[Track], *, poses: bool = True, corrected: bool = False
+) -> list[str]:
+    return noting.notes_of("/scan", estimate, tracks, poses, corrected)  # type: ignore[arg-type]
+
+
+def test_a_delay_is_told_with_the_option_that_mends_it() -> None:
+    (line,) = notes(Estimate(0.12), [])
+    assert line.startswith("/scan: ")
+    assert "0.12 s late" in line
+    assert "--pose-delay 0.12 " in line
+    (line,) = notes(Estimate(-0.12), [], corrected=True)
+    assert "0.12 s more early" in line
+    assert "--pose-delay" not in line
+
+
+@pytest.mark.parametrize("estimate", [Estimate(0.01), Estimate(0.12, way=0.5), Estimate(0.0, 0.02, 0.02)])
+def test_what_is_small_or_hardly_driven_is_not_told(estimate: Estimate) -> None:
+    assert notes(estimate, []) == []
+
+
+def test_the_place_of_the_sensor_is_told_in_words() -> None:
+    (line,) = notes(Estimate(0.0, -0.12, 0.05), [])
+    assert "0.12 m behind and 0.05 m to the left of where its poses are told" in line
+
+
+@pytest.mark.parametrize(("poses", "words"), [(False, "taken as standing"), (True, "poses may be wrong")])
+def test_a_scene_that_moves_as_a_whole_is_told(poses: bool, words: str) -> None:
+    tracks = [Track(sweeps=100, moved=bool(moved)) for moved in np.arange(10) < 8]
+    (line,) = notes(Estimate(0.0), tracks, poses=poses)
+    assert "8 of 10 things seem to move" in line
+    assert words in line
+    tracks = [Track(sweeps=100, moved=bool(moved)) for moved in np.arange(10) < 5]
+    assert notes(Estimate(0.0), tracks, poses=poses) == []
