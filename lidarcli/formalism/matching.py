@@ -96,7 +96,10 @@ class Things:
     def __init__(self) -> None:
         nothing, none = np.empty(0), np.empty(0, np.int32)
         self.known = Standing(nothing, nothing, nothing, nothing, nothing, nothing, none, none)
-        """Where each was last, and all that is known of it."""
+        """Where each was last, and all that is known of it; without those of runs of which nobody knows where they lie."""
+        self._numbers = np.empty(0, np.int64)
+        """The number of each, from 1."""
+        self._count = 0
 
     def take(self, run: Standing, motion: Motion | None, chance: float = 1.0) -> Matched:
         """Find the things of a run among those of earlier ones; what is not found is a new thing.
@@ -121,9 +124,16 @@ class Things:
                 x[found] - self.known.x[pair[found]], y[found] - self.known.y[pair[found]]
             )
         new = pair < 0
-        pair[new] = known + np.arange(np.count_nonzero(new))
-        self._learn(placed, pair)
-        return Matched(thing=pair.astype(np.int64) + 1, x=x, y=y, moved=moved, score=score)
+        number = self._count + 1 + np.arange(np.count_nonzero(new))
+        self._count += len(number)
+        thing = np.empty(count, np.int64)
+        thing[new], thing[~new] = number, self._numbers[pair[~new]]
+        if motion is not None or not known:
+            # Coordinates that nobody can compare are no place to look for things again.
+            pair[new] = known + np.arange(len(number))
+            self._numbers = np.concatenate([self._numbers, number])
+            self._learn(placed, pair)
+        return Matched(thing=thing, x=x, y=y, moved=moved, score=score)
 
     def _learn(self, run: Standing, pair: Int64) -> None:
         """Keep where things are now, and join what is known of their sizes."""

@@ -163,7 +163,7 @@ TRACKS = pa.schema(
         column("width", FLOAT, "m", "shorter side by all that was seen of it; null where unknown"),
         column("length_sd", FLOAT, "m", "standard deviation of the length"),
         column("width_sd", FLOAT, "m", "standard deviation of the width"),
-        column("distance", FLOAT, "m", "way travelled over ground"),
+        column("distance", FLOAT, "m", "way travelled over ground, in the sweeps in which it moves"),
         column("speed_mean", FLOAT, "m/s", "mean speed from the first sight to the last"),
         column("speed_max", FLOAT, "m/s", "greatest speed"),
         column("moved_at", STAMP, "ns", "stamp at which it began to move; null for what never moved"),

@@ -139,6 +139,19 @@ def test_where_nobody_knows_the_motion_all_is_new() -> None:
     assert second.thing.tolist() == [6, 7, 8, 9, 10]
 
 
+def test_a_run_that_nobody_can_place_is_no_place_to_look_for_things() -> None:
+    rows: list[Row] = [(1.0, 1.0, 0.8, 0.6), (4.0, 2.0, 0.5, 0.4)]
+    elsewhere: list[Row] = [(7.0, 1.0, 0.9, 0.3), (2.0, 5.0, 0.7, 0.2)]
+    # The third run lies where the second, which nobody can place, says that its things are.
+    first, second, third = matched(
+        standing(rows), standing(elsewhere), standing(elsewhere), motions=[HERE, None, HERE]
+    )
+    assert first.thing.tolist() == [1, 2]
+    assert second.thing.tolist() == [3, 4]
+    assert third.thing.tolist() == [5, 6]
+    assert np.isnan(third.moved).all()
+
+
 def test_a_pair_is_weighed_by_both() -> None:
     one, other = standing([(0.0, 0.0, 0.6, 0.4)]), standing([(0.0, 0.0, 0.6, 0.5)])
     assert alike(one, one)[0, 0] > 5

@@ -41,7 +41,7 @@ cdef void _chain(Pairs pairs, Bodies bodies) noexcept nogil
 cdef Py_ssize_t _root(Pairs pairs, Py_ssize_t at) noexcept nogil
 @cython.locals(rows=Py_ssize_t, columns=Py_ssize_t)
 cdef void _assign_group(
-    Pairs pairs, Assignment task, Bodies bodies, Views views, Py_ssize_t* owner, Py_ssize_t root
+    Pairs pairs, Assignment task, Bodies bodies, Py_ssize_t* owner, Py_ssize_t root
 ) noexcept nogil
 @cython.locals(best=Py_ssize_t)
 cdef void join_parts(Bodies bodies, Views views, Py_ssize_t* owner) noexcept nogil

@@ -67,7 +67,7 @@ def associate(pairs: Pairs, task: Assignment, sides: Sides, bodies: Bodies, view
     _chain(pairs, bodies)
     for i in range(pairs.count):
         if pairs.head[pairs.group[pairs.body[i]]] >= 0:
-            _assign_group(pairs, task, bodies, views, owner, pairs.group[pairs.body[i]])
+            _assign_group(pairs, task, bodies, owner, pairs.group[pairs.body[i]])
 
 
 def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
@@ -147,9 +147,7 @@ def _root(pairs: Pairs, at: int) -> int:
     return at
 
 
-def _assign_group(
-    pairs: Pairs, task: Assignment, bodies: Bodies, views: Views, owner: Any, root: int
-) -> None:
+def _assign_group(pairs: Pairs, task: Assignment, bodies: Bodies, owner: Any, root: int) -> None:
     """Solve one group of pairs."""
     n = bodies.most
     begin = pairs.head[root]

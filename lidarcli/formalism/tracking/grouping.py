@@ -139,13 +139,23 @@ def _stitch(seen: Any, new: list[Thing], things: dict[int, Thing]) -> None:
         taken |= {number, -before}
         later_thing, earlier_thing = things[number], things[before]
         track, other = _track_of(earlier_thing), _track_of(later_thing)
-        if track is other or other.number > 0:
+        if track is other or other.number > 0 or _overlap(track, other):
+            # What was stitched since then may be seen at the same time.
             continue
         track.several = track.several or other.several
         for part in [*other.parts]:
             track.absorb(part)
         if earlier_thing.moved and not later_thing.moved:
             later_thing.moved, later_thing.onset = 1, later_thing.first_sweep
+
+
+def _overlap(one: Track, other: Track) -> bool:
+    """Whether two tracks are seen at the same time."""
+    return any(
+        a.last_sweep >= b.first_sweep and b.last_sweep >= a.first_sweep
+        for a in one.parts
+        for b in other.parts
+    )
 
 
 def _allowed(earlier: Thing, later: Thing, gap: float) -> float:

@@ -46,7 +46,7 @@ def tracks_of(register: Register, sweeps: int) -> Tracks:
     return Tracks(
         frame=np.array([track.frame for track in tracks], np.int32),
         track=np.array([track.number for track in tracks], np.int64),
-        set=np.array([AGENT if track.moved else OBJECT for track in tracks], np.uint8),
+        set=np.array([AGENT if track.is_agent else OBJECT for track in tracks], np.uint8),
         shape=column("shape", np.uint8),
         label=np.array([track.label for track in tracks], np.int32),
         label_score=np.array([track.label_score for track in tracks], np.float64),
@@ -67,15 +67,10 @@ def tracks_of(register: Register, sweeps: int) -> Tracks:
         distance=np.array([track.distance for track in tracks], np.float64),
         speed_mean=np.array([_mean_speed(track) for track in tracks], np.float64),
         speed_max=np.array([track.speed_max for track in tracks], np.float64),
-        moved=np.array([track.moved for track in tracks], np.bool_),
-        moved_at_ns=np.array([_onset(track) for track in tracks], np.int64),
+        moved=np.array([track.is_agent for track in tracks], np.bool_),
+        moved_at_ns=np.array([track.onset_ns for track in tracks], np.int64),
         end=column("end", np.uint8),
     )
-
-
-def _onset(track: Track) -> int:
-    """Stamp at which a track began to move, as far as it was seen; 0 for what never moved."""
-    return min(max(track.onset_ns, track.first[1]), track.last[1]) if track.moved else 0
 
 
 def _mean_speed(track: Track) -> float:
@@ -155,7 +150,7 @@ def frame_of_legs(track: Track) -> LegFrame | None:
 def _side(thing: Thing, axis: int) -> tuple[float, float]:
     """A side and its standard deviation [m]; NaN where it is not known."""
     if thing.side_weight[axis] > 0.0:
-        return thing.side[axis], max(math.sqrt(1.0 / thing.side_weight[axis]), 0.003)
+        return max(thing.side[axis], 0.0), max(math.sqrt(1.0 / thing.side_weight[axis]), 0.003)
     sd = 2.0 * math.sqrt(thing.hh[axis])
     return (2.0 * thing.h[axis], sd) if sd <= SURE_SIZE else (math.nan, math.nan)
 

@@ -123,6 +123,8 @@ class Track:
     """Whether parts of it are seen side by side: legs."""
     moved: bool = False
     onset: int = 0
+    is_agent: bool = False
+    """Whether a row of it is in set A, from the stamp `onset_ns` on."""
     first: tuple[int, int] = (0, 0)
     """Sweep and stamp of its first row."""
     last: tuple[int, int] = (0, 0)

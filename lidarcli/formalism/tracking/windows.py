@@ -161,9 +161,10 @@ class Register:
             track.sweeps += len(sweeps)
             if track.moved:
                 _sum_up_motion(track, seen, firsts, times)
-                onset = max(track.onset - window.begin, 0)
-                if track.onset_ns == 0 and onset < len(stamps):
-                    track.onset_ns = stamps.item(onset)
+                agent = np.flatnonzero(seen.agent[firsts])
+                if len(agent) and not track.is_agent:
+                    track.is_agent = True
+                    track.onset_ns = stamps.item(int(sweeps[agent[0]]) - window.begin)
             last = seen.sweep[at] == sweeps[-1]
             track.x, track.y = float(seen.x[at][last].mean()), float(seen.y[at][last].mean())
 
