@@ -22,7 +22,6 @@ cdef class Bodies:
     cdef long long* same_as
     cdef long long* member
     cdef long long* view
-    cdef long long* latest
     cdef long long* first_sweep
     cdef long long* last_sweep
     cdef long long* onset
@@ -31,8 +30,6 @@ cdef class Bodies:
     cdef double* existence
     cdef double* seen_at
     cdef double* first_at
-    cdef double* gone_for
-    cdef double* out_of_view
     cdef double* evidence
     cdef double* evidence_most
     cdef double* yaw

@@ -75,8 +75,6 @@ class Bodies:
         """Number of the person that it is a leg of, 0 for none."""
         self.view = native.at_longs(_new(self.arrays, "view", most, np.int64))
         """Its view in this sweep, -1 for none."""
-        self.latest = native.at_longs(_new(self.arrays, "latest", most, np.int64))
-        """Its latest sighting in the log of sightings, -1 for none."""
         self.first_sweep = native.at_longs(_new(self.arrays, "first_sweep", most, np.int64))
         self.last_sweep = native.at_longs(_new(self.arrays, "last_sweep", most, np.int64))
         self.onset = native.at_longs(_new(self.arrays, "onset", most, np.int64))
@@ -89,10 +87,6 @@ class Bodies:
         self.seen_at = native.at_doubles(_new(self.arrays, "seen_at", most, np.float64))
         """When it was last seen [s]."""
         self.first_at = native.at_doubles(_new(self.arrays, "first_at", most, np.float64))
-        self.gone_for = native.at_doubles(_new(self.arrays, "gone_for", most, np.float64))
-        """How long it was hidden between sightings, all in all [s]."""
-        self.out_of_view = native.at_doubles(_new(self.arrays, "out_of_view", most, np.float64))
-        """Share of it that was outside of the view when it was last looked for."""
         self.evidence = native.at_doubles(_new(self.arrays, "evidence", most, np.float64))
         """Evidence of its own motion, log-odds (a CUSUM)."""
         self.evidence_most = native.at_doubles(_new(self.arrays, "evidence_most", most, np.float64))
@@ -176,7 +170,7 @@ def clear(bodies: Bodies, b: int) -> None:
     bodies.state[b] = LIVE
     bodies.sightings[b] = bodies.settled[b] = bodies.boxy[b] = bodies.whole[b] = 0
     bodies.moved[b] = bodies.inside[b] = bodies.same_as[b] = bodies.member[b] = 0
-    bodies.gone_for[b] = bodies.out_of_view[b] = bodies.size[b] = 0.0
+    bodies.size[b] = 0.0
     bodies.evidence[b] = bodies.evidence_most[b] = 0.0
     bodies.yaw[b] = bodies.yaw_rate[b] = bodies.sin[b] = 0.0
     bodies.yaw_var[b] = bodies.yaw_cov[b] = bodies.rate_var[b] = 0.0

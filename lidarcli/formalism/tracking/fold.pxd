@@ -58,7 +58,7 @@ cdef void _depend_on_pose(Fold fold, Bodies bodies, Views views, Py_ssize_t b, P
 @cython.locals(best=Py_ssize_t)
 cdef (double, double) _direction(Views views, Py_ssize_t k) noexcept nogil
 @cython.locals(is_whole=bint)
-cdef void _take(Fold fold, Bodies bodies, Views views, Scans scans, Py_ssize_t b, Py_ssize_t k, double dt) noexcept nogil
+cdef void _take(Fold fold, Bodies bodies, Views views, Scans scans, Py_ssize_t b, Py_ssize_t k) noexcept nogil
 cdef bint _is_boxy(Views views, Py_ssize_t k) noexcept nogil
 cdef void _consider_box(Fold fold, Bodies bodies, Views views, Py_ssize_t b, Py_ssize_t k) noexcept nogil
 @cython.locals(tells=bint)

@@ -146,7 +146,7 @@ def step(fold: Fold, seen: Seen, scans: Scans, row: int, number: Any) -> None:
         if fold.bodies.state[b] != things.LIVE or fold.bodies.kind[b] == things.PERSON:
             continue
         if fold.bodies.view[b] >= 0:
-            _take(fold, fold.bodies, fold.views, scans, b, fold.bodies.view[b], dt)
+            _take(fold, fold.bodies, fold.views, scans, b, fold.bodies.view[b])
         else:
             life.miss(fold.bodies, b, fold.views, scans, fold.clock)
             if fold.bodies.moved[b] == 0:
@@ -302,7 +302,7 @@ def _direction(views: Views, k: int) -> tuple[float, float]:
     return math.atan2(views.along_y[best], views.along_x[best]), var + YAW_FLOOR
 
 
-def _take(fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int, dt: float) -> None:
+def _take(fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int) -> None:
     """Update a body by its view."""
     if bodies.kind[b] == things.DISC:
         _consider_box(fold, bodies, views, b, k)
@@ -324,9 +324,6 @@ def _take(fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int
         diagonal = math.sqrt(views.length[k] * views.length[k] + views.width[k] * views.width[k])
         bodies.whole[b] += 1
         bodies.size[b] += (diagonal - bodies.size[b]) / min(bodies.whole[b], 20)
-    hidden = fold.clock - bodies.seen_at[b] - dt
-    if hidden > 0.0:
-        bodies.gone_for[b] += hidden
     life.see(bodies, b)
     _note_view(fold, bodies, views, b, k)
     shapes.note_legs(bodies, b, views, k, scans)

@@ -96,7 +96,6 @@ def see(bodies: Bodies, b: int) -> None:
     """A body was seen."""
     bodies.existence[b] += AT_SIGHT * (1.0 - bodies.existence[b])
     bodies.inside[b] = max(bodies.inside[b] - 1, 0)
-    bodies.out_of_view[b] = 0.0
 
 
 def miss(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> None:
@@ -107,7 +106,6 @@ def miss(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> Non
     detect += HITS * hits
     e = bodies.existence[b]
     bodies.existence[b] = e * (1.0 - detect) / (1.0 - e * detect)
-    bodies.out_of_view[b] = unseen
     other = around(bodies, b, x, y, 0.0)
     if other >= 0:
         bodies.inside[b] += 1

@@ -17,7 +17,7 @@ from lidarcli.formalism.detection import Detection
 from lidarcli.formalism.evidence import evidence_of
 from lidarcli.formalism.tracking import summary
 from lidarcli.formalism.tracking.things import Thing, Track
-from lidarcli.formalism.tracking.tracked import BOX, PERSON
+from lidarcli.formalism.tracking.tracked import BOX
 from lidarcli.records import record
 from lidarcli.sweeps import Float64, Int64, SweepBatch
 
@@ -31,8 +31,6 @@ SHARED = 0.4
 """Share of its standard deviation by which all looks at a size are off alike."""
 LEAST_SD = 0.003
 """[m] No size is known better by the sweeps of one log."""
-PAIRS = 3
-"""Sweeps in which both legs of a person have to be seen."""
 SIZES = 3
 """Sides along both axes, and the extent across the line of sight."""
 
@@ -210,7 +208,7 @@ class Naming:
             row |= {"legs": float(frame.legs), "span_1": frame.length}
             row["span_2"] = frame.width if frame.legs > 2 else np.nan
             row["span_sd"] = LEAST_SD if sizes is None else sizes.blur
-        elif any(part.kind == PERSON and part.whole >= PAIRS for part in track.parts) or track.several:
+        elif any(part.has_legs for part in track.parts) or track.several:
             row["legs"] = 2.0
         elif sizes is not None:
             estimate = sizes.estimate()
