@@ -1,4 +1,4 @@
-"""The sweeps of the benchmark with their truth: random scenes × sensors × faults, 27 cells in all."""
+"""The sweeps of the benchmark with their truth: random scenes × sensors × faults."""
 
 from __future__ import annotations
 
@@ -8,10 +8,20 @@ from typing import Literal
 
 import numpy as np
 
+from lidarcli.simulate import building_scenes
 from lidarcli.simulate.entities import legs_of
 from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, Kind, random_scene, sensor_with
-from lidarcli.simulate.scene import Entity, Scene
+from lidarcli.simulate.random_scenes import (
+    CHEAP_NOISE,
+    FAULTS,
+    KINDS,
+    SENSORS,
+    Kind,
+    cheap,
+    random_scene,
+    sensor_with,
+)
+from lidarcli.simulate.scene import Entity, Scene, Sensor
 from lidarcli.sweeps import Float64, Int32, RangeRules, RawSweeps, SweepBatch, UInt8, concatenate, normalise
 
 Things = Literal["plain", "whole", "legs"]
@@ -26,22 +36,37 @@ POLE_DIAMETER = 0.12
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One of the 27 conditions."""
+    """One of the conditions."""
 
-    kind: Kind
+    kind: Kind | building_scenes.Kind
     sensor: str
     noise: float
     """Standard deviation of a range [m]."""
     lost: float
     """Share of lost beams."""
+    cheap: bool = False
+    """Whether the sensor has all the faults of cheap ones besides."""
 
     @property
     def label(self) -> str:
         """Short name for tables."""
-        return f"{self.sensor} · {100 * self.noise:.0f} cm"
+        return f"{self.sensor} · " + ("cheap" if self.cheap else f"{100 * self.noise:.0f} cm")
+
+    def fitted(self) -> Sensor:
+        """The sensor with its faults."""
+        sensor = SENSORS[self.sensor]
+        return cheap(sensor) if self.cheap else sensor_with(sensor, self.noise, self.lost)
 
 
 CELLS = tuple(Cell(kind, sensor, *fault) for kind in KINDS for sensor in SENSORS for fault in FAULTS)
+"""Scenes of clean surfaces."""
+BUILDING_CELLS = tuple(
+    Cell(kind, sensor, *fault)
+    for kind in building_scenes.KINDS
+    for sensor in SENSORS
+    for fault in ((0.01, 0.003, False), (*CHEAP_NOISE[:1], 0.01, True))
+)
+"""Scenes like real buildings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +109,22 @@ def judged(raw: RawSweeps) -> SweepBatch:
     return normalise(raw, np.arange(len(raw)), RangeRules())
 
 
-def cells_of(kind: Kind, seeds: list[int], things: Things) -> Iterator[tuple[Cell, SweepBatch, Truth]]:
+def cells_of(
+    kind: Kind | building_scenes.Kind, seeds: list[int], things: Things
+) -> Iterator[tuple[Cell, SweepBatch, Truth]]:
     """The cells of one kind of scene: one sweep of each seed's scene by each sensor with each fault."""
-    ideal = SENSORS["361"]
-    scenes = [random_scene(kind, seed, ideal, legged=things != "plain") for seed in seeds]
+    ideal, legged = SENSORS["361"], things != "plain"
+    scenes = []
+    for seed in seeds:
+        if kind in KINDS:
+            scenes.append(random_scene(kind, seed, ideal, legged=legged))
+        else:
+            scenes.append(building_scenes.building_scene(kind, seed, ideal, legged=legged))
     if things == "legs":
         scenes = [with_legs_apart(scene) for scene in scenes]
-    for cell in CELLS:
+    for cell in (*CELLS, *BUILDING_CELLS):
         if cell.kind == kind:
-            sensor = sensor_with(SENSORS[cell.sensor], cell.noise, cell.lost)
+            sensor = cell.fitted()
             batch, truth = simulate([replace(scene, sensor=sensor) for scene in scenes], seeds)
             yield cell, batch, truth
 

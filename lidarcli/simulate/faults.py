@@ -6,9 +6,11 @@ sweeps changes a sweep that both runs hold.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from lidarcli.simulate.scene import Sensor
+from lidarcli.simulate.scene import Entity, Sensor
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32
 
 _EDGE = 0.15
@@ -40,15 +42,16 @@ def _depth_behind(ideal: Float64, padding: Bool) -> Float64:
 class Faults:
     """Noise, lost and flickering beams, mixed pixels and changing beam counts, each from its own random stream."""
 
-    def __init__(self, sensor: Sensor, seed: int, entities: int) -> None:
+    def __init__(self, sensor: Sensor, seed: int, entities: Sequence[Entity]) -> None:
         self.sensor = sensor
-        streams = np.random.SeedSequence(seed).spawn(6)
-        self.noise, self.lost, self.mixed, self.count, self.flickering, surfaces = (
+        streams = np.random.SeedSequence(seed).spawn(7)
+        self.noise, self.lost, self.mixed, self.count, self.flickering, surfaces, self.swallowed = (
             np.random.Generator(np.random.PCG64(stream)) for stream in streams
         )
         self.phases = surfaces.uniform(0, TURN, len(_WAVES))
         # One more for what is no entity's own surface: its index is -1.
-        self.darkness = np.append(np.where(surfaces.random(entities) < _DARK_SHARE, _DARK, 1.0), 1.0)
+        self.darkness = np.append(np.where(surfaces.random(len(entities)) < _DARK_SHARE, _DARK, 1.0), 1.0)
+        self.swallows = np.append([entity.lost for entity in entities], 0.0)
 
     def beam_counts(self, sweeps: int) -> Int32:
         """(S,) beams of the next sweeps."""
@@ -60,18 +63,23 @@ class Faults:
     def apply(self, ideal: Float64, entity: Int32, padding: Bool, bearings: Float64) -> Float32:
         """(S, B) measured ranges; clears `entity` wherever a beam comes back without a range of its own."""
         sensor = self.sensor
-        measured = ideal
+        measured, hit = ideal, entity.copy()
         if sensor.mixed_pixels:
             draw = self._uniform(self.mixed, ideal.shape, columns=2)
             depth = _depth_behind(ideal, padding)
             edge = (depth > _EDGE) & (draw[0] < sensor.mixed_pixels)
             measured = np.where(edge, ideal + draw[1] * depth, ideal)
             entity[edge] = -1
-        if sensor.noise:
-            measured = measured + sensor.noise * self._normal(ideal.shape)
-        return self._limit(measured.astype(np.float32), entity, padding, bearings)
+        if sensor.noise or sensor.noise_per_metre:
+            spread = sensor.noise + sensor.noise_per_metre * np.where(np.isfinite(measured), measured, 0.0)
+            measured = measured + spread * self._normal(ideal.shape)
+        if sensor.resolution:
+            measured = np.rint(measured / sensor.resolution) * sensor.resolution
+        return self._limit(measured.astype(np.float32), entity, hit, padding, bearings)
 
-    def _limit(self, measured: Float32, entity: Int32, padding: Bool, bearings: Float64) -> Float32:
+    def _limit(
+        self, measured: Float32, entity: Int32, hit: Int32, padding: Bool, bearings: Float64
+    ) -> Float32:
         """What the sensor says where it has no range: out of limits, lost, or padding."""
         sensor = self.sensor
         nothing = ~(measured <= np.float32(sensor.range_max))
@@ -88,6 +96,10 @@ class Faults:
                 # One draw decides both whether and how: its upper half of the lost share is NaN.
                 measured[lost & (draw >= sensor.lost / 2)] = np.nan
             nothing |= lost
+        if self.swallows.any():
+            gone = (self._uniform(self.swallowed, measured.shape)[0] < self.swallows[hit]) & ~nothing
+            measured[gone] = self._fill()
+            nothing |= gone
         if sensor.flicker:
             gone = self._flickers(measured, entity, nothing | padding, bearings)
             measured[gone] = self._fill()

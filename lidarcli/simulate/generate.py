@@ -35,7 +35,7 @@ class SimulatedBlock:
 
 def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -> Iterator[SimulatedBlock]:
     """Sweeps of a scene in blocks of at most `size`."""
-    faults = Faults(scene.sensor, seed, len(scene.entities))
+    faults = Faults(scene.sensor, seed, scene.entities)
     still = None
     for first in range(0, sweeps, size):
         index = np.arange(first, min(first + size, sweeps))

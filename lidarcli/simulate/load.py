@@ -50,7 +50,8 @@ def load_scene(path: str | Path) -> Scene:
         items = values if isinstance(values, list) else [values]
         for number, item in enumerate(items, 1):
             fields = Fields(file, f"[[{key}]] number {number}", item)
-            found.append(_ENTITIES[key](fields))
+            lost = fields.number("lost", 0.0, low=0, high=1)
+            found.append(replace(_ENTITIES[key](fields), lost=lost))
             fields.done()
     shapes = sum(len(entity.segments) + len(entity.circles) for entity in found)
     if shapes > MAX_SHAPES:
@@ -106,6 +107,8 @@ def _sensor(fields: Fields) -> Sensor:
         range_min=range_min,
         range_max=fields.number("range_max", default.range_max, above=range_min),
         noise=fields.number("noise", 0.0, low=0),
+        noise_per_metre=fields.number("noise_per_metre", 0.0, low=0, high=1),
+        resolution=fields.number("resolution", 0.0, low=0, high=1),
         lost=fields.number("lost", 0.0, low=0, high=1),
         lost_as=lost_as,
         rate=fields.number("rate", default.rate, low=LEAST_RATE, high=1e6),

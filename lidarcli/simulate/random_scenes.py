@@ -36,6 +36,24 @@ _AROUND = 0.4
 _TRIES = 60
 
 
+CHEAP_NOISE = (0.005, 0.005)
+"""[m], and per metre of range: of a cheap triangulating sensor."""
+
+
+def cheap(sensor: Sensor) -> Sensor:
+    """The same sensor made cheaply: noise that grows, ranges in steps, mixed pixels, beams that flicker or are lost."""
+    return replace(
+        sensor,
+        noise=CHEAP_NOISE[0],
+        noise_per_metre=CHEAP_NOISE[1],
+        resolution=0.005,
+        mixed_pixels=0.5,
+        flicker=0.08,
+        lost=0.01,
+        lost_as="mixed",
+    )
+
+
 def sensor_with(sensor: Sensor, noise: float, lost: float) -> Sensor:
     """The same sensor with faults: half of the lost beams come back as inf, half as NaN."""
     return replace(sensor, noise=noise, lost=lost, lost_as="mixed")
@@ -53,20 +71,27 @@ def random_scene(kind: Kind, seed: int, sensor: Sensor, *, legged: bool = True) 
 
 
 @dataclass(eq=False, slots=True)
-class _Plan:
+class Plan:
     """A scene in the making."""
 
     walls: list[Entity]
     sensor: tuple[float, float, float]
     entities: list[Entity]
+    ahead: float = 0.0
+    """[m] So far the sensor is to drive, and nothing is in its way."""
+
+    @property
+    def driven(self) -> Float64:
+        """(1, 4) the way of the sensor."""
+        x, y, yaw = self.sensor
+        return np.array([[x, y, x + self.ahead * np.cos(yaw), y + self.ahead * np.sin(yaw)]])
 
     def add(self, entity: Entity, from_walls: float = 0.05, inside: Float64 | None = None) -> bool:
         """Take the entity if nothing is in its way."""
         if inside is not None and not in_polygon(np.array([entity.x, entity.y]), inside):
             return False
         sides = outline(entity)
-        here = np.array([[*self.sensor[:2], *self.sensor[:2]]])
-        if distance(sides, here) < _AROUND or covers(entity, self.sensor[:2]):
+        if distance(sides, self.driven) < _AROUND or covers(entity, self.sensor[:2]):
             return False
         if any(distance(sides, outline(wall)) < from_walls for wall in self.walls):
             return False
@@ -90,7 +115,7 @@ class _Plan:
                     break
 
 
-def _room(rng: Rng, legged: bool) -> _Plan:
+def _room(rng: Rng, legged: bool) -> Plan:
     a, b = rng.uniform(4, 10, 2)
     corners = np.array([[0, 0], [a, 0], [a, b], [0, b]])
     if rng.random() < 0.4:
@@ -101,7 +126,7 @@ def _room(rng: Rng, legged: bool) -> _Plan:
         spot = rng.uniform(0, 1, 2) * [a, b]
         if in_polygon(spot, corners) and distance(make.closed(corners), np.tile(spot, 2)[None]) > 0.8:
             break
-    plan = _Plan(walls, (spot[0], spot[1], rng.uniform(-np.pi, np.pi)), [])
+    plan = Plan(walls, (spot[0], spot[1], rng.uniform(-np.pi, np.pi)), [])
     count = int(rng.integers(3, 11))
     near = int(rng.binomial(count, 0.3))
     plan.fill(near, lambda: _beside_wall(rng, corners, rng.uniform(0.1, 0.4)), 0.08, corners)
@@ -114,7 +139,7 @@ def _room(rng: Rng, legged: bool) -> _Plan:
     return plan
 
 
-def _corridor(rng: Rng, legged: bool) -> _Plan:
+def _corridor(rng: Rng, legged: bool) -> Plan:
     length, width = rng.uniform(15, 40), rng.uniform(1.5, 3.0)
     walls: list[Entity] = []
     for side in (0.0, width):
@@ -124,7 +149,7 @@ def _corridor(rng: Rng, legged: bool) -> _Plan:
             walls.append(make.wall([[end, 0], [end, width]]))
     spot = (rng.uniform(0.15, 0.85) * length, rng.uniform(0.35, 0.65) * width)
     heading = rng.normal(0, 0.15) + (np.pi if rng.random() < 0.5 else 0)
-    plan = _Plan(walls, (*spot, heading), [])
+    plan = Plan(walls, (*spot, heading), [])
     area = np.array([[0, 0], [length, 0], [length, width], [0, width]])
     reach = 9.0
 
@@ -149,7 +174,7 @@ def _corridor(rng: Rng, legged: bool) -> _Plan:
     return plan
 
 
-def _hall(rng: Rng, legged: bool) -> _Plan:
+def _hall(rng: Rng, legged: bool) -> Plan:
     walls = []
     crowd = rng.uniform(4, 10)
     for _ in range(int(rng.choice([0, 0, 1, 2, 3]))):
@@ -157,7 +182,7 @@ def _hall(rng: Rng, legged: bool) -> _Plan:
         out = np.array([np.cos(angle), np.sin(angle)])
         side = np.array([-out[1], out[0]])
         walls.append(make.wall(np.array([out * away - side * half, out * away + side * half])))
-    plan = _Plan(walls, (0.0, 0.0, rng.uniform(-np.pi, np.pi)), [])
+    plan = Plan(walls, (0.0, 0.0, rng.uniform(-np.pi, np.pi)), [])
 
     def thing() -> Entity:
         # Uniform in the distance, not over the area, which would leave the neighbourhood empty.

@@ -30,7 +30,11 @@ class Sensor:
     range_min: float = 0.1
     range_max: float = 12.0
     noise: float = 0.0
-    """Standard deviation of a range along its beam."""
+    """Standard deviation of a range along its beam [m]."""
+    noise_per_metre: float = 0.0
+    """How much it grows for each metre of range, as that of a cheap triangulating sensor does."""
+    resolution: float = 0.0
+    """Ranges come in steps of this [m]; 0 for none."""
     lost: float = 0.0
     """Share of the beams that return nothing although something is there."""
     lost_as: LostAs = "mixed"
@@ -96,6 +100,8 @@ class Entity:
     segments: Float64 = field(default_factory=lambda: np.empty((0, 4)))
     circles: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     motion: Motion = STILL
+    lost: float = 0.0
+    """Share of the beams that hit it and do not return: it is black, or of glass."""
 
     @property
     def wall(self) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
+from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.route import Route, Waypoint
 from tests.places import SAMPLES
@@ -397,3 +398,18 @@ def test_numbers_have_bounds(load, text, message):
     with pytest.raises(OptionError) as caught:
         load(text)
     assert str(caught.value) == f"scene.toml: {message}"
+
+
+def test_an_entity_can_swallow_beams(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        "[[box]]\nx = 2\ny = 0\nlength = 1\nwidth = 1\nlost = 0.5\n[[wall]]\npoints = [[3, -1], [3, 1]]\n"
+    )
+    scene = load_scene(file)
+    assert [entity.lost for entity in scene.entities if not entity.wall] == [0.5]
+    assert [entity.lost for entity in scene.entities if entity.wall] == [0.0]
+    raw, hit, entities = simulate_sweep_arrays(scene, 400, 0)
+    box = next(k for k, entity in enumerate(entities) if not entity.wall)
+    ahead = np.isfinite(raw.ranges[:, 180])
+    assert 0.4 < ahead.mean() < 0.6
+    assert (hit[:, 180][ahead] == box).all()
