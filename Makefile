@@ -17,7 +17,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check quick format samples golden docs bench bench-full bench-compare same accuracy tracking fuzz bounds clean
+.PHONY: help demo test check quick format samples golden docs bench bench-full bench-compare same accuracy trees tracking fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -74,6 +74,9 @@ same: $(VENV)/installed-dev ## whether today's detect finds what that of another
 
 accuracy: $(VENV)/installed-dev ## how right the detection is; writes docs/accuracy.md
 	$(BIN)/python -m benchmarks.accuracy $(ACCURACY)
+
+trees: $(VENV)/installed-dev ## grow the trees that tell things from building, from drawn scenes and the recordings in LIDARCLI_REAL_LOGS
+	$(BIN)/python -m benchmarks.thing $(TREES)
 
 tracking: $(VENV)/installed-dev ## how well things are followed; writes docs/tracking.md
 	$(BIN)/python -m benchmarks.tracking $(TRACKING)

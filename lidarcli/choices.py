@@ -12,6 +12,8 @@ ANIMATIONS = (".gif", ".mp4")
 """Suffixes of moving pictures."""
 SIGNIFICANCE = 1e-5
 """Share of the standing things that may pass for moving by chance (`track`)."""
+MIN_THING = 0.3
+"""What is less likely a thing, and not a piece of building, is wall."""
 STATION_DISTANCE = 0.25
 """Sweeps up to this far from a station [m] belong to it, by default …"""
 STATION_DEGREES = 5.0

@@ -113,7 +113,7 @@ def test_two_publishers_on_one_topic(name: str, tmp_path: Path, detect: Any, inf
         (k, *(("rear", 48) if k % 2 else ("front", 90))) for k in range(12)
     ]
     assert [row["stamp"] for row in rows] == two_publishers().stamp_ns.tolist()
-    _, _, objects = detect(tmp_path / name, table="objects")
+    _, _, objects = detect(tmp_path / name, "--min-thing", "0.5", table="objects")
     assert {(row["frame_id"], row["beam_i"], row["beam_f"], round(row["theta_i"], 4)) for row in objects} == {
         ("front", 10, 19, -0.875),
         ("rear", 30, 39, round(1.5 - 39 * 0.0625, 4)),
@@ -224,7 +224,7 @@ def test_empty_sweeps_are_sweeps(name: str, tmp_path: Path, detect: Any) -> None
     raw = block(4, beams=90)
     raw.beams[:] = [90, 0, 1, 90]
     write_log(tmp_path / name, [raw])
-    code, err, rows = detect(tmp_path / name)
+    code, err, rows = detect(tmp_path / name, "--min-thing", "0.5")
     assert (code, err) == (0, "")
     assert [(row["beams"], row["valid"], row["objects"]) for row in rows] == [
         (90, 90, 1),

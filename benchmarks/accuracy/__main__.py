@@ -15,6 +15,8 @@ from benchmarks.accuracy.figures import Figures, as_json
 from benchmarks.accuracy.objects import Part, Tally, measure
 from benchmarks.accuracy.page import page, summary
 from benchmarks.accuracy.plots import plot_cells, plot_scenes
+from benchmarks.annotations.measure import measure as measure_by_eye
+from lidarcli.simulate import building_scenes
 from lidarcli.simulate.random_scenes import KINDS
 
 ROOT = Path(__file__).parents[2]
@@ -38,7 +40,7 @@ def parts(first: int, scenes: int, baselines: bool) -> Iterator[Part]:
         "whole": -(-scenes // LEGGED_SHARE),
     }
     for things, count in counts.items():
-        for kind in KINDS:
+        for kind in (*KINDS, *building_scenes.KINDS) if things == "plain" else KINDS:
             for start in range(0, count, CHUNK):
                 seeds = range(first + start, first + min(start + CHUNK, count))
                 yield Part(things, kind, tuple(seeds), baselines)
@@ -63,6 +65,7 @@ def measure_all(first: int, scenes: int, command: str, jobs: int, baselines: boo
         cylinder=boxes.measure_cylinder(CYLINDER_SWEEPS, first),
         legs=real.measure_legs(Path(folder)) if folder else [],
         cars=real.measure_car(Path(folder)) if folder else [],
+        by_eye=measure_by_eye(Path(folder), baselines=baselines) if folder else None,
     )
 
 

@@ -116,10 +116,10 @@ def cells_of(
     ideal, legged = SENSORS["361"], things != "plain"
     scenes = []
     for seed in seeds:
-        if kind in KINDS:
-            scenes.append(random_scene(kind, seed, ideal, legged=legged))
-        else:
+        if kind == "passage" or kind == "chamber":
             scenes.append(building_scenes.building_scene(kind, seed, ideal, legged=legged))
+        else:
+            scenes.append(random_scene(kind, seed, ideal, legged=legged))
     if things == "legs":
         scenes = [with_legs_apart(scene) for scene in scenes]
     for cell in (*CELLS, *BUILDING_CELLS):

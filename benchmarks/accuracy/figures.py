@@ -10,6 +10,7 @@ from benchmarks.accuracy.cells import THINGS
 from benchmarks.accuracy.objects import Tally
 from benchmarks.accuracy.real import Car, Legs
 from benchmarks.accuracy.scoring import BEAMS, Score
+from benchmarks.annotations.measure import ByEye
 from lidarcli.formalism import SHAPES
 
 
@@ -31,6 +32,8 @@ class Figures:
     legs: list[Legs] = field(default_factory=list)
     """Empty without the recordings."""
     cars: list[Car] = field(default_factory=list)
+    by_eye: ByEye | None = None
+    """None without the recordings."""
 
 
 def as_json(figures: Figures) -> str:
@@ -43,7 +46,7 @@ def as_json(figures: Figures) -> str:
         {"scenes": things, "noise": noise, "counts": counts.tolist()}
         for (things, noise), counts in figures.tally.shapes.items()
     ]
-    tables = {
+    tables: dict[str, object] = {
         "command": figures.command,
         "kinds": THINGS,
         "shapes": (*SHAPES, "not found"),
@@ -55,6 +58,11 @@ def as_json(figures: Figures) -> str:
         "legs": [asdict(result) for result in figures.legs],
         "cars": [asdict(result) for result in figures.cars],
     }
+    if figures.by_eye is not None:
+        tables["by_eye"] = [
+            {"side": side, "place": place, "method": method, **asdict(counts)}
+            for (side, place, method), counts in figures.by_eye.counts.items()
+        ]
     return json.dumps(tables, indent=1) + "\n"
 
 

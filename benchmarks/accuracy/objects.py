@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from benchmarks.accuracy.cells import CELLS, THINGS, Cell, Things, Truth, cells_
 from benchmarks.accuracy.methods import GROUP_GAP, GROUPING, METHODS, ROBUST, Method, labels_of
 from benchmarks.accuracy.scoring import Score, assign, score
 from lidarcli.formalism import SHAPES, Parameters, detect
+from lidarcli.simulate import building_scenes
 from lidarcli.simulate.random_scenes import Kind
 from lidarcli.sweeps import Int64, SweepBatch
 
@@ -42,9 +43,9 @@ class Tally:
         for place, count in other.shapes.items():
             self.shapes[place] = self.shapes.get(place, _no_shapes()) + count
 
-    def of(self, things: Things, method: str) -> list[Score]:
+    def of(self, things: Things, method: str, cells: Sequence[Cell] = CELLS) -> list[Score]:
         """The scores of a method, cell by cell."""
-        return [self.scores[things, cell, method] for cell in CELLS]
+        return [self.scores[things, cell, method] for cell in cells]
 
     def methods(self, things: Things) -> list[str]:
         """The methods that were run on these scenes, in their order."""
@@ -56,7 +57,7 @@ class Part:
     """A part of the work, small enough for one process."""
 
     things: Things
-    kind: Kind
+    kind: Kind | building_scenes.Kind
     seeds: tuple[int, ...]
     baselines: bool = True
 
@@ -72,7 +73,7 @@ def measure(part: Part) -> Tally:
     for cell, batch, truth in cells_of(part.kind, list(part.seeds), part.things):
         for name, method in methods.items():
             tally.scores[part.things, cell, name] = score(method(batch), truth, batch)
-        if part.things != "legs":
+        if part.things != "legs" and cell in CELLS:
             gap = GROUP_GAP if part.things == "whole" else 0.0
             place = (part.things, cell.noise)
             tally.shapes[place] = tally.shapes.get(place, _no_shapes()) + confusion(batch, truth, gap)

@@ -7,13 +7,15 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from benchmarks.accuracy import boxes, real
-from benchmarks.accuracy.cells import CELLS, THINGS, Cell, Things
+from benchmarks.accuracy.cells import BUILDING_CELLS, CELLS, THINGS, Cell, Things
 from benchmarks.accuracy.figures import Figures
 from benchmarks.accuracy.methods import GROUP_GAP, ROBUST
 from benchmarks.accuracy.objects import MISSED, SHAPE_BEAMS, Tally, total
-from benchmarks.accuracy.prose import HEAD, LIMITS, REAL, SCENES
+from benchmarks.accuracy.prose import BUILDINGS, HEAD, LIMITS, REAL, SCENES
 from benchmarks.accuracy.scoring import BEAMS
+from benchmarks.annotations import page as by_eye
 from lidarcli.formalism import SHAPES
+from lidarcli.simulate import building_scenes
 from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS
 from lidarcli.sweeps import Int64
 
@@ -31,7 +33,13 @@ EXPECTED = {
     "table": "legged",
     "ladder": "legged",
 }
-PLURAL = {"room": "rooms", "corridor": "corridors", "hall": "halls"}
+PLURAL = {
+    "room": "rooms",
+    "corridor": "corridors",
+    "hall": "halls",
+    "passage": "corridors",
+    "chamber": "rooms",
+}
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -44,6 +52,8 @@ def page(figures: Figures, before: str) -> str:
     """The whole page; `before` is the page as it was, whose real recordings are kept when there are no new ones."""
     parts = [
         HEAD.format(command=figures.command, first=figures.first_seed),
+        "## On real logs\n",
+        _real(figures, before),
         SCENES.format(
             first=figures.first_seed,
             scenes=figures.scenes,
@@ -54,14 +64,13 @@ def page(figures: Figures, before: str) -> str:
         _summary(figures.tally, "plain"),
         "![F1 of every method in every cell](images/accuracy.png)\n",
         _cells(figures.tally),
+        _buildings(figures.tally, figures.scenes),
         _kinds(figures.tally),
         _wrong(figures.tally),
         _legged(figures.tally),
         _shapes(figures.tally),
         _boxes(figures.boxes, figures.box_sweeps),
         _cylinder(figures.cylinder),
-        "## Real recordings\n",
-        _real(figures, before),
         LIMITS,
     ]
     return "\n".join(parts)
@@ -74,6 +83,7 @@ def summary(figures: Figures) -> str:
         [
             _summary(tally, "plain"),
             _cells(tally),
+            _buildings(tally, figures.scenes),
             _kinds(tally),
             _wrong(tally),
             _legged(tally),
@@ -124,6 +134,34 @@ def _cells(tally: Tally) -> str:
     ]
     head = ["", *(f"σ {100 * noise:.0f} cm, {100 * lost:g} % lost" for noise, lost in FAULTS)]
     return "Profile `robust` cell by cell, F1 (precision / recall):\n\n" + table(head, rows)
+
+
+def _buildings(tally: Tally, scenes: int) -> str:
+    """Scenes like real buildings: every method by kind of scene and sensor."""
+    faults = {"good sensors": False, "cheap sensors": True}
+    groups = [
+        (
+            f"{PLURAL[kind]}, {name}",
+            [cell for cell in BUILDING_CELLS if (cell.kind, cell.cheap) == (kind, is_cheap)],
+        )
+        for kind in building_scenes.KINDS
+        for name, is_cheap in faults.items()
+    ]
+    rows = []
+    for method in tally.methods("plain"):
+        numbers = []
+        for _, cells in groups:
+            scores = tally.of("plain", method, cells)
+            precision, recall = (
+                _mean(getattr(each, name) for each in scores) for name in ("precision", "recall")
+            )
+            numbers.append(f"{precision:.2f} / {recall:.2f}")
+        rows.append([f"**{method}**" if method == ROBUST else method, *numbers])
+    return (
+        "### Scenes like real buildings\n\n"
+        + BUILDINGS.format(scenes=scenes)
+        + table(["precision / recall", *(name for name, _ in groups)], rows)
+    )
 
 
 def _classes() -> list[str]:
@@ -284,8 +322,16 @@ def _cylinder(results: Sequence[boxes.CylinderResult]) -> str:
 
 
 def _real(figures: Figures, before: str) -> str:
-    if figures.legs and figures.cars:
-        body = REAL + "\n" + _legs(figures.legs) + "\n" + _cars(figures.cars)
+    if figures.legs and figures.cars and figures.by_eye is not None:
+        body = (
+            by_eye.section(figures.by_eye, table)
+            + "\n"
+            + REAL
+            + "\n"
+            + _legs(figures.legs)
+            + "\n"
+            + _cars(figures.cars)
+        )
     else:
         body = before.partition(BEGIN)[2].partition(END)[0].replace(KEPT, "").strip("\n")
         body = f"{body}\n\n{KEPT}\n" if body and NEVER not in body else NEVER + "\n"

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from lidarcli.cli.detecting import detection_options, find
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import LOGS, GroupedCommand
+
+if TYPE_CHECKING:
+    from lidarcli.pipeline.objects.following import TrackOptions
 
 
 @click.command(
@@ -23,16 +26,23 @@ from lidarcli.cli.options import LOGS, GroupedCommand
   lidarcli detect run.mcap --pose /amcl_pose
   lidarcli detect run.mcap --background empty.background.parquet --removed
   lidarcli detect run.mcap --catalogue things.toml
+  lidarcli detect run.mcap --memory --min-thing 0.5 --explain
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
 @LOGS
-@detection_options(tables="<log>.objects.parquet and <log>.sweeps.parquet")
+@detection_options(tables="<log>.objects.parquet and <log>.sweeps.parquet", memory=False)
 @click.pass_obj
-def detect(say: Messages, /, **asked: Any) -> int:
+def detect(say: Messages, /, memory: bool, **asked: Any) -> int:
     """Find the objects of every sweep of every LaserScan topic.
 
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
     DIR/<log>.sweeps.parquet. A log found below a folder keeps its place below DIR.
     """
-    return find(say, **asked)
+
+    def remembering() -> TrackOptions:
+        from lidarcli.pipeline.objects.following import TrackOptions
+
+        return TrackOptions(tracks=False)
+
+    return find(say, tracking=remembering if memory else None, **asked)

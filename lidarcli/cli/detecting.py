@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.cli.messages import Messages, standard_output
-from lidarcli.cli.object_options import catalogue_option, object_options
+from lidarcli.cli.object_options import OBJECTS, catalogue_option, object_options
 from lidarcli.cli.options import (
     MOST,
     OUTPUT,
@@ -41,8 +41,11 @@ OTHER_FILES = (".json", ".txt", ".tsv", ".gz", ".zst", ".feather", ".xlsx", ".db
 """Suffixes of files that nobody means as the name of a folder."""
 
 
-def detection_options(*, tables: str) -> Callable[[F], F]:
-    """Every option of `detect` after the logs, and what `find` takes; `tables` names the files that are written."""
+def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
+    """Every option of `detect` after the logs, and what `find` takes.
+
+    `tables` names the files that are written; with `memory` things are judged by all sweeps unless somebody asks otherwise.
+    """
 
     def decorate(command: F) -> F:
         for add in reversed(
@@ -71,6 +74,12 @@ def detection_options(*, tables: str) -> Callable[[F], F]:
                     is_flag=True,
                     help="Also write <log>.beams.parquet, one row per beam.",
                 ),
+                option(
+                    "--explain",
+                    heading=OUTPUT,
+                    is_flag=True,
+                    help="Also fill the column why: what speaks for and against each object being a thing.",
+                ),
                 option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist."),
                 option(
                     "--jobs",
@@ -84,6 +93,13 @@ def detection_options(*, tables: str) -> Callable[[F], F]:
                 object_options(
                     walls="Also rows for walls, with the corners of the room.",
                     no_limit="paper or --background",
+                ),
+                option(
+                    "--memory/--no-memory",
+                    heading=OBJECTS,
+                    default=memory,
+                    help="Whether what is a thing, and its shape, is decided by all sweeps that saw it, or anew in each.  "
+                    f"[default: {'memory' if memory else 'no-memory'}]",
                 ),
                 option(
                     "--background",
@@ -137,6 +153,7 @@ def find(
     output: str,
     kind: str | None,
     beams: bool,
+    explain: bool,
     overwrite: bool,
     jobs: int | None,
     selection: Selection,
@@ -179,6 +196,7 @@ def find(
         catalogue=None if catalogue is None else read_catalogue(catalogue),
         tracking=None if tracking is None else tracking(),
         beams=beams,
+        explain=explain,
         overwrite=overwrite,
         jobs=jobs or 0,
     )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import click
 
+from lidarcli.choices import MIN_THING
 from lidarcli.cli.options import METRES, MOST, F, Number, Threshold, option
 
 OBJECTS = "Objects"
@@ -70,6 +71,13 @@ def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:
                     heading=OBJECTS,
                     type=METRES,
                     help="Slim objects closer than this are one, as the legs of a chair.  [default: 0, never]",
+                ),
+                option(
+                    "--min-thing",
+                    heading=OBJECTS,
+                    type=Number("P", least=0.0, most=1.0),
+                    help="What is less likely a thing, and not a piece of building, is wall: 0 to 1.  "
+                    f"[default: {MIN_THING}]",
                 ),
                 option("--walls", heading=OBJECTS, is_flag=True, help=walls),
             )

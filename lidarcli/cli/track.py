@@ -29,7 +29,7 @@ TRACKING = "Tracking"
   cat run.mcap | lidarcli track - -o - | jq -c 'select(.set == "A")'""",
 )
 @LOGS
-@detection_options(tables="<log>.objects.parquet, <log>.sweeps.parquet and <log>.tracks.parquet")
+@detection_options(tables="<log>.objects.parquet, <log>.sweeps.parquet and <log>.tracks.parquet", memory=True)
 @option(
     "--significance",
     heading=TRACKING,
@@ -39,7 +39,7 @@ TRACKING = "Tracking"
     help="Share of the standing things that may pass for moving by chance; the smaller, the later a slow one is told.",
 )
 @click.pass_obj
-def track(say: Messages, /, significance: float, **asked: Any) -> int:
+def track(say: Messages, /, significance: float, memory: bool, **asked: Any) -> int:
     """Find the objects of every sweep, and follow things from sweep to sweep.
 
     Does everything that `lidarcli detect` does, with the same options, and in the same
@@ -52,6 +52,6 @@ def track(say: Messages, /, significance: float, **asked: Any) -> int:
         from lidarcli.formalism.tracking.parameters import TrackParameters
         from lidarcli.pipeline.objects.following import TrackOptions
 
-        return TrackOptions(TrackParameters(significance=significance))
+        return TrackOptions(TrackParameters(significance=significance, memory=memory))
 
     return find(say, tracking=tracking, **asked)

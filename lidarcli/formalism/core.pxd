@@ -1,3 +1,5 @@
+cimport cython
+
 from lidarcli cimport native
 from lidarcli.formalism.description cimport columns as tables
 from lidarcli.formalism.description cimport describe as descriptions
@@ -5,13 +7,16 @@ from lidarcli.formalism.description cimport parts as assembly
 from lidarcli.formalism.description.columns cimport Columns
 from lidarcli.formalism.description.describe cimport Description
 from lidarcli.formalism.surfaces cimport faces as surfaces
-from lidarcli.formalism.surfaces cimport fragments, legs, objects, protrusions, vertices, walls
+from lidarcli.formalism.surfaces cimport features as clues
+from lidarcli.formalism.surfaces cimport fragments, legs, objects, protrusions, vertices
 from lidarcli.formalism.surfaces cimport survey as surveys
+from lidarcli.formalism.surfaces cimport verdict as verdicts
 from lidarcli.formalism.surfaces.faces cimport Faces
+from lidarcli.formalism.surfaces.features cimport Features
 from lidarcli.formalism.surfaces.fragments cimport Bodies
 from lidarcli.formalism.surfaces.protrusions cimport Protrusions
 from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.surfaces.walls cimport Lines
+from lidarcli.formalism.surfaces.verdict cimport Verdict
 from lidarcli.formalism.sweep cimport breakpoints as breaks
 from lidarcli.formalism.sweep cimport noise as noises
 from lidarcli.formalism.sweep cimport points as sweep
@@ -35,8 +40,9 @@ cdef class Core:
     cdef Faces faces
     cdef Survey survey
     cdef Protrusions protrusions
-    cdef Lines lines
     cdef Bodies bodies
+    cdef Features features
+    cdef Verdict verdict
     cdef Description description
     cdef list owner
     cdef Py_ssize_t* inner
@@ -55,3 +61,5 @@ cdef void _take_mask(Core core) noexcept nogil
 cdef void _within_mask(Core core) noexcept nogil
 cdef void _as_sensors_need(Core core) noexcept nogil
 cdef void _settle(Core core) noexcept nogil
+@cython.locals(body=Py_ssize_t, value=double)
+cdef void _explain(Core core, Columns columns) noexcept nogil

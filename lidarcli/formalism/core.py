@@ -12,13 +12,16 @@ from lidarcli.formalism.description.columns import Columns
 from lidarcli.formalism.description.describe import Description
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.surfaces import faces as surfaces
-from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, vertices, walls
+from lidarcli.formalism.surfaces import features as clues
+from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, vertices
 from lidarcli.formalism.surfaces import survey as surveys
+from lidarcli.formalism.surfaces import verdict as verdicts
 from lidarcli.formalism.surfaces.faces import Faces
+from lidarcli.formalism.surfaces.features import Features
 from lidarcli.formalism.surfaces.fragments import Bodies
 from lidarcli.formalism.surfaces.protrusions import Protrusions
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.surfaces.walls import Lines
+from lidarcli.formalism.surfaces.verdict import Verdict
 from lidarcli.formalism.sweep import breakpoints as breaks
 from lidarcli.formalism.sweep import noise as noises
 from lidarcli.formalism.sweep import points as sweep
@@ -52,8 +55,9 @@ class Core:
         self.faces = Faces(most)
         self.survey = Survey(most, parameters.min_beams, parameters.max_width)
         self.protrusions = Protrusions(most)
-        self.lines = Lines(most)
         self.bodies = Bodies(most)
+        self.features = Features(most)
+        self.verdict = Verdict(most, parameters.min_thing)
         self.description = Description(most, self.robust, adaptive)
         self.owner: list[Any] = []
         self.inner = native.integers(self.owner, 2 * most)
@@ -111,6 +115,7 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     sweep.load(core.points, core.scans, row)
     sweep.differences(core.points)
     d_mean = sweep.mean_difference(core.points)
+    core.points.flicker = sweep.flicker(core.points, core.scans)
     core.points.sigma = noises.sigma_of(core.noise, core.scans, row)
     if core.adaptive:
         core.points.d_th = breaks.noise_threshold(core.points.sigma)
@@ -133,6 +138,8 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     descriptions.describe(
         core.description, columns, core.points, core.segments, core.survey, core.bodies, core.faces
     )
+    if columns.explained and core.robust and not core.scans.has_within:
+        _explain(core, columns)
     columns.d_mean[row], columns.sweep_d_th[row], columns.noise[row] = (
         d_mean,
         core.points.d_th,
@@ -159,6 +166,7 @@ def _as_printed(core: Core) -> None:
         objects.fully_visible(core.survey, core.segments)
     for j in range(core.segments.count):
         core.survey.wall[j] = core.segments.size[j] >= core.survey.min_beams and not core.survey.is_object[j]
+        core.survey.thing[j] = NAN
 
 
 def _take_mask(core: Core) -> None:
@@ -166,6 +174,7 @@ def _take_mask(core: Core) -> None:
     for j in range(core.segments.count):
         core.survey.candidate[j] = breaks.is_within(core.points, core.scans, core.segments.first[j])
         core.survey.wall[j] = False
+        core.survey.thing[j] = NAN
 
 
 def _within_mask(core: Core) -> None:
@@ -192,11 +201,15 @@ def _as_sensors_need(core: Core) -> None:
     protrusions.find(core.protrusions, core.survey, core.points, core.segments, core.faces)
     protrusions.divide(core.protrusions, core.survey, core.points, core.segments, core.faces)
     surveys.measure_reach(core.survey, core.points, core.segments, core.faces)
-    walls.by_extent(core.survey, core.points, core.segments, core.faces)
-    walls.by_lines(core.lines, core.survey, core.points, core.segments, core.faces)
     objects.pieces(core.survey, core.segments)
-    fragments.join(core.bodies, core.survey, core.points, core.segments, core.survey.candidate)
-    objects.choose(core.survey, core.points, core.segments, core.bodies)
+    core.features.share = surveys.share_of_walls(core.survey, core.points, core.segments)
+    fragments.join(core.bodies, core.survey, core.points, core.segments, core.survey.loose)
+    clues.gather(core.features, core.survey, core.points, core.segments, core.bodies)
+    verdicts.measure(
+        core.features, core.survey, core.points, core.segments, core.faces, core.bodies, core.scans
+    )
+    verdicts.decide(core.verdict, core.features, core.points, core.segments)
+    objects.choose(core.survey, core.segments, core.features, core.verdict)
     for j in range(core.segments.count):
         core.survey.label[j] = core.bodies.label[j]
 
@@ -209,3 +222,13 @@ def _settle(core: Core) -> None:
         if core.survey.is_object[j] or (core.report_walls and core.survey.wall[j]):
             surfaces.settled(core.faces, core.points, core.segments, j, core.survey.tolerance[j])
     core.faces.offset[core.segments.count] = core.faces.count
+
+
+def _explain(core: Core, columns: Columns) -> None:
+    """Write what the verdict on each object of the sweep was made on."""
+    begin = columns.objects - core.description.parts.objects
+    for k in range(core.description.parts.objects):
+        body = core.features.body[core.description.parts.segment[core.description.parts.begin[k]]]
+        for i in range(clues.COUNT):
+            value = core.features.values[body * clues.COUNT + i] if body >= 0 else NAN
+            columns.features[(begin + k) * clues.COUNT + i] = value

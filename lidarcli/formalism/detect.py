@@ -14,6 +14,7 @@ from lidarcli.formalism.description import columns as tables
 from lidarcli.formalism.description.columns import Columns
 from lidarcli.formalism.detection import NOISE, OBJECT, Detection
 from lidarcli.formalism.parameters import Parameters
+from lidarcli.formalism.surfaces import features
 from lidarcli.formalism.sweep.points import Scans
 from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
 
@@ -26,6 +27,7 @@ def detect(
     parameters: Parameters | None = None,
     *,
     per_beam: bool = False,
+    explain: bool = False,
     within: Bool | None = None,
     sigma: Float64 | None = None,
 ) -> Detection:
@@ -36,6 +38,7 @@ def detect(
     batch : SweepBatch of S sweeps; the result for a sweep does not depend on the others
     parameters : Parameters, by default those of profile `robust`
     per_beam : also fill `beam_set`, `beam_object` and `beam_s`
+    explain : also fill `features`
     within : (S, B) beams that are known to belong to objects, all others not: §3's difference from a background tells.
         Objects begin and end with them, too, whatever their edges and whatever line they are on
     sigma : (S,) noise of the ranges [m], where that is known already
@@ -58,7 +61,7 @@ def detect(
     ([20], [24])
     """
     core = Core(scans(batch, within, sigma), parameters or Parameters())
-    arrays, columns, row = _room(batch, per_beam), Columns(), 0
+    arrays, columns, row = _room(batch, per_beam, explain), Columns(), 0
     columns.attach(arrays, per_beam)
     while (row := core.detect(columns, row)) < len(batch):
         _enlarge(arrays, columns, len(batch) / max(row, 1))
@@ -165,7 +168,7 @@ def _row_directions(start: float, increment: float, last: float, width: int) -> 
     return cos, sin
 
 
-def _room(batch: SweepBatch, per_beam: bool) -> dict[str, NDArray[Any]]:
+def _room(batch: SweepBatch, per_beam: bool, explain: bool) -> dict[str, NDArray[Any]]:
     """Columns for as many objects as sweeps mostly have."""
     rows, width = batch.ranges.shape
     objects = OBJECTS_AT_FIRST * rows + width
@@ -178,6 +181,8 @@ def _room(batch: SweepBatch, per_beam: bool) -> dict[str, NDArray[Any]]:
     )
     arrays = {name: np.empty(size, kind) for group, size in sizes for name, kind in group.items()}
     arrays["vertex_offsets"][0] = arrays["face_offsets"][0] = 0
+    if explain:
+        arrays["features"] = np.empty((objects, len(features.NAMES)))
     if per_beam:
         arrays |= {name: np.zeros((rows, width), kind) for name, kind in tables.BEAM.items()}
     return arrays
@@ -187,7 +192,9 @@ def _enlarge(arrays: dict[str, NDArray[Any]], columns: Columns, more: float) -> 
     """Make the columns so many times as long, but at least twice and at most four times."""
     for group in (tables.OBJECT, tables.OFFSETS, tables.VERTEX, tables.FACE):
         for name in group:
-            arrays[name].resize(int(min(max(more, 2.0), 4.0) * len(arrays[name])) + 1, refcheck=False)
+            _resize(arrays[name], int(min(max(more, 2.0), 4.0) * len(arrays[name])) + 1)
+    if columns.explained:
+        _resize(arrays["features"], len(arrays["row"]))
 
 
 def _shorten(arrays: dict[str, NDArray[Any]], columns: Columns) -> None:
@@ -200,4 +207,11 @@ def _shorten(arrays: dict[str, NDArray[Any]], columns: Columns) -> None:
     )
     for group, size in sizes:
         for name in group:
-            arrays[name].resize(size, refcheck=False)
+            _resize(arrays[name], size)
+    if columns.explained:
+        _resize(arrays["features"], columns.objects)
+
+
+def _resize(array: NDArray[Any], rows: int) -> None:
+    """Make an array longer or shorter, in place."""
+    array.resize((rows, *array.shape[1:]), refcheck=False)

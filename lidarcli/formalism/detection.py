@@ -52,6 +52,8 @@ class Detection:
     box_length: Float64
     box_width: Float64
     box_yaw: Float64
+    thing: Float64
+    """(K,) how likely it is a thing and not a piece of building, 0 to 1; NaN where the profile or a background tells."""
 
     vertex_offsets: Int32
     """(K + 1,) the vertices of object k are `vertex_offsets[k]:vertex_offsets[k + 1]`."""
@@ -90,6 +92,8 @@ class Detection:
     """(K,) whether it appeared or is gone, -1 for walls; only with a background."""
     station: Int32 | None = None
     """(S,) station of the background that each sweep was compared with, -1 for none; only with a background."""
+    features: Float64 | None = None
+    """(K, F) what `thing` was decided on, in the order of `features.NAMES`; only with `explain`."""
     label: Int32 | None = None
     """(K,) entry of the catalogue, -1 for none; only with a catalogue."""
     label_score: Float64 | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
+from lidarcli.choices import MIN_THING
 from lidarcli.errors import OptionError
 from lidarcli.sweeps import FARTHEST
 
@@ -29,6 +30,8 @@ class Parameters:
     """Up to so many lost beams are bridged where both sides continue each other."""
     group_gap: float = 0.0
     """Objects closer together than this [m] become one (the legs of a chair); 0: never."""
+    min_thing: float = MIN_THING
+    """What is less likely a thing, and not a piece of building, is wall."""
     walls: bool = False
     """Also report walls: set S, shape wall."""
 
@@ -68,6 +71,7 @@ class Parameters:
             ("min_beams", 1, MOST_BEAMS),
             ("max_gap", 0, MOST_BEAMS),
             ("group_gap", 0, FARTHEST),
+            ("min_thing", 0, 1),
         ):
             value, option = getattr(self, name), name.replace("_", "-")
             if not value >= least:

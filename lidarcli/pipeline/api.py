@@ -156,6 +156,7 @@ def detect(
     csv: CsvOptions | None = None,
     pose: str | None = None,
     pose_delay: float = 0.0,
+    memory: bool = False,
     **objects: Any,
 ) -> pa.Table:
     """The objects of every sweep as an Arrow table with the schema `lidarcli.tables.OBJECTS`.
@@ -168,13 +169,20 @@ def detect(
     background : only what differs from it is an object: a background table, what `learn` returns, or with options
     catalogue : things of interest, which objects are named by: a catalogue file, or what `read_catalogue` makes of it
     topics, start, end, every, rules, csv, pose, pose_delay : as of `read`; only for logs
+    memory : decide what is a thing, and its shape, by all sweeps that saw it, as `track` does
     objects : single parameters (`max_width=1.0`, `profile="paper"`), instead of `parameters`
     """
+    tracking = None
+    if memory:
+        # Who does not track does not wait for this import.
+        from lidarcli.pipeline.objects.following import TrackOptions
+
+        tracking = TrackOptions(tracks=False)
     reading: dict[str, Any] = {"topics": topics, "start": start, "end": end, "every": every, "rules": rules}
     reading |= {"csv": csv, "pose": pose, "pose_delay": pose_delay}
     subtracted = _background(background)
     parameters = _parameters("detect", parameters, objects, subtracted is not None)
-    return _tables(source, ("objects",), parameters, subtracted, catalogue, reading)["objects"]
+    return _tables(source, ("objects",), parameters, subtracted, catalogue, reading, tracking)["objects"]
 
 
 def track(
@@ -192,6 +200,7 @@ def track(
     csv: CsvOptions | None = None,
     pose: str | None = None,
     pose_delay: float | None = None,
+    memory: bool = True,
     **objects: Any,
 ) -> TrackTables:
     """The objects and the sweeps of every log, and the things that its objects belong to, as Arrow tables.
@@ -201,6 +210,7 @@ def track(
     source : as of `detect`; batches of a log and topic have to come in the order of the log
     significance : share of the standing things that may pass for moving by chance, 1e-12 to 0.1
     catalogue : as of `detect`; things are named by all that was seen of them
+    memory : decide what is a thing, and its shape, by all sweeps that saw it, not anew in each
     parameters, background, topics, start, end, every, rules, csv, pose, objects : as of `detect`
     pose_delay : as of `read`; by default 0, but things are followed by the poses of the delay that fits best
 
@@ -215,7 +225,7 @@ def track(
 
     reading: dict[str, Any] = {"topics": topics, "start": start, "end": end, "every": every, "rules": rules}
     reading |= {"csv": csv, "pose": pose, "pose_delay": pose_delay}
-    tracking = TrackOptions(TrackParameters(significance=significance))
+    tracking = TrackOptions(TrackParameters(significance=significance, memory=memory))
     subtracted = _background(background)
     parameters = _parameters("track", parameters, objects, subtracted is not None)
     tables = _tables(source, TrackTables._fields, parameters, subtracted, catalogue, reading, tracking)
@@ -341,4 +351,5 @@ _OPTIONS = (
     "csv",
     "pose",
     "pose_delay",
+    "memory",
 )

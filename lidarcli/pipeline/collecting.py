@@ -67,7 +67,8 @@ def of_batches(
 ) -> dict[str, pa.Table]:
     """Some tables of batches that somebody has: as they come, or, where things are followed, by log and topic."""
     # Where things are followed, their names are those of the tracks.
-    find = finder(parameters, background, catalogue if tracking is None else None)
+    sought = parameters if tracking is None else tracking.found_with(parameters)
+    find = finder(sought, background, catalogue if tracking is None else None)
     told: dict[str, Any] = {} if background is None else {"background": background.as_dict()}
     told |= {} if catalogue is None else {"catalogue": catalogue.as_dict()}
     collected = {table: _Collected() for table in tables}
@@ -77,7 +78,8 @@ def of_batches(
                 collected[table].write(rows)
     else:
         told["tracking"] = tracking.as_dict()
-        _follow(((batch, find(batch, False)) for batch in batches), collected, tracking, catalogue)
+        found = ((batch, find(batch, False)) for batch in batches)
+        _follow(found, collected, tracking, parameters, catalogue)
     metadata = table_metadata(parameters.as_dict() | told)
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
 
@@ -86,6 +88,7 @@ def _follow(
     found: Iterable[tuple[SweepBatch, Detection]],
     sinks: Mapping[str, RowSink],
     tracking: TrackOptions,
+    parameters: Parameters,
     catalogue: Catalogue | None,
 ) -> None:
     """Pass the rows of batches to the sinks of their tables, by log and topic."""
@@ -98,7 +101,7 @@ def _follow(
         for batch, detection in found:
             if batch.log not in logs:
                 orders = stack.enter_context(TopicOrders(sinks, None))
-                logs[batch.log] = Following(batch.log, tracking, catalogue), orders
+                logs[batch.log] = Following(batch.log, tracking, parameters, catalogue), orders
             following, orders = logs[batch.log]
             made = Made(rows_of(batch.log, tables, batch, detection), (batch, detection))
             orders.write(following.take([made]))

@@ -50,6 +50,8 @@ class DetectOptions:
     """Things of interest, which objects are named by."""
     beams: bool = False
     """Also write the beams table."""
+    explain: bool = False
+    """Also tell why each object is a thing."""
     overwrite: bool = False
     jobs: int = 0
     """Processors to use at most, 0 for all; the result does not depend on it."""
@@ -68,7 +70,7 @@ class DetectOptions:
     @property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables to write."""
-        tracks = ("tracks",) if self.tracking is not None else ()
+        tracks = ("tracks",) if self.tracking is not None and self.tracking.tracks else ()
         return ("objects", "sweeps", *tracks, *(("beams",) if self.beams else ()))
 
     def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
@@ -87,7 +89,16 @@ class DetectOptions:
         followed = self.tracking is not None
         # Where things are followed, their names are those of the tracks.
         catalogue = None if followed else self.catalogue
-        return Recipe(source.name, of_batches, self.parameters, self.background, catalogue, followed=followed)
+        parameters = self.parameters if self.tracking is None else self.tracking.found_with(self.parameters)
+        return Recipe(
+            source.name,
+            of_batches,
+            parameters,
+            self.background,
+            catalogue,
+            followed=followed,
+            explain=self.explain,
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the tables' metadata."""
@@ -150,7 +161,7 @@ def _rows(
         # Who does not track does not wait for this import.
         from lidarcli.pipeline.objects.following import Following
 
-        following = Following(source.name, options.tracking, options.catalogue)
+        following = Following(source.name, options.tracking, options.parameters, options.catalogue)
     for part in work.parts(progress):
         summary.add_found(part.found)
         yield from part.rows if following is None else following.take(part.batches)

@@ -1,8 +1,8 @@
 """Random scenes that look like real buildings: corridors and rooms of thick walls in pieces, with all that walls carry.
 
-Between doorways stand pieces of wall of 0.25 to 4 m; pilasters, radiators and skirting stand out from them, niches go in, door
-leaves stand ajar, side rooms and a second corridor are seen through the gaps. Things stand square to the walls, close to
-them, against them, or free. The sensor drives 1.5 m if it is let, and stands otherwise.
+Between doorways stand pieces of wall of 0.25 to 4 m; pilasters, radiators and skirting stand out from them, niches go in,
+door leaves stand ajar, side rooms and a second corridor are seen through the gaps. Things stand square to the walls, close
+to them, against them, or free. The sensor drives 1.5 m if it is let, and stands otherwise.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def building_scene(
 ) -> Scene:
     """A scene of one kind; the same seed gives the same building for every sensor.
 
-    With `driving` the sensor goes 1.5 m straight ahead within 20 sweeps. Without `legged` there are no ladders, chairs, tables
-    and two-legged persons.
+    With `driving` the sensor goes 1.5 m straight ahead within 20 sweeps. Without `legged` there are no ladders, chairs,
+    tables and two-legged persons.
     """
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence([3, KINDS.index(kind), seed])))
     while True:
@@ -94,7 +94,8 @@ def _plan(rng: Rng, kind: Kind, legged: bool) -> Plan | None:
     largest = 0.5 if kind == "passage" else 1.2
 
     def free() -> Entity:
-        return draw_thing(rng, *spot().tolist(), legged, largest=largest)
+        x, y = spot()
+        return draw_thing(rng, float(x), float(y), legged, largest=largest)
 
     plan.fill(count - near, free, rng.uniform(0.05, 0.3), floor)
     # A few stand in the rooms behind.
@@ -185,7 +186,8 @@ class _Building:
         rng = self.rng
         if rng.random() < 0.2:
             return [(0.0, long)]
-        found, at = [], 0.0
+        found: list[tuple[float, float]] = []
+        at = 0.0
         while True:
             length = float(np.exp(rng.uniform(np.log(0.25), np.log(4.0))))
             gap = rng.uniform(0.7, 1.3) if rng.random() < 0.85 else rng.uniform(0.1, 0.5)

@@ -75,6 +75,11 @@ def objects_rows(
         columns["change"] = codes(detection.change, CHANGES)
     if detection.label is not None:
         columns["label"] = codes(detection.label, labels)
+    if detection.features is not None:
+        # Who asks for no reasons does not wait for this import.
+        from lidarcli.formalism.explanation import reasons
+
+        columns["why"] = pa.array(reasons(detection.features, detection.thing), pa.string())
     if batch.poses is not None:
         world = batch.poses.to_world(row, detection.box_x, detection.box_y, detection.box_yaw)
         columns |= zip(("world_x", "world_y", "world_yaw"), map(floats, world), strict=True)

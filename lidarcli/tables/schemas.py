@@ -99,11 +99,23 @@ OBJECTS = pa.schema(
         ),
         column("vy", FLOAT, "m/s", "velocity of the thing over ground; null until tracked"),
         column("moving", BOOL, "", "whether the thing moves in this sweep; null until tracked"),
+        column(
+            "thing",
+            FLOAT,
+            "1",
+            "how likely it is a thing and not a piece of building, 0 to 1; null with a background or profile paper",
+        ),
         _LABEL,
         _LABEL_SCORE,
         column("world_x", FLOAT, "m", "box centre in the world frame; null without a pose"),
         column("world_y", FLOAT, "m", "box centre in the world frame; null without a pose"),
         column("world_yaw", FLOAT, "rad", "box yaw in the world frame; null without a pose"),
+        column(
+            "why",
+            pa.string(),
+            "",
+            "what each kind of evidence of this sweep adds to the log-odds of a thing; null without --explain",
+        ),
     ]
 )
 
@@ -228,7 +240,7 @@ SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAM
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
 NULLABLE = {
-    "objects": frozenset({"change", "track", "moving", "label"}),
+    "objects": frozenset({"change", "track", "moving", "label", "why"}),
     "sweeps": frozenset({"station"}),
     "tracks": frozenset({"label", "moved_at"}),
     "beams": frozenset({"object"}),
@@ -237,7 +249,7 @@ NULLABLE = {
 }
 """Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
 LATER = {
-    "objects": frozenset({"t", "vx", "vy", "moving", "label", "label_score"}),
+    "objects": frozenset({"t", "vx", "vy", "moving", "thing", "label", "label_score", "why"}),
     "sweeps": frozenset({"t"}),
 }
 """Table → columns that tables of earlier versions do not have: read as null."""

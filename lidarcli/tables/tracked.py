@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.formalism import SETS, SHAPES, Detection
-from lidarcli.formalism.detection import AGENT, OBJECT
+from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
 from lidarcli.formalism.tracking.tracked import ENDS, Followed, Tracks
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.arrays import answers, codes, floats, masked, plain
@@ -19,40 +19,68 @@ from lidarcli.tables.schemas import STAMP, TRACKS
 _TRACKS = Form.of(TRACKS)
 
 
-def tracked_objects(rows: pa.RecordBatch, followed: Followed, labels: Sequence[str] = ()) -> pa.RecordBatch:
-    """Rows of the objects table with what tracking tells of each; `labels` are the names in the catalogue."""
+def tracked_objects(
+    rows: pa.RecordBatch, followed: Followed, labels: Sequence[str] = (), *, walls: bool, tracks: bool
+) -> pa.RecordBatch:
+    """Rows of the objects table with what tracking tells of each; `labels` are the names in the catalogue.
+
+    Parameters
+    ----------
+    walls : whether what is in set S has rows, too
+    tracks : whether the columns that tell of tracks are filled
+    """
+    sets = followed.set
     columns = {
-        "set": codes(followed.set, SETS),
-        "track": masked(followed.track, followed.track == 0),
-        "vx": floats(followed.vx),
-        "vy": floats(followed.vy),
-        "moving": answers(followed.moving),
+        "object": plain(followed.object),
+        "shape": codes(followed.shape, SHAPES),
+        "thing": floats(followed.thing),
     }
-    return _with(rows, columns | _labelled(followed, labels))
+    if tracks:
+        columns |= {
+            "track": masked(followed.track, followed.track == 0),
+            "vx": floats(followed.vx),
+            "vy": floats(followed.vy),
+            "moving": answers(followed.moving),
+            **_labelled(followed, labels),
+        }
+    else:
+        sets = np.where(sets == AGENT, OBJECT, sets)
+    rows = _with(rows, {"set": codes(sets, SETS)} | columns)
+    order = followed.order if walls else followed.order[followed.set[followed.order] != NOISE]
+    whole = len(order) == len(rows) and np.array_equal(order, np.arange(len(rows)))
+    return rows if whole else rows.take(pa.array(order))
 
 
-def tracked_sweeps(rows: pa.RecordBatch, followed: Followed) -> pa.RecordBatch:
+def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) -> pa.RecordBatch:
     """Rows of the sweeps table with the counts of objects and agents as tracking tells them."""
-    names = ("objects", "agents", "object_beams", "agent_beams")
-    return _with(rows, {name: plain(getattr(followed, name)) for name in names})
+    names = ("objects", "agents", "object_beams", "agent_beams", "noise_beams")
+    counts = {name: getattr(followed, name) for name in names}
+    if not tracks:
+        counts["objects"] = counts["objects"] + counts["agents"]
+        counts["object_beams"] = counts["object_beams"] + counts["agent_beams"]
+        counts["agents"], counts["agent_beams"] = (
+            np.zeros_like(counts["agents"]),
+            np.zeros_like(counts["agents"]),
+        )
+    return _with(rows, {name: plain(values) for name, values in counts.items()})
 
 
 def tracked_beams(
-    rows: pa.RecordBatch, batch: SweepBatch, detection: Detection, followed: Followed
+    rows: pa.RecordBatch, batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool
 ) -> pa.RecordBatch:
-    """Rows of the beams table with the set of each beam as tracking tells it: what belongs to an agent is in A."""
-    assert detection.beam_set is not None
+    """Rows of the beams table with the object and the set of each beam as tracking tells them."""
     assert detection.beam_object is not None
-    agent = np.flatnonzero(followed.set == AGENT)
-    if not len(agent):
-        return rows
     most = int(detection.object.max(initial=0))
-    is_agent = np.zeros((len(batch), most + 1), bool)
-    is_agent[detection.row[agent], detection.object[agent]] = True
+    number = np.zeros((len(batch), most + 1), np.int32)
+    sets = np.full((len(batch), most + 1), NOISE, np.uint8)
+    at = np.flatnonzero(followed.set != NOISE)
+    place = detection.row[at], detection.object[at]
+    number[place] = followed.object[at]
+    sets[place] = followed.set[at] if tracks else OBJECT
     row, beam = beams_of(batch)
-    sets = detection.beam_set[row, beam]
-    sets[(sets == OBJECT) & is_agent[row, detection.beam_object[row, beam]]] = AGENT
-    return _with(rows, {"set": codes(sets, SETS)})
+    held = detection.beam_object[row, beam]
+    owner = number[row, held]
+    return _with(rows, {"set": codes(sets[row, held], SETS), "object": masked(owner, owner == 0)})
 
 
 def tracks_rows(

@@ -73,6 +73,7 @@ def test_options_reach_the_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> 
         "threshold": 0.5,
         "min_beams": 2,
         "max_width": 3.0,
+        "min_thing": 0.3,
         "max_gap": 1,
         "group_gap": 0.1,
         "walls": True,
@@ -219,8 +220,8 @@ def test_objects_are_named_by_a_catalogue(lidarcli: Run, tmp_path: Path) -> None
     )
     assert ran.code == 0
     head, *rows = [line.split(",") for line in ran.out.splitlines()]
-    assert [row[-5] for row in rows] == ["smaller brown box", "brown box", "brown box", "", ""]
-    assert head[-5] == "label"
+    assert [row[-6] for row in rows] == ["smaller brown box", "brown box", "brown box", "", ""]
+    assert head[-6] == "label"
 
 
 def test_a_bad_catalogue_is_a_usage_error(lidarcli: Run, tmp_path: Path) -> None:

@@ -20,11 +20,11 @@ from tests.places import ROOT
 PAGE = (ROOT / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = re.compile(
     r"(?!sides)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
-    r"|noise\.(NOTHING|ONE|NEAR|FAR|FEW)|bodies\.QUARTER|summary\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
+    r"|noise\.(NOTHING|ONE|NEAR|FAR|FEW)|bodies\.QUARTER|(summary|building)\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
 )
 """Functions of other constants, factors of the normal distribution, and what only saves time."""
-CODES = {"detection", "points", "segments", "detect", "native"}
-"""Modules whose numbers are codes or the layout of arrays, not constants of the method."""
+CODES = {"detection", "points", "segments", "detect", "native", "forest"}
+"""Modules whose numbers are codes, the layout of arrays, or trees that a script has grown, not constants of the method."""
 MARKS = {
     "faces": {"FLAT", "CONVEX", "CONCAVE"},
     "views": {"HIDDEN", "OPEN", "OWN"},

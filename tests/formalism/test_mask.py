@@ -67,12 +67,12 @@ def test_nothing_and_everything_may_be_within() -> None:
 
 def test_the_noise_may_be_known() -> None:
     ranges = np.full(60, 4.0)
-    ranges[20:30] = 3.8
+    ranges[20:30] = 3.5
     batch = sweep(ranges, angle_min=-0.3, angle_increment=0.01)
     assert (20, 29) in spans(detect(batch))
-    told = detect(batch, sigma=np.array([0.1]))
+    told = detect(batch, sigma=np.array([0.2]))
     assert (20, 29) not in spans(told)
-    assert told.noise.tolist() == [0.1]
+    assert told.noise.tolist() == [0.2]
 
 
 def test_the_paper_s_profile_takes_the_mask_for_its_edges() -> None:

@@ -416,17 +416,6 @@ def test_a_corner_that_points_at_the_sensor_is_no_piece_of_wall_where_there_are_
     assert found.width.max() == pytest.approx(hypot(1.3, 0.6), abs=0.1)
 
 
-def test_a_slight_run_beside_beams_that_say_nothing_is_no_piece_of_wall() -> None:
-    # Of the wall x = 4.3 some 0.3 m are seen between a board and beams without an answer: that may be its end.
-    room = turn([*ROOM, (1.9, -0.1, 1.9, 0.6)])
-    bearings = bearings_of(720, -pi, pi / 360)
-    lost = np.where((bearings > -0.2) & (bearings < -0.12), nan, room.ranges)
-    beside = robust(Sweep(lost.tolist(), -pi, pi / 360, EACH_BEARING_ONCE))
-    assert len(robust(room)) == 1
-    assert len(beside) == 2
-    assert beside.r_min.max() == pytest.approx(4.3, abs=0.05)
-
-
 @pytest.mark.parametrize(("far", "objects"), [(0.05, 0), (0.6, 1)])
 def test_what_is_seen_along_its_face_alone_is_wall(far: float, objects: int) -> None:
     # A face of a metre before the long wall of a corridor; it points at the sensor, or turns away from that by 0.6 m.

@@ -24,7 +24,9 @@ class Patient:
     label = -1
     """Entry of the catalogue that agents are."""
 
-    def __init__(self, parameters: TrackParameters, catalogue: Catalogue | None = None) -> None:
+    def __init__(
+        self, parameters: TrackParameters, catalogue: Catalogue | None = None, min_thing: float = 0.0
+    ) -> None:
         self.parameters = parameters
         self.frames: list[str] = []
         self.notes: list[str] = []
@@ -68,12 +70,17 @@ class Patient:
             vy=np.where(thing, agent * 1.0, np.nan),
             moving=np.where(thing, agent, -1).astype(np.int8),
             set=np.where(agent, AGENT, detection.set).astype(np.uint8),
+            shape=detection.shape,
+            thing=detection.thing,
+            order=np.arange(len(detection)),
+            object=detection.object,
             label=np.where(agent, self.label, -1).astype(np.int32),
             label_score=np.where(agent & (self.label >= 0), 0.75, np.nan),
             objects=detection.objects - agents,
             agents=agents,
             object_beams=detection.object_beams - beams,
             agent_beams=beams,
+            noise_beams=detection.noise_beams,
         )
 
 

@@ -86,8 +86,8 @@ def told(table: Any) -> tuple[Any, Any]:
 
 def test_things_are_followed_by_the_poses_that_fit(late: Path) -> None:
     alone, by_delay = (
-        lidarcli.track(late),
-        lidarcli.track(late, pose_delay=found_in(late)["/scan", "laser"].seconds),
+        lidarcli.track(late, memory=False),
+        lidarcli.track(late, memory=False, pose_delay=found_in(late)["/scan", "laser"].seconds),
     )
     for name in TRACKED:
         assert alone.objects[name].to_pylist() == by_delay.objects[name].to_pylist()

@@ -49,7 +49,7 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> list[Patient]:
     """Every tracker that is made is one whose answers are known."""
     made: list[Patient] = []
 
-    def make(parameters: TrackParameters, catalogue: Catalogue | None) -> Patient:
+    def make(parameters: TrackParameters, catalogue: Catalogue | None, min_thing: float) -> Patient:
         assert catalogue in (None, CATALOGUE)
         made.append(Patient(parameters))
         return made[-1]
@@ -184,7 +184,7 @@ def test_the_tracker_of_the_package_depends_on_neither(source: Source, tmp_path:
 
 def test_rows_wait_no_longer_than_they_must(patient: list[Patient]) -> None:
     """A log of any length: so many batches wait for the look-ahead, and no more."""
-    follow = Following("run", TRACKING)
+    follow = Following("run", TRACKING, lidarcli.formalism.Parameters())
     waiting = []
 
     def made() -> Iterator[Made]:
@@ -300,7 +300,7 @@ def test_track_batches_in_python(patient: list[Patient]) -> None:
     assert found.objects["track"].to_pylist() == [1, 2] * 12
     assert found.sweeps["agents"].to_pylist() == [1] * 12
     told = json.loads(found.sweeps.schema.metadata[b"lidarcli.parameters"])
-    assert (told["max_width"], told["tracking"]) == (1.0, {"significance": 1e-5})
+    assert (told["max_width"], told["tracking"]) == (1.0, {"significance": 1e-5, "memory": True})
 
 
 def test_track_refuses_what_has_no_meaning() -> None:

@@ -45,9 +45,11 @@ CONTRACT = {
         ("track", "int64"),
         *doubles("vx vy"),
         ("moving", "bool"),
+        ("thing", "double"),
         ("label", TEXT),
         ("label_score", "double"),
         *doubles("world_x world_y world_yaw"),
+        ("why", "string"),
     ],
     "sweeps": [
         *SOURCE,

@@ -26,7 +26,10 @@ TABLES = ("objects", "sweeps", "tracks")
 def tracked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Tables in which every second object is an agent; things that never moved have no stamp of it."""
     monkeypatch.setattr(following, "Tracker", Patient)
-    assert run(["-q", "track", str(SAMPLES / "room.mcap"), "-o", str(tmp_path), "--end", "0.5"]) == 0
+    assert (
+        run(["-q", "track", str(SAMPLES / "room.mcap"), "-o", str(tmp_path), "--end", "0.5", "--no-memory"])
+        == 0
+    )
     return tmp_path
 
 

@@ -99,6 +99,7 @@ def _with_walls(
         object_beams=np.zeros_like(walls.object_beams),
         difference=np.full(count, np.nan),
         change=np.full(count, -1, np.int8),
+        thing=np.full(count, np.nan),
     )
     return combine(found, walls, np.arange(len(batch)))
 

@@ -18,8 +18,8 @@ _SWEEP_FIELDS = {
 }
 _VERTEX_FIELDS = ("vertex_theta", "vertex_r", "vertex_kind")
 _FACE_FIELDS = ("face_theta_i", "face_theta_f", "face_length", "face_rms")
-_LATER_FIELDS = ("label", "label_score")
-"""What is made of a detection when it is whole."""
+_LATER_FIELDS = ("label", "label_score", "features")
+"""What is made of a detection when it is whole, or of none with a background."""
 _OBJECT_FIELDS = [
     field.name
     for field in fields(Detection)

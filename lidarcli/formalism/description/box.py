@@ -11,6 +11,8 @@ from lidarcli.formalism.surfaces.faces import Faces
 RIGHT_ANGLE = math.radians(5.0)
 """[rad] Faces closer to a right angle than this propose the same box."""
 SIN_TWICE = math.sin(2.0 * RIGHT_ANGLE)
+SLIM = 0.05
+"""[m] Where areas are compared, no side counts as less."""
 TIE = 1e-9
 """Areas that differ by less than this share are equal, as for any two sides of a triangle: rounding must not choose."""
 
@@ -72,6 +74,19 @@ def around_points(box: Box, look: Look, faces: Faces, x: Any, y: Any, n: int) ->
         box.length, box.width = box.width, box.length
         along_x, along_y = -along_y, along_x
     box.yaw = _yaw(along_x, along_y)
+
+
+def area_along(faces: Faces, f: int, x: Any, y: Any, begin: int, end: int) -> float:
+    """Area of the rectangle along a face around the points `begin` to `end` - 1 [m²], no side below `SLIM`."""
+    along_x, along_y = faces.direction_x[f], faces.direction_y[f]
+    low_u = high_u = x[begin] * along_x + y[begin] * along_y
+    low_v = high_v = y[begin] * along_x - x[begin] * along_y
+    for k in range(begin + 1, end):
+        u, v = x[k] * along_x + y[k] * along_y, y[k] * along_x - x[k] * along_y
+        low_u, high_u = min(u, low_u), max(u, high_u)
+        low_v, high_v = min(v, low_v), max(v, high_v)
+    length, width = max(high_u - low_u, SLIM), max(high_v - low_v, SLIM)
+    return float(length * width)
 
 
 def _bound(box: Box, x: Any, y: Any, n: int, along_x: float, along_y: float) -> None:

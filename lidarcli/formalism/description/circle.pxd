@@ -8,7 +8,7 @@ cdef double LARGEST, INFINITY
 
 cdef class Circle:
     cdef list owner
-    cdef readonly Py_ssize_t n
+    cdef public Py_ssize_t n
     cdef double* x
     cdef double* y
     cdef double centre_x, centre_y, radius, rms, middle_x, middle_y

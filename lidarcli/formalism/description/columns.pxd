@@ -3,7 +3,7 @@ from lidarcli cimport native
 
 cdef class Columns:
     cdef readonly Py_ssize_t objects, vertices, faces, room_objects, room_vertices, room_faces, beam_width
-    cdef bint per_beam
+    cdef readonly bint per_beam, explained
     cdef long long* row
     cdef int* object
     cdef unsigned char* set
@@ -29,6 +29,8 @@ cdef class Columns:
     cdef double* box_length
     cdef double* box_width
     cdef double* box_yaw
+    cdef double* thing
+    cdef double* features
     cdef int* vertex_offsets
     cdef double* vertex_theta
     cdef double* vertex_r

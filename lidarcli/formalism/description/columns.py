@@ -13,7 +13,7 @@ _WHOLE: dict[str, Any] = {"row": np.int64, "object": np.int32, "set": np.uint8, 
 _WHOLE |= {"visibility": np.uint8, "beam_i": np.int32, "beam_f": np.int32, "beams": np.int32}
 _MEASURED = (
     *("theta_i", "theta_f", "r_i", "r_f", "s_i", "s_f", "d_th", "theta_min", "r_min", "x", "y", "width"),
-    *("box_x", "box_y", "box_length", "box_width", "box_yaw"),
+    *("box_x", "box_y", "box_length", "box_width", "box_yaw", "thing"),
 )
 OBJECT: dict[str, Any] = _WHOLE | dict.fromkeys(_MEASURED, np.float64)
 OFFSETS: dict[str, Any] = {"vertex_offsets": np.int32, "face_offsets": np.int32}
@@ -35,6 +35,7 @@ class Columns:
         self.room_vertices = 0
         self.room_faces = 0
         self.per_beam = False
+        self.explained = False
         self.beam_width = 0
 
     def attach(self, arrays: dict[str, NDArray[Any]], per_beam: bool) -> None:
@@ -68,6 +69,7 @@ class Columns:
         self.box_length = native.at_doubles(arrays["box_length"])
         self.box_width = native.at_doubles(arrays["box_width"])
         self.box_yaw = native.at_doubles(arrays["box_yaw"])
+        self.thing = native.at_doubles(arrays["thing"])
         self.vertex_offsets = native.at_ints(arrays["vertex_offsets"])
         self.vertex_theta = native.at_doubles(arrays["vertex_theta"])
         self.vertex_r = native.at_doubles(arrays["vertex_r"])
@@ -82,6 +84,9 @@ class Columns:
         self.noise = native.at_doubles(arrays["noise"])
         self.sweep_objects = native.at_ints(arrays["objects"])
         self.object_beams = native.at_ints(arrays["object_beams"])
+        self.explained = "features" in arrays
+        if self.explained:
+            self.features = native.at_doubles(arrays["features"])
         if per_beam:
             self.beam_object = native.at_ints(arrays["beam_object"])
             self.beam_s = native.at_doubles(arrays["beam_s"])

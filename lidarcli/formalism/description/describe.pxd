@@ -18,11 +18,13 @@ from lidarcli.formalism.sweep cimport segments as cuts
 from lidarcli.formalism.sweep.points cimport Points
 from lidarcli.formalism.sweep.segments cimport Segments
 
+cdef Py_ssize_t STRAY, LEFT
+cdef double HALF
 cdef Py_ssize_t OBJECT, NOISE, LEGGED, WALL, FULL, START_HIDDEN, END_HIDDEN, BOTH_HIDDEN, CUT
 
 
 cdef class Description:
-    cdef bint adaptive
+    cdef bint adaptive, robust
     cdef Parts parts
     cdef Outline outline
     cdef Circle circle
@@ -38,8 +40,13 @@ cdef void describe(
 cdef void _describe_points(
     Columns columns, Points points, Segments segments, Bodies bodies, Parts parts, Circle circle, Py_ssize_t k
 ) noexcept nogil
+cdef bint _is_hidden(Py_ssize_t edge) noexcept nogil
 cdef Py_ssize_t _visibility(Py_ssize_t start_edge, Py_ssize_t end_edge) noexcept nogil
+@cython.locals(before=Py_ssize_t, after=Py_ssize_t, whole=double)
+cdef void _drop_stray(
+    Faces faces, Parts parts, Circle circle, Look look, Outline outline, Py_ssize_t k
+) noexcept nogil
 cdef void _describe_shape(
-    Columns columns, Points points, Faces faces, Outline outline, Circle circle, Look look, Box box, Py_ssize_t parts
+    Columns columns, Points points, Survey survey, Faces faces, Outline outline, Circle circle, Look look, Box box, Py_ssize_t parts
 ) noexcept nogil
 cdef void _mark_beams(Columns columns, Points points, Segments segments, Parts parts, Py_ssize_t k) noexcept nogil

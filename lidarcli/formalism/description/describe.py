@@ -25,6 +25,12 @@ OBJECT, NOISE = detection.OBJECT, detection.NOISE
 LEGGED, WALL = detection.LEGGED, detection.WALL
 FULL, START_HIDDEN, END_HIDDEN = detection.FULL, detection.START_HIDDEN, detection.END_HIDDEN
 BOTH_HIDDEN, CUT = detection.BOTH_HIDDEN, detection.CUT
+STRAY = 2
+"""So many points at an end of an object may be off its surface …"""
+LEFT = 3
+"""… if so many are left."""
+HALF = 0.5
+"""They are left out if the box of the others has less than this share of its area."""
 
 
 class Description:
@@ -38,6 +44,7 @@ class Description:
         robust : whether vertices are where faces meet and edges are, not at their points
         adaptive : whether the threshold grows with range
         """
+        self.robust = robust
         self.adaptive = adaptive
         self.parts = Parts(most)
         self.outline = Outline(most, robust)
@@ -65,10 +72,15 @@ def describe(
                 points, points.d_th, columns.r_i[at], columns.s_i[at]
             )
         outlines.trace(description.outline, columns, points, segments, survey, faces, description.parts, k)
-        shapes.examine(description.look, faces, description.parts, k)
+        shapes.examine(description.look, faces, description.parts, k, False, False)
+        if description.robust:
+            _drop_stray(
+                faces, description.parts, description.circle, description.look, description.outline, k
+            )
         _describe_shape(
             columns,
             points,
+            survey,
             faces,
             description.outline,
             description.circle,
@@ -76,6 +88,7 @@ def describe(
             description.box,
             description.parts.begin[k + 1] - description.parts.begin[k],
         )
+        columns.thing[at] = survey.thing[description.parts.segment[description.parts.begin[k]]]
         if survey.is_object[description.parts.segment[description.parts.begin[k]]]:
             columns.set[at] = OBJECT
         else:
@@ -132,14 +145,46 @@ def _visibility(start_edge: int, end_edge: int) -> int:
     """What the two edges of an object say together."""
     if start_edge == cuts.VIEW or end_edge == cuts.VIEW:
         return CUT
-    if start_edge == cuts.HIDDEN:
-        return BOTH_HIDDEN if end_edge == cuts.HIDDEN else START_HIDDEN
-    return END_HIDDEN if end_edge == cuts.HIDDEN else FULL
+    if _is_hidden(start_edge):
+        return BOTH_HIDDEN if _is_hidden(end_edge) else START_HIDDEN
+    return END_HIDDEN if _is_hidden(end_edge) else FULL
+
+
+def _is_hidden(edge: int) -> bool:
+    """Whether more of a body may lie past an edge."""
+    return edge == cuts.HIDDEN or edge == cuts.FLICKERING
+
+
+def _drop_stray(faces: Faces, parts: Parts, circle: Circle, look: Look, outline: Outline, k: int) -> None:
+    """Leave out the few points at an end of an object that are off its surface, if without them its box is half as large.
+
+    Where a beam meets the edge of a thing and what is behind, its range lies between the two.
+    """
+    if parts.begin[k + 1] - parts.begin[k] > 1 or look.count < 2:
+        return
+    j = parts.segment[parts.begin[k]]
+    low, high = faces.offset[j], faces.offset[j + 1] - 1
+    before = faces.points[low] - 1 if faces.points[low] <= STRAY + 1 else 0
+    after = faces.points[high] - 1 if faces.points[high] <= STRAY + 1 and high > low else 0
+    if before + after == 0 or circle.n - before - after < LEFT:
+        return
+    f = look.longest
+    whole = boxes.area_along(faces, f, circle.x, circle.y, 0, circle.n)
+    shapes.examine(look, faces, parts, k, before > 0, after > 0)
+    f = look.longest
+    if f >= 0 and boxes.area_along(faces, f, circle.x, circle.y, before, circle.n - after) < HALF * whole:
+        circle.n -= before + after
+        for p in range(circle.n):
+            circle.x[p], circle.y[p] = circle.x[p + before], circle.y[p + before]
+        outline.n = 0
+    else:
+        shapes.examine(look, faces, parts, k, False, False)
 
 
 def _describe_shape(
     columns: Columns,
     points: Points,
+    survey: Survey,
     faces: Faces,
     outline: Outline,
     circle: Circle,
@@ -149,10 +194,12 @@ def _describe_shape(
 ) -> None:
     """Write the shape of an object of so many parts, whose outline is traced, and its box."""
     at = columns.objects
-    shape = shapes.classify(look, circle, points.sigma, columns.width[at], columns.x[at], columns.y[at])
+    shape = shapes.classify(
+        look, circle, points.sigma, columns.width[at], columns.x[at], columns.y[at], survey.max_width
+    )
     if shape == shapes.ROUND:
         boxes.around_circle(box, circle.centre_x, circle.centre_y, circle.radius)
-    elif shape == shapes.PRISMATIC and outline.located and parts == 1:
+    elif shape == shapes.PRISMATIC and outline.located and outline.n > 0 and parts == 1:
         # The vertices of a prism scatter less than its points.
         boxes.around_points(box, look, faces, outline.x, outline.y, outline.n)
     else:

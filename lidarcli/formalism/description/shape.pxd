@@ -16,7 +16,10 @@ cdef class Look:
     cdef readonly bint square
 
 
-cdef void examine(Look look, Faces faces, Parts parts, Py_ssize_t k) noexcept nogil
+cdef void examine(
+    Look look, Faces faces, Parts parts, Py_ssize_t k, bint without_first, bint without_last
+) noexcept nogil
 cdef Py_ssize_t classify(
-    Look look, Circle circle, double sigma, double chord, double mean_x, double mean_y
+    Look look, Circle circle, double sigma, double chord, double mean_x, double mean_y,
+    double max_width
 ) noexcept nogil

@@ -34,8 +34,8 @@ MOST_FACES = 3
 """Of a box no more are seen, be it from its inside."""
 WORSE = 1.5
 """The algebraic circle may fit this much worse than the best one."""
-ARC = 0.6
-"""A circle is believed where the chord of its arc is longer than this share of its radius."""
+ARC = 1.0
+"""A circle is believed where the chord of its arc is longer than this share of its radius: else any flat piece is one."""
 
 
 class Look:
@@ -53,13 +53,17 @@ class Look:
         self.second = -1
 
 
-def examine(look: Look, faces: Faces, parts: Parts, k: int) -> None:
-    """Look at the faces of an object."""
+def examine(look: Look, faces: Faces, parts: Parts, k: int, without_first: bool, without_last: bool) -> None:
+    """Look at the faces of an object, all of them or without the first or the last one."""
     total, weight, before = 0.0, 0.0, -1
+    first = faces.offset[parts.segment[parts.begin[k]]]
+    last = faces.offset[parts.segment[parts.begin[k + 1] - 1] + 1] - 1
     look.count, look.square, look.longest, look.second = 0, True, -1, -1
     for i in range(parts.begin[k], parts.begin[k + 1]):
         j = parts.segment[i]
         for f in range(faces.offset[j], faces.offset[j + 1]):
+            if (without_first and f == first) or (without_last and f == last):
+                continue
             total += faces.points[f] * (faces.rms[f] * faces.rms[f])
             weight += faces.points[f]
             # Walking counter-clockwise around the sensor, the outline turns right at a corner that points at it.
@@ -74,7 +78,9 @@ def examine(look: Look, faces: Faces, parts: Parts, k: int) -> None:
     look.rms = math.sqrt(total / max(weight, 1.0))
 
 
-def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float) -> int:
+def classify(
+    look: Look, circle: Circle, sigma: float, chord: float, mean_x: float, mean_y: float, max_width: float
+) -> int:
     """The shape of an object, whose circle is fitted where it may win.
 
     Parameters
@@ -82,6 +88,7 @@ def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: flo
     sigma : noise of the ranges [m]
     chord : distance of its first point from its last [m]
     mean_x, mean_y : mean of its points [m]
+    max_width : nothing is wider [m]
 
     Returns
     -------
@@ -101,6 +108,7 @@ def classify(look: Look, circle: Circle, sigma: float, chord: float, mean_x: flo
             and circle.rms <= allowed
             and x * x + y * y > mean_x * mean_x + mean_y * mean_y
             and chord > ARC * circle.radius
+            and 2.0 * circle.radius <= max_width
         ):
             return ROUND
     if look.square and look.count <= MOST_FACES and look.rms <= allowed:

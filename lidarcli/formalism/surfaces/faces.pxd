@@ -25,6 +25,7 @@ cdef class Faces:
     cdef readonly Py_ssize_t count, n
     cdef double* x
     cdef double* y
+    cdef Py_ssize_t* index
     cdef Py_ssize_t* inner
     cdef Py_ssize_t* vertex
     cdef double* share
@@ -36,7 +37,8 @@ cdef void straight(
 ) noexcept nogil
 cdef void settled(Faces faces, Points points, Segments segments, Py_ssize_t j, double tolerance) noexcept nogil
 cdef void between(Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t* inner) noexcept nogil
-cdef void _trace(Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t stride) noexcept nogil
+@cython.locals(n=Py_ssize_t, k=Py_ssize_t)
+cdef void _trace(Faces faces, Points points, Segments segments, Py_ssize_t j, Py_ssize_t most) noexcept nogil
 cdef void split(Faces faces, double tolerance) noexcept nogil
 cdef void _split(Faces faces, Py_ssize_t begin, Py_ssize_t end, double tolerance, Py_ssize_t levels) noexcept nogil
 cdef Py_ssize_t _farthest(Faces faces, Py_ssize_t begin, Py_ssize_t end, double tolerance) noexcept nogil
@@ -47,5 +49,5 @@ cdef bint _drop_doubled(Faces faces, Py_ssize_t start, Py_ssize_t begin) noexcep
 @cython.locals(usable=bint)
 cdef (bint, double, double) meeting(Faces faces, Py_ssize_t one, Py_ssize_t other) noexcept nogil
 cdef double turn(Faces faces, Py_ssize_t one, Py_ssize_t other) noexcept nogil
-cdef void _join(Faces faces, Segments segments, Py_ssize_t j, Py_ssize_t stride) noexcept nogil
+cdef void _join(Faces faces, Segments segments, Py_ssize_t j) noexcept nogil
 cdef void _fit(Faces faces, Py_ssize_t f, Py_ssize_t begin, Py_ssize_t end) noexcept nogil

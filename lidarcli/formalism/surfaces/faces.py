@@ -52,6 +52,8 @@ class Faces:
         self.n = 0
         self.x = native.doubles(self.owner, most + 1)
         self.y = native.doubles(self.owner, most + 1)
+        self.index = native.integers(self.owner, most + 1)
+        """Of each of them, its place in the segment."""
         self.inner = native.integers(self.owner, most + 1)
         self.vertex = native.integers(self.owner, most + 1)
         self.share = native.doubles(self.owner, most + 1)
@@ -64,16 +66,15 @@ def straight(faces: Faces, points: Points, segments: Segments, j: int, most: int
     Parameters
     ----------
     j : the segment; fewer than 2 points have no face
-    most : to about how many points it is thinned evenly before
+    most : to about how many points it is thinned evenly before, at least 2
     tolerance : greatest distance from the chord [m]
     """
     size = segments.size[j]
     if most < 2 or size < 2:
         return
-    stride = (size + most - 1) // most if size > most else 1
-    _trace(faces, points, segments, j, stride)
+    _trace(faces, points, segments, j, most)
     split(faces, tolerance)
-    _join(faces, segments, j, stride)
+    _join(faces, segments, j)
 
 
 def settled(faces: Faces, points: Points, segments: Segments, j: int, tolerance: float) -> None:
@@ -85,36 +86,40 @@ def settled(faces: Faces, points: Points, segments: Segments, j: int, tolerance:
     if segments.size[j] < 2:
         return
     begin = faces.count
-    _trace(faces, points, segments, j, 1)
+    _trace(faces, points, segments, j, segments.size[j])
     split(faces, tolerance)
     _drop_flat(faces, tolerance)
-    _join(faces, segments, j, 1)
+    _join(faces, segments, j)
     if _drop_doubled(faces, segments.first[j], begin):
         faces.count = begin
-        _join(faces, segments, j, 1)
+        _join(faces, segments, j)
 
 
 def between(faces: Faces, points: Points, segments: Segments, j: int, inner: Any) -> None:
     """Append the faces between the inner vertices that are marked among the points."""
     if segments.size[j] < 2:
         return
-    _trace(faces, points, segments, j, 1)
+    _trace(faces, points, segments, j, segments.size[j])
     for k in range(faces.n):
         faces.inner[k] = inner[segments.first[j] + k]
-    _join(faces, segments, j, 1)
+    _join(faces, segments, j)
 
 
-def _trace(faces: Faces, points: Points, segments: Segments, j: int, stride: int) -> None:
-    """Let every so many-th point of a segment stand for it, and its last."""
-    x, y, first, last, k, n = faces.x, faces.y, segments.first[j], segments.size[j] - 1, 0, 0
-    while k < last:
-        x[n] = points.x[first + k]
-        y[n] = points.y[first + k]
+def _trace(faces: Faces, points: Points, segments: Segments, j: int, most: int) -> None:
+    """Let some points of a segment stand for it, with its first and its last: evenly, and the same from either end."""
+    x, y, index, first, last = faces.x, faces.y, faces.index, segments.first[j], segments.size[j] - 1
+    n = min(most, last + 1)
+    # Of an odd number one is the middle, which an even number of points does not have.
+    if n % 2 == 1 and last % 2 == 1 and n <= last:
         n += 1
-        k += stride
-    x[n] = points.x[first + last]
-    y[n] = points.y[first + last]
-    faces.n = n + 1
+    for i in range(n):
+        k = i
+        if n <= last:
+            k = i * last // (n - 1) if 2 * i < n else last - (n - 1 - i) * last // (n - 1)
+        index[i] = k
+        x[i] = points.x[first + k]
+        y[i] = points.y[first + k]
+    faces.n = n
 
 
 def split(faces: Faces, tolerance: float) -> None:
@@ -234,7 +239,7 @@ def turn(faces: Faces, one: int, other: int) -> float:
     )
 
 
-def _join(faces: Faces, segments: Segments, j: int, stride: int) -> None:
+def _join(faces: Faces, segments: Segments, j: int) -> None:
     """Append the faces between the vertices that are marked; a vertex between two faces belongs to both."""
     begin, last, first = 0, faces.n - 1, segments.first[j]
     while begin < last:
@@ -243,8 +248,8 @@ def _join(faces: Faces, segments: Segments, j: int, stride: int) -> None:
             end += 1
         f = faces.count
         faces.segment[f] = j
-        faces.first[f] = first + begin * stride
-        faces.last[f] = first + (end * stride if end < last else segments.size[j] - 1)
+        faces.first[f] = first + faces.index[begin]
+        faces.last[f] = first + faces.index[end]
         faces.points[f] = end - begin + 1
         _fit(faces, f, begin, end)
         faces.count += 1

@@ -9,7 +9,7 @@ from lidarcli.formalism.sweep.points cimport Points
 from lidarcli.formalism.sweep.segments cimport Segments
 
 cdef double STRAIGHT, STRAIGHT_NOISE
-cdef Py_ssize_t WALL_STRIDE, WALL_POINTS, FLAT, CONVEX, CONCAVE
+cdef Py_ssize_t WALL_STRIDE, WALL_POINTS
 
 
 cdef class Survey:
@@ -19,11 +19,11 @@ cdef class Survey:
     cdef double* chord
     cdef double* tolerance
     cdef double* reach
-    cdef Py_ssize_t* bend
-    cdef Py_ssize_t* partial
     cdef Py_ssize_t* protrusion
     cdef Py_ssize_t* wall
+    cdef double* thing
     cdef Py_ssize_t* candidate
+    cdef Py_ssize_t* loose
     cdef Py_ssize_t* is_object
     cdef Py_ssize_t* label
 
@@ -31,7 +31,6 @@ cdef class Survey:
 cdef void measure(Survey survey, Points points, Segments segments) noexcept nogil
 cdef void find_faces(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
 cdef void measure_reach(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
-cdef Py_ssize_t bend_of(Faces faces, Py_ssize_t j) noexcept nogil
 cdef bint is_partial(Segments segments, Py_ssize_t j) noexcept nogil
 cdef bint is_end(Py_ssize_t edge) noexcept nogil
 cdef double share_of_walls(Survey survey, Points points, Segments segments) noexcept nogil

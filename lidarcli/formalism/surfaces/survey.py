@@ -17,8 +17,6 @@ STRAIGHT = 0.02
 STRAIGHT_NOISE = 3.0
 WALL_STRIDE, WALL_POINTS = 4, 32
 """Of a segment too wide for an object every fourth point is looked at, or as many as make 32: enough for its lines."""
-FLAT, CONVEX, CONCAVE = range(3)
-"""A segment has no corner; all its corners point at the sensor; one points away."""
 
 
 class Survey:
@@ -40,15 +38,15 @@ class Survey:
         """By how much a face may leave its chord [m]."""
         self.reach = native.doubles(self.owner, most)
         """Greatest distance of a vertex from its first or last point [m]."""
-        self.bend = native.integers(self.owner, most)
-        """Whether and how it has corners: FLAT, CONVEX or CONCAVE."""
-        self.partial = native.integers(self.owner, most)
-        """Whether it may go on at an edge that is hidden, beyond the view or unknown."""
         self.protrusion = native.integers(self.owner, most)
         """Whether it stands out from a wall that it touches."""
         self.wall = native.integers(self.owner, most)
+        self.thing = native.doubles(self.owner, most)
+        """How likely it is a thing, and not a piece of building; NaN where nobody asked."""
         self.candidate = native.integers(self.owner, most)
-        """Whether it may be a piece of a wall."""
+        """Whether it may be an object or a fragment of one."""
+        self.loose = native.integers(self.owner, most)
+        """Whether it may be joined with its neighbours."""
         self.is_object = native.integers(self.owner, most)
         self.label = native.integers(self.owner, most)
         """Segments of the same label are one object."""
@@ -88,19 +86,12 @@ def measure_reach(survey: Survey, points: Points, segments: Segments, faces: Fac
         farthest = 0.0
         for f in range(faces.offset[j], faces.offset[j + 1]):
             k = faces.last[f]
+            # Where a thing was cut out of a wall a face may go on past its end.
+            if k > b:
+                continue
             farthest = max(farthest, (x[k] - x[a]) * (x[k] - x[a]) + (y[k] - y[a]) * (y[k] - y[a]))
             farthest = max(farthest, (x[k] - x[b]) * (x[k] - x[b]) + (y[k] - y[b]) * (y[k] - y[b]))
         survey.reach[j] = max(survey.reach[j], math.sqrt(farthest))
-
-
-def bend_of(faces: Faces, j: int) -> int:
-    """Whether and how a segment has corners."""
-    if faces.offset[j + 1] - faces.offset[j] < 2:
-        return FLAT
-    for f in range(faces.offset[j] + 1, faces.offset[j + 1]):
-        if surfaces.turn(faces, f - 1, f) > 0.0:
-            return CONCAVE
-    return CONVEX
 
 
 def is_partial(segments: Segments, j: int) -> bool:

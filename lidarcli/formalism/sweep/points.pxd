@@ -5,7 +5,9 @@ from lidarcli cimport native
 
 cdef Py_ssize_t NEVER
 cdef double NAN, TURN
-cdef int OPEN, SHARED
+cdef int OPEN, SHARED, NO_RETURN
+cdef Py_ssize_t LONGEST_GAP
+cdef double GAP_STEP, GAP_STEP_GROWS
 
 
 cdef class Scans:
@@ -29,7 +31,7 @@ cdef class Points:
     cdef list owner
     cdef readonly Py_ssize_t most, row, count, beams, bearings, period
     cdef bint reverse
-    cdef double first, step, cos_half, sin_half, sigma, d_th
+    cdef double first, step, cos_half, sin_half, sigma, d_th, flicker
     cdef Py_ssize_t* position
     cdef Py_ssize_t* missing
     cdef double* r
@@ -45,5 +47,7 @@ cdef double bearing(Points points, Py_ssize_t at) noexcept nogil
 cdef Py_ssize_t beam_at(Points points, Py_ssize_t position) noexcept nogil
 cdef double distance(Points points, Py_ssize_t a, Py_ssize_t b) noexcept nogil
 cdef void differences(Points points) noexcept nogil
+@cython.locals(gone=Py_ssize_t, lost=Py_ssize_t)
+cdef double flicker(Points points, Scans scans) noexcept nogil
 @cython.locals(number=Py_ssize_t, total=double)
 cdef double mean_difference(Points points) noexcept nogil

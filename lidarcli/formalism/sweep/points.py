@@ -13,6 +13,11 @@ NEVER = 1 << 24
 """Number of lost beams between a point and a predecessor that does not exist: above every `max_gap`, in 32 bits, too."""
 NAN = float("nan")
 TURN = sweeps.TURN
+LONGEST_GAP = 3
+"""Of more lost beams in a row nobody knows whether they should have returned."""
+GAP_STEP, GAP_STEP_GROWS = 0.1, 0.02
+"""[m], and per metre of range: a surface goes on past a gap if its range changes by no more."""
+NO_RETURN = sweeps.Status.NO_RETURN.value
 OPEN, SHARED = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
 
 
@@ -78,6 +83,7 @@ class Points:
         self.sin_half = 0.0
         self.sigma = 0.0
         self.d_th = 0.0
+        self.flicker = 0.0
         self.beams = 0
         self.bearings = 0
         self.period = 0
@@ -166,6 +172,23 @@ def differences(points: Points) -> None:
     else:
         s[0] = NAN
         missing[0] = NEVER
+
+
+def flicker(points: Points, scans: Scans) -> float:
+    """The share of the beams of a sweep that should have returned and did not: short gaps in what goes on past them."""
+    gone = 0
+    for k in range(points.count):
+        lost = points.missing[k]
+        if lost == 0 or lost > LONGEST_GAP:
+            continue
+        nearer = min(points.r[k], points.r[k] - points.s[k])
+        if abs(points.s[k]) > GAP_STEP + GAP_STEP_GROWS * nearer:
+            continue
+        for back in range(1, lost + 1):
+            beam = beam_at(points, points.position[k] - back)
+            if beam >= 0 and scans.status[points.row * scans.width + beam] == NO_RETURN:
+                gone += 1
+    return gone / max(gone + points.count, 1.0)
 
 
 def mean_difference(points: Points) -> float:

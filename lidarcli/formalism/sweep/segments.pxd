@@ -3,7 +3,8 @@ from lidarcli.formalism.sweep cimport points as sweep
 from lidarcli.formalism.sweep.breakpoints cimport Breakpoints
 from lidarcli.formalism.sweep.points cimport Points, Scans
 
-cdef Py_ssize_t OWN, HIDDEN, OPEN, UNKNOWN, VIEW, NO_RETURN
+cdef Py_ssize_t OWN, HIDDEN, OPEN, UNKNOWN, VIEW, FLICKERING, NO_RETURN
+cdef double MOST_FLICKER
 cdef double NAN
 
 

@@ -10,9 +10,11 @@ from lidarcli.formalism.sweep.breakpoints import Breakpoints
 from lidarcli.formalism.sweep.points import Points, Scans
 from lidarcli.sweeps import Status
 
-OWN, HIDDEN, OPEN, UNKNOWN, VIEW = range(5)
+OWN, HIDDEN, OPEN, UNKNOWN, VIEW, FLICKERING = range(6)
 """An edge of a segment: the segment is the nearer side; the neighbour is, and hides the rest; a beam without a return is
-beside it; an invalid or too close one is; the view ends."""
+beside it; an invalid or too close one is; the view ends; a beam without a return where such beams prove nothing."""
+MOST_FLICKER = 0.05
+"""Where more of the beams that should return do not, one that does not is no proof that nothing is there."""
 NAN = float("nan")
 NO_RETURN = Status.NO_RETURN.value
 
@@ -96,7 +98,9 @@ def _beside(points: Points, scans: Scans, position: int) -> int:
     beam = sweep.beam_at(points, position)
     if beam < 0 or beam >= points.beams:
         return VIEW
-    return OPEN if scans.status[points.row * scans.width + beam] == NO_RETURN else UNKNOWN
+    if scans.status[points.row * scans.width + beam] != NO_RETURN:
+        return UNKNOWN
+    return FLICKERING if points.flicker > MOST_FLICKER else OPEN
 
 
 def copy(source: Segments, target: Segments) -> None:

@@ -428,5 +428,12 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
     shapes.note(bodies, b, views, k)
     fold.persons.entry[k] = fold.log.count
     sightings.note(
-        fold.log, bodies, b, fold.sides, fold.sweeps - 1, fold.clock, fold.objects + views.object[k]
+        fold.log,
+        bodies,
+        b,
+        fold.sides,
+        fold.sweeps - 1,
+        fold.clock,
+        fold.objects + views.object[k],
+        views.odds[k],
     )

@@ -14,6 +14,8 @@ class TrackParameters:
 
     significance: float = 1e-5
     """Share of the standing things that may pass for moving by chance: the smaller, the later a slow mover is told."""
+    memory: bool = True
+    """Whether what a thing is, and its shape, are decided by all sweeps that saw it, not anew in each."""
 
     def __post_init__(self) -> None:
         if not 1e-12 <= self.significance <= 0.1:

@@ -12,7 +12,7 @@ from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.sides import Sides
 
 INTEGERS = ("number", "sweep", "object", "centred")
-NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2")
+NUMBERS = ("time", "x", "y", "cos", "sin", "half_1", "half_2", "odds")
 SIDES = ("z", "var")
 
 
@@ -43,6 +43,8 @@ class Sightings:
         """Its axes."""
         self.half_1 = native.at_doubles(arrays["half_1"])
         self.half_2 = native.at_doubles(arrays["half_2"])
+        self.odds = native.at_doubles(arrays["odds"])
+        """Log-odds of being a thing, by this sweep alone."""
         self.z = native.at_doubles(arrays["z"])
         self.var = native.at_doubles(arrays["var"])
         """(N, 4) the sides and their variances, see `Sides`."""
@@ -55,9 +57,12 @@ def room(count: int) -> dict[str, NDArray[Any]]:
     return arrays | {name: np.zeros((count, 4)) for name in SIDES}
 
 
-def note(log: Sightings, bodies: Bodies, b: int, sides: Sides, sweep: int, time: float, at: int) -> None:
+def note(
+    log: Sightings, bodies: Bodies, b: int, sides: Sides, sweep: int, time: float, at: int, odds: float
+) -> None:
     """Write a sighting of a body; there is room."""
     i = log.count
+    log.odds[i] = odds
     log.number[i], log.sweep[i], log.object[i], log.time[i] = bodies.number[b], sweep, at, time
     along, across = bodies.c[2 * b], bodies.c[2 * b + 1]
     log.x[i] = bodies.cos[b] * along - bodies.sin[b] * across

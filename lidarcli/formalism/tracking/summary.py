@@ -155,16 +155,33 @@ def _side(thing: Thing, axis: int) -> tuple[float, float]:
     return (2.0 * thing.h[axis], sd) if sd <= SURE_SIZE else (math.nan, math.nan)
 
 
+def row_shape(thing: Thing) -> int:
+    """The shape of a body in the rows: the likeliest by all that was seen of it, or what it was before if as good."""
+    if not any(thing.looks):
+        return thing.row_shape
+    odds = body_odds(thing)
+    best = int(np.argmax(odds))
+    if thing.row_shape != UNKNOWN and odds[best] - odds[thing.row_shape] <= LEAST_ODDS:
+        return thing.row_shape
+    return best
+
+
 def shape_odds(track: Track, thing: Thing) -> list[float]:
     """Log-likelihood of all that was seen of a track, mostly as one body, if it is prismatic, round, legged, irregular."""
+    odds = body_odds(thing)
+    if track.several or len(thing.legs) > 0 or any(part.has_legs for part in track.parts):
+        odds[LEGGED] = max(odds) + SURE
+    return odds
+
+
+def body_odds(thing: Thing) -> list[float]:
+    """The same of one body by itself."""
     odds = shape_likelihood(thing.looks)
     if thing.bulge_points >= STRAIGHT_POINTS:
         # Faces that stay further from straight than noise explains are none of a prism.
         ratio = thing.bulge / thing.bulge_points
         off = math.log(max(ratio, 1.0)) / BULGE_SPREAD
         odds[PRISMATIC] -= 0.5 * off * off
-    if track.several or len(thing.legs) > 0 or any(part.has_legs for part in track.parts):
-        odds[LEGGED] = max(odds) + SURE
     return odds
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.formalism.detection import UNKNOWN
 from lidarcli.formalism.tracking.tracked import END_OF_LOG, ENDED, LEGS, PERSON
 
 _SNAPSHOT = (
@@ -69,6 +70,12 @@ class Thing:
     looks: tuple[float, ...] = (0.0,) * 4
     """Views that took it for prismatic, round, legged, irregular."""
     has_ended: bool = False
+    odds: float = 0.0
+    """Sum of the log-odds of being a thing over its settled sightings …"""
+    judged: int = 0
+    """… and how many these are."""
+    row_shape: int = UNKNOWN
+    """Its shape in the rows, by what was seen so far."""
     track: Track | None = None
     state: NDArray[np.float64] | None = None
     """What the smoother knows at the end of the latest settled window, per axis."""
@@ -105,6 +112,8 @@ class Thing:
         return cos * along - sin * across, sin * along + cos * across
 
 
+HELD = 0.5
+"""Log-odds beyond the least that change a verdict."""
 LEG_SHARE = 0.25
 """A leg is seen in so many of the sightings of its thing."""
 PAIRS = 3
@@ -142,6 +151,13 @@ class Track:
     """… and how probable that is."""
     x: float = 0.0
     y: float = 0.0
+    is_thing: bool | None = None
+    """The verdict by what was seen so far; None before the first."""
+    odds: float = 0.0
+    """Sum of the log-odds of the bodies that are not kept, and how many sightings these are of."""
+    judged: int = 0
+    thing: float = math.nan
+    """How likely it is a thing, by what was seen so far."""
     state: NDArray[np.float64] | None = None
 
     def let_go(self, stop: int) -> None:
@@ -156,7 +172,31 @@ class Track:
                 max(over, key=lambda part: (part.sightings, -part.number)),
                 max(over, key=lambda part: part.last_sweep),
             )
+            for part in over:
+                if part not in kept:
+                    self.odds += part.odds
+                    self.judged += part.judged
             self.parts = [part for part in self.parts if part in kept or part not in over]
+
+    def decide(self, ahead: dict[int, tuple[float, int]], least: float) -> None:
+        """The verdict by the mean of the log-odds of all sightings, those ahead too; held until there is more against it.
+
+        Parameters
+        ----------
+        ahead : body → sum of the log-odds of its sightings that are not settled, and how many these are
+        least : log-odds that make a thing
+        """
+        odds, judged = self.odds, self.judged
+        for part in self.parts:
+            more, count = ahead.get(part.number, (0.0, 0))
+            odds += part.odds + more
+            judged += part.judged + count
+        mean = odds / max(judged, 1)
+        self.thing = 1.0 / (1.0 + math.exp(-mean))
+        if self.is_thing is None:
+            self.is_thing = mean >= least
+        else:
+            self.is_thing = mean >= (least - HELD if self.is_thing else least + HELD)
 
     def absorb(self, thing: Thing) -> None:
         """Take a body as a part of this."""

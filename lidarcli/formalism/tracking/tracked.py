@@ -30,7 +30,15 @@ class Followed:
     moving: Int8
     """(K,) 1 where the thing moves in this sweep, 0 where it stands, -1 without a track."""
     set: UInt8
-    """(K,) the set of each object (Def. 4): agents are A."""
+    """(K,) the set of each object (Def. 4): agents are A, what is building by all that was seen of it is S."""
+    shape: UInt8
+    """(K,) the shape of each object, by all that was seen of its thing."""
+    thing: Float64
+    """(K,) how likely it is a thing, by all that was seen of it; NaN where nobody asked."""
+    order: Int64
+    """(K,) the objects by sweep, set S last, then bearing."""
+    object: Int32
+    """(K,) the number of each object in its sweep, in this order."""
     label: Int32
     """(K,) entry of the catalogue, -1 for none."""
     label_score: Float64
@@ -40,6 +48,7 @@ class Followed:
     agents: Int32
     object_beams: Int32
     agent_beams: Int32
+    noise_beams: Int32
 
 
 @record

@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detect import scans
-from lidarcli.formalism.detection import AGENT, OBJECT, Detection
+from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, WALL, Detection
 from lidarcli.formalism.tracking import noting, sightings, summary
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.fold import Fold
 from lidarcli.formalism.tracking.memory import Memory
 from lidarcli.formalism.tracking.parameters import TrackParameters
+from lidarcli.formalism.tracking.standing import Standing
 from lidarcli.formalism.tracking.tracked import Followed, Tracks
 from lidarcli.formalism.tracking.views import Seen, Views
 from lidarcli.formalism.tracking.windows import Register, Settled, Window
-from lidarcli.sweeps import Float64, Int32, SweepBatch
+from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
 
 if TYPE_CHECKING:
     from lidarcli.formalism.catalogue import Catalogue
@@ -46,8 +47,21 @@ class _Waiting:
 class Tracker:
     """Follows the things of one topic. Memory is bounded; the result does not depend on how sweeps are cut into batches."""
 
-    def __init__(self, parameters: TrackParameters | None = None, catalogue: Catalogue | None = None) -> None:
+    def __init__(
+        self,
+        parameters: TrackParameters | None = None,
+        catalogue: Catalogue | None = None,
+        min_thing: float = 0.0,
+    ) -> None:
+        """
+        Parameters
+        ----------
+        parameters : what tracking may assume
+        catalogue : things of interest, by which things are named
+        min_thing : what is less likely a thing, by all that was seen of it, is building; only with memory
+        """
         self.parameters = parameters or TrackParameters()
+        self._min_thing = min_thing
         self._naming: Naming | None = None
         if catalogue is not None:
             # Who has no catalogue does not wait for this import.
@@ -60,6 +74,7 @@ class Tracker:
         """What a user should know, a line each; whole after `finish`."""
         self._first_ns: int | None = None
         self._topic = ""
+        self._standing = Standing()
         self._is_corrected = False
         self._fold = Fold(
             -math.log(self.parameters.significance),
@@ -69,7 +84,9 @@ class Tracker:
         )
         self._log = sightings.room(SIGHTINGS_AT_FIRST)
         self._fold.log.attach(self._log)
-        self._register = Register(self._naming)
+        self._register = Register(
+            self._naming, _least_odds(min_thing) if self.parameters.memory else -math.inf
+        )
         self._waiting: deque[_Waiting] = deque()
         self._windows: deque[Window] = deque([Window(0, 0)])
         """Those that are not settled; the last one is being filled."""
@@ -123,6 +140,7 @@ class Tracker:
             fold.correction.trust()
         fold.objects = self._objects
         frames = self._frames(batch)
+        placed = np.full(len(batch), batch.poses is not None) | self._standing.see(batch)
         looks = None if self._naming is None else self._naming.see(batch, detection, poses)
         numbers = np.zeros(len(detection), np.int64)
         offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
@@ -139,6 +157,7 @@ class Tracker:
             window.index.append(batch.sweep[begin:row])
             window.stamps.append(batch.stamp_ns[begin:row])
             window.frames.append(frames[begin:row])
+            window.placed.append(placed[begin:row])
             if looks is not None:
                 window.looks.append(looks.rows(slice(first, last)))
             if fold.sweeps % WINDOW == 0:
@@ -191,7 +210,9 @@ class Tracker:
         done = []
         while self._waiting and self._waiting[0].stop <= self._settled_sweeps:
             one = self._waiting.popleft()
-            done.append(_followed(one, self._take(len(one.detection))))
+            done.append(
+                _followed(one, self._take(len(one.detection)), self._min_thing, self.parameters.memory)
+            )
         return done
 
     def _take(self, count: int) -> Settled:
@@ -207,33 +228,60 @@ class Tracker:
         return Settled.joined(parts)
 
 
-def _followed(one: _Waiting, settled: Settled) -> Followed:
-    """What is said of the objects of a batch."""
+def _followed(one: _Waiting, settled: Settled, least: float, by_memory: bool) -> Followed:
+    """What is said of the objects of a batch; what has no track is a thing from a probability of `least` on."""
     found, sweeps = one.detection, len(one.batch)
     known = settled.track > 0
-    kind = found.set.copy()
+    kind, shape, thing = found.set.copy(), found.shape.copy(), found.thing
+    if by_memory:
+        judged = settled.is_thing >= 0
+        thing = np.where(judged & ~np.isnan(thing), settled.thing, thing)
+        refused = (kind == OBJECT) & np.where(judged, settled.is_thing == 0, thing < least)
+        shape[known & (shape != LEGGED)] = settled.shape[known & (shape != LEGGED)]
+        kind[refused], shape[refused] = NOISE, WALL
     kind[known & settled.agent & (kind == OBJECT)] = AGENT
-    agent = kind == AGENT
-    agents = _count(found.row[agent], None, sweeps)
+    agent, thing_at = kind == AGENT, kind == OBJECT
+    order = np.lexsort((found.theta_i, kind == NOISE, found.row))
     agent_beams = _count(found.row[agent], found.beams[agent], sweeps)
+    object_beams = _count(found.row[thing_at], found.beams[thing_at], sweeps)
     return Followed(
         track=settled.track,
         vx=settled.vx,
         vy=settled.vy,
         moving=np.where(known, settled.moving, -1).astype(np.int8),
         set=kind,
+        shape=shape,
+        thing=thing,
+        order=order,
+        object=_numbers(found.row, order),
         label=settled.label,
         label_score=settled.label_score,
-        objects=found.objects - agents,
-        agents=agents,
-        object_beams=found.object_beams - agent_beams,
+        objects=_count(found.row[thing_at], None, sweeps),
+        agents=_count(found.row[agent], None, sweeps),
+        object_beams=object_beams,
         agent_beams=agent_beams,
+        noise_beams=(one.batch.beams - object_beams - agent_beams).astype(np.int32),
     )
+
+
+def _numbers(row: Int64, order: Int64) -> Int32:
+    """(K,) the place of each object, from 1, among those of its row in this order."""
+    sorted_row = row[order]
+    numbers = np.empty(len(row), np.int32)
+    numbers[order] = np.arange(len(row)) - np.searchsorted(sorted_row, sorted_row) + 1
+    return numbers
 
 
 def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -> Int32:
     """(S,) how many are in each row of a batch, or the sum of their weights."""
     return np.bincount(rows, weights, minlength=sweeps).astype(np.int32)
+
+
+def _least_odds(share: float) -> float:
+    """Log-odds of a probability."""
+    if not 0.0 < share < 1.0:
+        return -math.inf if share <= 0.0 else math.inf
+    return math.log(share / (1.0 - share))
 
 
 def _poses(batch: SweepBatch) -> Float64:

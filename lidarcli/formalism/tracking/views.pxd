@@ -36,6 +36,7 @@ cdef class Seen:
     cdef double* noise
     cdef double* poses
     cdef double* seconds
+    cdef double* odds
 
 
 cdef class Views:
@@ -57,6 +58,7 @@ cdef class Views:
     cdef double* width
     cdef double* chord
     cdef double* near
+    cdef double* odds
     cdef Py_ssize_t* begin
     cdef Py_ssize_t* face_begin
     cdef double* point_x

@@ -25,6 +25,8 @@ HIDDEN, OPEN, OWN = 0, 1, 2
 """An edge: hidden by something nearer or by the end of the view, beside beams without a return, the thing's own."""
 BESIDE = 0.05
 """[m] Points so far outside of the box of an object, and four times the noise, are of something else between its parts."""
+MOST_ODDS = 4.0
+"""Log-odds of being a thing that one sweep can give."""
 LEAST_FACE = 3
 """Points that a line needs."""
 
@@ -62,6 +64,7 @@ class Seen:
             (found.noise, np.float64),
             (poses, np.float64),
             (seconds, np.float64),
+            (_odds(found.thing), np.float64),
         )
         self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
         self.most = int(np.diff(self.owner[0]).max(initial=0))
@@ -91,6 +94,14 @@ class Seen:
         self.noise = native.at_doubles(self.owner[22])
         self.poses = native.at_doubles(self.owner[23])
         self.seconds = native.at_doubles(self.owner[24])
+        self.odds = native.at_doubles(self.owner[25])
+
+
+def _odds(thing: Any) -> Any:
+    """(K,) log-odds of being a thing, bounded: no sweep is proof; what nobody doubts is one."""
+    sure = 1.0 / (1.0 + math.exp(-MOST_ODDS))
+    share = np.clip(np.where(np.isnan(thing), sure, thing), 1.0 - sure, sure)
+    return np.log(share / (1.0 - share))
 
 
 class Views:
@@ -141,6 +152,8 @@ class Views:
         self.chord = native.doubles(self.owner, objects)
         self.near = native.doubles(self.owner, objects)
         """Least range [m]."""
+        self.odds = native.doubles(self.owner, objects)
+        """Log-odds of being a thing, by this sweep alone."""
         self.begin = native.integers(self.owner, objects + 1)
         self.face_begin = native.integers(self.owner, objects + 1)
         # Of each point.
@@ -224,7 +237,7 @@ def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     views.middle_x[k], views.middle_y[k] = to_world(views, seen.x[at], seen.y[at])
     views.centre_x[k], views.centre_y[k] = to_world(views, seen.box_x[at], seen.box_y[at])
     views.length[k], views.width[k] = seen.box_length[at], seen.box_width[at]
-    views.chord[k], views.near[k] = seen.width[at], seen.r_min[at]
+    views.chord[k], views.near[k], views.odds[k] = seen.width[at], seen.r_min[at], seen.odds[at]
     visibility = seen.visibility[at]
     views.start[k] = views.end[k] = HIDDEN
     if visibility in (FULL, END_HIDDEN):

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.tracking import grouping, motions
+from lidarcli.formalism.detection import UNKNOWN
+from lidarcli.formalism.tracking import grouping, motions, summary
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.things import Thing, Track
 from lidarcli.formalism.tracking.tracked import CONFIRMED, EMPTY, ENDED, LIVE, PERSON
-from lidarcli.sweeps import Bool, Float64, Int32, Int64
+from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.naming import Looks, Naming
 
 EVERYTHING = slice(None)
+MOST_PLACED = 0.5
 LONGEST_LAPSE = 10.0
 """[s] Nobody knows how far something went that was unseen for longer."""
 
@@ -40,6 +43,8 @@ class Window:
     """… its stamp …"""
     frames: list[Int64] = field(default_factory=list)
     """… and its frame."""
+    placed: list[Bool] = field(default_factory=list)
+    """… and whether it is known where its sensor was: poses tell, or it stands."""
     looks: list[Looks] = field(default_factory=list)
     """What each object looked like, where tracks are named."""
 
@@ -47,6 +52,11 @@ class Window:
     def count(self) -> int:
         """Its sweeps."""
         return sum(map(len, self.index))
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether most of its sweeps have a place that is known: then things are the same ones from sweep to sweep."""
+        return float(np.concatenate(self.placed).mean()) > MOST_PLACED
 
 
 @dataclass(slots=True)
@@ -60,6 +70,10 @@ class Settled:
     agent: Bool
     label: Int32
     label_score: Float64
+    is_thing: Int8
+    """(K,) the verdict by all that was seen of it: 1 thing, 0 building, -1 none."""
+    thing: Float64
+    shape: UInt8
 
     def rows(self, part: slice) -> Settled:
         """Of some of the objects."""
@@ -68,7 +82,10 @@ class Settled:
     @staticmethod
     def joined(parts: list[Settled]) -> Settled:
         """Of one object after the other."""
-        kinds = (np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64)
+        kinds = (
+            *(np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64),
+            *(np.int8, np.float64, np.uint8),
+        )
         if not parts:
             nothing: list[Any] = [np.empty(0, kind) for kind in kinds]
             return Settled(*nothing)
@@ -82,7 +99,9 @@ class Settled:
 class Register:
     """All things that were believed, and the tracks they are parts of."""
 
-    def __init__(self, naming: Naming | None = None) -> None:
+    def __init__(self, naming: Naming | None = None, least_odds: float = -math.inf) -> None:
+        """`least_odds`: what has less log-odds of being a thing, by all that was seen of it, is building."""
+        self.least_odds = least_odds
         self.naming = naming
         """Names tracks, if there is a catalogue."""
         self.things: dict[int, Thing] = {}
@@ -108,29 +127,43 @@ class Register:
     def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> Settled:
         """The objects of a window, by its sightings and those of the one after: the first `count` of the log."""
         stop = window.begin + window.count
-        seen = _Sightings(log, count, self.things, stop)
+        least = -math.inf if window.is_placed else self.least_odds
+        seen = _Sightings(log, count, self.things, stop, least)
         grouping.join(seen, self.things, window.begin, stop)
-        self._number_new(seen)
+        self._judge(seen, window.is_placed)
         motions.smooth(seen, self.things)
         at, found = seen.find(window)
         self._sum_up(window, seen)
         if self.naming is not None:
             self._name(self.naming, window, seen, at, found)
-        settled = _rows(seen, at, found)
+        settled = _rows(seen, at, found, window.objects)
         self._forget(stop)
         return settled
 
-    def _number_new(self, seen: Any) -> None:
-        """Number the tracks that have their first row in this window, by first sight."""
+    def _judge(self, seen: _Sightings, is_placed: bool) -> None:
+        """Decide which tracks with rows in this window are things, and number those that are new, by first sight.
+
+        Where nobody knows where the sensor was, what seems to be one thing may be several: then each sweep is for itself.
+        """
         for number in seen.in_window:
-            thing = self.things[number]
+            thing, span = self.things[number], seen.spans[number]
             if thing.track is None:
                 Track().absorb(thing)
-            track = thing.track
-            assert track is not None
-            if track.number == 0:
+            odds, now = seen.column("odds", span), seen.now[span]
+            thing.odds += float(odds[now].sum())
+            thing.judged += int(np.count_nonzero(now))
+            seen.ahead[number] = float(odds[~now].sum()), int(np.count_nonzero(~now))
+            thing.row_shape = summary.row_shape(thing)
+        tracks = {id(track): track for n in seen.in_window if (track := self.things[n].track) is not None}
+        for track in tracks.values():
+            if is_placed:
+                track.decide(seen.ahead, self.least_odds)
+            else:
+                track.is_thing = None
+            if track.is_thing is not False and track.number == 0:
                 self.tracks.append(track)
                 track.number = len(self.tracks)
+        seen.in_window = [n for n in seen.in_window if _is_thing(self.things[n])]
 
     def _sum_up(self, window: Window, seen: _Sightings) -> None:
         """Add what a window says to the tracks."""
@@ -191,6 +224,10 @@ class Register:
             self.naming.forget(over)
 
 
+def _is_thing(thing: Thing) -> bool:
+    return thing.track is not None and thing.track.is_thing is not False
+
+
 def _sum_up_motion(track: Track, seen: _Sightings, at: Any, times: Float64) -> None:
     """Add the way and the speed of a track that moves."""
     speed, going = np.hypot(seen.vx[at], seen.vy[at]), seen.moving[at]
@@ -202,10 +239,21 @@ def _sum_up_motion(track: Track, seen: _Sightings, at: Any, times: Float64) -> N
 class _Sightings:
     """The sightings of bodies that are believed, with what is found out about them."""
 
-    def __init__(self, log: dict[str, NDArray[Any]], count: int, things: dict[int, Thing], stop: int) -> None:
+    def __init__(
+        self, log: dict[str, NDArray[Any]], count: int, things: dict[int, Thing], stop: int, least: float
+    ) -> None:
+        """
+        Parameters
+        ----------
+        log, count : the sightings, and how many of them there are
+        things : the bodies that are believed
+        stop : sweeps of the topic up to the end of the window
+        least : sightings of the window with less log-odds of being a thing are left out
+        """
         number = log["number"][:count]
         believed = np.fromiter(things, np.int64, len(things))
-        keep = np.flatnonzero(np.isin(number, believed))
+        asked = (log["odds"][:count] >= least) | (log["sweep"][:count] >= stop)
+        keep = np.flatnonzero(np.isin(number, believed) & asked)
         # Of a leg most sightings may be those of its person; what is left of it is too little for a track.
         seen, counts = np.unique(number[keep], return_counts=True)
         few = [n for n in seen[counts < CONFIRMED].tolist() if things[n].track is None]
@@ -235,7 +283,9 @@ class _Sightings:
             if self.now[span.start]:
                 first[n] = int(self.object[span.start])
         self.in_window = sorted(first, key=first.__getitem__)
-        """Bodies with a row in the window, by first sight."""
+        """Bodies with a row in the window, by first sight; once they are judged, those of things."""
+        self.ahead: dict[int, tuple[float, int]] = {}
+        """Body → sum of the log-odds of its sightings in the window after, and how many these are."""
 
     def column(self, name: str, of: slice = EVERYTHING) -> NDArray[Any]:
         """A column of the log of sightings, or some of it."""
@@ -278,8 +328,13 @@ class _Sightings:
         return at[np.argsort(self.sweep[at], kind="stable")]
 
 
-def _rows(seen: _Sightings, at: Int64, found: Bool) -> Settled:
-    """What the sightings `at` say of those objects of a window that were found, further parts of a body among them."""
+def _rows(seen: _Sightings, at: Int64, found: Bool, objects: int) -> Settled:
+    """What the sightings `at` say of those objects of a window that were found, further parts of a body among them.
+
+    Parameters
+    ----------
+    objects : of the topic before the window
+    """
     size = len(seen.number)
     track_of, label_of, score_of = (
         np.zeros(size, np.int64),
@@ -292,11 +347,25 @@ def _rows(seen: _Sightings, at: Int64, found: Bool) -> Settled:
         span = seen.spans[number]
         track_of[span], label_of[span], score_of[span] = track.number, track.label, track.label_score
 
+    verdict, thing, shape = (
+        np.full(size, -1, np.int8),
+        np.full(size, np.nan),
+        np.full(size, UNKNOWN, np.uint8),
+    )
+    for number, span in seen.spans.items():
+        body = seen.things[number]
+        if body.track is not None and body.track.is_thing is not None:
+            verdict[span], thing[span] = body.track.is_thing, body.track.thing
+            shape[span] = body.row_shape
+
     def column(values: NDArray[Any], empty: Any) -> NDArray[Any]:
         out = np.full(len(found), empty, values.dtype)
         out[found] = values[at]
         return out
 
+    judged = column(verdict, -1)
+    # A further part of a body may be something else beside it: nobody has judged it.
+    judged[found & (column(seen.object, -1) != objects + np.arange(len(found)))] = -1
     return Settled(
         track=column(track_of, 0),
         vx=column(seen.vx, np.nan),
@@ -305,4 +374,7 @@ def _rows(seen: _Sightings, at: Int64, found: Bool) -> Settled:
         agent=column(seen.agent, False),
         label=column(label_of, -1),
         label_score=column(score_of, np.nan),
+        is_thing=judged,
+        thing=column(thing, np.nan),
+        shape=column(shape, UNKNOWN),
     )

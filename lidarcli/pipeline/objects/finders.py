@@ -25,15 +25,22 @@ class Finder(Protocol):
 
 
 def finder(
-    parameters: Parameters, background: BackgroundOptions | None, catalogue: Catalogue | None = None
+    parameters: Parameters,
+    background: BackgroundOptions | None,
+    catalogue: Catalogue | None = None,
+    *,
+    explain: bool = False,
 ) -> Finder:
-    """Each sweep by itself, or what differs from a background; with a catalogue its objects have labels."""
+    """Each sweep by itself, or what differs from a background; with a catalogue its objects have labels.
+
+    `explain`: also tell why a body is a thing, where that is decided by the sweep alone.
+    """
     if catalogue is not None:
         from lidarcli.pipeline.objects.naming import Naming
 
-        return Naming(finder(parameters, background), catalogue)
+        return Naming(finder(parameters, background, explain=explain), catalogue)
     if background is None:
-        return _Alone(parameters)
+        return _Alone(parameters, explain)
     from lidarcli.pipeline.objects.subtracting import Subtracting
 
     return Subtracting(background, parameters)
@@ -42,14 +49,15 @@ def finder(
 class _Alone:
     """Finds objects by the sweep alone."""
 
-    def __init__(self, parameters: Parameters) -> None:
+    def __init__(self, parameters: Parameters, explain: bool) -> None:
         self._parameters = parameters
+        self._explain = explain
 
     def admit(self, batch: SweepBatch) -> None:
         """Every batch will do."""
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
-        return detect(batch, self._parameters, per_beam=per_beam)
+        return detect(batch, self._parameters, per_beam=per_beam, explain=self._explain)
 
     def notes(self) -> list[str]:
         """Nothing."""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from lidarcli.formalism import Parameters
 from lidarcli.formalism.catalogue import Catalogue, names_in
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.parameters import TrackParameters
@@ -19,16 +20,27 @@ from lidarcli.pipeline.objects.parts import Made, Rows
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.tables.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
 
+DOUBTFUL = 0.0
+"""What is less likely a thing than this, in one sweep, is not remembered."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
     """What `track` lets a user choose beside the options of `detect`."""
 
     parameters: TrackParameters = field(default_factory=TrackParameters)
+    tracks: bool = True
+    """Whether the tables tell of tracks; without, only of what is decided by memory."""
 
-    def tracker(self, catalogue: Catalogue | None = None) -> Tracker:
+    def tracker(self, catalogue: Catalogue | None, found: Parameters) -> Tracker:
         """A tracker for one topic, which names things by a catalogue: the only place where one is made."""
-        return Tracker(self.parameters, catalogue)
+        return Tracker(self.parameters, catalogue, found.min_thing)
+
+    def found_with(self, parameters: Parameters) -> Parameters:
+        """What the objects are to be found with so that memory can decide: whatever may be a thing."""
+        if not self.parameters.memory:
+            return parameters
+        return replace(parameters, min_thing=min(DOUBTFUL, parameters.min_thing))
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for the tables' metadata."""
@@ -38,8 +50,12 @@ class TrackOptions:
 class Following:
     """Follows the things of one log, each topic by itself, in the order of the log, and completes its rows."""
 
-    def __init__(self, log: str, options: TrackOptions, catalogue: Catalogue | None = None) -> None:
+    def __init__(
+        self, log: str, options: TrackOptions, parameters: Parameters, catalogue: Catalogue | None = None
+    ) -> None:
+        """`parameters`: what the user asked the objects to be."""
         self._log = log
+        self._parameters = parameters
         self._options = options
         self._catalogue = catalogue
         self._labels = names_in(catalogue)
@@ -56,7 +72,9 @@ class Following:
             batch, detection = made.seen
             topic = self._topics.get(batch.topic)
             if topic is None:
-                topic = self._topics[batch.topic] = _Topic(self._options.tracker(self._catalogue))
+                topic = self._topics[batch.topic] = _Topic(
+                    self._options.tracker(self._catalogue, self._parameters)
+                )
             topic.waiting.append(_waiting(made))
             yield from self._complete(topic, topic.tracker.add(batch, detection))
 
@@ -67,6 +85,8 @@ class Following:
             followed, tracks = topic.tracker.finish()
             yield from self._complete(topic, followed)
             assert not topic.waiting, "a tracker answers for every batch"
+            if not self._options.tracks:
+                continue
             self._count(tracks)
             yield "tracks", name, tracks_rows(self._log, name, tracks, topic.tracker.frames, self._labels)
             self.notes += topic.tracker.notes
@@ -76,7 +96,17 @@ class Following:
             made = topic.waiting.popleft()
             self.summary.add_sets(one)
             for table, name, rows in made.rows:
-                yield table, name, _completed(table, rows, made, one, self._labels)
+                yield table, name, self._completed(table, rows, made, one)
+
+    def _completed(self, table: str, rows: pa.RecordBatch, made: Made, one: Followed) -> pa.RecordBatch:
+        """The rows of one table with what tracking tells."""
+        tracks = self._options.tracks
+        if table == "objects":
+            return tracked_objects(rows, one, self._labels, walls=self._parameters.walls, tracks=tracks)
+        if table == "sweeps":
+            return tracked_sweeps(rows, one, tracks=tracks)
+        assert made.seen is not None
+        return tracked_beams(rows, *made.seen, one, tracks=tracks)
 
     def _count(self, tracks: Tracks) -> None:
         self.summary.add_things(len(tracks), int(np.count_nonzero(tracks.set == AGENT)))
@@ -93,15 +123,3 @@ class _Topic:
 def _waiting(made: Made) -> Made:
     """What has to wait of a batch: the rows, and only for the sets of its beams more than these."""
     return made if any(table == "beams" for table, _, _ in made.rows) else Made(made.rows)
-
-
-def _completed(
-    table: str, rows: pa.RecordBatch, made: Made, followed: Followed, labels: Sequence[str]
-) -> pa.RecordBatch:
-    """The rows of one table with what tracking tells."""
-    if table == "objects":
-        return tracked_objects(rows, followed, labels)
-    if table == "sweeps":
-        return tracked_sweeps(rows, followed)
-    assert made.seen is not None
-    return tracked_beams(rows, *made.seen, followed)

@@ -51,6 +51,8 @@ class Recipe:
     catalogue: Catalogue | None = None
     followed: bool = False
     """Whether the objects are followed afterwards, which needs more than rows."""
+    explain: bool = False
+    """Whether to tell why a body is a thing."""
 
 
 @dataclass(slots=True)
@@ -83,7 +85,7 @@ class Maker:
     def __init__(self, recipe: Recipe) -> None:
         self._recipe = recipe
         self._labels = names_in(recipe.catalogue)
-        self.find = finder(recipe.parameters, recipe.background, recipe.catalogue)
+        self.find = finder(recipe.parameters, recipe.background, recipe.catalogue, explain=recipe.explain)
 
     def make(self, batches: Sequence[SweepBatch]) -> Part:
         """The rows of some batches."""

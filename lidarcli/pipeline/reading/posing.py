@@ -194,12 +194,13 @@ class Posing:
         return report if self.found is None else self.found.together(report)
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
-        """The batch with its poses, if the log has poses at all."""
+        """The batch with its poses, if the log has some for its sensor: what nothing tells of is taken as standing."""
         if self.found is None or not len(batch):
             return batch
         from lidarcli.poses.motion import planar, tilt
 
         better: list[tuple[Int64, SweepPoses]] = []
+        some = False
         poses = _nowhere(len(batch))
         for code in np.unique(batch.frame).tolist():
             rows = np.flatnonzero(batch.frame == code)
@@ -209,6 +210,7 @@ class Posing:
             way = self.found.sources.way(batch.frame_ids[code])
             if way is None:
                 continue
+            some = True
             motion = way.at(at_ns)
             here = planar(motion)
             _put(poses, rows, here)
@@ -216,6 +218,8 @@ class Posing:
             seen.tilt = max(seen.tilt, tilt(motion))
             if (best := self.delays.get((batch.topic, batch.frame_ids[code]))) is not None:
                 better.append((rows, planar(way.at(later(at_ns, best.seconds)))))
+        if not some:
+            return batch
         if not better:
             return replace(batch, poses=poses)
         true = poses.rows(np.arange(len(batch)))

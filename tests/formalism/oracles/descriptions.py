@@ -15,7 +15,7 @@ def visibility(edges: tuple[str, str]) -> str:
     if "view" in edges:
         return "cut"
     return {(True, True): "both_hidden", (True, False): "start_hidden", (False, True): "end_hidden"}.get(
-        (edges[0] == "hidden", edges[1] == "hidden"), "full"
+        (edges[0] in ("hidden", "flickering"), edges[1] in ("hidden", "flickering")), "full"
     )
 
 
@@ -170,8 +170,42 @@ def faces_rms(faces: list[Face]) -> float:
     return sqrt(total / max(sum(face.points for face in faces), 1))
 
 
-def shape(places: list[Place], faces: list[Face], sigma: float, margin: float = 1e-3) -> str:
-    """The category: straight faces against a circle, by n log rms² + p log n. `Ambiguous` within a margin of log rms²."""
+def without_stray(places: list[Place], faces: list[Face]) -> tuple[list[Place], list[Face]]:
+    """Without up to two points at each end that are off the surface, if the box of the others is less than half."""
+
+    def area(some: list[Place], along: Face) -> float:
+        _, length, width, _ = rectangle(some, along.direction)
+        return max(length, 0.05) * max(width, 0.05)
+
+    def longest(some: list[Face]) -> Face:
+        return max(some, key=lambda face: face.length)
+
+    if len(faces) < 2:
+        return places, faces
+    first = faces[0].points - 1 if faces[0].points <= 3 else 0
+    last = faces[-1].points - 1 if faces[-1].points <= 3 else 0
+    kept = faces[1 if first else 0 : len(faces) - (1 if last else 0)]
+    if first + last == 0 or len(places) - first - last < 3 or not kept:
+        return places, faces
+    some = places[first : len(places) - last]
+    if area(some, longest(kept)) < 0.5 * area(places, longest(faces)):
+        return some, kept
+    return places, faces
+
+
+def shape(
+    places: list[Place],
+    faces: list[Face],
+    sigma: float,
+    margin: float = 1e-3,
+    max_width: float = inf,
+    whole: list[Place] | None = None,
+) -> str:
+    """The category: straight faces against a circle, by n log rms² + p log n. `Ambiguous` within a margin of log rms².
+
+    `whole`: with stray points, if there were any.
+    """
+    whole = places if whole is None else whole
     count = len(places)
     if count < 5:
         return "unknown"
@@ -195,13 +229,14 @@ def shape(places: list[Place], faces: list[Face], sigma: float, margin: float = 
         if is_less(log(max(guess, 1e-9) ** 2), log((1.5 * rival) ** 2)):
             centre, radius, rms = best_circle(places)
             wins = is_less(information(rms, 3), by_faces)
-            middle = np.mean(np.array(places), axis=0)
+            middle = np.mean(np.array(whole), axis=0)
             if (
                 wins
                 and is_less(radius, 2.0)
                 and is_less(log(max(rms, 1e-9) ** 2), log(allowed**2))
                 and is_less(hypot(*middle), hypot(*centre))
-                and is_less(0.6 * radius, dist(places[0], places[-1]))
+                and is_less(radius, dist(whole[0], whole[-1]))
+                and is_less(2.0 * radius, max_width)
             ):
                 return "round"
     if len(faces) <= 3 and straight <= allowed:

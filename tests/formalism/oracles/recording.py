@@ -15,7 +15,7 @@ import numpy as np
 
 from lidarcli.formalism import Detection, Parameters, core, detect
 from lidarcli.formalism.description import describe, parts
-from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, survey, vertices, walls
+from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, survey, verdict, vertices
 from lidarcli.formalism.sweep import breakpoints, noise, points, segments
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.batches import batch_of, rows_of
@@ -35,11 +35,11 @@ STEPS: tuple[tuple[ModuleType, str], ...] = (
     (protrusions, "divide"),
     (survey, "measure_reach"),
     (vertices, "mark"),
-    (walls, "by_extent"),
-    (walls, "by_lines"),
     (objects, "pieces"),
     (objects, "fully_visible"),
     (fragments, "join"),
+    (verdict, "measure"),
+    (verdict, "decide"),
     (objects, "choose"),
     (legs, "group"),
     (core, "_settle"),
@@ -88,7 +88,8 @@ class State:
     survey: Any
     bodies: Any
     parts: Any
-    lines: Any
+    features: Any
+    verdict: Any
     breaks: list[int]
     protrusions: list[tuple[int, int, int]]
     """Segment, first and last point of each."""
@@ -131,7 +132,8 @@ def state_of(everything: core.Core, result: Any) -> State:
         survey=Plain(everything.survey),
         bodies=Plain(everything.bodies),
         parts=Plain(everything.description.parts),
-        lines=Plain(everything.lines),
+        features=Plain(everything.features),
+        verdict=Plain(everything.verdict),
         breaks=list(everything.breakpoints.at[: everything.breakpoints.count]),
         protrusions=[(found.segment[k], found.first[k], found.last[k]) for k in range(found.count)],
         segments=[

@@ -1,11 +1,11 @@
-"""Definitions 6 and 7, walls and objects of profile `robust` in plain words, on lists of places (x, y) [m]."""
+"""Definitions 6 and 7, and bodies of profile `robust` in plain words, on lists of places (x, y) [m]."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from math import dist, hypot, inf, radians, sin, sqrt, tan
+from math import dist, hypot, inf, radians, sin, sqrt
 
 import numpy as np
 
@@ -162,14 +162,6 @@ def farthest_vertex(places: list[Place], vertices: Iterable[int]) -> float:
     )
 
 
-def bend(faces: list[Face]) -> str:
-    """No corner, all point at the sensor, or one points away."""
-    if len(faces) < 2:
-        return "flat"
-    away = any(turn(a, b) > 0 for a, b in itertools.pairwise(faces))
-    return "concave" if away else "convex"
-
-
 def before_line(face: Face, place: Place) -> float:
     """How far a place stands before the line of a face, on the side of the sensor [m]."""
     normal = np.array([-face.direction[1], face.direction[0]])
@@ -259,80 +251,14 @@ class Seen:
     size: int
     chord: float
     reach: float
-    bend: str
     edges: tuple[str, str]
     is_protrusion: bool
     faces: list[Face]
-
-    @property
-    def is_partial(self) -> bool:
-        """It may go on where it is not seen."""
-        return bool({*self.edges} & {"hidden", "unknown", "view"})
 
 
 def too_wide(seen: list[Seen], min_beams: int, max_width: float) -> list[bool]:
     """Walls by their extent."""
     return [one.size >= min_beams and one.reach > max_width and not one.is_protrusion for one in seen]
-
-
-def candidates(
-    seen: list[Seen], walls: list[bool], points: int, min_beams: int, max_width: float
-) -> list[bool]:
-    """What may be a piece of a wall and is held to the lines."""
-    doorways = sum(one.size for one, wall in zip(seen, walls, strict=True) if wall) > 0.1 * points
-    found = []
-    for one in seen:
-        may = one.size >= min_beams and one.reach <= max_width and not one.is_protrusion
-        if one.bend == "convex" and not doorways:
-            may = False
-        if "unknown" in one.edges and one.reach <= 0.4:
-            may = False
-        found.append(may)
-    return found
-
-
-def error_at(face: Face, place: Place, sigma: float) -> float:
-    """Three standard deviations of a fitted line of n even points at a place: σ/√n √(1 + 12 t²/L²)."""
-    t = np.dot(np.subtract(place, face.middle), face.direction)
-    return float(3 * max(face.rms, sigma) / sqrt(face.points) * sqrt(1 + 12 * (t / face.length) ** 2))
-
-
-def on_lines(
-    seen: list[Seen], wide: list[bool], may: list[bool], sigma: float, max_width: float
-) -> list[bool]:
-    """Walls by the lines they share: most of the length of a candidate lies on lines of walls."""
-    matched: set[tuple[int, int]] = set()
-    lines = [
-        (j, f, face)
-        for j, one in enumerate(seen)
-        for f, face in enumerate(one.faces)
-        if (wide[j] or (may[j] and one.is_partial)) and face.length >= 0.5 and face.points >= 4
-    ]
-    for w, g, line in lines:
-        for j, one in enumerate(seen):
-            for f, face in enumerate(one.faces if may[j] else []):
-                ends = [face.end(side) for side in (-1, 1)]
-                # A line knows its own ends to two standard deviations of the mean, and no worse than a range.
-                own = 3 * sigma * min(1.0, 2 / sqrt(face.points))
-                allowed = [0.03 + own + min(error_at(line, end, sigma), 0.1) for end in ends]
-                behind = [-before_line(line, end) for end in ends]
-                along = [abs(np.dot(np.subtract(end, line.middle), line.direction)) for end in ends]
-                beyond, together = min(along) - 0.5 * line.length, max(along) + 0.5 * line.length
-                near = [abs(depth) <= most for depth, most in zip(behind, allowed, strict=True)]
-                lies = all(near) and (one.is_partial or beyond < 3.0)
-                jamb = any(near) and beyond < 2.0
-                jamb = jamb and all(
-                    -most <= depth <= 0.5 for depth, most in zip(behind, allowed, strict=True)
-                )
-                error = max(error_at(line, end, sigma) for end in ends)
-                pair = one.is_partial and j != w and together > max_width and error < 0.1
-                if (wide[w] and (lies or jamb)) or (lies and pair):
-                    matched |= {(w, g), (j, f)}
-    result = []
-    for j, one in enumerate(seen):
-        balance = sum(face.length if (j, f) in matched else -face.length for f, face in enumerate(one.faces))
-        result.append(wide[j] or (may[j] and balance > 0))
-    return result
 
 
 def flood(count: int, linked: Callable[[int, int], bool]) -> list[set[int]]:
@@ -395,36 +321,6 @@ def bodies(seen: list[Seen], places: list[list[Place]], may: list[bool], is_turn
         edges = (seen[members[0]].edges[0], seen[last].edges[1])
         found.append(Body(members, edges, sum(seen[j].size for j in group), reach))
     return found
-
-
-def is_object(
-    body: Body, seen: Seen, places: list[Place], enclosed: bool, min_beams: int, max_width: float
-) -> bool:
-    """Whether a body that is no wall shows enough of its outline."""
-    if body.size < min_beams or body.reach > max_width:
-        return False
-    edges, alone = body.edges, len(body.members) == 1
-    straight = alone and seen.bend == "flat"
-    # Beside any beam without a range.
-    in_the_open = [edge in ("open", "unknown") for edge in edges]
-    shows = "own" in edges
-    shows |= seen.bend == "convex" and body.reach < 0.8
-    shows |= all(in_the_open)
-    shows |= any(in_the_open) and body.reach < 0.5 and "view" not in edges
-    if not shows and enclosed:
-        return False
-    if edges == ("hidden", "hidden") and alone:
-        if straight and body.reach > 0.5:
-            return False
-        if seen.bend == "concave":
-            return False
-    if enclosed and straight and body.reach > 0.5:
-        chord, middle = np.subtract(places[-1], places[0]), np.add(places[-1], places[0])
-        if abs(np.linalg.det([chord, middle])) < tan(radians(15)) * abs(chord @ middle):
-            return False
-    may_go_on = straight and bool({*edges} & {"hidden", "unknown", "view"})
-    may_go_on |= enclosed and any(in_the_open)
-    return not (may_go_on and body.reach > 0.65 * max_width)
 
 
 def length(places: list[Place]) -> float:

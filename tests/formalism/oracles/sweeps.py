@@ -179,7 +179,25 @@ def beside(circle: Circle, n: int) -> str:
         n %= len(circle.beams)
     elif not 0 <= n < len(circle.beams):
         return "view"
-    return "open" if circle.beams[n].status == NO_RETURN else "unknown"
+    if circle.beams[n].status != NO_RETURN:
+        return "unknown"
+    return "flickering" if flicker(circle) > 0.05 else "open"
+
+
+def flicker(circle: Circle) -> float:
+    """The share of beams without a return, up to three in a row, within surfaces that go on past them."""
+    points, count = circle.points, len(circle.beams)
+    gone = 0
+    for k, n in enumerate(points):
+        if k == 0 and not circle.is_turn:
+            continue
+        before = points[k - 1]
+        lost = (n - before) % count - 1 if circle.is_turn else n - before - 1
+        near, far = circle.beams[before].r, circle.beams[n].r
+        if not 1 <= lost <= 3 or abs(far - near) > 0.1 + 0.02 * min(near, far):
+            continue
+        gone += sum(circle.beams[(n - back) % count].status == NO_RETURN for back in range(1, lost + 1))
+    return gone / max(gone + len(points), 1)
 
 
 def segments(circle: Circle, breaks: list[int], max_gap: int) -> list[Segment]:

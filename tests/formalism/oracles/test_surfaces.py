@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.surfaces import faces as core_faces
-from lidarcli.formalism.surfaces import survey as surveys
 from tests.formalism.oracles import surfaces
 from tests.formalism.oracles.recording import ROBUST, Recorded, Segment, State, recordings
 from tests.formalism.oracles.recording import Face as CoreFace
 from tests.formalism.oracles.surfaces import Ambiguous, Place
 from tests.formalism.oracles.test_sweep import EDGES
-
-BENDS = {surveys.FLAT: "flat", surveys.CONVEX: "convex", surveys.CONCAVE: "concave"}
 
 
 def places_of(state: State, segment: Segment) -> list[Place]:
@@ -48,10 +45,10 @@ def plain_faces(state: State, j: int) -> list[surfaces.Face]:
 
 
 def assert_same_faces(
-    found: list[CoreFace], expected: list[surfaces.Face], first: int, stride: int, last: int
+    found: list[CoreFace], expected: list[surfaces.Face], first: int, kept: list[int]
 ) -> None:
     """The same stretches, and lines."""
-    ends = [(first + one.first * stride, min(first + one.last * stride, last)) for one in expected]
+    ends = [(first + kept[one.first], first + kept[one.last]) for one in expected]
     assert [(one.first, one.last) for one in found] == ends
     for one, other in zip(found, expected, strict=True):
         assert one.points == other.points
@@ -62,17 +59,20 @@ def assert_same_faces(
             assert one.length == pytest.approx(other.length, abs=1e-6)
 
 
-def thinned(state: State, segment: Segment) -> tuple[list[Place], int]:
-    """Of what is too wide for an object every fourth point, but 32 where there are as many."""
-    places, stride = places_of(state, segment), 1
+def thinned(state: State, segment: Segment) -> tuple[list[Place], list[int]]:
+    """Of what is too wide for an object every fourth point, but 32 where there are as many, and which they are."""
+    places, kept = places_of(state, segment), list(range(segment.size))
     if surfaces.length(places) > ROBUST.max_width:
         most = max(-(-segment.size // 4), min(segment.size, 32))
-        stride = -(-segment.size // most)
-        kept = [k for k in range(segment.size) if k % stride == 0 and k < segment.size - 1]
-        places = [places[k] for k in [*kept, segment.size - 1]]
+        last = segment.size - 1
+        if most <= last:
+            most += most % 2 == 1 and last % 2 == 1
+            half = [i * last // (most - 1) for i in range((most + 1) // 2)]
+            kept = sorted({*half, *(last - k for k in half)})
+            places = [places[k] for k in kept]
     elif segment.size < ROBUST.min_beams:
         places = places[:1]
-    return places, stride
+    return places, kept
 
 
 def test_faces_by_splitting_at_the_farthest_point() -> None:
@@ -80,14 +80,14 @@ def test_faces_by_splitting_at_the_farthest_point() -> None:
     for one in recordings():
         state = one.after["survey.find_faces"]
         for j, segment in enumerate(state.segments):
-            places, stride = thinned(state, segment)
+            places, kept = thinned(state, segment)
             try:
                 vertices = surfaces.split(places, tolerance_of(state))
             except Ambiguous:
                 ambiguous += 1
                 continue
             expected = surfaces.faces_between(places, vertices)
-            assert_same_faces(state.faces_of(j), expected, segment.first, stride, segment.last)
+            assert_same_faces(state.faces_of(j), expected, segment.first, kept)
             sure, split = sure + 1, split + len(vertices)
     assert ambiguous < 0.02 * sure
     assert split > 500
@@ -110,7 +110,7 @@ def test_settled_faces_have_one_vertex_for_each_corner() -> None:
                 ambiguous += 1
                 continue
             expected = surfaces.faces_between(places, settled)
-            assert_same_faces(state.faces_of(j), expected, segment.first, 1, segment.last)
+            assert_same_faces(state.faces_of(j), expected, segment.first, list(range(segment.size)))
             sure, dropped = sure + 1, dropped + len(vertices) - len(settled)
     # Sweeps that count in coarse steps have many points equally far from a chord.
     assert ambiguous < 0.04 * sure
@@ -223,7 +223,6 @@ def seen_of(one: Recorded, step: str) -> list[surfaces.Seen]:
             size=segment.size,
             chord=state.survey.chord[j],
             reach=state.survey.reach[j],
-            bend=surfaces.bend(plain_faces(state, j)),
             edges=(EDGES[segment.start_edge], EDGES[segment.end_edge]),
             is_protrusion=bool(state.survey.protrusion[j]),
             faces=plain_faces(state, j),
@@ -245,44 +244,14 @@ def test_how_far_segments_reach() -> None:
             assert state.survey.reach[j] == pytest.approx(expected, abs=1e-9)
 
 
-def test_corners_point_at_the_sensor_or_away() -> None:
-    bends = set()
-    for one in recordings():
-        state = one.after["walls.by_extent"]
-        for j, seen in enumerate(seen_of(one, "walls.by_extent")):
-            assert BENDS[state.survey.bend[j]] == seen.bend
-            assert bool(state.survey.partial[j]) == seen.is_partial
-            bends.add(seen.bend)
-    assert bends == set(BENDS.values())
-
-
-def test_walls_by_their_extent_and_what_may_be_one() -> None:
-    spared = 0
-    for one in recordings():
-        state, seen = one.after["walls.by_extent"], seen_of(one, "walls.by_extent")
-        count = len(seen)
-        wide = surfaces.too_wide(seen, ROBUST.min_beams, ROBUST.max_width)
-        assert [bool(wall) for wall in state.survey.wall[:count]] == wide
-        may = surfaces.candidates(seen, wide, state.points.count, ROBUST.min_beams, ROBUST.max_width)
-        assert [bool(candidate) for candidate in state.survey.candidate[:count]] == may
-        spared += sum(
-            not m and not w and s.size >= ROBUST.min_beams for m, w, s in zip(may, wide, seen, strict=True)
-        )
-    assert spared > 100
-
-
-def test_walls_by_the_lines_they_share() -> None:
+def test_walls_by_their_extent() -> None:
     found = 0
     for one in recordings():
-        before, state = one.after["walls.by_extent"], one.after["walls.by_lines"]
-        seen = seen_of(one, "walls.by_extent")
-        count = len(seen)
-        wide = [bool(wall) for wall in before.survey.wall[:count]]
-        may = [bool(candidate) for candidate in before.survey.candidate[:count]]
-        expected = surfaces.on_lines(seen, wide, may, state.points.sigma, ROBUST.max_width)
-        assert [bool(wall) for wall in state.survey.wall[:count]] == expected
-        found += sum(expected) - sum(wide)
-    assert found > 50
+        state, seen = one.after["objects.pieces"], seen_of(one, "objects.pieces")
+        wide = surfaces.too_wide(seen, ROBUST.min_beams, ROBUST.max_width)
+        assert [bool(wall) for wall in state.survey.wall[: len(seen)]] == wide
+        found += sum(wide)
+    assert found > 100
 
 
 def test_torn_things_are_one_body() -> None:
@@ -291,7 +260,7 @@ def test_torn_things_are_one_body() -> None:
         before, state = one.after["objects.pieces"], one.after["fragments.join"]
         seen = seen_of(one, "objects.pieces")
         places = [places_of(state, segment) for segment in state.segments]
-        may = [bool(candidate) for candidate in before.survey.candidate[: len(seen)]]
+        may = [bool(loose) for loose in before.survey.loose[: len(seen)]]
         expected = surfaces.bodies(seen, places, may, state.points.period > 0)
         for body in expected:
             for j in body.members:
@@ -309,31 +278,10 @@ def test_what_may_be_an_object_is_no_wall() -> None:
         state, seen = one.after["objects.pieces"], seen_of(one, "objects.pieces")
         for j, segment in enumerate(state.segments):
             around = len(seen) == 1 and seen[j].edges == ("hidden", "hidden") and np.isnan(segment.s_start)
-            expected = not state.survey.wall[j] and not seen[j].is_protrusion and not around
+            expected = not state.survey.wall[j] and not around
             expected &= seen[j].chord <= ROBUST.max_width
             assert bool(state.survey.candidate[j]) == expected
-
-
-def test_objects_show_enough_of_their_outline() -> None:
-    objects, others = 0, 0
-    for one in recordings():
-        state, seen = one.after["objects.choose"], seen_of(one, "objects.choose")
-        places = [places_of(state, segment) for segment in state.segments]
-        may = [bool(candidate) for candidate in state.survey.candidate[: len(seen)]]
-        on_walls = sum(s.size for j, s in enumerate(seen) if state.survey.wall[j])
-        enclosed = on_walls > 0.35 * state.points.count
-        for body in surfaces.bodies(seen, places, may, state.points.period > 0):
-            for j in body.members:
-                if seen[j].is_protrusion and seen[j].size >= ROBUST.min_beams:
-                    expected = True
-                else:
-                    expected = may[j] and surfaces.is_object(
-                        body, seen[j], places[j], enclosed, ROBUST.min_beams, ROBUST.max_width
-                    )
-                assert bool(state.survey.is_object[j]) == expected
-                objects, others = objects + expected, others + (may[j] and not expected)
-    assert objects > 500
-    assert others > 500
+            assert bool(state.survey.loose[j]) == (expected and not seen[j].is_protrusion)
 
 
 def test_legs_are_joined_through_others_whatever_their_order() -> None:

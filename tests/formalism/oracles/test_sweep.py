@@ -20,6 +20,7 @@ EDGES = {
     cuts.OPEN: "open",
     cuts.UNKNOWN: "unknown",
     cuts.VIEW: "view",
+    cuts.FLICKERING: "flickering",
 }
 
 
@@ -151,7 +152,7 @@ def test_the_references_know_simple_answers() -> None:
     assert [one.edges for one in sweeps.segments(view, [0, 2, 4, 7], 0)] == [
         ("view", "hidden"),
         ("own", "own"),
-        ("hidden", "open"),
-        ("open", "view"),
+        ("hidden", "flickering"),
+        ("flickering", "view"),
     ]
     assert sweeps.foreseen(view, 3, 1, 1, 0) < inf

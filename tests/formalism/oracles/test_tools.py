@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import fields
-from math import atan2, cos, hypot, pi, sin
+from math import atan2, cos, hypot, inf, pi, sin
 
 import numpy as np
 import pytest
@@ -103,7 +103,7 @@ def test_boxes_and_posts_have_their_shapes(noise: float) -> None:
             circle.x[k], circle.y[k] = place
         x, y = np.mean(places, axis=0).tolist()
         chord = hypot(places[-1][0] - places[0][0], places[-1][1] - places[0][1])
-        found = SHAPES[shape.classify(look_at(faces), circle, noise, chord, x, y)]
+        found = SHAPES[shape.classify(look_at(faces), circle, noise, chord, x, y, inf)]
         try:
             assert found == descriptions.shape(places, faces, noise)
         except Ambiguous:

@@ -62,12 +62,9 @@ def main_agent(told: Told) -> int:
 
 
 # A corner of the room that comes out as an object now and then, once as this piece of it and once as that.
-CORNER_COMES_OUT = pytest.mark.xfail(reason="a corner of the room is an object of changing size now and then")
 
 
-@pytest.mark.parametrize(
-    "thing", [pytest.param(name, marks=CORNER_COMES_OUT) if name == "chair" else name for name in STANDING]
-)
+@pytest.mark.parametrize("thing", STANDING)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_past_a_driving_sensor_nothing_moves(thing: str, seed: int) -> None:
     scene = scene_of(STANDING[thing], CORNER, make.box(-4.2, -3.2, 0.5, 0.5), path=ROUND_TRIP)
@@ -91,7 +88,7 @@ def test_past_a_driving_sensor_nothing_moves(thing: str, seed: int) -> None:
     [
         "box",
         "pillar",
-        pytest.param("person", marks=pytest.mark.xfail(reason="each leg of a person who stands is a track")),
+        "person",
     ],
 )
 def test_past_a_driving_sensor_a_thing_stays_one(thing: str) -> None:

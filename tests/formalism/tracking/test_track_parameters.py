@@ -29,7 +29,7 @@ def test_a_significance_that_is_none_is_refused(share: float) -> None:
 
 
 def test_parameters_are_told_as_plain_values() -> None:
-    assert TrackParameters(1e-3).as_dict() == {"significance": 1e-3}
+    assert TrackParameters(1e-3).as_dict() == {"significance": 1e-3, "memory": True}
 
 
 def test_a_batch_that_is_none_is_refused() -> None:

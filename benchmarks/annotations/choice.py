@@ -1,0 +1,63 @@
+"""Which sweeps are judged: a few of every log, evenly spread over it, and on which side the log is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Side = Literal["tuning", "reporting"]
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """Some sweeps of one topic of a log."""
+
+    log: str
+    """Path below the folder of the real logs."""
+    topic: str
+    count: int
+    """Sweeps that are judged."""
+    side: Side
+    """Whether constants may be chosen on it."""
+
+    @property
+    def name(self) -> str:
+        """Short name, unique among those chosen."""
+        folder, log = self.log.split("/")[:2]
+        return f"{folder}.{log.removesuffix('.bag')}{self.topic.replace('/', '.')}"
+
+    def sweeps(self, total: int) -> list[int]:
+        """Positions of the sweeps in a topic that has so many."""
+        return [int((k + 0.5) * total / self.count) for k in range(self.count)]
+
+
+CHOSEN = (
+    Chosen("scan_tools/laser_scan_matcher_demo_ros2branch_20230219.bag", "/scan", 6, "tuning"),
+    Chosen("obstacle_detector/scans_demo.bag", "/front_scan", 5, "tuning"),
+    Chosen("obstacle_detector/scans_demo.bag", "/rear_scan", 5, "tuning"),
+    Chosen("leg_tracker/positive_1_raw.bag", "right_scan", 6, "tuning"),
+    Chosen("leg_tracker/positive_2_extracted.bag", "/training_scan", 5, "tuning"),
+    Chosen("datmo/overtake_ego.bag", "/scan", 5, "tuning"),
+    Chosen("datmo/parallel.bag", "/scan", 5, "tuning"),
+    Chosen("my_gazebo_tutorials/20_53_49", "/scan", 5, "tuning"),
+    Chosen("my_gazebo_tutorials/20_46_08/rosbag2_2024_11_22-20_46_08_0.db3", "/scan", 5, "tuning"),
+    Chosen("hrp_mpc_lidar/mylaserdata2.bag", "/scan", 6, "tuning"),
+    Chosen("ros_behaviors_fsm/teleop", "/scan", 6, "tuning"),
+    Chosen("ros_behaviors_fsm/wall_follower", "/scan", 6, "tuning"),
+    Chosen("sick/rms_1xxx_lms_1xx_movement_off.bag", "/sick_lms_1xx/scan", 4, "tuning"),
+    Chosen("leg_tracker/demo_stationary_simple_environment.bag", "/scan", 6, "reporting"),
+    Chosen("leg_tracker/negative_2.bag", "/left_scan", 4, "reporting"),
+    Chosen("leg_tracker/negative_2.bag", "/rear_scan", 4, "reporting"),
+    Chosen("leg_tracker/negative_2.bag", "/right_scan", 4, "reporting"),
+    Chosen("leg_tracker/positive_3_raw.bag", "right_scan", 6, "reporting"),
+    Chosen("leg_tracker/positive_6_extracted.bag", "/training_scan", 6, "reporting"),
+    Chosen("robots_ii/mylaserdata_20151128.bag", "/car_1/scan", 5, "reporting"),
+    Chosen("robots_ii/src_mylaserdata_20151128.bag", "/robot_0/base_scan", 5, "reporting"),
+    Chosen("ros2_selfdriving/full_bag_nav", "/scan", 5, "reporting"),
+    Chosen("ros2_selfdriving/circular_bag_framed_0522", "/scan", 6, "reporting"),
+    Chosen("comprobo24/test-bag", "/scan", 6, "reporting"),
+    Chosen("comprobo24/drive_square", "/scan", 6, "reporting"),
+    Chosen("pr2/mylaserdata.bag", "/base_scan", 5, "reporting"),
+    Chosen("turtlebot/topics.bag", "/scan", 4, "reporting"),
+)
+"""A log is on one side as a whole; but for leg_tracker, whose logs are of several places, so is a folder."""

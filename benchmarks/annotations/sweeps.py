@@ -1,0 +1,50 @@
+"""The sweeps that were judged, read from their logs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import lidarcli
+from benchmarks.annotations.choice import CHOSEN, Chosen, Side
+from benchmarks.annotations.table import LABELS, Sweep, read
+from lidarcli.sweeps import Int64, SweepBatch
+
+Row = tuple[SweepBatch, int]
+"""A row of a batch."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class JudgedSweep:
+    """A sweep with its judgements."""
+
+    batch: SweepBatch
+    row: int
+    told: Sweep
+    verdict: Int64
+    """(B,) code into `VERDICTS`, or `NOT_JUDGED`."""
+    thing: Int64
+    """(B,)"""
+
+
+def rows_of(folder: Path, chosen: Chosen) -> list[Row]:
+    """All sweeps of a topic."""
+    return [
+        (batch, row)
+        for batch in lidarcli.read(folder / chosen.log, topics=[chosen.topic])
+        for row in range(len(batch))
+    ]
+
+
+def judged_sweeps(folder: Path, side: Side, labels: Path = LABELS) -> Iterator[JudgedSweep]:
+    """The judged sweeps of one side, log by log."""
+    told = {(each.log, each.topic, each.sweep): each for each in read(labels)}
+    for chosen in CHOSEN:
+        if chosen.side != side:
+            continue
+        for batch in lidarcli.read(folder / chosen.log, topics=[chosen.topic]):
+            for row, sweep in enumerate(batch.sweep.tolist()):
+                mine = told.get((chosen.log, chosen.topic, sweep))
+                if mine is not None:
+                    yield JudgedSweep(batch, row, mine, *mine.beams(batch.width))

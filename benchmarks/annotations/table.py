@@ -1,0 +1,141 @@
+"""The judgements as a table: one row for each stretch of beams, and how they get there from the answers to the pictures."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from benchmarks.annotations.pieces import MOST_LOST, Piece
+from lidarcli.sweeps import Int64
+
+Verdict = Literal["building", "thing", "own", "unclear"]
+VERDICTS: tuple[Verdict, ...] = ("building", "thing", "own", "unclear")
+BUILDING, THING, OWN, UNCLEAR = range(4)
+NOT_JUDGED = -1
+PLACES = ("open", "lab", "room", "corridor")
+LABELS = Path(__file__).with_name("labels.csv")
+FIELDS = ("log", "topic", "sweep", "place", "first", "last", "verdict", "thing")
+_TOKEN = re.compile(r"(\d+)(?:\[(\d+)-(\d+)\])?$")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Judged:
+    """One sweep of B beams."""
+
+    log: str
+    topic: str
+    sweep: int
+    place: str
+    verdict: Int64
+    """(B,) code into `VERDICTS`; `NOT_JUDGED` for beams in no piece."""
+    thing: Int64
+    """(B,) number of the thing, from 1 on; 0 for what is none."""
+
+
+def answered(text: str, found: list[Piece], beams: int) -> tuple[str, Int64, Int64]:
+    """What a file of answers says of a sweep: place, verdicts, numbers of things; ValueError where it says nothing."""
+    verdict = np.full(beams, NOT_JUDGED, np.int64)
+    thing = np.zeros(beams, np.int64)
+    for piece in found:
+        verdict[piece.beams] = BUILDING
+    place, number = "", 0
+    for line in text.splitlines():
+        words = line.split()
+        if not words:
+            continue
+        if words[0] == "place":
+            place = words[1]
+            continue
+        if words[0] not in VERDICTS:
+            raise ValueError(f"no verdict: {line}")
+        kind = VERDICTS.index(words[0])
+        number += kind == THING
+        for word in words[1:]:
+            token = _TOKEN.match(word)
+            if token is None or int(token[1]) >= len(found):
+                raise ValueError(f"no piece: {word} in '{line}'")
+            own = found[int(token[1])].beams
+            if token[2]:
+                first, last = int(token[2]), int(token[3])
+                inside = (own >= first) & (own <= last) if first <= last else (own >= first) | (own <= last)
+                own = own[inside]
+            verdict[own] = kind
+            thing[own] = number if kind == THING else 0
+    if place not in PLACES:
+        raise ValueError(f"no place: '{place}'")
+    return place, verdict, thing
+
+
+def write(path: Path, sweeps: Iterable[Judged]) -> None:
+    """Write the table; beams of one verdict and thing in a row are one stretch."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(FIELDS)
+        for each in sweeps:
+            code = np.where(each.verdict == NOT_JUDGED, -1, each.verdict * 1000 + each.thing)
+            judged = np.flatnonzero(code >= 0)
+            if not len(judged):
+                continue
+            # Few lost beams lie within the stretch of their neighbours.
+            ends = np.flatnonzero((np.diff(code[judged]) != 0) | (np.diff(judged) > MOST_LOST + 1)) + 1
+            for part in np.split(judged, ends):
+                kind, number = divmod(int(code[part[0]]), 1000)
+                row = (
+                    each.log,
+                    each.topic,
+                    each.sweep,
+                    each.place,
+                    part[0],
+                    part[-1],
+                    VERDICTS[kind],
+                    number,
+                )
+                table.writerow(row)
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A row of the table: beams `first` to `last` of a sweep."""
+
+    first: int
+    last: int
+    verdict: int
+    thing: int
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """The judgements on one sweep."""
+
+    log: str
+    topic: str
+    sweep: int
+    place: str
+    stretches: tuple[Stretch, ...]
+
+    def beams(self, count: int) -> tuple[Int64, Int64]:
+        """(B,) verdicts and (B,) things of a sweep of so many beams."""
+        verdict = np.full(count, NOT_JUDGED, np.int64)
+        thing = np.zeros(count, np.int64)
+        for each in self.stretches:
+            verdict[each.first : each.last + 1] = each.verdict
+            thing[each.first : each.last + 1] = each.thing
+        return verdict, thing
+
+
+def read(path: Path = LABELS) -> list[Sweep]:
+    """The table."""
+    found: dict[tuple[str, str, int, str], list[Stretch]] = {}
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            key = (row["log"], row["topic"], int(row["sweep"]), row["place"])
+            code = VERDICTS.index(row["verdict"])
+            stretch = Stretch(int(row["first"]), int(row["last"]), code, int(row["thing"]))
+            found.setdefault(key, []).append(stretch)
+    return [Sweep(*key, tuple(stretches)) for key, stretches in found.items()]

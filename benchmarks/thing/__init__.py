@@ -1,0 +1,1 @@
+"""How the trees are grown that tell things from building (`lidarcli/formalism/surfaces/forest.py`)."""

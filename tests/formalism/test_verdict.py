@@ -1,0 +1,137 @@
+"""Things and building: what single features say of scenes that are known, and why a verdict was what it was."""
+
+from __future__ import annotations
+
+from math import hypot, log, pi
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism import Detection, Parameters, detect
+from lidarcli.formalism.explanation import KINDS, NEIGHBOURS, START, contributions, reasons
+from lidarcli.formalism.surfaces import appearance, building, features, forest, objects, sightlines, verdict
+from tests.formalism.batches import batch_of
+from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
+from tests.formalism.test_robust_scenes import turn
+
+ALL = Parameters(min_thing=0.0)
+MODULES = (appearance, building, features, forest, objects, sightlines, verdict)
+Segment = tuple[float, float, float, float]
+
+
+def seen(segments: list[Segment], beams: int = 720) -> Detection:
+    """All bodies of a drawn scene, with their features."""
+    return detect(batch_of([turn(segments, beams=beams)]), ALL, explain=True)
+
+
+def at(found: Detection, x: float, y: float) -> dict[str, float]:
+    """The features of the body nearest to a place."""
+    assert found.features is not None
+    k = int(np.hypot(found.x - x, found.y - y).argmin())
+    assert hypot(found.x[k] - x, found.y[k] - y) < 0.4
+    return dict(zip(features.NAMES, found.features[k].tolist(), strict=True))
+
+
+def wall(y: float, *spans: tuple[float, float]) -> list[Segment]:
+    """Pieces of a wall along x."""
+    return [(low, y, high, y) for low, high in spans]
+
+
+def test_the_pieces_of_a_wall_support_each_other() -> None:
+    found = seen([*wall(2.0, (-3.0, -1.6), (-0.6, 0.6), (1.6, 3.0)), *wall(5.0, (-8.0, 8.0))])
+    middle = at(found, 0.0, 2.0)
+    assert middle["aligned"] == 1.0
+    assert middle["support"] == pytest.approx(log(1 + 2.8 / 0.3), abs=0.1)
+    assert middle["jump_least"] == pytest.approx(3.0, abs=0.3)
+    # Past its ends are a metre of doorway and then wall: a little more than half of it.
+    assert 0.4 < middle["line"] < 0.65
+    assert middle["unbroken"] < 1.4
+
+
+def test_a_thing_alone_has_no_line() -> None:
+    found = seen([*wall(2.0, (-0.4, 0.4)), *wall(4.0, (-8.0, 8.0))])
+    alone = at(found, 0.0, 2.0)
+    assert (alone["support"], alone["support_near"]) == (0.0, 0.0)
+    assert alone["line"] < 0.05
+    assert alone["unbroken"] == pytest.approx(0.8, abs=0.1)
+
+
+def test_lost_beams_do_not_break_a_wall() -> None:
+    segments = wall(2.0, (-1.9, 1.9))
+    whole = turn([*segments, *wall(6.0, (-20.0, 20.0))], beams=720)
+    ranges = np.array(whole.ranges)
+    bearings = -pi + np.arange(720) * pi / 360
+    for middle in (1.3, 1.6, 1.9):
+        ranges[np.abs(bearings - middle) < 0.06] = np.nan
+    found = detect(batch_of([Sweep(ranges.tolist(), -pi, pi / 360, EACH_BEARING_ONCE)]), ALL, explain=True)
+    piece = at(found, 0.2, 2.0)
+    assert piece["unbroken"] > 2.5
+
+
+def test_what_stands_a_little_before_a_wall_has_it_behind() -> None:
+    found = seen([*wall(2.0, (-0.3, 0.3)), *wall(2.15, (-6.0, 6.0))])
+    relief = at(found, 0.0, 2.0)
+    assert relief["depth_behind"] == pytest.approx(0.15, abs=0.04)
+    assert relief["line_behind"] > 0.8
+    assert relief["before_back"] == pytest.approx(0.15, abs=0.05)
+    assert relief["backing"] > 1.0
+    deep = at(seen([*wall(2.0, (-0.3, 0.3)), *wall(3.0, (-6.0, 6.0))]), 0.0, 2.0)
+    assert (deep["backing"], deep["before_back"]) == (0.0, pytest.approx(1.0, abs=0.1))
+    assert deep["line_behind"] < 0.1
+
+
+def test_bulges_are_told_towards_the_sensor_and_away() -> None:
+    far = wall(6.0, (-9.0, 9.0))
+    nose = at(seen([(-0.4, 2.3, 0.0, 1.9), (0.0, 1.9, 0.4, 2.3), *far]), 0.0, 2.1)
+    assert nose["bulge_to"] == pytest.approx(0.4, abs=0.05)
+    assert nose["bulge_away"] == pytest.approx(0.0, abs=0.03)
+    bay = at(seen([(-0.4, 1.9, 0.0, 2.3), (0.0, 2.3, 0.4, 1.9), *far]), 0.0, 2.1)
+    assert bay["bulge_away"] == pytest.approx(0.4, abs=0.05)
+
+
+def test_a_wall_in_pieces_is_building_and_what_stands_free_is_a_thing() -> None:
+    pieces = [(-4.5, -3.2), (-2.2, -0.9), (0.1, 1.4), (2.4, 3.7)]
+    room = [*wall(2.0, *pieces), *wall(-2.0, *pieces), (5.0, -2.0, 5.0, 2.0), (-5.0, -2.0, -5.0, 2.0)]
+    box = [(1.0, -0.4, 1.5, -0.9), (1.5, -0.9, 2.0, -0.4)]
+    found = detect(batch_of([turn([*room, *box], beams=1440)]))
+    assert len(found) > 0
+    assert (np.hypot(found.x - 1.5, found.y + 0.65) < 0.4).all()
+
+
+def test_what_each_kind_of_evidence_adds_is_all_there_is() -> None:
+    found = seen(
+        [*wall(2.0, (-3.0, -1.6), (-0.6, 0.6), (1.6, 3.0)), *wall(-1.5, (-0.2, 0.2)), *wall(5.0, (-8, 8))]
+    )
+    assert found.features is not None
+    told = contributions(found.features, found.thing)
+    assert [*told] == [START, *KINDS, NEIGHBOURS]
+    odds = np.log(found.thing / (1.0 - found.thing))
+    np.testing.assert_allclose(sum(told.values()), odds, atol=1e-6)
+    # Without the second look they are the log-odds of the first.
+    first = found.features[:, features.NAMES.index("first")]
+    np.testing.assert_allclose(odds - told[NEIGHBOURS], first, atol=1e-3)
+    lines = reasons(found.features, found.thing)
+    assert all(line is not None and line.split(", ")[0].split()[0] in told for line in lines)
+    assert reasons(found.features[:1], np.array([np.nan])) == [None]
+
+
+def test_every_feature_is_evidence_of_one_kind() -> None:
+    kinds = [name for names in KINDS.values() for name in names]
+    second = ("first", "jump_free", "hidden_by_wall", "hidden_by_thing", "others")
+    assert sorted([*kinds, *second]) == sorted(features.NAMES)
+    assert {node[0] for tree in forest.FIRST for node in tree} <= {
+        -1,
+        *range(len(features.NAMES) - len(second)),
+    }
+
+
+def test_beams_that_flicker_prove_nothing() -> None:
+    """A board before nothing: with every ninth beam lost its ends may be its own, or may not."""
+    board = turn(wall(2.0, (-0.5, 0.5)) + wall(-2.0, (-2.0, 2.0)), beams=720)
+    calm = detect(batch_of([board]), ALL)
+    ranges = np.array(board.ranges)
+    ranges[::9] = np.inf
+    wild = detect(batch_of([Sweep(ranges.tolist(), -pi, pi / 360, EACH_BEARING_ONCE)]), ALL, explain=True)
+    assert set(calm.visibility.tolist()) == {0}
+    assert set(wild.visibility.tolist()) == {3}
+    assert at(wild, 0.0, 2.0)["flicker"] > 0.05
