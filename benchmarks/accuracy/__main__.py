@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from benchmarks.accuracy import boxes, real
+from benchmarks.accuracy import boxes, driven, real
 from benchmarks.accuracy.cells import Things
 from benchmarks.accuracy.figures import Figures, as_json
 from benchmarks.accuracy.objects import Part, Tally, measure
@@ -65,6 +65,7 @@ def measure_all(first: int, scenes: int, command: str, jobs: int, baselines: boo
         cylinder=boxes.measure_cylinder(CYLINDER_SWEEPS, first),
         legs=real.measure_legs(Path(folder)) if folder else [],
         cars=real.measure_car(Path(folder)) if folder else [],
+        driven=driven.measure(first, min(driven.SCENES, scenes), jobs),
         by_eye=measure_by_eye(Path(folder), baselines=baselines) if folder else None,
     )
 

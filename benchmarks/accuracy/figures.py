@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 
 from benchmarks.accuracy.boxes import BoxResult, CylinderResult
 from benchmarks.accuracy.cells import THINGS
+from benchmarks.accuracy.driven import Driven
 from benchmarks.accuracy.objects import Tally
 from benchmarks.accuracy.real import Car, Legs
 from benchmarks.accuracy.scoring import BEAMS, Score
@@ -32,6 +33,7 @@ class Figures:
     legs: list[Legs] = field(default_factory=list)
     """Empty without the recordings."""
     cars: list[Car] = field(default_factory=list)
+    driven: Driven = field(default_factory=dict)
     by_eye: ByEye | None = None
     """None without the recordings."""
 
@@ -58,6 +60,10 @@ def as_json(figures: Figures) -> str:
         "legs": [asdict(result) for result in figures.legs],
         "cars": [asdict(result) for result in figures.cars],
     }
+    tables["driven"] = [
+        {"sensors": group, "method": method, **_score(found)}
+        for (group, method), found in figures.driven.items()
+    ]
     if figures.by_eye is not None:
         tables["by_eye"] = [
             {"side": side, "place": place, "method": method, **asdict(counts)}

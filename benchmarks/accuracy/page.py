@@ -6,12 +6,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from benchmarks.accuracy import boxes, real
+from benchmarks.accuracy import boxes, driven, real
 from benchmarks.accuracy.cells import BUILDING_CELLS, CELLS, THINGS, Cell, Things
 from benchmarks.accuracy.figures import Figures
 from benchmarks.accuracy.methods import GROUP_GAP, ROBUST
 from benchmarks.accuracy.objects import MISSED, SHAPE_BEAMS, Tally, total
-from benchmarks.accuracy.prose import BUILDINGS, HEAD, LIMITS, REAL, SCENES
+from benchmarks.accuracy.prose import BUILDINGS, DRIVEN, HEAD, LIMITS, REAL, SCENES
 from benchmarks.accuracy.scoring import BEAMS
 from benchmarks.annotations import page as by_eye
 from lidarcli.formalism import SHAPES
@@ -65,6 +65,7 @@ def page(figures: Figures, before: str) -> str:
         "![F1 of every method in every cell](images/accuracy.png)\n",
         _cells(figures.tally),
         _buildings(figures.tally, figures.scenes),
+        _driven(figures.driven),
         _kinds(figures.tally),
         _wrong(figures.tally),
         _legged(figures.tally),
@@ -84,6 +85,7 @@ def summary(figures: Figures) -> str:
             _summary(tally, "plain"),
             _cells(tally),
             _buildings(tally, figures.scenes),
+            _driven(figures.driven),
             _kinds(tally),
             _wrong(tally),
             _legged(tally),
@@ -161,6 +163,15 @@ def _buildings(tally: Tally, scenes: int) -> str:
         "### Scenes like real buildings\n\n"
         + BUILDINGS.format(scenes=scenes)
         + table(["precision / recall", *(name for name, _ in groups)], rows)
+    )
+
+
+def _driven(found: driven.Driven) -> str:
+    """The same buildings by a sensor that drives."""
+    groups = sorted({group for group, _ in found}, reverse=True)
+    head = ["precision / recall", *groups]
+    return DRIVEN.format(sweeps=building_scenes.SWEEPS, way=building_scenes.WAY) + table(
+        head, driven.rows(found)
     )
 
 

@@ -59,6 +59,10 @@ surfaces, 8 % that flicker.
 
 """
 
+DRIVEN = """The same buildings by a sensor that drives {way:g} m within {sweeps} sweeps, with its poses, over all sweeps:
+
+"""
+
 REAL = """Public recordings whose labels are not ours; they are no part of this project, and `LIDARCLI_REAL_LOGS` names
 their folder.
 

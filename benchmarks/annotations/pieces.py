@@ -77,9 +77,12 @@ def _straight(run: Int64, x: Float64, y: Float64) -> list[Int64]:
     px, py = x[run], y[run]
     along = np.array([px[-1] - px[0], py[-1] - py[0]])
     length = float(np.hypot(*along))
-    if length < STEP:
+    # What comes back to where it began has no chord: its farthest point is a corner.
+    off = np.hypot(px - px[0], py - py[0])
+    if length >= STEP:
+        off = np.abs((px - px[0]) * along[1] - (py - py[0]) * along[0]) / length
+    elif off.max() < STEP:
         return [run]
-    off = np.abs((px - px[0]) * along[1] - (py - py[0]) * along[0]) / length
     noise = float(np.median(np.abs(np.diff(off, 2)))) if len(run) > 4 else 0.0
     at = int(off[LEAST - 1 : len(run) - LEAST + 1].argmax()) + LEAST - 1
     if off[at] <= BEND + 3.0 * noise:

@@ -115,7 +115,7 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     sweep.load(core.points, core.scans, row)
     sweep.differences(core.points)
     d_mean = sweep.mean_difference(core.points)
-    core.points.flicker = sweep.flicker(core.points, core.scans)
+    core.points.flicker = sweep.flicker(core.points, core.scans) if core.robust else 0.0
     core.points.sigma = noises.sigma_of(core.noise, core.scans, row)
     if core.adaptive:
         core.points.d_th = breaks.noise_threshold(core.points.sigma)

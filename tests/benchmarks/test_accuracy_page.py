@@ -47,7 +47,8 @@ def test_the_page_names_its_command_and_seeds(written: Path) -> None:
         "## Objects",
         "## Shapes",
         "## A cylinder",
-        "## Real recordings",
+        "## On real logs",
+        "### Scenes like real buildings",
         "## Limits",
     ):
         assert f"{heading}\n" in text
@@ -69,7 +70,7 @@ def test_the_images_are_small(written: Path) -> None:
 def test_the_json_holds_every_cell(written: Path) -> None:
     figures = json.loads((written.parent / "figures.json").read_text(encoding="utf-8"))
     plain = [cell for cell in figures["cells"] if cell["scenes"] == "plain"]
-    assert len({(cell["kind"], cell["sensor"], cell["noise"]) for cell in plain}) == 27
+    assert len({(cell["kind"], cell["sensor"], cell["noise"]) for cell in plain}) == 27 + 12
     assert {cell["method"] for cell in plain} >= {"robust", "paper", "Dietmayer", "DBSCAN(0.3, 3)"}
     assert all(0 <= cell["f1"] <= 1 for cell in plain)
     assert len(figures["boxes"]) == 9

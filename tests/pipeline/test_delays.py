@@ -299,7 +299,7 @@ def test_damage_is_told_once(tmp_path: Path, drive: Scene, name: str) -> None:
     ],
 )
 def test_delays_of_real_logs(log: str, delay: dict[str, float] | None) -> None:
-    tables = lidarcli.track(REAL_LOGS / log)
+    tables = lidarcli.track(REAL_LOGS / log, memory=False)
     (poses,) = json.loads(tables.tracks.schema.metadata[b"lidarcli.source"])["poses"].values()
     assert poses.get("track_delay") == delay
     assert tables.objects["world_x"].equals(lidarcli.detect(REAL_LOGS / log)["world_x"])

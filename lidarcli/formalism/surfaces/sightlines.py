@@ -203,7 +203,8 @@ def _follow(
             beam = sweep.beam_at(points, position[p] - way)
             if beam >= 0 and scans.status[points.row * scans.width + beam] == cuts.NO_RETURN:
                 beyond += step * lost / (lost + skip)
-            step *= skip / (lost + skip)
+            # Where beams were lost nobody knows what is on the line.
+            step = 0.0
         if crossed < CROSSED:
             allowed = plane + SLANT * away
             if depth > allowed:

@@ -20,9 +20,6 @@ from lidarcli.pipeline.objects.parts import Made, Rows
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.tables.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
 
-DOUBTFUL = 0.0
-"""What is less likely a thing than this, in one sweep, is not remembered."""
-
 
 @dataclass(frozen=True, slots=True)
 class TrackOptions:
@@ -37,10 +34,10 @@ class TrackOptions:
         return Tracker(self.parameters, catalogue, found.min_thing)
 
     def found_with(self, parameters: Parameters) -> Parameters:
-        """What the objects are to be found with so that memory can decide: whatever may be a thing."""
+        """What the objects are to be found with so that memory can decide: every body, whatever one sweep says of it."""
         if not self.parameters.memory:
             return parameters
-        return replace(parameters, min_thing=min(DOUBTFUL, parameters.min_thing))
+        return replace(parameters, min_thing=0.0)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for the tables' metadata."""
