@@ -24,7 +24,7 @@ from tests.sweeping import BOX, raw_sweeps, round_room
 
 pytestmark = pytest.mark.slow
 
-SWEEPS = 4000
+SWEEPS = 16_000
 TABLES = ("beams", "objects", "sweeps")
 FINAL = [f"run.{table}.parquet" for table in TABLES]
 SCRATCH = re.compile(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part")
