@@ -188,24 +188,50 @@ class SweepPoses:
     """(S,) direction of the sensor's x axis [rad]."""
     upside_down: Bool
     """(S,) whether the sensor hangs head down, so that its bearings run clockwise in the world."""
+    way: Float64 | None = None
+    """(S, 3) how far it goes in x, y [m] and yaw [rad] from the first beam to the last; None: sweeps take no time."""
 
     def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepPoses:
         """The poses of `index`, which may repeat."""
-        return SweepPoses(self.x[index], self.y[index], self.yaw[index], self.upside_down[index])
+        way = None if self.way is None else self.way[index]
+        return SweepPoses(self.x[index], self.y[index], self.yaw[index], self.upside_down[index], way)
+
+    def during(self, row: Int64 | NDArray[np.intp], share: Float64) -> SweepPoses:
+        """Where the sensor was in the course of sweep `row` (K,): at a `share` (K,) of its time, as it goes evenly."""
+        here = self.rows(row)
+        if here.way is None:
+            return here
+        dx, dy, turn = (here.way * share[:, None]).T
+        return SweepPoses(here.x + dx, here.y + dy, here.yaw + turn, here.upside_down)
+
+    def own_way(self) -> Float64 | None:
+        """(S, 3) the way during each sweep as the sensor has it at the first beam: ahead, to the left [m], turned [rad]."""
+        if self.way is None:
+            return None
+        dx, dy, turn = self.way.T
+        side = np.where(self.upside_down, -1.0, 1.0)
+        cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+        return np.column_stack([cos * dx + sin * dy, side * (cos * dy - sin * dx), side * turn])
 
     def to_world(
-        self, row: Int64 | NDArray[np.intp], x: Float64, y: Float64, yaw: Float64
+        self,
+        row: Int64 | NDArray[np.intp],
+        x: Float64,
+        y: Float64,
+        yaw: Float64,
+        share: Float64 | None = None,
     ) -> tuple[Float64, Float64, Float64]:
         """Points and undirected lines in the sensor frame of sweep `row` (K,) in the world frame.
 
+        With a `share` (K,) they are seen from where the sensor was at that share of the time of the sweep.
         Returns x, y [m] and the direction in (-π/2, π/2] [rad], (K,) each.
         """
-        side = np.where(self.upside_down[row], -1.0, 1.0)
-        turn = self.yaw[row]
-        cos, sin = np.cos(turn), np.sin(turn)
+        here = self.rows(row) if share is None else self.during(row, share)
+        side = np.where(here.upside_down, -1.0, 1.0)
+        cos, sin = np.cos(here.yaw), np.sin(here.yaw)
         left = side * y
-        world_yaw = 0.5 * np.pi - (0.5 * np.pi - (turn + side * yaw)) % np.pi
-        return self.x[row] + cos * x - sin * left, self.y[row] + sin * x + cos * left, world_yaw
+        world_yaw = 0.5 * np.pi - (0.5 * np.pi - (here.yaw + side * yaw)) % np.pi
+        return here.x + cos * x - sin * left, here.y + sin * x + cos * left, world_yaw
 
 
 @record
@@ -231,6 +257,8 @@ class SweepBatch:
     """(S, B) `Status`; PADDING from `beams[i]` on."""
     closure: UInt8 = field(default_factory=lambda: np.empty(0, np.uint8))
     """(S,) `Closure`; derived from the geometry."""
+    duration: Float64 | None = None
+    """(S,) from the first beam to the last [s], negative where the last is taken first; None: nobody tells."""
     first_ns: int = 0
     """Stamp of the first sweep of the topic in the log, whether or not it is among these."""
     poses: SweepPoses | None = None
@@ -249,6 +277,7 @@ class SweepBatch:
         for name in ("poses", "true_poses"):
             told = getattr(self, name)
             picked[name] = None if told is None else told.rows(index)
+        picked["duration"] = None if self.duration is None else self.duration[index]
         return replace(self, **picked)
 
     def by_frame(self) -> Iterator[tuple[str, Int64, SweepBatch]]:
@@ -277,6 +306,16 @@ class SweepBatch:
         bearings: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * columns
         return bearings
 
+    def all_shares(self) -> Float64:
+        """(S, B) the share of the time of its sweep that has passed at each beam; above 1 for padding."""
+        shares: Float64 = np.arange(self.width) / np.maximum(self.beams - 1.0, 1.0)[:, None]
+        return shares
+
+    def shares(self, row: Int64 | NDArray[np.intp], beam: Float64 | Int64 | NDArray[np.intp]) -> Float64:
+        """(K,) the share of the time of sweep `row` that has passed at `beam`: 0 for the first, 1 for the last."""
+        shares: Float64 = beam / np.maximum(self.beams[row] - 1.0, 1.0)
+        return shares
+
 
 _BATCH_ROW_FIELDS = (*_ROW_FIELDS, "sweep", "status", "closure")
 
@@ -301,6 +340,32 @@ def closure(beams: Int32, angle_increment: Float64) -> UInt8:
         shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)
     ).astype(np.uint8)
     return kind
+
+
+LONGEST_SWEEP = 1.0
+"""No sweep takes longer [s], whatever its header says."""
+
+
+def duration(raw: RawSweeps) -> Float64 | None:
+    """(S,) how long sweeps take from the first beam to the last [s], from what their headers say; None where none does.
+
+    `time_increment` tells, with its sign; where it is 0 it is `scan_time`, from sweep to sweep, of which the sensor spends
+    the share of a turn that it sees. What is not finite, or longer than `LONGEST_SWEEP`, counts as nothing told: 0.
+    """
+    if raw.time_increment is None and raw.scan_time is None:
+        return None
+    seconds = np.zeros(len(raw))
+    steps = np.maximum(raw.beams - 1, 0)
+    # A header may say anything.
+    with np.errstate(invalid="ignore", over="ignore"):
+        if raw.scan_time is not None:
+            view = np.minimum(steps * np.abs(raw.angle_increment) / TURN, 1.0)
+            seconds = np.maximum(raw.scan_time.astype(np.float64), 0.0) * view
+        if raw.time_increment is not None:
+            each = raw.time_increment.astype(np.float64)
+            seconds = np.where(each != 0.0, each * steps, seconds)
+        believed = np.abs(seconds) <= LONGEST_SWEEP
+    return np.where(believed, seconds, 0.0) if bool((believed & (seconds != 0.0)).any()) else None
 
 
 NEAREST, FARTHEST = 1e-6, 1e6
@@ -356,6 +421,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         ranges=clean,
         status=status,
         closure=closure(raw.beams, raw.angle_increment),
+        duration=duration(raw),
         first_ns=first_ns,
     )
 

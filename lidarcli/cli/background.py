@@ -26,6 +26,7 @@ from lidarcli.cli.options import (
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
+    from lidarcli.pipeline.reading.posing import PoseOptions
     from lidarcli.sweeps import RangeRules
 
 STATIONS = "Stations of a moving sensor"
@@ -98,6 +99,7 @@ def build(
     figure: str | None,
     overwrite: bool,
     selection: Selection,
+    poses: PoseOptions,
     distance: float,
     angle: float,
     rules: RangeRules,
@@ -133,8 +135,7 @@ def build(
         BuildOptions(
             read=selection.read(rules),
             csv=csv,
-            pose=selection.pose,
-            pose_delay=selection.pose_delay or 0.0,
+            poses=poses,
             distance=distance,
             angle=math.radians(angle),
         )

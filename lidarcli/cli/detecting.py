@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+    from lidarcli.pipeline.reading.posing import PoseOptions
     from lidarcli.pipeline.running.outcomes import Outcome
     from lidarcli.sweeps import RangeRules
 
@@ -157,6 +158,7 @@ def find(
     overwrite: bool,
     jobs: int | None,
     selection: Selection,
+    poses: PoseOptions,
     background: str | None,
     removed: bool,
     any_frame: bool,
@@ -190,8 +192,7 @@ def find(
         parameters=Parameters.for_profile(**parameters),
         read=selection.read(rules),
         csv=csv,
-        pose=selection.pose,
-        pose_delay=selection.pose_delay,
+        poses=poses,
         background=compared,
         catalogue=None if catalogue is None else read_catalogue(catalogue),
         tracking=None if tracking is None else tracking(),

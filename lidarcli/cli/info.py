@@ -13,11 +13,13 @@ from lidarcli.cli.options import (
     GroupedCommand,
     csv_options,
     option,
+    pose_options,
     range_options,
 )
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
+    from lidarcli.pipeline.reading.posing import PoseOptions
     from lidarcli.sweeps import RangeRules
 
 
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="For people, or a JSON list with one object per log.",
 )
+@pose_options
 @range_options
 @csv_options
 @click.pass_obj
@@ -48,6 +51,7 @@ def info(
     /,
     logs: tuple[str, ...],
     kind: str,
+    poses: PoseOptions,
     rules: RangeRules,
     csv: CsvOptions,
 ) -> int:
@@ -67,7 +71,7 @@ def info(
     found: list[LogInfo] = []
     codes = []
     with progress_bar(sources, say) as report:
-        for source, result in inspect_logs(sources, csv, rules, report):
+        for source, result in inspect_logs(sources, csv, rules, poses, report):
             codes.append(result.exit_code)
             if isinstance(result, Failure):
                 if result.trace:

@@ -14,6 +14,8 @@ import click
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
     from lidarcli.logs.batches import ReadOptions
+    from lidarcli.pipeline.inputs.sources import Source
+    from lidarcli.pipeline.reading.posing import PoseOptions
     from lidarcli.sweeps import RangeRules
 
 OTHER = "Other"
@@ -160,19 +162,17 @@ LOGS = click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=IN
 RANGES = "Beams without a range"
 CSV = "CSV files without geometry"
 SELECT = "Sweeps to read"
+POSES = "Where the sensor was"
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which sweeps of a log to read, and where their poses come from."""
+    """Which sweeps of a log to read."""
 
     topics: tuple[str, ...]
     start: float | None
     end: float | None
     every: int
-    pose: str | None
-    pose_delay: float | None
-    """None where nothing is said."""
 
     def read(self, rules: RangeRules) -> ReadOptions:
         """What to read, with how ranges are judged."""
@@ -197,25 +197,60 @@ def _gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
     return cast(F, gathering)
 
 
-def reading_options(command: F) -> F:
-    """Which sweeps of a log to read, and where their poses come from: the command gets a `selection`."""
-    command = _gathered(command, "selection", Selection)
+def pose_options(command: F) -> F:
+    """Where the poses of a log come from: the command gets `poses`."""
+    command = _gathered(command, "poses", _pose_options)
     for decorate in (
         option(
-            "--pose",
-            heading=SELECT,
-            metavar="TOPIC",
-            help="Topic that tells where the sensor was (docs/poses.md); none for no poses.  [default: the best there is]",
+            "--no-deskew",
+            heading=POSES,
+            is_flag=True,
+            help="Take all beams of a sweep as seen from one place; by default each is seen from where the sensor was at "
+            "its own time, where poses and time_increment are known.",
         ),
         option(
             "--pose-delay",
-            heading=SELECT,
+            heading=POSES,
             type=Number("SECONDS"),
             default=None,
             show_default="0; track: 0, and for tracks what fits best",
             help="Take the pose of a sweep this much after its header stamp; negative: before. `info` tells where another "
             "than 0 fits better.",
         ),
+        option(
+            "--poses",
+            "trajectory",
+            heading=POSES,
+            metavar="FILE.tum",
+            type=click.Path(),
+            help="Path of the sensor from a file: lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write "
+            "them.  [default: the log's own poses]",
+        ),
+        option(
+            "--pose",
+            heading=POSES,
+            metavar="TOPIC",
+            help="Topic that tells where the sensor was (docs/poses.md); none for no poses; match to find its path from "
+            "the sweeps themselves.  [default: the best there is]",
+        ),
+    ):
+        command = decorate(command)
+    return command
+
+
+def _pose_options(
+    pose: str | None, trajectory: str | None, pose_delay: float | None, no_deskew: bool
+) -> PoseOptions:
+    """`PoseOptions` from the options."""
+    from lidarcli.pipeline.reading.posing import PoseOptions
+
+    return PoseOptions(pose, trajectory, pose_delay, not no_deskew)
+
+
+def reading_options(command: F) -> F:
+    """Which sweeps of a log to read, and where their poses come from: the command gets a `selection` and `poses`."""
+    command = pose_options(_gathered(command, "selection", Selection))
+    for decorate in (
         option(
             "--every",
             heading=SELECT,
@@ -353,3 +388,17 @@ def _csv_geometry(
         range_max=range_max,
         range_scale=0.001 if range_unit == "mm" else 1.0,
     )
+
+
+def one_log(log: str) -> Source:
+    """The log that is meant, which may be the only one in a folder."""
+    from lidarcli.errors import OptionError, UnreadableError
+    from lidarcli.pipeline.inputs.search import find_logs
+    from lidarcli.pipeline.inputs.sources import Nothing
+
+    sources = find_logs([log])
+    if len(sources) > 1:
+        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them")
+    if isinstance(sources[0], Nothing):
+        raise UnreadableError(f"{log}: {sources[0].error}")
+    return sources[0]

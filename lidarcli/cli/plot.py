@@ -17,13 +17,13 @@ from lidarcli.cli.options import (
     STDOUT,
     GroupedCommand,
     csv_options,
+    one_log,
     option,
     range_options,
 )
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
-    from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.sweeps import RangeRules
 
 PICTURE = "Picture"
@@ -178,7 +178,7 @@ def plot(
         write_pictures,
     )
 
-    source = _one_log(log)
+    source = one_log(log)
     one = animate or wanted is None or len(wanted) == 1
     paths = [Path(output)] if one else _numbered(Path(output), wanted or ())
     if output != STDOUT:
@@ -211,20 +211,6 @@ def _wanted(sweep: int | None, sweeps: tuple[int, ...] | None, animate: bool) ->
     if sweep is not None:
         return (sweep,)
     return (0,) if sweeps is None and not animate else sweeps
-
-
-def _one_log(log: str) -> Source:
-    """The log that is meant, which may be the only one in a folder."""
-    from lidarcli.errors import OptionError, UnreadableError
-    from lidarcli.pipeline.inputs.search import find_logs
-    from lidarcli.pipeline.inputs.sources import Nothing
-
-    sources = find_logs([log])
-    if len(sources) > 1:
-        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them")
-    if isinstance(sources[0], Nothing):
-        raise UnreadableError(f"{log}: {sources[0].error}")
-    return sources[0]
 
 
 def _suffix(output: str, animate: bool) -> None:

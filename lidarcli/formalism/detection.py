@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from lidarcli.records import record
-from lidarcli.sweeps import Float32, Float64, Int8, Int32, Int64, UInt8
+from lidarcli.sweeps import Float32, Float64, Int8, Int32, Int64, SweepBatch, UInt8
 
 SETS = ("O", "A", "S")
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown", "wall")
@@ -103,3 +105,11 @@ class Detection:
 
     def __len__(self) -> int:
         return len(self.row)
+
+    def shares(self, batch: SweepBatch) -> Float64:
+        """(K,) the share of the time of its sweep that has passed when the beam in the middle of each object is taken."""
+        beams = batch.beams[self.row].astype(np.int64)
+        first, last = self.beam_i.astype(np.int64), self.beam_f.astype(np.int64)
+        # One that crosses the seam begins at the end of the sweep and ends at its start.
+        middle = first + 0.5 * np.where(first <= last, last - first, last - first + beams)
+        return batch.shares(self.row, np.where(middle >= beams, middle - beams, middle))

@@ -245,6 +245,8 @@ def _block(topic: str, buffer: UInt8, heads: _Heads, record_ns: Int64, ranges: F
         range_max=heads.geometry[:, 6].copy(),
         beams=heads.beams.astype(np.int32),
         ranges=ranges,
+        time_increment=heads.geometry[:, 3].copy(),
+        scan_time=heads.geometry[:, 4].copy(),
     )
 
 

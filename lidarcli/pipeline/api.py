@@ -34,7 +34,7 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import PoseOptions, Posing
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.sweeps import RangeRules, SweepBatch
 
@@ -54,7 +54,9 @@ def read(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
+    poses: AnyPath | None = None,
     pose_delay: float = 0.0,
+    deskew: bool = True,
 ) -> Iterator[SweepBatch]:
     """Batches of sweeps of one or more logs in any format, log after log; a damaged part is warned of and left out.
 
@@ -66,8 +68,11 @@ def read(
     every : take every n-th sweep
     rules : how ranges are judged
     csv : what a CSV file may need to be told
-    pose : topic whose poses the batches get, `none` for no poses; by default the best there is
+    pose : topic whose poses the batches get, `none` for no poses, `match` for those that the sweeps tell; by default the
+        best there is
+    poses : trajectory of the sensor (TUM), instead of what the log tells
     pose_delay : the pose of a sweep is that at its header stamp and this much later [s]
+    deskew : whether poses also tell how far the sensor goes during each sweep
 
     Raises
     ------
@@ -77,16 +82,17 @@ def read(
         There is no LaserScan in a log, or not the topic that was asked for.
     """
     options = _read_options(topics, start, end, every, rules)
-    return _batches(_sources(source), options, csv or CsvOptions(), pose, pose_delay)
+    told = _pose_options(pose, poses, pose_delay, deskew)
+    return _batches(_sources(source), options, csv or CsvOptions(), told)
 
 
 def _batches(
-    sources: Sequence[Source], options: ReadOptions, csv: CsvOptions, pose: str | None, delay: float
+    sources: Sequence[Source], options: ReadOptions, csv: CsvOptions, poses: PoseOptions
 ) -> Iterator[SweepBatch]:
     failed = Failed(len(sources))
     for source in sources:
         with failed.noted(source), open_source(source, csv) as log:
-            posing = Posing.of(log, pose, delay)
+            posing = Posing.of(log, poses, options.topics, options.rules)
             report = ReadReport()
             for batch in read_batches(log, options, report):
                 yield replace(posing.attach(batch), log=source.name)
@@ -108,7 +114,9 @@ def learn(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
+    poses: AnyPath | None = None,
     pose_delay: float = 0.0,
+    deskew: bool = True,
 ) -> tuple[Background, ...]:
     """The background of every sensor of one or more logs of a scene without objects of interest.
 
@@ -117,13 +125,12 @@ def learn(
     source : as of `read`
     output : background table to write, replaced where it exists; by default none
     station_distance, station_angle : how far apart sweeps of one place may be [m], [rad]
-    topics, start, end, every, rules, csv, pose, pose_delay : as of `read`
+    topics, start, end, every, rules, csv, pose, poses, pose_delay, deskew : as of `read`
     """
     options = BuildOptions(
         read=_read_options(topics, start, end, every, rules),
         csv=csv or CsvOptions(),
-        pose=pose,
-        pose_delay=pose_delay,
+        poses=_pose_options(pose, poses, pose_delay, deskew),
         distance=station_distance,
         angle=station_angle,
     )
@@ -155,7 +162,9 @@ def detect(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
+    poses: AnyPath | None = None,
     pose_delay: float = 0.0,
+    deskew: bool = True,
     memory: bool = False,
     **objects: Any,
 ) -> pa.Table:
@@ -168,7 +177,7 @@ def detect(
     parameters : of the detection, by default those of profile `robust`; with a background no greatest width
     background : only what differs from it is an object: a background table, what `learn` returns, or with options
     catalogue : things of interest, which objects are named by: a catalogue file, or what `read_catalogue` makes of it
-    topics, start, end, every, rules, csv, pose, pose_delay : as of `read`; only for logs
+    topics, start, end, every, rules, csv, pose, poses, pose_delay, deskew : as of `read`; only for logs
     memory : decide what is a thing, and its shape, by all sweeps that saw it, as `track` does
     objects : single parameters (`max_width=1.0`, `profile="paper"`), instead of `parameters`
     """
@@ -179,7 +188,7 @@ def detect(
 
         tracking = TrackOptions(tracks=False)
     reading: dict[str, Any] = {"topics": topics, "start": start, "end": end, "every": every, "rules": rules}
-    reading |= {"csv": csv, "pose": pose, "pose_delay": pose_delay}
+    reading |= {"csv": csv, "pose": pose, "poses": poses, "pose_delay": pose_delay, "deskew": deskew}
     subtracted = _background(background)
     parameters = _parameters("detect", parameters, objects, subtracted is not None)
     return _tables(source, ("objects",), parameters, subtracted, catalogue, reading, tracking)["objects"]
@@ -199,7 +208,9 @@ def track(
     rules: RangeRules | None = None,
     csv: CsvOptions | None = None,
     pose: str | None = None,
+    poses: AnyPath | None = None,
     pose_delay: float | None = None,
+    deskew: bool = True,
     memory: bool = True,
     **objects: Any,
 ) -> TrackTables:
@@ -211,7 +222,7 @@ def track(
     significance : share of the standing things that may pass for moving by chance, 1e-12 to 0.1
     catalogue : as of `detect`; things are named by all that was seen of them
     memory : decide what is a thing, and its shape, by all sweeps that saw it, not anew in each
-    parameters, background, topics, start, end, every, rules, csv, pose, objects : as of `detect`
+    parameters, background, topics, start, end, every, rules, csv, pose, poses, deskew, objects : as of `detect`
     pose_delay : as of `read`; by default 0, but things are followed by the poses of the delay that fits best
 
     Returns
@@ -224,7 +235,7 @@ def track(
     from lidarcli.pipeline.objects.following import TrackOptions
 
     reading: dict[str, Any] = {"topics": topics, "start": start, "end": end, "every": every, "rules": rules}
-    reading |= {"csv": csv, "pose": pose, "pose_delay": pose_delay}
+    reading |= {"csv": csv, "pose": pose, "poses": poses, "pose_delay": pose_delay, "deskew": deskew}
     tracking = TrackOptions(TrackParameters(significance=significance, memory=memory))
     subtracted = _background(background)
     parameters = _parameters("track", parameters, objects, subtracted is not None)
@@ -255,8 +266,7 @@ def _tables(
         parameters=parameters,
         read=_read_options(*(reading[name] for name in ("topics", "start", "end", "every", "rules"))),
         csv=reading["csv"] or CsvOptions(),
-        pose=reading["pose"],
-        pose_delay=reading["pose_delay"],
+        poses=_pose_options(*(reading[name] for name in ("pose", "poses", "pose_delay", "deskew"))),
         background=background,
         catalogue=things,
         tracking=tracking,
@@ -264,7 +274,7 @@ def _tables(
     return of_logs(_sources([] if first is None else [first, *items], level=4), tables, options)
 
 
-_UNASKED = {"every": 1, "pose_delay": 0.0}
+_UNASKED = {"every": 1, "pose_delay": 0.0, "deskew": True}
 """What is said of reading where nothing was asked for, if not None."""
 
 
@@ -283,6 +293,10 @@ def _read_options(
         every=every,
         rules=rules or RangeRules(),
     )
+
+
+def _pose_options(pose: str | None, poses: AnyPath | None, delay: float | None, deskew: bool) -> PoseOptions:
+    return PoseOptions(pose, None if poses is None else fspath(poses), delay, deskew)
 
 
 def _sources(source: Any, level: int = 3) -> list[Source]:
@@ -350,6 +364,8 @@ _OPTIONS = (
     "rules",
     "csv",
     "pose",
+    "poses",
     "pose_delay",
+    "deskew",
     "memory",
 )

@@ -20,7 +20,7 @@ from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.reading.posing import refuse_delay
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of
@@ -35,23 +35,16 @@ class BuildOptions:
 
     read: ReadOptions = field(default_factory=ReadOptions)
     csv: CsvOptions = field(default_factory=CsvOptions)
-    pose: str | None = None
-    """Topic whose poses to take, `none` for no poses; by default the best there is."""
-    pose_delay: float = 0.0
-    """The pose of a sweep is that at its header stamp and this much later [s]."""
+    poses: PoseOptions = field(default_factory=PoseOptions)
     distance: float = STATION_DISTANCE
     """Sweeps up to this far from a station [m] belong to it …"""
     angle: float = STATION_ANGLE
     """… if their heading differs by no more than this [rad]."""
 
-    def __post_init__(self) -> None:
-        """Refuse what no log could be read with."""
-        refuse_delay(self.pose, self.pose_delay)
-
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the table's metadata."""
         stations = {"station_distance": self.distance, "station_angle": self.angle}
-        return reading_as_dict(self.read, self.csv, self.pose, self.pose_delay) | stations
+        return reading_as_dict(self.read, self.csv, self.poses) | stations
 
 
 class Building:
@@ -68,7 +61,7 @@ class Building:
         options = self._options
         with (
             open_source(source, options.csv) as log,
-            Reading(log, options.read, options.pose, options.pose_delay) as reading,
+            Reading(log, options.read, options.poses) as reading,
         ):
             for batch in reading.batches(progress):
                 self._take(batch)

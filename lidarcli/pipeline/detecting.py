@@ -16,7 +16,7 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.parts import Recipe, Rows
-from lidarcli.pipeline.reading.posing import refuse_delay
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.cores import cores
@@ -37,11 +37,7 @@ class DetectOptions:
     parameters: Parameters = field(default_factory=Parameters)
     read: ReadOptions = field(default_factory=ReadOptions)
     csv: CsvOptions = field(default_factory=CsvOptions)
-    pose: str | None = None
-    """Topic whose poses to take, `none` for no poses; by default the best there is."""
-    pose_delay: float | None = None
-    """The pose of a sweep is that at its header stamp and this much later [s]; None: no later, but things are followed by
-    the delay that fits best."""
+    poses: PoseOptions = field(default_factory=PoseOptions)
     background: BackgroundOptions | None = None
     """Only what differs from this background is an object."""
     tracking: TrackOptions | None = None
@@ -58,10 +54,6 @@ class DetectOptions:
     cores: int = field(default_factory=cores)
     """Processors that there are."""
 
-    def __post_init__(self) -> None:
-        """Refuse what no log could be read with."""
-        refuse_delay(self.pose, self.pose_delay)
-
     @property
     def threads(self) -> int:
         """Threads for the objects of one log: more than there are processors would only be in each other's way."""
@@ -76,12 +68,11 @@ class DetectOptions:
     def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
         """The files that are read, none of which an output may replace."""
         options = [each.path for each in (self.background, self.catalogue) if each is not None]
-        return [*files_of(sources), *(path for path in options if path)]
+        return [*files_of(sources), *(path for path in (*options, self.poses.file) if path)]
 
     def reading(self, log: Log) -> Reading:
         """The sweeps of a log with their poses."""
-        delay = 0.0 if self.tracking is None and self.pose_delay is None else self.pose_delay
-        return Reading(log, self.read, self.pose, delay)
+        return Reading(log, self.read, self.poses, find_delay=self.tracking is not None)
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """What is to be made of every batch of a log."""
@@ -104,10 +95,10 @@ class DetectOptions:
         """Everything that the result depends on, as plain values, for the tables' metadata."""
         background = {} if self.background is None else {"background": self.background.as_dict()}
         # Only where things are followed it matters whether somebody has said so.
-        as_told = {"pose_delay": 0.0} if self.tracking is not None and self.pose_delay == 0.0 else {}
+        as_told = {"pose_delay": 0.0} if self.tracking is not None and self.poses.delay == 0.0 else {}
         return {
             **self.parameters.as_dict(),
-            **reading_as_dict(self.read, self.csv, self.pose, self.pose_delay),
+            **reading_as_dict(self.read, self.csv, self.poses),
             **as_told,
             **background,
             **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),

@@ -17,7 +17,15 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.clock import Clock, ClockInfo
 from lidarcli.pipeline.reading.delays import DelaySearch
-from lidarcli.pipeline.reading.posing import FoundPoses, PoseInfo, alike_note, find_poses, pose_infos
+from lidarcli.pipeline.reading.posing import (
+    MATCH,
+    FoundPoses,
+    PoseInfo,
+    PoseOptions,
+    alike_note,
+    find_poses,
+    pose_infos,
+)
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
@@ -93,15 +101,18 @@ def inspect_log(
     source: Source,
     csv: CsvOptions | None = None,
     rules: RangeRules | None = None,
+    poses_from: PoseOptions | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> LogInfo:
     """Read a log from end to end, in bounded memory, and tell what is in it; its poses first, if it has some."""
     rules = rules or RangeRules()
+    wanted = poses_from or PoseOptions()
     found: dict[tuple[str, str], _Scan] = {}
     only_counted: Counter[str] = Counter()
     with open_source(source, csv) as log:
-        poses = find_poses(log)
-        delays = None if poses is None else DelaySearch(poses.sources)
+        poses = find_poses(log, wanted, rules=rules)
+        search = poses is not None and wanted.source != MATCH
+        delays = DelaySearch(poses.sources, wanted.deskew) if poses is not None and search else None
         report = ReadReport()
         for block in log.scans(None, report):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
@@ -150,12 +161,13 @@ def _pose_notes(
     poses: FoundPoses | None, delays: DelaySearch | None, found: Mapping[tuple[str, str], _Scan]
 ) -> list[str]:
     """What a user should know of the poses: frames for which nobody can choose, and what reading them has met."""
-    if poses is None or delays is None:
+    if poses is None:
         return []
     sources = poses.sources
     unclear = [frame for frame in sorted({frame for _, frame in found}) if sources.alike(frame)]
     notes = [alike_note(frame, sources.alike(frame), sources.alternatives(frame)) for frame in unclear]
-    notes += [delay.note(topic) for (topic, _), delay in delays.best().items()]
+    if delays is not None:
+        notes += [delay.note(topic) for (topic, _), delay in delays.best().items()]
     return [*notes, *poses.notes]
 
 
@@ -228,8 +240,15 @@ def _with_counts(
 
 
 def inspect_logs(
-    sources: Sequence[Source | Nothing], csv: CsvOptions, rules: RangeRules, report: LogProgress | None = None
+    sources: Sequence[Source | Nothing],
+    csv: CsvOptions,
+    rules: RangeRules,
+    poses: PoseOptions,
+    report: LogProgress | None = None,
 ) -> Iterator[tuple[Source | Nothing, LogInfo | Failure]]:
     """What is in every log, log after log."""
     for source in sources:
-        yield source, attempt(source, lambda log: inspect_log(log, csv, rules, progress_of(log, report)))
+        yield (
+            source,
+            attempt(source, lambda log: inspect_log(log, csv, rules, poses, progress_of(log, report))),
+        )

@@ -19,7 +19,7 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import one_pair, read_table
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
-from lidarcli.pipeline.reading.posing import NONE, Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, PoseOptions, Posing
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
@@ -85,7 +85,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         )
         rows: list[SweepBatch] = []
         seen = -1
-        posing = Posing.of(log, None if options.background else NONE)
+        posing = Posing.of(log, PoseOptions() if options.background else NO_POSES)
         report = ReadReport()
         for raw in read_batches(log, read, report):
             batch = posing.attach(raw)

@@ -54,6 +54,8 @@ class DelaySample:
     """Points of the first sweeps along a way on which the sensor moves; a fold, whatever the batches."""
 
     way: Way
+    deskew: bool = True
+    """Whether sweeps take time."""
     _path: float = 0.0
     """Length of the way so far [m]."""
     _place: int = -1
@@ -61,8 +63,10 @@ class DelaySample:
     _last: tuple[float, float, float] | None = None
     """x, y, yaw of the sweep before."""
     _stamps: list[Int64] = field(default_factory=list)
-    _points: list[tuple[Int64, Float64, Float64]] = field(default_factory=list)
-    """Sweep in the sample, x, y in the sensor frame [m]; (K,) each."""
+    _lasts: list[Int64] = field(default_factory=list)
+    """How long they take [ns]."""
+    _points: list[tuple[Int64, Float64, Float64, Float64]] = field(default_factory=list)
+    """Sweep in the sample, x, y in the sensor frame [m], share of the sweep's time; (K,) each."""
     _count: int = 0
 
     @property
@@ -95,7 +99,10 @@ class DelaySample:
         usable = (rows.status == Status.VALID) & (rows.ranges < FARTHEST)
         row, beam = np.nonzero(usable & (np.arange(rows.width) % stride == 0))
         bearing, ranges = rows.bearings()[row, beam], rows.ranges[row, beam].astype(np.float64)
-        self._points.append((row + self._count, ranges * np.cos(bearing), ranges * np.sin(bearing)))
+        taken = 0.0 if rows.duration is None or not self.deskew else rows.duration
+        self._lasts.append(np.rint(np.broadcast_to(taken, len(rows)) * SECOND_NS).astype(np.int64))
+        x, y = ranges * np.cos(bearing), ranges * np.sin(bearing)
+        self._points.append((row + self._count, x, y, rows.shares(row, beam)))
         self._count += len(rows)
 
     def best(self) -> tuple[float, float] | None:
@@ -135,12 +142,16 @@ class DelaySample:
 
     def _filled(self, delays: Sequence[float]) -> Int64:
         """Number of cells that the points fill with each of the delays [s], all judged by the same points."""
-        stamps = np.concatenate(self._stamps)
-        row, x, y = (np.concatenate(values) for values in zip(*self._points, strict=True))
-        poses = [planar(self.way.at(stamps + round(delay * SECOND_NS))) for delay in delays]
+        stamps, lasts = np.concatenate(self._stamps), np.concatenate(self._lasts)
+        row, x, y, share = (np.concatenate(values) for values in zip(*self._points, strict=True))
+        poses = [self._poses(stamps + round(delay * SECOND_NS), lasts) for delay in delays]
         known: Bool = np.logical_and.reduce([~np.isnan(one.x) for one in poses])[row]
-        row, x, y = row[known], x[known], y[known]
-        return np.array([_cells(one, row, x, y) for one in poses], np.int64)
+        row, x, y, share = row[known], x[known], y[known], share[known]
+        return np.array([_cells(one, row, x, y, share) for one in poses], np.int64)
+
+    def _poses(self, stamps: Int64, lasts: Int64) -> SweepPoses:
+        """Where the sensor was from these times on."""
+        return self.way.going(planar(self.way.at(stamps)), stamps, lasts if lasts.any() else None)
 
     def _far_enough(self, poses: SweepPoses) -> Int64:
         """The sweeps that are the first in their step of the way."""
@@ -161,8 +172,8 @@ class DelaySample:
         return known[first]
 
 
-def _cells(poses: SweepPoses, row: Int64, x: Float64, y: Float64) -> int:
-    """Number of cells of the world that the points (K,) of sweeps `row` fill."""
-    world_x, world_y, _ = poses.to_world(row, x, y, np.zeros(len(row)))
+def _cells(poses: SweepPoses, row: Int64, x: Float64, y: Float64, share: Float64) -> int:
+    """Number of cells of the world that the points (K,) of sweeps `row` fill, at a share of the time of each."""
+    world_x, world_y, _ = poses.to_world(row, x, y, np.zeros(len(row)), share)
     column, line = (np.floor(value / CELL).astype(np.int64) for value in (world_x, world_y))
     return len(np.unique(column * np.int64(1 << 32) + line))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidarcli.poses.motion import Motion, compose, inverse
+from lidarcli.poses.motion import Motion, compose, inverse, planar
 from lidarcli.poses.rows import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
 from lidarcli.poses.tracks import Track
 from lidarcli.poses.tree import FrameTree, Step
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps import TURN, Int64, SweepPoses
 
 _OF_ROBOT = re.compile(
     "ego|self|robot|base|vehicle|car|current|local|locali[sz]ation|localizer|amcl|slam|tracked|odom|odometry|"
@@ -24,6 +24,9 @@ _OF_OTHERS = re.compile(
     "marker|tag|object"
 )
 """Words in the name of a topic that make its poses those of something else."""
+
+_FARTHEST_NS = np.iinfo(np.int64).max - 2_000_000_000
+"""The end of a sweep is told of no later stamp, and of none before its negative."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -70,6 +73,47 @@ class Way:
             link = track.at(stamp_ns)
             pose = compose(inverse(link) if down else link, pose)
         return pose
+
+    def going(self, here: SweepPoses, at_ns: Int64, lasts_ns: Int64 | None) -> SweepPoses:
+        """Poses `here`, which are those at `at_ns` (S,), with the way that the sensor goes in the time after each.
+
+        `lasts_ns`: (S,) how long, None for no time. Where nobody knows how it goes on, it stands.
+        """
+        if lasts_ns is None:
+            return here
+        there = planar(self.at(np.clip(at_ns, -_FARTHEST_NS, _FARTHEST_NS) + lasts_ns))
+        turn = (there.yaw - here.yaw + np.pi) % TURN - np.pi
+        way = np.column_stack([there.x - here.x, there.y - here.y, turn])
+        way[np.isnan(way).any(axis=1)] = 0.0
+        return replace(here, way=way)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Told:
+    """Paths of sensors that stand for all that a log tells; each knows its sensor's frame, or none for any."""
+
+    tracks: tuple[Track, ...]
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """What tells them."""
+        return tuple(dict.fromkeys(track.topic for track in self.tracks))
+
+    def way(self, frame_id: str) -> Way | None:
+        """The path of a sensor frame."""
+        frame = frame_name(frame_id)
+        for track in self.tracks:
+            if track.child in ("", frame):
+                return Way((track.topic,), frame, track.parent, (Step(track, down=False),))
+        return None
+
+    def alternatives(self, frame_id: str) -> tuple[str, ...]:
+        """None: what was asked for is taken."""
+        return ()
+
+    def alike(self, frame_id: str) -> tuple[str, ...]:
+        """None."""
+        return ()
 
 
 class PoseSources:

@@ -198,16 +198,40 @@ class Tracks:
         order = np.argsort(row, kind="stable")
         row, stamps, numbers = row[order], stamps[order], numbers[order]
         keep = _usable(numbers, refused)
-        row, stamps, numbers = row[keep], stamps[keep], numbers[keep]
+        row, stamps, numbers = row[keep], stamps[keep], _with_units(numbers[keep])
         known = key in self._growing or len(self._growing) < MAX_TRACKS
         fits = max(self._room, 0) if known else 0
         self.left_out += max(len(row) - fits, 0)
         row, stamps, numbers = row[:fits], stamps[:fits], numbers[:fits]
         if not len(row):
             return
-        numbers[:, 3:] /= np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
         stamps = np.where(stamps == 0, record_ns[row], stamps)
         self._room -= self._growing.setdefault(key, _Growing()).add(stamps, numbers, record_ns[row])
+
+
+def gathered(
+    key: tuple[str, str, str, str], stamp_ns: Int64, numbers: Float64, record_ns: Int64, refused: Counter[str]
+) -> Track | None:
+    """A track of N poses that are there already, None without a usable one.
+
+    Parameters
+    ----------
+    key : topic, type, parent and child
+    numbers : (N, 7) x, y, z [m] and the quaternion's x, y, z, w
+    refused : takes the causes of poses that say nothing, which are left out
+    """
+    keep = _usable(numbers, refused)
+    if not keep.any():
+        return None
+    growing = _Growing()
+    growing.add(stamp_ns[keep], _with_units(numbers[keep]), record_ns[keep])
+    return growing.finish(key)
+
+
+def _with_units(numbers: Float64) -> Float64:
+    """The same poses with quaternions of length 1."""
+    turns = numbers[:, 3:] / np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
+    return np.concatenate([numbers[:, :3], turns], axis=1)
 
 
 def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[str]) -> Iterable[PoseRows]:

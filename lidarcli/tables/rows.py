@@ -81,7 +81,9 @@ def objects_rows(
 
         columns["why"] = pa.array(reasons(detection.features, detection.thing), pa.string())
     if batch.poses is not None:
-        world = batch.poses.to_world(row, detection.box_x, detection.box_y, detection.box_yaw)
+        # An object is seen from where the sensor was when it came to the beam in its middle.
+        boxes = detection.box_x, detection.box_y, detection.box_yaw
+        world = batch.poses.to_world(row, *boxes, detection.shares(batch))
         columns |= zip(("world_x", "world_y", "world_yaw"), map(floats, world), strict=True)
     return _OBJECTS.fill(columns, detection, count)
 

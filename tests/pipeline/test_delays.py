@@ -25,7 +25,7 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.reading import delays, reading
 from lidarcli.pipeline.reading.delays import Delay, DelaySearch, first_delays
-from lidarcli.pipeline.reading.posing import find_poses
+from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
@@ -189,7 +189,7 @@ def test_batches_and_processors_make_no_difference(late: Path, tmp_path: Path) -
 
 
 def test_poses_past_the_end_of_those_of_the_log_are_unknown(late: Path) -> None:
-    with open_log(str(late)) as log, Reading(log, ReadOptions(), None, None) as sweeps:
+    with open_log(str(late)) as log, Reading(log, ReadOptions(), PoseOptions(), find_delay=True) as sweeps:
         (batch,) = sweeps.batches(None)
     poses, true = batch.poses, batch.true_poses
     assert poses is not None
@@ -280,7 +280,7 @@ def test_damage_is_told_once(tmp_path: Path, drive: Scene, name: str) -> None:
         detect_to_files(
             Source(str(tmp_path / name), "run"),
             tmp_path / str(delay),
-            DetectOptions(pose_delay=delay, pose="/odom", tracking=TrackOptions(TrackParameters())),
+            DetectOptions(poses=PoseOptions("/odom", delay=delay), tracking=TrackOptions(TrackParameters())),
         )
         for delay in (None, 0.0)
     ]

@@ -14,6 +14,7 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import log_name
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading import reading as module
+from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.sweeps import SweepBatch
 from tests.places import SAMPLES
@@ -38,13 +39,13 @@ def readers() -> list[str]:
 
 def read(source: Source) -> tuple[list[SweepBatch], list[int]]:
     positions: list[int] = []
-    with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, None) as reading:
+    with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
         batches = list(reading.batches(positions.append))
     return batches, positions
 
 
 def test_small_files_need_no_thread(source: Source) -> None:
-    with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, None) as reading:
+    with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
         next(iter(reading.batches(None)))
         assert readers() == []
 
@@ -65,7 +66,7 @@ def test_the_same_batches_at_the_same_places(source: Source, monkeypatch: pytest
 @pytest.mark.usefixtures("ahead")
 def test_no_thread_is_left_when_a_run_breaks_off(source: Source) -> None:
     def break_off() -> None:
-        with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, None) as reading:
+        with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
             for _ in reading.batches(None):
                 assert len(readers()) == 1
                 raise RuntimeError("enough")
@@ -90,7 +91,7 @@ def test_what_goes_wrong_is_raised_in_its_place(monkeypatch: pytest.MonkeyPatch)
     seen: list[SweepBatch] = []
     with (
         open_source(source, CsvOptions()) as log,
-        Reading(log, OPTIONS, None) as reading,
+        Reading(log, OPTIONS, PoseOptions()) as reading,
         pytest.raises(MemoryError, match="too much"),
     ):
         seen.extend(reading.batches(None))

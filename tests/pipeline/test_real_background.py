@@ -12,6 +12,7 @@ import lidarcli
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.sweeps import Float64
 from tests.places import REAL_LOGS, needs_real_logs
 from tests.poses.pose_messages import ROS1
@@ -89,7 +90,7 @@ def notes_against(background: str, log: str, folder: Path) -> list[str]:
     """What is told of a log that is compared with the background of another."""
     file = folder / "b.parquet"
     lidarcli.learn(REAL_LOGS / background, file, pose="none")
-    options = DetectOptions(background=BackgroundOptions.of(file, any_frame=True), pose="none")
+    options = DetectOptions(background=BackgroundOptions.of(file, any_frame=True), poses=NO_POSES)
     return detect_to_files(Source(str(REAL_LOGS / log), "log"), folder, options).notes
 
 

@@ -28,6 +28,7 @@ from lidarcli.pipeline.detecting_logs import detect_files, detect_stream
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.parts import Maker, Part, Recipe
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running import cores, processes, splitting
 from lidarcli.pipeline.running.splitting import Splitting
@@ -113,7 +114,7 @@ OPTIONS: dict[str, Callable[[Source], DetectOptions]] = {
     "part": lambda source: DetectOptions(read=ReadOptions(start=30.0, end=200.0, batch_size=100)),
     "paper": lambda source: DetectOptions(parameters=Parameters.for_profile("paper")),
     "no poses": lambda source: DetectOptions(
-        pose="none", read=ReadOptions(topics=("rear", "left"), batch_size=64)
+        poses=NO_POSES, read=ReadOptions(topics=("rear", "left"), batch_size=64)
     ),
     "background": lambda source: DetectOptions(background=background(source)),
 }

@@ -188,7 +188,7 @@ def test_the_sample_is_bounded(folder: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("lidarcli.poses.delay.SWEEPS", 30)
     sample = sample_of(folder / "late.mcap", 7)
     assert sample._count == 30 < COUNT < SWEEPS
-    points = [len(x) for _, x, _ in sample._points]
+    points = [len(x) for _, x, _, _ in sample._points]
     assert sum(points) <= 30 * 2 * 120
 
 

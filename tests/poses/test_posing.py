@@ -21,7 +21,7 @@ from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import NO_POSES, PoseOptions, Posing
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import SimulatedPoses, simulate_odometry
@@ -324,8 +324,8 @@ def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
     unasked = PosesLog([odometry(START, "odom", "laser", (0, 0, 0))])
     assert Posing.of(plain).notes() == []
     assert Posing.of(plain).attach(batch_of()).poses is None
-    assert Posing.of(unasked, "none").notes() == []
-    assert Posing.of(pipe, "none").notes() == []
+    assert Posing.of(unasked, NO_POSES).notes() == []
+    assert Posing.of(pipe, NO_POSES).notes() == []
     assert Posing.of(pipe).notes() == [
         "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
     ]
@@ -341,7 +341,9 @@ def test_a_log_that_is_cut_off_says_so_once(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(data[: len(data) * 3 // 5])
     said = [
         detect_to_files(
-            Source(str(tmp_path / name), "run"), tmp_path / pose.strip("/"), DetectOptions(pose=pose)
+            Source(str(tmp_path / name), "run"),
+            tmp_path / pose.strip("/"),
+            DetectOptions(poses=PoseOptions(pose)),
         ).damage
         for pose in ("/odom", "none")
     ]

@@ -94,7 +94,8 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     ranges = batch.ranges[:, there].astype(np.float64)
     valid = ~np.isnan(ranges) & (column < batch.beams[:, None])
     ranges = np.where(valid, ranges, 0.0)
-    x, y = ranges * np.cos(bearing), ranges * np.sin(bearing)
+    ahead, left, turn = start.during(column / np.maximum(batch.beams - 1.0, 1.0)[:, None])
+    x, y = ranges * np.cos(bearing + turn) + ahead, ranges * np.sin(bearing + turn) + left
     pose = np.stack([start.x, start.y, start.yaw], axis=1)
     guess = pose.copy()
     prior = np.diag(1.0 / np.square([POSE_ERROR, POSE_ERROR, HEADING_ERROR]))
@@ -120,4 +121,4 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
         right = np.stack([np.einsum("sm,sm->s", part, away) for part in weighted], axis=1)
         right += (pose - guess) @ prior
         pose = pose - np.linalg.solve(normal + prior, right[:, :, None])[:, :, 0]
-    return Shift(pose[:, 0], pose[:, 1], pose[:, 2])
+    return Shift(pose[:, 0], pose[:, 1], pose[:, 2], start.way)

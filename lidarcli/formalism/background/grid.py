@@ -88,10 +88,13 @@ def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, 
     ranges = batch.ranges.astype(np.float64)
     if moved is not None:
         valid = ~np.isnan(ranges)
-        turned = bearing + moved.yaw[:, None]
-        x = ranges * np.cos(turned) + moved.x[:, None]
-        y = ranges * np.sin(turned) + moved.y[:, None]
-        bearing = np.where(valid, np.arctan2(y, x), turned)
+        # From where the sensor was at each beam to where it was at the first, and from there to the station.
+        ahead, left, turn = moved.during(batch.all_shares())
+        own = bearing + turn
+        x, y = ranges * np.cos(own) + ahead, ranges * np.sin(own) + left
+        cos, sin = np.cos(moved.yaw)[:, None], np.sin(moved.yaw)[:, None]
+        x, y = cos * x - sin * y + moved.x[:, None], sin * x + cos * y + moved.y[:, None]
+        bearing = np.where(valid, np.arctan2(y, x), own + moved.yaw[:, None])
         ranges = np.hypot(x, y)
     beam = grid.beam(bearing)
     beam[np.arange(batch.width) >= batch.beams[:, None]] = -1
@@ -118,14 +121,14 @@ def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Fl
     x = distance * np.cos(bearing) - moved.x[:, None]
     y = distance * np.sin(bearing) - moved.y[:, None]
     turned = np.where(finite, np.arctan2(y, x), bearing) - moved.yaw[:, None]
-    bearings = batch.beams - (batch.closure == Closure.SHARED)
-    beam = beam_at(
-        batch.angle_min[:, None],
-        batch.angle_increment[:, None],
-        batch.beams[:, None],
-        np.where(batch.closure == Closure.OPEN, 0, bearings)[:, None],
-        turned,
-    )
+    beam = _beam_of(batch, turned)
+    if moved.way is not None:
+        # The beam that looked there was taken later, from elsewhere.
+        ahead, left, turn = moved.during(beam / np.maximum(batch.beams - 1.0, 1.0)[:, None])
+        cos, sin = np.cos(moved.yaw)[:, None], np.sin(moved.yaw)[:, None]
+        x, y = cos * x + sin * y - ahead, cos * y - sin * x - left
+        turned = np.where(finite, np.arctan2(y, x), bearing - moved.yaw[:, None]) - turn
+        beam = np.where(beam < 0, -1, _beam_of(batch, turned))
     seen = np.full((len(batch), batch.width), np.inf)
     known = np.zeros(seen.shape, bool)
     row, column = np.nonzero((beam >= 0) & ~np.isnan(ranges))
@@ -133,3 +136,15 @@ def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Fl
     row, column = np.nonzero((beam >= 0) & finite)
     np.minimum.at(seen, (row, beam[row, column]), np.maximum(np.hypot(x, y), NEAREST)[row, column])
     return np.where(known, seen, np.nan)
+
+
+def _beam_of(batch: SweepBatch, bearing: Float64) -> Int32:
+    """(S, C) the beams of sweeps that look along bearings (S, C) of their own [rad], -1 for none."""
+    bearings = batch.beams - (batch.closure == Closure.SHARED)
+    return beam_at(
+        batch.angle_min[:, None],
+        batch.angle_increment[:, None],
+        batch.beams[:, None],
+        np.where(batch.closure == Closure.OPEN, 0, bearings)[:, None],
+        bearing,
+    )

@@ -35,16 +35,32 @@ class Shift:
     y: Float64
     yaw: Float64
     """(S,) by how much the sensor is turned counter-clockwise, as its own bearings count [rad]."""
+    way: Float64 | None = None
+    """(S, 3) how far it goes during the sweep: ahead, to the left [m], turned [rad]; None: sweeps take no time."""
 
     @property
     def none(self) -> Bool:
-        """(S,) sensors that are where the station is."""
+        """(S,) sensors that are where the station is, and stay there."""
         still: Bool = (np.hypot(self.x, self.y) <= STILL) & (np.abs(self.yaw) <= STILL_ANGLE)
+        if self.way is not None:
+            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL) & (
+                np.abs(self.way[:, 2]) <= STILL_ANGLE
+            )
         return still
 
     def rows(self, index: Int64) -> Shift:
         """The shifts of `index`."""
-        return Shift(self.x[index], self.y[index], self.yaw[index])
+        return Shift(
+            self.x[index], self.y[index], self.yaw[index], None if self.way is None else self.way[index]
+        )
+
+    def during(self, share: Float64) -> tuple[Float64, Float64, Float64]:
+        """(S, B) ahead, left [m], turned [rad]: where the sensor is at shares (S, B) of its sweep."""
+        if self.way is None:
+            nowhere = np.zeros((len(self.x), 1))
+            return nowhere, nowhere, nowhere
+        ahead, left, turned = (self.way[:, axis, None] * share for axis in range(3))
+        return ahead, left, turned
 
 
 def shift(poses: SweepPoses, places: SweepPoses) -> Shift:
@@ -55,7 +71,8 @@ def shift(poses: SweepPoses, places: SweepPoses) -> Shift:
     turn = side * (poses.yaw - places.yaw)
     yaw = (turn + np.pi) % TURN - np.pi
     parts = cos * dx + sin * dy, side * (cos * dy - sin * dx), yaw
-    return Shift(*(np.nan_to_num(part, nan=0.0) for part in parts))
+    x, y, yaw = (np.nan_to_num(part, nan=0.0) for part in parts)
+    return Shift(x, y, yaw, poses.own_way())
 
 
 def nearest(poses: SweepPoses, places: SweepPoses, distance: float, angle: float) -> tuple[Int64, Float64]:

@@ -86,6 +86,7 @@ def place(correction: Correction, views: Views, x: float, y: float, yaw: float, 
     ahead, left = correction.value[AHEAD], side * correction.value[LEFT]
     views.x = x + correction.speed_x * late + views.cos * ahead - views.sin * left
     views.y = y + correction.speed_y * late + views.sin * ahead + views.cos * left
+    views.start_x, views.start_y, views.start_yaw = views.x, views.y, yaw
     var = correction.cov[0]
     speed = correction.speed_x * correction.speed_x + correction.speed_y * correction.speed_y
     views.pose_var, views.pose_turn_var = speed * var, correction.turning * correction.turning * var

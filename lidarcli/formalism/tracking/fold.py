@@ -205,6 +205,10 @@ def _judge_pose(fold: Fold, seen: Seen, row: int, dt: float) -> None:
         True,
     )
     fold.correction.way += fold.way
+    at = 3 * row
+    fold.views.way_x, fold.views.way_y = seen.way[at], seen.way[at + 1]
+    fold.views.way_yaw = seen.way[at + 2]
+    fold.views.goes = seen.way[at] != 0.0 or seen.way[at + 1] != 0.0 or seen.way[at + 2] != 0.0
     corrections.place(fold.correction, fold.views, x, y, yaw, seen.poses[4 * row + 3])
 
 

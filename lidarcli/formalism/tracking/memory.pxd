@@ -3,6 +3,7 @@ cimport libc.math as math
 
 from lidarcli cimport native
 from lidarcli.formalism.sweep.points cimport Scans
+from lidarcli.formalism.tracking cimport views as looks
 from lidarcli.formalism.tracking.views cimport Views
 
 cdef Py_ssize_t KEPT

@@ -7,6 +7,7 @@ from typing import Any
 
 from lidarcli import native, sweeps
 from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.views import Views
 
 KEPT = 16
@@ -125,7 +126,10 @@ def remember(memory: Memory, views: Views, scans: Scans, time: float) -> None:
         return
     m = memory.count % KEPT
     memory.time[m] = time
+    # One place stands for all from which the sweep was seen.
+    looks.stand(views, 0.5)
     memory.x[m], memory.y[m], memory.cos[m], memory.sin[m] = views.x, views.y, views.cos, views.sin
+    looks.stand(views, 0.0)
     memory.side[m], memory.first[m], memory.step[m] = views.side, views.first, views.step
     memory.bearings[m], memory.period[m], memory.sigma[m] = views.bearings, views.period, views.sigma
     for k in range(views.bearings):

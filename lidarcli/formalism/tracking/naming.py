@@ -134,13 +134,12 @@ class Naming:
         """By the number of the body."""
 
     def see(self, batch: SweepBatch, detection: Detection, poses: Float64) -> Looks:
-        """What each sweep of a batch says of its objects; `poses`: (S, 4) x, y, yaw and side of the sensor."""
+        """What each sweep of a batch says of its K objects; `poses`: (K, 4) x, y, yaw and side of the sensor then."""
         seen = evidence_of(batch, detection)
-        pose = poses[detection.row]
         return Looks(
             size=np.column_stack([seen.side_1, seen.side_2, seen.across]),
             sd=np.column_stack([seen.side_1_sd, seen.side_2_sd, seen.across_sd]),
-            yaw=pose[:, 2] + pose[:, 3] * detection.box_yaw,
+            yaw=poses[:, 2] + poses[:, 3] * detection.box_yaw,
             blur=seen.span_sd,
             edges=(detection.beam_i.astype(np.int64) << 32) + detection.beam_f,
         )

@@ -56,6 +56,7 @@ def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> Non
     first, last = int((past - wide) / views.step), int((past + wide) / views.step)
     last = min(last, first + views.bearings)
     run = 0
+    looks.stand(views, views.share[k])
     before = memory.range_at(views, scans, first - 1)
     for position in range(first, last + 1):
         here, after = memory.range_at(views, scans, position), memory.range_at(views, scans, position + 1)
@@ -68,6 +69,7 @@ def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> Non
             if BESIDE * BESIDE < apart < AROUND * AROUND:
                 _note_leg(bodies, b, x, y)
         before = here
+    looks.stand(views, 0.0)
 
 
 def _note_leg(bodies: Bodies, b: int, x: float, y: float) -> None:

@@ -132,7 +132,9 @@ class Tracker:
             self._topic = batch.topic
         fold, laid_out = self._fold, scans(batch)
         poses = _poses(batch)
-        seen = Seen(detection, poses, (batch.stamp_ns - np.int64(self._first_ns)) / 1e9)
+        seconds = (batch.stamp_ns - np.int64(self._first_ns)) / 1e9
+        way, shares = _way(batch), detection.shares(batch)
+        seen = Seen(detection, poses, seconds, way, shares)
         self._make_room(seen.most, batch.width)
         fold.moves = batch.poses is not None
         if batch.true_poses is not None and not self._is_corrected:
@@ -141,7 +143,11 @@ class Tracker:
         fold.objects = self._objects
         frames = self._frames(batch)
         placed = np.full(len(batch), batch.poses is not None) | self._standing.see(batch)
-        looks = None if self._naming is None else self._naming.see(batch, detection, poses)
+        looks = None
+        if self._naming is not None:
+            then = poses[detection.row]
+            then[:, 2] += shares * way[detection.row, 2]
+            looks = self._naming.see(batch, detection, then)
         numbers = np.zeros(len(detection), np.int64)
         offsets = np.searchsorted(detection.row, np.arange(len(batch) + 1))
         row = 0
@@ -292,6 +298,12 @@ def _poses(batch: SweepBatch) -> Float64:
     told = np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
     told[~np.isfinite(told).all(axis=1), :3] = np.nan
     return told
+
+
+def _way(batch: SweepBatch) -> Float64:
+    """(S, 3) how far the sensor goes in x, y, yaw during each sweep."""
+    poses = batch.true_poses or batch.poses
+    return np.zeros((len(batch), 3)) if poses is None or poses.way is None else poses.way
 
 
 def _power(wanted: int, at_least: int) -> int:

@@ -37,13 +37,16 @@ cdef class Seen:
     cdef double* poses
     cdef double* seconds
     cdef double* odds
+    cdef double* way
+    cdef double* shares
 
 
 cdef class Views:
     cdef list owner
     cdef readonly Py_ssize_t objects, beams
     cdef Py_ssize_t count, bearings, period, row
-    cdef bint reverse, steady
+    cdef bint reverse, steady, goes
+    cdef double start_x, start_y, start_yaw, way_x, way_y, way_yaw
     cdef double x, y, cos, sin, side, first, step, sigma, pose_var, pose_turn_var
     cdef Py_ssize_t* object
     cdef Py_ssize_t* shape
@@ -59,6 +62,7 @@ cdef class Views:
     cdef double* chord
     cdef double* near
     cdef double* odds
+    cdef double* share
     cdef Py_ssize_t* begin
     cdef Py_ssize_t* face_begin
     cdef double* point_x
@@ -78,8 +82,10 @@ cdef void look(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nog
 cdef void judge_edges(Views views) noexcept nogil
 cdef double pose_variance(Views views, Py_ssize_t k) noexcept nogil
 cdef void _place(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nogil
+cdef void stand(Views views, double share) noexcept nogil
 cdef (double, double) to_world(Views views, double x, double y) noexcept nogil
 cdef (double, double) to_sensor(Views views, double x, double y) noexcept nogil
+cdef (double, double) _ahead_and_left(Views views, double x, double y) noexcept nogil
 cdef Py_ssize_t position_of(Views views, Py_ssize_t beam) noexcept nogil
 cdef void _add(Views views, Seen seen, Scans scans, Py_ssize_t at) noexcept nogil
 cdef void _add_points(Views views, Seen seen, Scans scans, Py_ssize_t at) noexcept nogil

@@ -34,8 +34,16 @@ LEAST_FACE = 3
 class Seen:
     """The columns of a detection of K objects, and the poses of its S sweeps, as the loops over one sweep read them."""
 
-    def __init__(self, found: Detection, poses: Any, seconds: Any) -> None:
-        """`poses`: (S, 4) x, y, yaw, side of the sensor; the side is -1 where it hangs head down. `seconds`: (S,) [s]."""
+    def __init__(self, found: Detection, poses: Any, seconds: Any, way: Any, shares: Any) -> None:
+        """What the loops over one sweep read.
+
+        Parameters
+        ----------
+        poses : (S, 4) x, y, yaw, side of the sensor; the side is -1 where it hangs head down
+        seconds : (S,) [s]
+        way : (S, 3) how far it goes in x, y, yaw during the sweep
+        shares : (K,) at which share of the time of its sweep each object was seen
+        """
         rows = len(found.noise)
         change = np.full(len(found), -1, np.int8) if found.change is None else found.change
         columns = (
@@ -65,6 +73,8 @@ class Seen:
             (poses, np.float64),
             (seconds, np.float64),
             (_odds(found.thing), np.float64),
+            (way, np.float64),
+            (shares, np.float64),
         )
         self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
         self.most = int(np.diff(self.owner[0]).max(initial=0))
@@ -95,6 +105,8 @@ class Seen:
         self.poses = native.at_doubles(self.owner[23])
         self.seconds = native.at_doubles(self.owner[24])
         self.odds = native.at_doubles(self.owner[25])
+        self.way = native.at_doubles(self.owner[26])
+        self.shares = native.at_doubles(self.owner[27])
 
 
 def _odds(thing: Any) -> Any:
@@ -113,7 +125,16 @@ class Views:
         self.objects = objects
         self.beams = beams
         self.count = 0
-        # The sensor at this sweep.
+        # The sensor at this sweep: where it was at its first beam, and how far it goes until the last.
+        self.start_x = 0.0
+        self.start_y = 0.0
+        self.start_yaw = 0.0
+        self.way_x = 0.0
+        self.way_y = 0.0
+        self.way_yaw = 0.0
+        self.goes = False
+        """Whether it goes at all."""
+        # Where it is taken to be.
         self.x = 0.0
         self.y = 0.0
         self.cos = 1.0
@@ -154,6 +175,8 @@ class Views:
         """Least range [m]."""
         self.odds = native.doubles(self.owner, objects)
         """Log-odds of being a thing, by this sweep alone."""
+        self.share = native.doubles(self.owner, objects)
+        """At which share of the time of the sweep it was seen."""
         self.begin = native.integers(self.owner, objects + 1)
         self.face_begin = native.integers(self.owner, objects + 1)
         # Of each point.
@@ -213,6 +236,15 @@ def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
     views.sigma = seen.noise[row]
 
 
+def stand(views: Views, share: float) -> None:
+    """Take the sensor to be where it was when a share of the time of the sweep had passed."""
+    if not views.goes:
+        return
+    yaw = views.start_yaw + share * views.way_yaw
+    views.x, views.y = views.start_x + share * views.way_x, views.start_y + share * views.way_y
+    views.cos, views.sin = math.cos(yaw), math.sin(yaw)
+
+
 def to_world(views: Views, x: float, y: float) -> tuple[float, float]:
     """A point of the sensor frame in the world [m]."""
     left = views.side * y
@@ -220,7 +252,20 @@ def to_world(views: Views, x: float, y: float) -> tuple[float, float]:
 
 
 def to_sensor(views: Views, x: float, y: float) -> tuple[float, float]:
-    """A point of the world in the sensor frame [m]."""
+    """A point of the world in the sensor frame [m], as it was when the sensor looked there."""
+    ahead, left = _ahead_and_left(views, x, y)
+    if views.goes and views.bearings > 1 and views.step > 0.0:
+        past = math.atan2(left, ahead) - views.first
+        past -= TURN * math.floor(past / TURN)
+        share = min(past / (views.step * (views.bearings - 1)), 1.0)
+        stand(views, 1.0 - share if views.reverse else share)
+        ahead, left = _ahead_and_left(views, x, y)
+        stand(views, 0.0)
+    return ahead, left
+
+
+def _ahead_and_left(views: Views, x: float, y: float) -> tuple[float, float]:
+    """A point of the world as seen from where the sensor is taken to be."""
     dx, dy = x - views.x, y - views.y
     return views.cos * dx + views.sin * dy, views.side * (views.cos * dy - views.sin * dx)
 
@@ -233,6 +278,8 @@ def position_of(views: Views, beam: int) -> int:
 def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     """Lay out an object of the detection."""
     k = views.count
+    views.share[k] = seen.shares[at]
+    stand(views, views.share[k])
     views.object[k], views.shape[k], views.size[k] = at, seen.shape[at], seen.beams[at]
     views.middle_x[k], views.middle_y[k] = to_world(views, seen.x[at], seen.y[at])
     views.centre_x[k], views.centre_y[k] = to_world(views, seen.box_x[at], seen.box_y[at])
@@ -246,6 +293,7 @@ def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     if visibility in (FULL, START_HIDDEN):
         views.end[k] = OWN if seen.s_f[at] == seen.s_f[at] else OPEN
     _add_points(views, seen, scans, at)
+    stand(views, 0.0)
     views.count += 1
 
 

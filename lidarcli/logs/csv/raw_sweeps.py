@@ -113,7 +113,14 @@ def build(
         range_max=range_max,
         beams=beams.astype(np.int32),
         ranges=ranges,
+        time_increment=_times(known, "time_increment"),
+        scan_time=_times(known, "scan_time"),
     )
+
+
+def _times(known: dict[str, Float64], name: str) -> Float32 | None:
+    """A column of seconds, where the file has it."""
+    return _float32(known[name]) if name in known else None
 
 
 def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSweeps | None:

@@ -14,7 +14,7 @@ from lidarcli.sweeps import Int64, RangeRules, RawSweeps
 
 if TYPE_CHECKING:
     from lidarcli.poses.delay import DelaySample
-    from lidarcli.poses.sources import PoseSources
+    from lidarcli.poses.sources import PoseSources, Told
 
 MAX_DELAYS = 4
 """Topics and frames of which the delay of the poses is looked for: 0.1 s and a megabyte each."""
@@ -51,8 +51,9 @@ class Delay:
 class DelaySearch:
     """Looks for the delay of the first topics and frames that come; a fold over the blocks of a log."""
 
-    def __init__(self, sources: PoseSources) -> None:
+    def __init__(self, sources: PoseSources | Told, deskew: bool = True) -> None:
         self._sources = sources
+        self._deskew = deskew
         self._samples: dict[tuple[str, str], DelaySample | None] = {}
 
     def add(self, block: RawSweeps, rules: RangeRules) -> None:
@@ -84,7 +85,7 @@ class DelaySearch:
         # Most logs have no poses and need not wait for the import.
         from lidarcli.poses.delay import DelaySample
 
-        return DelaySample(way)
+        return DelaySample(way, self._deskew)
 
 
 def later(stamp_ns: Int64, delay: float) -> Int64:
@@ -96,13 +97,13 @@ def later(stamp_ns: Int64, delay: float) -> Int64:
 
 
 def first_delays(
-    log: Log, sources: PoseSources, choice: TopicChoice, rules: RangeRules
+    log: Log, sources: PoseSources | Told, choice: TopicChoice, rules: RangeRules, deskew: bool = True
 ) -> Mapping[tuple[str, str], Delay]:
     """Topic and frame → the delay of its poses, by the first sweeps of a log that can be read twice.
 
     `--start`, `--end` and `--every` do not matter here: the clocks are the same all along, and the way is needed whole.
     """
-    search = DelaySearch(sources)
+    search = DelaySearch(sources, deskew)
     empty = {topic.name for topic in log.topics() or () if topic.messages == 0}
     topics, sweeps = set(choice.chosen) - empty, 0
     # The damage that this pass meets is told by the one over all sweeps.

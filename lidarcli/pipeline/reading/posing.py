@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
+from lidarcli.logs.choice import TopicChoice
 from lidarcli.pipeline.reading.delays import SECOND, Delay, later
-from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
+from lidarcli.sweeps import Int64, RangeRules, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
-    from lidarcli.poses.sources import PoseSources, Way
+    from lidarcli.poses.motion import Motion
+    from lidarcli.poses.sources import PoseSources, Told, Way
 
 NONE = "none"
 """What `--pose` takes for no poses at all."""
+MATCH = "match"
+"""What `--pose` takes for poses that the sweeps themselves tell."""
 TILTED = np.deg2rad(10.0)
 """A sensor that leans more than this is worth a note."""
 MOST_DELAY = 3600.0
@@ -25,23 +30,59 @@ MOST_DELAY = 3600.0
 
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 _SHOWN = 4
+MOST_MATCHED = 16
+"""Sensors of a log whose paths are found from their sweeps: each has a map of what it saw in memory."""
 
 
-def refuse_delay(wanted: str | None, delay: float | None) -> None:
-    """Refuse a delay of the poses that is none, or that there are no poses for."""
-    if delay is None:
-        return
-    if not abs(delay) <= MOST_DELAY:
-        raise OptionError(f"--pose-delay: {delay:g} s is not within {MOST_DELAY:,.0f} s")
-    if wanted == NONE and delay:
-        raise OptionError("--pose-delay is for poses, and --pose none leaves them out")
+@dataclass(frozen=True, slots=True)
+class PoseOptions:
+    """Where the poses of the sweeps come from, and how they are used."""
+
+    source: str | None = None
+    """Topic whose poses to take; `none` for no poses; `match` for those that the sweeps themselves tell; by default the
+    best that the log has."""
+    file: str | None = None
+    """Trajectory of the sensor (TUM), instead of what the log tells."""
+    delay: float | None = None
+    """The pose of a sweep is that at its header stamp and this much later [s]; None: nobody has asked for any, and things
+    are followed by the delay that fits best."""
+    deskew: bool = True
+    """Whether every beam is seen from where the sensor was at its own time, where headers tell how long a sweep takes."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no log could be read with."""
+        if self.source is not None and self.file is not None:
+            raise OptionError(
+                f"--pose {self.source} and --poses {self.file} exclude each other: leave one out"
+            )
+        if self.delay is None:
+            return
+        if not abs(self.delay) <= MOST_DELAY:
+            raise OptionError(f"--pose-delay: {self.delay:g} s is not within {MOST_DELAY:,.0f} s")
+        if self.source == NONE and self.delay:
+            raise OptionError("--pose-delay is for poses, and --pose none leaves them out")
+        if self.source == MATCH and self.delay:
+            raise OptionError(
+                "--pose-delay is for poses of the log, and --pose match finds them in its sweeps"
+            )
+
+    def as_dict(self) -> dict[str, Any]:
+        """What the result depends on, as plain values, for the tables' metadata: what is not the default."""
+        asked = {"pose": self.source, "poses": self.file and Path(self.file).name}
+        told: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+        if self.delay:
+            told["pose_delay"] = self.delay
+        return told if self.deskew else told | {"deskew": False}
+
+
+NO_POSES = PoseOptions(NONE)
 
 
 @dataclass(frozen=True, slots=True)
 class FoundPoses:
     """The pose sources of a log, and what reading them has met."""
 
-    sources: PoseSources
+    sources: PoseSources | Told
     notes: tuple[str, ...] = ()
     report: ReadReport = field(default_factory=ReadReport)
     """What the pass over their messages has met."""
@@ -61,22 +102,44 @@ class FoundPoses:
         return both
 
 
-def find_poses(log: Log, wanted: str | None = None) -> FoundPoses | None:
-    """Read the poses of a log that has some and can be read twice.
+def find_poses(
+    log: Log,
+    options: PoseOptions | None = None,
+    topics: Collection[str] | None = None,
+    rules: RangeRules | None = None,
+) -> FoundPoses | None:
+    """Read the poses of a log that has some and can be read twice, or those that are told in their place.
+
+    Parameters
+    ----------
+    topics, rules : the LaserScan topics that matter, by default all, and how their ranges are judged: for `--pose match`
 
     Raises
     ------
     NoScanError
         The topic that is wanted is not there.
+    OptionError
+        The sweeps cannot be matched: the log can be read only once, or what matches them is not installed.
+    UnreadableError
+        The trajectory is none.
     """
-    if wanted == NONE:
+    options = options or PoseOptions()
+    if options.source == NONE:
         return None
-    topics = log.topics()
-    if topics is None or log.size is None:
+    if options.file is not None:
+        from lidarcli.poses.sources import Told
+        from lidarcli.poses.trajectory import read_trajectory
+
+        return FoundPoses(Told((read_trajectory(Path(options.file)),)))
+    if options.source == MATCH:
+        return _matched(log, topics, rules or RangeRules())
+    wanted = options.source
+    listed = log.topics()
+    if listed is None or log.size is None:
         return None
-    there = [topic for topic in topics if topic.type in POSE_TYPES]
+    there = [topic for topic in listed if topic.type in POSE_TYPES]
     if wanted is not None and wanted.strip("/") not in {topic.name.strip("/") for topic in there}:
-        raise NoScanError(_absent(wanted, topics, there))
+        raise NoScanError(_absent(wanted, listed, there))
     if not any(topic.messages != 0 for topic in there):
         return None
     # Most logs have no poses and need not wait for the imports.
@@ -93,6 +156,44 @@ def find_poses(log: Log, wanted: str | None = None) -> FoundPoses | None:
     if tracks.left_out:
         notes.append(f"{tracks.left_out:,} poses left out: too many to keep")
     return FoundPoses(PoseSources(found, wanted), tuple(notes), report)
+
+
+def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> FoundPoses:
+    """The path of every sensor of a log from its own sweeps: of each frame, from the first topic that has it."""
+    from lidarcli.logs.batches import ReadOptions, read_batches
+    from lidarcli.poses.matched import Matching
+    from lidarcli.poses.sources import Told
+
+    if log.size is None:
+        raise OptionError(
+            "--pose match reads a log twice, and a pipe is read only once: give the file's name"
+        )
+    report = ReadReport()
+    paths: dict[str, tuple[str, Matching]] = {}
+    for batch in read_batches(
+        log, ReadOptions(topics, rules=rules), report, TopicChoice(topics, log.topics())
+    ):
+        for frame, _, mine in batch.by_frame():
+            if frame not in paths:
+                if len(paths) == MOST_MATCHED:
+                    raise OptionError(
+                        f"--pose match: the log has more than {MOST_MATCHED} sensor frames; name a topic with --topic"
+                    )
+                paths[frame] = batch.topic, Matching()
+            topic, path = paths[frame]
+            if topic == batch.topic:
+                path.add(mine)
+    found = [(topic, frame, path.track(topic, frame)) for frame, (topic, path) in sorted(paths.items())]
+    notes = [
+        f"no path of frame {frame or 'without a name'}: the sweeps of {topic} cannot be matched"
+        for topic, frame, track in found
+        if track is None
+    ]
+    if len(found) - len(notes) > 1:
+        notes.append(
+            f"the paths of {len(found) - len(notes)} sensors are matched each by itself: every frame has a world of its own"
+        )
+    return FoundPoses(Told(tuple(track for *_, track in found if track is not None)), tuple(notes), report)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,18 +277,26 @@ class Posing:
     """Why there are no poses though there may be some in the log."""
     delay: float = 0.0
     """The pose of a sweep is that at its header stamp and this much later [s]."""
+    deskew: bool = True
+    """Whether batches also tell how far the sensor goes during a sweep."""
     delays: Mapping[tuple[str, str], Delay] = field(default_factory=dict)
     """Topic and frame → the delay by which things are followed, where it is another one."""
     seen: dict[str, _Seen] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, log: Log, wanted: str | None = None, delay: float = 0.0) -> Posing:
-        """The poses of a log, as far as it has some and can be read twice."""
-        refuse_delay(wanted, delay)
-        pipe = (
-            wanted != NONE and log.size is None and log.topics() is None and not log.format.startswith("csv")
-        )
-        return cls(find_poses(log, wanted), _PIPE if pipe else "", delay)
+    def of(
+        cls,
+        log: Log,
+        options: PoseOptions | None = None,
+        topics: Collection[str] | None = None,
+        rules: RangeRules | None = None,
+    ) -> Posing:
+        """The poses of a log, as far as it has some and can be read twice; parameters as of `find_poses`."""
+        options = options or PoseOptions()
+        found = find_poses(log, options, topics, rules)
+        is_pipe = log.size is None and log.topics() is None and not log.format.startswith("csv")
+        missed = _PIPE if is_pipe and found is None and options.source != NONE else ""
+        return cls(found, missed, options.delay or 0.0, options.deskew)
 
     def together(self, report: ReadReport) -> ReadReport:
         """What reading the log has met: the pass over its sweeps, and the one over its poses."""
@@ -201,7 +310,7 @@ class Posing:
 
         better: list[tuple[Int64, SweepPoses]] = []
         some = False
-        poses = _nowhere(len(batch))
+        poses = _nowhere(len(batch), self.deskew and batch.duration is not None)
         for code in np.unique(batch.frame).tolist():
             rows = np.flatnonzero(batch.frame == code)
             seen = self.seen.setdefault(batch.frame_ids[code], _Seen())
@@ -213,11 +322,13 @@ class Posing:
             some = True
             motion = way.at(at_ns)
             here = planar(motion)
-            _put(poses, rows, here)
+            lasts_ns = self._lasts_ns(batch, rows)
+            _put(poses, rows, way.going(here, at_ns, lasts_ns))
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
             seen.tilt = max(seen.tilt, tilt(motion))
             if (best := self.delays.get((batch.topic, batch.frame_ids[code]))) is not None:
-                better.append((rows, planar(way.at(later(at_ns, best.seconds)))))
+                true_ns = later(at_ns, best.seconds)
+                better.append((rows, way.going(planar(way.at(true_ns)), true_ns, lasts_ns)))
         if not some:
             return batch
         if not better:
@@ -226,6 +337,20 @@ class Posing:
         for rows, there in better:
             _put(true, rows, there)
         return replace(batch, poses=poses, true_poses=true)
+
+    def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
+        """Of each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
+        if self.found is None:
+            return
+        for frame, rows, mine in batch.by_frame():
+            if (way := self.found.sources.way(frame)) is not None:
+                yield frame, rows, way.at(later(mine.stamp_ns, self.delay)), way.world
+
+    def _lasts_ns(self, batch: SweepBatch, rows: Int64) -> Int64 | None:
+        """How long some sweeps take [ns]; None where that does not matter."""
+        if not self.deskew or batch.duration is None:
+            return None
+        return np.rint(batch.duration[rows] / SECOND).astype(np.int64)
 
     def notes(self) -> list[str]:
         """The choice, its alternatives and its gaps, a line each."""
@@ -254,7 +379,7 @@ class Posing:
         mine = {topic: best.seconds for (topic, name), best in sorted(self.delays.items()) if name == frame}
         return {"track_delay": mine} if mine else {}
 
-    def _frame_notes(self, frame: str, sources: PoseSources) -> list[str]:
+    def _frame_notes(self, frame: str, sources: PoseSources | Told) -> list[str]:
         way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)
         name = frame or "without a name"
         if way is None and (alike := sources.alike(frame)):
@@ -287,16 +412,18 @@ def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
     )
 
 
-def _nowhere(sweeps: int) -> SweepPoses:
-    """So many poses that nobody knows, to put others in their place."""
+def _nowhere(sweeps: int, moving: bool) -> SweepPoses:
+    """So many poses that nobody knows, to put others in their place; `moving`: with the way during each sweep."""
     x, y, yaw = (np.full(sweeps, np.nan) for _ in range(3))
-    return SweepPoses(x, y, yaw, np.zeros(sweeps, bool))
+    return SweepPoses(x, y, yaw, np.zeros(sweeps, bool), np.zeros((sweeps, 3)) if moving else None)
 
 
 def _put(poses: SweepPoses, rows: Int64, here: SweepPoses) -> None:
     """Put poses in the place of those of some sweeps."""
     poses.x[rows], poses.y[rows], poses.yaw[rows] = here.x, here.y, here.yaw
     poses.upside_down[rows] = here.upside_down
+    if here.way is not None and poses.way is not None:
+        poses.way[rows] = here.way
 
 
 def _chosen(way: Way, others: Sequence[str]) -> str:

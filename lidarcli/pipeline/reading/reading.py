@@ -7,17 +7,20 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from lidarcli.logs.base import CsvOptions, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.delays import first_delays
-from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.pipeline.reading.posing import MATCH, PoseOptions, Posing
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps import Int64, SweepBatch
 from lidarcli.threads import Beside
+
+if TYPE_CHECKING:
+    from lidarcli.poses.motion import Motion
 
 AHEAD = 2
 """Batches that are read before they are asked for."""
@@ -28,9 +31,7 @@ Progress = Callable[[int], None]
 """Called with the position in the source [bytes]."""
 
 
-def reading_as_dict(
-    read: ReadOptions, csv: CsvOptions, pose: str | None, pose_delay: float | None = 0.0
-) -> dict[str, Any]:
+def reading_as_dict(read: ReadOptions, csv: CsvOptions, poses: PoseOptions) -> dict[str, Any]:
     """What of a log is read and how, as plain values, for the tables' metadata."""
     rules = read.rules
     geometry = {name: getattr(csv, name) for name in ("angle_min", "angle_increment", "fov", "range_max")}
@@ -45,8 +46,7 @@ def reading_as_dict(
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
         **({"csv": told} if told else {}),
-        **({"pose": pose} if pose is not None else {}),
-        **({"pose_delay": pose_delay} if pose_delay else {}),
+        **poses.as_dict(),
     }
 
 
@@ -59,13 +59,12 @@ def describe_source(source: Source, log: Log) -> dict[str, Any]:
 class Reading:
     """The sweeps of one log with their poses, counted: opens topics, remembers damage, judges what is missing.
 
-    Without a `pose_delay` poses are those at the header stamps, and batches also have `true_poses` where others fit better.
+    Poses without a `delay` are those at the header stamps; with `find_delay` batches then also have `true_poses` where
+    others fit better.
     A file is read ahead by a thread of its own, which has gone when this context is left; until then the log is its alone.
     """
 
-    def __init__(
-        self, log: Log, options: ReadOptions, pose: str | None, pose_delay: float | None = 0.0
-    ) -> None:
+    def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, find_delay: bool = False) -> None:
         self._log = log
         self._report = ReadReport()
         self.summary = RunSummary()
@@ -86,9 +85,12 @@ class Reading:
             known = [count for count in counts if count is not None]
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
-        self._posing = Posing.of(log, pose, pose_delay or 0.0)
-        if pose_delay is None and self._posing.found is not None:
-            self._posing.delays = first_delays(log, self._posing.found.sources, choice, options.rules)
+        self._posing = Posing.of(log, poses, options.topics, options.rules)
+        find_delay = find_delay and poses.delay is None and poses.source != MATCH
+        if find_delay and self._posing.found is not None:
+            self._posing.delays = first_delays(
+                log, self._posing.found.sources, choice, options.rules, poses.deskew
+            )
         self._position = 0
         self._thread: Beside | None = None
 
@@ -100,6 +102,10 @@ class Reading:
             yield batch
             if progress is not None:
                 progress(position)
+
+    def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
+        """As `Posing.motions`: the poses of a batch in space."""
+        return self._posing.motions(batch)
 
     def _read_ahead(self) -> Iterator[tuple[SweepBatch, int]]:
         """Every batch and where in the source its reading stood [bytes]."""
