@@ -22,3 +22,11 @@ STATION_ANGLE = math.radians(STATION_DEGREES)
 """The same in radians."""
 MATCH_BY = ("position", "constellation", "auto")
 """How runs are laid beside each other."""
+MAP_RESOLUTION = 0.05
+"""Side of a cell of a map [m]."""
+MIN_MOVE = 0.2
+"""How far a sensor goes from one sweep that counts for a map to the next [m]."""
+OCCUPIED_RATIO = 0.25
+"""Of the sweeps that saw an occupied cell more than this share hit it."""
+MAX_MAP_KM2 = 0.25
+"""Largest ground of a map [km²]: at 5 cm 100 million cells, 1.3 GB if all of them are seen."""

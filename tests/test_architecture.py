@@ -32,10 +32,12 @@ MAY_IMPORT = {
     "poses": CORE | {"logs"},
     "formalism": CORE,
     "tables": CORE | {"formalism", "newfiles", "threads"},
-    "simulate": CORE | {"fields", "newfiles", "tables", "tomlfiles"},
+    "simulate": CORE | {"fields", "formalism", "maps", "newfiles", "tables", "tomlfiles"},
     "reports": CORE | {"formalism", "tables"},
+    "maps": CORE | {"formalism", "newfiles", "tables"},
     "pipeline": CORE
-    | {"logs", "poses", "formalism", "tables", "reports", "fields", "newfiles", "threads", "tomlfiles"},
+    | {"logs", "poses", "formalism", "tables", "reports", "maps"}
+    | {"fields", "newfiles", "threads", "tomlfiles"},
     "cli": CORE | {"compiled", "interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline"},
     "__init__": {"_version", "compiled", "formalism", "pipeline"},
 }
@@ -54,10 +56,12 @@ ROOMS_OF = {
     "rich": {"cli", "reports"},
     "matplotlib": {"reports"},
     "jinja2": {"reports"},
-    "mcap": {"logs", "simulate"},
+    "mcap": {"logs", "simulate", "maps"},
     "rosbags": {"simulate"},
     "sqlite3": {"logs", "simulate"},
-    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports"},
+    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps"},
+    "PIL": {"maps"},
+    "ruamel": {"maps"},
 }
 
 

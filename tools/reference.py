@@ -14,7 +14,7 @@ from lidarcli.cli import cli
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tables import metadata
 from lidarcli.tables.background import GEOMETRY
-from lidarcli.tables.schemas import BACKGROUND, MATCHES, SCHEMAS
+from lidarcli.tables.schemas import BACKGROUND, CLOUD, MATCHES, POSES, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -147,6 +147,17 @@ def tables_page() -> str:
         "Written by `match`. One row per thing and run that has it, by thing and run ([catalogue.md](catalogue.md)).",
         "",
         *_schema(MATCHES),
+        "## cloud",
+        "",
+        "Written by `map -o FILE.parquet` ([maps.md](maps.md)). One row per point, in the order of the logs.",
+        "",
+        *_schema(CLOUD),
+        "## poses",
+        "",
+        "Written by `poses -o FILE.parquet` ([poses.md](poses.md)). One row per sweep whose pose is known, in the order of "
+        "the log.",
+        "",
+        *_schema(POSES),
         "## truth",
         "",
         "`<log>.truth.parquet`, written by `simulate`. One row per sweep and visible entity.",

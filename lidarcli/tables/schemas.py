@@ -236,6 +236,38 @@ MATCHES = pa.schema(
     ]
 )
 
+CLOUD = pa.schema(
+    [
+        _LOG,
+        _TOPIC,
+        _SWEEP,
+        column("beam", INT32, "1", "index of the beam in its sweep, from 0"),
+        column("stamp", STAMP, "ns", "time of the beam"),
+        column("x", FLOAT, "m", "point in the world frame"),
+        column("y", FLOAT, "m", "point in the world frame"),
+        column("set", TEXT, "", "O, A or S (Def. 4); null where the beams were not told apart"),
+    ]
+)
+
+POSES = pa.schema(
+    [
+        _LOG,
+        _TOPIC,
+        _FRAME,
+        column("world", TEXT, "", "the fixed frame"),
+        _SWEEP,
+        _STAMP,
+        column("x", FLOAT, "m", "where the sensor was at the stamp of the sweep"),
+        column("y", FLOAT, "m", "where it was"),
+        column("z", FLOAT, "m", "where it was"),
+        column("qx", FLOAT, "1", "its rotation, a unit quaternion"),
+        column("qy", FLOAT, "1", "its rotation"),
+        column("qz", FLOAT, "1", "its rotation"),
+        column("qw", FLOAT, "1", "its rotation, 0 or more"),
+        column("yaw", FLOAT, "rad", "direction of its x axis, seen from above"),
+    ]
+)
+
 SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 

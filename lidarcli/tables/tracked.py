@@ -11,7 +11,7 @@ import pyarrow as pa
 from lidarcli.formalism import SETS, SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
 from lidarcli.formalism.tracking.tracked import ENDS, Followed, Tracks
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps import Int32, SweepBatch, UInt8
 from lidarcli.tables.arrays import answers, codes, floats, masked, plain
 from lidarcli.tables.rows import Form, beams_of, constant
 from lidarcli.tables.schemas import STAMP, TRACKS
@@ -69,6 +69,19 @@ def tracked_beams(
     rows: pa.RecordBatch, batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool
 ) -> pa.RecordBatch:
     """Rows of the beams table with the object and the set of each beam as tracking tells them."""
+    sets, number = beam_sets(batch, detection, followed, tracks=tracks)
+    row, beam = beams_of(batch)
+    owner = number[row, beam]
+    return _with(rows, {"set": codes(sets[row, beam], SETS), "object": masked(owner, owner == 0)})
+
+
+def beam_sets(
+    batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool = True
+) -> tuple[UInt8, Int32]:
+    """(S, B) the set of each beam, and the number of its object, 0 for none, as tracking tells them.
+
+    `tracks`: whether agents are told apart. The detection was made with `per_beam`.
+    """
     assert detection.beam_object is not None
     most = int(detection.object.max(initial=0))
     number = np.zeros((len(batch), most + 1), np.int32)
@@ -77,10 +90,8 @@ def tracked_beams(
     place = detection.row[at], detection.object[at]
     number[place] = followed.object[at]
     sets[place] = followed.set[at] if tracks else OBJECT
-    row, beam = beams_of(batch)
-    held = detection.beam_object[row, beam]
-    owner = number[row, held]
-    return _with(rows, {"set": codes(sets[row, held], SETS), "object": masked(owner, owner == 0)})
+    row = np.arange(len(batch))[:, None]
+    return sets[row, detection.beam_object], number[row, detection.beam_object]
 
 
 def tracks_rows(

@@ -1,0 +1,211 @@
+"""Fig. 7b: how many sweeps have hit and passed each cell of the ground. Counts add up in any order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.mapping import rays
+from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
+from lidarcli.records import record
+from lidarcli.sweeps import Float32, Float64, Int32, SweepBatch, SweepPoses, UInt8
+
+BLOCK = 256
+"""Cells by which the counted part of the ground grows at least, on each side."""
+CELL_BYTES = 12
+"""Memory of a cell that was seen: hits, passes, and the last sweep that counted."""
+MARGIN = 1
+"""Unknown cells around all that is known: walls on the edge of a map are lost in some programs."""
+
+
+class TooLargeError(ValueError):
+    """The ground that was seen is larger than it may be; the text tells its extent."""
+
+
+@record
+class Beams:
+    """The beams of S sweeps in the world."""
+
+    end: Float64
+    """(2, S, B) x and y of their ends [m]; NaN where a beam says nothing."""
+    use: UInt8
+    """(S, B) `SKIPPED`, `HIT` or `CLEAR`."""
+    beams: Int32
+    """(S,) number of beams of each sweep."""
+    poses: Float64
+    """(S, 4) x, y, yaw and side of the sensor."""
+    way: Float64
+    """(S, 3) how far it goes in x, y, yaw during the sweep."""
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+
+def placed(batch: SweepBatch, poses: SweepPoses, use: UInt8, ranges: Float32 | None = None) -> Beams:
+    """The beams of sweeps in the world, each seen from where the sensor was at its own time.
+
+    Parameters
+    ----------
+    batch : S sweeps of up to B beams
+    poses : of each, none of them unknown
+    use : (S, B) what each beam says
+    ranges : (S, B) [m], by default those of the sweeps
+    """
+    side = np.where(poses.upside_down, -1.0, 1.0)
+    where = np.ascontiguousarray(np.column_stack([poses.x, poses.y, poses.yaw, side]))
+    way = np.zeros((len(batch), 3)) if poses.way is None else np.ascontiguousarray(poses.way)
+    beams = np.ascontiguousarray(batch.beams, np.int32)
+    told = np.require(batch.ranges if ranges is None else ranges, np.float32, ["C", "A"])
+    use = np.require(use, np.uint8, ["C", "A"])
+    end = np.empty((2, *told.shape))
+    if told.size:
+        rays.place(
+            told,
+            use,
+            beams,
+            np.ascontiguousarray(batch.angle_min),
+            np.ascontiguousarray(batch.angle_increment),
+            where,
+            way,
+            end,
+        )
+    return Beams(end, use, beams, where, way)
+
+
+@dataclass(slots=True)
+class Counts:
+    """A fold over sweeps; memory is that of the ground that was seen, `CELL_BYTES` a cell.
+
+    Parameters
+    ----------
+    resolution : side of a cell [m]
+    most_cells : no more cells than these are counted
+    """
+
+    resolution: float
+    most_cells: int
+    sweeps: int = 0
+    """Sweeps that count."""
+    column: int = 0
+    row: int = 0
+    """Where cell (0, 0) is, in cells from the origin of the world."""
+    hits: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
+    passes: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
+    """(H, W) sweeps of which a beam ended in each cell, and of which beams only passed it."""
+    _stamps: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
+
+    def add(self, beams: Beams) -> None:
+        """Count the cells of some sweeps.
+
+        Raises
+        ------
+        TooLargeError
+            They reach farther than the map may; nothing of them is counted.
+        """
+        if not len(beams):
+            return
+        self._reach(*_bounds(beams, self.resolution))
+        rays.trace(
+            beams.end,
+            beams.use,
+            beams.beams,
+            beams.poses,
+            beams.way,
+            self.hits,
+            self.passes,
+            self._stamps,
+            self.sweeps + 1,
+            self.resolution,
+            self.column,
+            self.row,
+        )
+        self.sweeps += len(beams)
+
+    def merge(self, other: Counts) -> None:
+        """Add what was counted elsewhere, with cells of the same size (`TooLargeError` as of `add`)."""
+        height, width = other.hits.shape
+        if height and width:
+            self._reach(other.column, other.row, other.column + width, other.row + height)
+            part = np.s_[
+                other.row - self.row : other.row - self.row + height,
+                other.column - self.column : other.column - self.column + width,
+            ]
+            self.hits[part] += other.hits
+            self.passes[part] += other.passes
+        self.sweeps += other.sweeps
+
+    def occupancy(self, min_hits: int, ratio: float, frame_id: str) -> Occupancy:
+        """The grid: what was hit by enough sweeps is occupied, what else was passed is free.
+
+        A cell that was hit by too few sweeps to tell, and never passed, is unknown.
+
+        Parameters
+        ----------
+        min_hits : sweeps that have to hit an occupied cell
+        ratio : an occupied cell was hit by more than this share of the sweeps that hit or passed it
+        """
+        rows, columns = (_known(self.hits, self.passes, axis) for axis in (1, 0))
+        if not (rows.stop and columns.stop):
+            return Occupancy(self.resolution, 0.0, 0.0, np.zeros((0, 0), np.int8), frame_id)
+        hits, passes = self.hits[rows, columns], self.passes[rows, columns]
+        cells = np.full((hits.shape[0] + 2 * MARGIN, hits.shape[1] + 2 * MARGIN), UNKNOWN, np.int8)
+        inner: Int8 = cells[MARGIN:-MARGIN, MARGIN:-MARGIN]
+        occupied = (hits >= min_hits) & (hits > ratio * (hits.astype(np.int64) + passes))
+        inner[passes > 0] = FREE
+        inner[occupied] = OCCUPIED
+        return Occupancy(
+            self.resolution,
+            # Without the digits that only binary numbers have: 0.15, not 0.15000000000000002.
+            round((self.column + columns.start - MARGIN) * self.resolution, 9),
+            round((self.row + rows.start - MARGIN) * self.resolution, 9),
+            cells,
+            frame_id,
+        )
+
+    def _reach(self, left: int, low: int, right: int, high: int) -> None:
+        """Make room for the cells from column `left` and row `low` up to `right` and `high`."""
+        height, width = self.hits.shape
+        if height and width:
+            left, low = min(left, self.column), min(low, self.row)
+            right, high = max(right, self.column + width), max(high, self.row + height)
+            if right - left == width and high - low == height:
+                return
+        if (right - left) * (high - low) > self.most_cells:
+            far = f"{(right - left) * self.resolution:,.0f} x {(high - low) * self.resolution:,.0f} m"
+            raise TooLargeError(far)
+        # What is never touched takes no memory, so there is room to spare.
+        column, row = (left // BLOCK) * BLOCK, (low // BLOCK) * BLOCK
+        shape = -(-(high - row) // BLOCK) * BLOCK, -(-(right - column) // BLOCK) * BLOCK
+        part = np.s_[
+            self.row - row : self.row - row + height, self.column - column : self.column - column + width
+        ]
+        for name in ("hits", "passes", "_stamps"):
+            larger = np.zeros(shape, np.int32)
+            larger[part] = getattr(self, name)
+            setattr(self, name, larger)
+        self.column, self.row = column, row
+
+
+def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
+    """The cells that the beams and the sensor may touch, with one around them: left, low, right, high."""
+    limits = []
+    for axis in range(2):
+        begin = beams.poses[:, axis]
+        ends = beams.end[axis]
+        low = min(float(np.fmin.reduce(ends, axis=None, initial=np.inf)), float(begin.min()))
+        high = max(float(np.fmax.reduce(ends, axis=None, initial=-np.inf)), float(begin.max()))
+        low, high = (
+            min(low, float((begin + beams.way[:, axis]).min())),
+            max(high, float((begin + beams.way[:, axis]).max())),
+        )
+        limits.append((int(np.floor(low / resolution)) - 1, int(np.floor(high / resolution)) + 2))
+    (left, right), (low_row, high_row) = limits
+    return left, low_row, right, high_row
+
+
+def _known(hits: NDArray[np.int32], passes: NDArray[np.int32], axis: int) -> slice:
+    """The rows (axis 1) or columns (axis 0) between the first and the last of which anything is known."""
+    some = np.flatnonzero(hits.any(axis=axis) | passes.any(axis=axis))
+    return slice(int(some[0]), int(some[-1]) + 1) if len(some) else slice(0, 0)

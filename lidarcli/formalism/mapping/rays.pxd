@@ -1,0 +1,22 @@
+cimport cython
+cimport libc.math as math
+
+from lidarcli cimport native
+
+cdef int HIT, SKIPPED
+cdef double NAN
+
+
+@cython.locals(rows=Py_ssize_t, width=Py_ssize_t, row=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, last=Py_ssize_t)
+cpdef place(ranges, use, beams, angle_min, angle_increment, poses, way, end)
+@cython.locals(
+    sweeps=Py_ssize_t, width=Py_ssize_t, across=Py_ssize_t, sweep=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t,
+    begin=Py_ssize_t, cell=Py_ssize_t, line=Py_ssize_t, along=Py_ssize_t, last=Py_ssize_t
+)
+cpdef trace(
+    end, use, beams, poses, way, hits, passes, stamps, int stamp, double resolution, Py_ssize_t column, Py_ssize_t row
+)
+@cython.locals(steps=Py_ssize_t, step=Py_ssize_t, line=Py_ssize_t, along=Py_ssize_t, cell=Py_ssize_t)
+cdef void _pass(
+    int* passed, int* seen, int stamp, Py_ssize_t across, double x, double y, double dx, double dy
+) noexcept nogil

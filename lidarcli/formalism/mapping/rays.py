@@ -1,0 +1,119 @@
+"""Fig. 7: the ends of beams in the world, and the cells that they pass on their way.
+
+A cell counts once in a sweep: as hit where any beam ends in it, else as passed where any goes through it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from lidarcli import native
+from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
+
+NAN = float("nan")
+
+
+def place(
+    ranges: Any, use: Any, beams: Any, angle_min: Any, angle_increment: Any, poses: Any, way: Any, end: Any
+) -> None:
+    """Where the beams of S sweeps end, each seen from where the sensor was at its own time.
+
+    Parameters
+    ----------
+    ranges, use : (S, B) float32 [m], and uint8: what each beam says (`occupancy.HIT`)
+    beams : (S,) int32 number of beams of each sweep
+    angle_min, angle_increment : (S,) float64 [rad]
+    poses : (S, 4) float64 x, y, yaw and side of the sensor at the first beam, the side -1 where it hangs head down
+    way : (S, 3) float64, how far it goes in x, y, yaw until the last beam
+    end : (2, S, B) float64 to write to, x and y [m]; NaN where a beam is skipped
+    """
+    rows, width = ranges.shape
+    r, says, counted = native.at_singles(ranges), native.at_bytes(use), native.at_ints(beams)
+    first, step = native.at_doubles(angle_min), native.at_doubles(angle_increment)
+    pose, going, out = native.at_doubles(poses), native.at_doubles(way), native.at_doubles(end)
+    lock = native.release()
+    for row in range(rows):
+        last = max(counted[row] - 1, 1)
+        for k in range(width):
+            at = row * width + k
+            out[at] = out[rows * width + at] = NAN
+            if says[at] == SKIPPED or r[at] != r[at]:
+                continue
+            share = k / (1.0 * last)
+            theta = pose[4 * row + 2] + share * going[3 * row + 2]
+            theta += pose[4 * row + 3] * (first[row] + step[row] * k)
+            out[at] = pose[4 * row] + share * going[3 * row] + r[at] * math.cos(theta)
+            out[rows * width + at] = pose[4 * row + 1] + share * going[3 * row + 1] + r[at] * math.sin(theta)
+    native.resume(lock)
+
+
+def trace(
+    end: Any,
+    use: Any,
+    beams: Any,
+    poses: Any,
+    way: Any,
+    hits: Any,
+    passes: Any,
+    stamps: Any,
+    stamp: int,
+    resolution: float,
+    column: int,
+    row: int,
+) -> None:
+    """Count the cells that the beams of S sweeps hit and pass.
+
+    Parameters
+    ----------
+    end : (2, S, B) as of `place`; all of it and the sensor lie within the cells
+    use, beams, poses, way : as of `place`
+    hits, passes : (H, W) int32, to be added to
+    stamps : (H, W) int32, the last sweep that counted for each cell
+    stamp : of the first of these sweeps, greater than all before; each has the next one
+    resolution : side of a cell [m]
+    column, row : where cell (0, 0) is: its lower left corner in cells from the origin of the world
+    """
+    _, sweeps, width = end.shape
+    across = hits.shape[1]
+    ends, says, counted = native.at_doubles(end), native.at_bytes(use), native.at_ints(beams)
+    pose, going = native.at_doubles(poses), native.at_doubles(way)
+    hit, passed, seen = native.at_ints(hits), native.at_ints(passes), native.at_ints(stamps)
+    cells = 1.0 / resolution
+    lock = native.release()
+    for sweep in range(sweeps):
+        begin = sweep * width
+        for k in range(begin, begin + width):
+            if says[k] == HIT and ends[k] == ends[k]:
+                x, y = ends[k] * cells - column, ends[sweeps * width + k] * cells - row
+                line, along = int(y), int(x)
+                cell = line * across + along
+                if seen[cell] != stamp + sweep:
+                    seen[cell] = stamp + sweep
+                    hit[cell] += 1
+        last = max(counted[sweep] - 1, 1)
+        for k in range(width):
+            at = begin + k
+            if says[at] == SKIPPED or ends[at] != ends[at]:
+                continue
+            share = k / (1.0 * last)
+            x = (pose[4 * sweep] + share * going[3 * sweep]) * cells - column
+            y = (pose[4 * sweep + 1] + share * going[3 * sweep + 1]) * cells - row
+            dx = ends[at] * cells - column - x
+            dy = ends[sweeps * width + at] * cells - row - y
+            _pass(passed, seen, stamp + sweep, across, x, y, dx, dy)
+    native.resume(lock)
+
+
+def _pass(passed: Any, seen: Any, stamp: int, across: int, x: float, y: float, dx: float, dy: float) -> None:
+    """Count the cells along a straight way, one for each cell along its longer axis, but for those that count already."""
+    far = max(abs(dx), abs(dy))
+    steps = int(far)
+    if far > 0.0:
+        dx, dy = dx / far, dy / far
+    for step in range(steps + 1):
+        line, along = int(y + step * dy), int(x + step * dx)
+        cell = line * across + along
+        if seen[cell] != stamp:
+            seen[cell] = stamp
+            passed[cell] += 1

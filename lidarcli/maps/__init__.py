@@ -1,0 +1,1 @@
+"""Maps and point clouds as files that other programs read."""

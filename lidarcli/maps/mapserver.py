@@ -1,0 +1,339 @@
+"""Maps as map_server and Nav2 have them: an image of the cells, and a YAML file that says where they are."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from stat import S_ISREG
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.errors import UnreadableError
+from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
+
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+    from ruamel.yaml.nodes import Node
+
+OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196
+"""Shares of black from and up to which a cell is occupied or free, as map_saver writes them."""
+LONGEST_YAML = 1 << 16
+"""Longest YAML file that is read [bytes]: they have some two hundred, and a parser in Python takes its time."""
+MOST_PIXELS = 400_000_000
+"""Largest image that is read [pixels]: 1 km x 1 km in cells of 5 cm."""
+LEAST_YAW = 1e-6
+"""Turns of a map below this [rad] are rounding: 1 mm at 1 km."""
+
+_PIXELS = np.full(256, 205, np.uint8)
+_PIXELS[[FREE, OCCUPIED]] = 254, 0
+"""Cell, as an unsigned number → brightness of its pixel. 205 is black enough not to be free, by less than 0.0001."""
+_KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+_MODES = ("trinary", "scale", "raw")
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_TRUTHS = dict.fromkeys(("1", "y", "yes", "true", "on"), True) | dict.fromkeys(
+    ("0", "n", "no", "false", "off"), False
+)
+_PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*\.(?:pgm|png|bmp)")
+_SIDE = 2048
+"""Images are converted in squares of this side [pixels]."""
+_SAVE_AGAIN = "save the map again"
+
+
+def yaml_bytes(grid: Occupancy, image: str) -> bytes:
+    """The YAML file of a map [m] whose cells are in the file `image`, a name relative to that of the YAML file."""
+    name = image if _PLAIN_NAME.fullmatch(image) else _quoted(image)
+    x, y = _decimal(grid.x), _decimal(grid.y)
+    text = (
+        f"image: {name}\nmode: trinary\nresolution: {_decimal(grid.resolution)}\norigin: [{x}, {y}, 0.0]\n"
+        f"negate: 0\noccupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
+    )
+    # Names of files need not be UTF-8.
+    return text.encode("utf-8", "surrogateescape")
+
+
+def pgm_bytes(grid: Occupancy) -> bytes:
+    """The cells as a binary PGM image: 254 free, 0 occupied, 205 unknown, the row of greatest y first."""
+    height, width = grid.cells.shape
+    head = f"P5\n# CREATOR: lidarcli {_decimal(grid.resolution)} m/pix\n{width} {height}\n255\n"
+    return head.encode() + _PIXELS[grid.cells[::-1].view(np.uint8)].tobytes()
+
+
+def read_map(path: Path) -> Occupancy:
+    """The map of a YAML file and its image (PGM, PNG or BMP), in metres, by the rules of map_server and Nav2.
+
+    A pixel is as occupied as the mean of its channels is dark (in mode `trinary` opacity is one of them); with `negate`,
+    as it is bright. From `occupied_thresh` on a cell is occupied, up to `free_thresh` it is free; at the very threshold
+    Nav2 and ROS 1 differ, and this is Nav2's rule. The rest is unknown. So it is in mode `scale`, which has shades of
+    likelihood there, and where anything is transparent as well. In mode `raw` a pixel of 0 to 100 is the likelihood of
+    its cell in per cent, which is judged by the same thresholds, and any other is unknown; `negate` means nothing then.
+
+    Raises
+    ------
+    UnreadableError
+        The YAML file or its image is missing, damaged, too large, incomplete or says something impossible; or the map
+        is turned (a yaw in its origin), which hardly any program supports.
+    """
+    described = _described(path)
+    return Occupancy(described.resolution, described.x, described.y, _cells(path, described))
+
+
+@dataclass(frozen=True)
+class _Described:
+    """What a YAML file says; lengths in metres."""
+
+    image: str
+    mode: str
+    resolution: float
+    x: float
+    y: float
+    negate: bool
+    occupied: float
+    free: float
+
+
+def _described(path: Path) -> _Described:
+    """What the file says, each value of the right kind."""
+    values = _values(path)
+    missing = [key for key in _KEYS if key not in values]
+    if missing:
+        raise _refused(path, f"no {', '.join(missing)}, hence no map of map_server", "add what is missing")
+    resolution = _number(path, "resolution", values["resolution"])
+    if resolution <= 0:
+        raise _refused(path, f"resolution is {resolution:g} m, not above 0", _SAVE_AGAIN)
+    origin = values["origin"]
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise _refused(path, "origin is not [x, y, yaw]", _SAVE_AGAIN)
+    x, y, yaw = (_number(path, "origin", value) for value in origin)
+    if abs(yaw) > LEAST_YAW:
+        turned = f"origin has a yaw of {yaw:g} rad, and maps that are turned are not supported"
+        raise _refused(path, turned, "turn the image and set the yaw to 0")
+    negate = _text(path, "negate", values["negate"])
+    if negate.lower() not in _TRUTHS:
+        raise _refused(path, f"negate is {_shown(negate)}", "set it to 0 or 1")
+    mode = _text(path, "mode", values.get("mode", _MODES[0])).lower()
+    if mode not in _MODES:
+        raise _refused(path, f"mode is {_shown(mode)}", f"use {', '.join(_MODES[:-1])} or {_MODES[-1]}")
+    return _Described(
+        _text(path, "image", values["image"]),
+        mode,
+        resolution,
+        x,
+        y,
+        _TRUTHS[negate.lower()],
+        _number(path, "occupied_thresh", values["occupied_thresh"]),
+        _number(path, "free_thresh", values["free_thresh"]),
+    )
+
+
+def _values(path: Path) -> dict[str, Any]:
+    """Key → text, or list of texts, as they stand there: what they mean is not for YAML to say, nor is it for yaml-cpp.
+
+    The tree of a document is not made into objects. That would resolve merges, of which a few lines can be made to take
+    hours.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.nodes import MappingNode, ScalarNode
+
+    try:
+        with path.open("rb") as file:
+            data = file.read(LONGEST_YAML + 1)
+    except (OSError, ValueError) as err:
+        raise _refused(path, _reason(err), "name the YAML file of a map") from err
+    if len(data) > LONGEST_YAML:
+        raise _refused(path, f"more than {LONGEST_YAML:,} bytes", "name the YAML file, not the image")
+    try:
+        text = data.decode("utf-8-sig")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            root = YAML(typ="safe", pure=True).compose(text)
+    # Whatever the parser stumbles over, the file is at fault: it may come from anywhere.
+    except Exception as err:
+        raise _refused(path, f"not YAML: {_reason(err)}", "name the YAML file of a map") from err
+    if not isinstance(root, MappingNode):
+        raise _refused(path, "not the YAML of a map: it has no keys", "name the YAML file of a map")
+    values: dict[str, Any] = {}
+    for key, value in root.value:
+        if isinstance(key, ScalarNode):
+            values.setdefault(key.value, _plain(value))
+    return values
+
+
+def _plain(node: Node) -> str | list[str | None] | None:
+    from ruamel.yaml.nodes import ScalarNode, SequenceNode
+
+    def scalar(node: Node) -> str | None:
+        return str(node.value) if isinstance(node, ScalarNode) else None
+
+    return [scalar(item) for item in node.value] if isinstance(node, SequenceNode) else scalar(node)
+
+
+def _number(path: Path, key: str, text: object) -> float:
+    number = float(text) if isinstance(text, str) and _NUMBER.fullmatch(text) else math.nan
+    if not math.isfinite(number):
+        raise _refused(path, f"{key} is {_shown(text)}, not a finite number", _SAVE_AGAIN)
+    return number
+
+
+def _text(path: Path, key: str, value: object) -> str:
+    if not isinstance(value, str) or not value:
+        raise _refused(path, f"{key} is {_shown(value)}", _SAVE_AGAIN)
+    return value
+
+
+def _cells(path: Path, described: _Described) -> Int8:
+    """The cells of the image, row 0 with the least y."""
+    named = path.parent / described.image
+    shown = f"image {_shown(described.image)}"
+    try:
+        # Nothing that is no file is opened: a pipe would never end.
+        found = named.stat()
+        if not S_ISREG(found.st_mode):
+            raise _refused(path, f"{shown} is not a file", "name the image of the map there")
+        with named.open("rb") as file, warnings.catch_warnings():
+            # Pillow warns of large images, which have their own bound here, and of what it could put right.
+            warnings.simplefilter("ignore")
+            return _decoded(path, shown, file, described)
+    except UnreadableError:
+        raise
+    except (FileNotFoundError, NotADirectoryError) as err:
+        raise _refused(
+            path, f"{shown} is missing", "put it beside the YAML file, or name its place there"
+        ) from err
+    except SyntaxError as err:
+        raise _refused(path, f"{shown} cannot be read: it is damaged", _SAVE_AGAIN) from err
+    # As for YAML; Pillow raises errors of any kind for damaged images.
+    except Exception as err:
+        raise _refused(path, f"{shown} cannot be read: {_reason(err)}", _SAVE_AGAIN) from err
+
+
+def _decoded(path: Path, shown: str, file: BinaryIO, described: _Described) -> Int8:
+    image = _opened(path, shown, file)
+    width, height = image.size
+    if width * height > MOST_PIXELS:
+        large = f"{shown} has {width:,} x {height:,} pixels, and no more than {MOST_PIXELS:,} are read"
+        raise _refused(path, large, "cut it, or save the map with larger cells")
+    image.load()
+    cells = np.empty((height, width), np.int8)
+    tables: dict[int, Int8] = {}
+    for columns, rows in _squares(width, height):
+        part: Any = image.crop((columns.start, rows.start, columns.stop, rows.stop))
+        levels, most, opaque = _levels(part, described.mode == "trinary")
+        if most not in tables:
+            tables[most] = _judged(np.arange(most + 1) / most, described)
+        cells[rows, columns] = tables[most][levels]
+        if opaque is not None and described.mode == "scale":
+            cells[rows, columns][~opaque] = UNKNOWN
+    return np.ascontiguousarray(cells[::-1])
+
+
+def _opened(path: Path, shown: str, file: BinaryIO) -> ImageFile:
+    """The image before its pixels are read. `Image.open` would guess at fifty formats, and has a bound for all programs."""
+    from PIL.BmpImagePlugin import BmpImageFile
+    from PIL.PngImagePlugin import PngImageFile
+    from PIL.PpmImagePlugin import PpmImageFile
+
+    start = file.read(8)
+    file.seek(0)
+    if start[:1] == b"P" and start[1:2] in b"123456" and start[2:3].isspace():
+        return PpmImageFile(file)
+    if start == b"\x89PNG\r\n\x1a\n":
+        return PngImageFile(file)
+    if start[:2] == b"BM":
+        return BmpImageFile(file)
+    raise _refused(path, f"{shown} is no PGM, PNG or BMP image", _SAVE_AGAIN)
+
+
+def _squares(width: int, height: int) -> Iterator[tuple[slice, slice]]:
+    for top in range(0, height, _SIDE):
+        for left in range(0, width, _SIDE):
+            yield slice(left, min(left + _SIDE, width)), slice(top, min(top + _SIDE, height))
+
+
+def _levels(image: Any, with_alpha: bool) -> tuple[NDArray[Any], int, NDArray[np.bool_] | None]:
+    """Sum of the channels of each pixel, the greatest that it can be, and where it is opaque if it can be transparent."""
+    if image.mode in ("1", "L"):
+        return np.asarray(image.convert("L")), 255, None
+    if image.mode[0] == "I":
+        # 16 bits, whichever way Pillow keeps them.
+        return np.clip(np.asarray(image), 0, 65535).astype(np.uint16), 65535, None
+    transparent = image.mode in ("LA", "La", "PA", "RGBA", "RGBa") or (
+        image.mode == "P" and "transparency" in image.info
+    )
+    channels = np.asarray(image.convert("RGBA" if transparent else "RGB"))
+    judged = channels if with_alpha else channels[..., :3]
+    levels = judged.sum(axis=2, dtype=np.uint16)
+    return levels, 255 * judged.shape[2], channels[..., 3] == 255 if transparent else None
+
+
+def _judged(shade: NDArray[np.float64], described: _Described) -> Int8:
+    """What a cell is, by how bright its pixel is, 0 to 1."""
+    occupied = shade if described.negate else 1 - shade
+    if described.mode == "raw":
+        occupied = np.round(shade * 255) / 100
+    cells = np.full(shade.shape, UNKNOWN, np.int8)
+    # Less than any step between two shades: what is at the threshold must not hang on rounding.
+    cells[occupied <= described.free + 1e-9] = FREE
+    cells[occupied >= described.occupied - 1e-9] = OCCUPIED
+    if described.mode == "raw":
+        cells[occupied > 1] = UNKNOWN
+    return cells
+
+
+def _decimal(value: float) -> str:
+    """A number in decimals, at least three, without what only rounding has left behind.
+
+    >>> _decimal(3 * 0.05), _decimal(-12.0), _decimal(0.0125)
+    ('0.150', '-12.000', '0.0125')
+    """
+    whole, _, decimals = format(Decimal(f"{value + 0.0:.15g}"), "f").partition(".")
+    return f"{whole}.{decimals.ljust(3, '0')}"
+
+
+def _quoted(text: str) -> str:
+    """A text as YAML has it between quotation marks.
+
+    >>> print(_quoted('hall "2".pgm'))
+    "hall \\"2\\".pgm"
+    """
+
+    def spelled(character: str) -> str:
+        if character in '"\\':
+            return f"\\{character}"
+        # Half a pair stands for a byte of a name that is not UTF-8, and is put back when the text is encoded.
+        if character.isprintable() or "\udc80" <= character <= "\udcff":
+            return character
+        return f"\\U{ord(character):08x}"
+
+    return f'"{"".join(map(spelled, text))}"'
+
+
+def _refused(path: Path, cause: str, way_out: str) -> UnreadableError:
+    return UnreadableError(f"{path}: {cause}; {way_out}")
+
+
+def _shown(value: object) -> str:
+    """A value of a file in a message, short and printable."""
+    if value is None or isinstance(value, list):
+        return "a list" if isinstance(value, list) else "neither a text nor a number"
+    text = ascii(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _reason(err: Exception) -> str:
+    """The cause of an error as one short line."""
+    if isinstance(err, OSError) and err.strerror:
+        return err.strerror
+    if isinstance(err, RecursionError):
+        return "nested too deeply"
+    mark = getattr(err, "problem_mark", None)
+    text = str(getattr(err, "problem", None) or err or type(err).__name__).strip() or type(err).__name__
+    line = "".join(character if character.isprintable() else " " for character in text.splitlines()[0])
+    place = "" if mark is None else f"line {mark.line + 1}: "
+    return f"{place}{line[:120]}"

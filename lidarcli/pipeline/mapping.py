@@ -1,0 +1,530 @@
+"""Logs → one map: the occupancy grid, the cloud and the paths of their sensors in the world."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from lidarcli.choices import MAP_RESOLUTION, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.formalism import Parameters
+from lidarcli.formalism.detection import AGENT, Detection
+from lidarcli.formalism.mapping.comparison import Comparison, UnlikeError, compare
+from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
+from lidarcli.formalism.mapping.motion import MotionFilter
+from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.maps.clouds import CloudPoints, CloudWriter, ParquetWriter, PcdWriter, PlyWriter, VoxelFilter
+from lidarcli.maps.grid_message import write_occupancy_mcap
+from lidarcli.maps.mapserver import pgm_bytes, read_map, yaml_bytes
+from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import files_of
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.reading.posing import MATCH, NONE, PoseOptions
+from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of, progress_of
+from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
+from lidarcli.tables.metadata import table_metadata
+
+GRIDS = (".yaml", ".png", ".mcap")
+"""Suffixes of outputs that are made of the grid …"""
+CLOUDS: dict[str, type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]] = {
+    ".ply": PlyWriter,
+    ".pcd": PcdWriter,
+    ".parquet": ParquetWriter,
+}
+"""… and of those that are clouds."""
+MIN_HITS, MIN_HITS_OF_ALL = 2, 4
+"""Sweeps that have to hit an occupied cell, and where every sweep counts: a robot that stands sees the same many times."""
+KM2 = 1e6
+"""m² in a km²."""
+
+
+@dataclass(frozen=True, slots=True)
+class MapOptions:
+    """Everything that `map` lets a user choose, apart from inputs and outputs."""
+
+    read: ReadOptions = field(default_factory=ReadOptions)
+    csv: CsvOptions = field(default_factory=CsvOptions)
+    poses: PoseOptions = field(default_factory=PoseOptions)
+    resolution: float = MAP_RESOLUTION
+    """Side of a cell [m]."""
+    min_move: float = MIN_MOVE
+    """How far a sensor has to go from one sweep that counts to the next [m]; 0: every sweep counts."""
+    min_hits: int | None = None
+    """Sweeps that have to hit an occupied cell; by default `MIN_HITS`, or where every sweep counts `MIN_HITS_OF_ALL`."""
+    occupied_ratio: float = OCCUPIED_RATIO
+    """Of the sweeps that hit or passed an occupied cell more than this share hit it."""
+    free_no_return: float = 0.0
+    """How far a beam without a return tells of free space [m]."""
+    voxel: float = 0.0
+    """The cloud has one point in each square cell of this side [m]; 0: all points."""
+    without_agents: bool = False
+    """Leave out what moves (set A): such a beam tells only that it got so far."""
+    parameters: Parameters = field(default_factory=Parameters)
+    """How objects are found, where sets matter."""
+    max_size: float = MAX_MAP_KM2
+    """Largest ground that is mapped [km²]."""
+    path: bool = False
+    """Draw the path of the sensor into the picture."""
+    overwrite: bool = False
+
+    @property
+    def hits(self) -> int:
+        """Sweeps that have to hit an occupied cell."""
+        if self.min_hits is not None:
+            return self.min_hits
+        return MIN_HITS if self.min_move > 0 else MIN_HITS_OF_ALL
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything that the result depends on, as plain values, for the cloud's metadata."""
+        names = ("resolution", "min_move", "occupied_ratio", "free_no_return", "voxel", "without_agents")
+        told = {name: getattr(self, name) for name in names}
+        return reading_as_dict(self.read, self.csv, self.poses) | told | {"min_hits": self.hits}
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPath:
+    """Where a sensor was at the sweeps that count, in the world."""
+
+    log: str
+    topic: str
+    frame: str
+    x: Float64
+    """(N,) metres."""
+    y: Float64
+    yaw: Float64
+    """(N,) rad."""
+
+    @property
+    def length(self) -> float:
+        """How far it went [m]."""
+        return float(np.hypot(np.diff(self.x), np.diff(self.y)).sum())
+
+
+@dataclass(slots=True)
+class Mapping:
+    """A fold over logs."""
+
+    options: MapOptions
+    sets: bool = False
+    """Whether it matters what moves."""
+    counts: Counts = field(init=False)
+    worlds: dict[str, None] = field(default_factory=dict)
+    """Names of world frames, in the order in which they come."""
+    end_ns: int = 0
+    """Stamp of the last sweep that counts."""
+    paths: list[SensorPath] = field(default_factory=list)
+    described: list[dict[str, Any]] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+    _voxels: VoxelFilter | None = None
+    _matched: int = 0
+    """Paths that were matched, each in a world of its own."""
+
+    def __post_init__(self) -> None:
+        options = self.options
+        cells = int(options.max_size * KM2 / options.resolution**2)
+        self.counts = Counts(options.resolution, cells)
+        self._voxels = VoxelFilter(options.voxel) if options.voxel > 0 else None
+
+    def add(
+        self, source: Source, clouds: Sequence[CloudWriter] = (), progress: Progress | None = None
+    ) -> RunSummary:
+        """Take one log; its points go to the clouds.
+
+        Raises
+        ------
+        UnreadableError
+            Nothing tells where its sensor was.
+        OptionError
+            The ground that it saw is larger than a map may be.
+        """
+        options = self.options
+        with (
+            open_source(source, options.csv) as log,
+            Reading(log, options.read, options.poses) as reading,
+        ):
+            taken = _Taken(options.min_move)
+            for batch, sets in self._with_sets(reading.batches(progress)):
+                if batch.poses is not None:
+                    for frame, rows, mine in batch.by_frame():
+                        self._take(source, frame, mine, None if sets is None else sets[rows], taken, clouds)
+            summary = reading.close()
+            described = reading.describe(source)
+        self._conclude(source, summary, described, taken)
+        return summary
+
+    def occupancy(self) -> Occupancy:
+        """The grid of all that was taken."""
+        options = self.options
+        return self.counts.occupancy(options.hits, options.occupied_ratio, next(iter(self.worlds), "map"))
+
+    def _with_sets(self, batches: Iterator[SweepBatch]) -> Iterator[tuple[SweepBatch, UInt8 | None]]:
+        """Every batch, and where it matters the set of each of its beams (S, B), by what the whole log tells."""
+        if not self.sets:
+            yield from ((batch, None) for batch in batches)
+            return
+        # Who need not know what moves does not wait for these imports.
+        from lidarcli.formalism.tracking.tracker import Tracker
+        from lidarcli.pipeline.objects.finders import finder
+        from lidarcli.pipeline.objects.following import TrackOptions
+        from lidarcli.tables.tracked import beam_sets
+
+        tracking = TrackOptions()
+        find = finder(tracking.found_with(self.options.parameters), None)
+        trackers: dict[str, tuple[Tracker, deque[tuple[SweepBatch, Detection]]]] = {}
+        for batch in batches:
+            if batch.topic not in trackers:
+                trackers[batch.topic] = tracking.tracker(None, self.options.parameters), deque()
+            tracker, waiting = trackers[batch.topic]
+            detection = find(batch, True)
+            waiting.append((batch, detection))
+            for followed in tracker.add(batch, detection):
+                done = waiting.popleft()
+                yield done[0], beam_sets(*done, followed)[0]
+        for tracker, waiting in trackers.values():
+            for followed in tracker.finish()[0]:
+                done = waiting.popleft()
+                yield done[0], beam_sets(*done, followed)[0]
+
+    def _take(
+        self,
+        source: Source,
+        frame: str,
+        batch: SweepBatch,
+        sets: UInt8 | None,
+        taken: _Taken,
+        clouds: Sequence[CloudWriter],
+    ) -> None:
+        """Count the sweeps of one sensor that say something new."""
+        assert batch.poses is not None
+        rows = taken.rows(batch.topic, frame, batch)
+        if not len(rows):
+            return
+        batch = batch.rows(rows)
+        poses = batch.poses
+        assert poses is not None
+        sets = None if sets is None else sets[rows]
+        use, ranges = self._use(batch, sets)
+        beams = placed(batch, poses, use, ranges)
+        try:
+            self.counts.add(beams)
+        except TooLargeError as err:
+            raise OptionError(
+                f"the map would reach over {err}, more than {self.options.max_size:g} km²: a pose or a range may be far "
+                "off; limit the log (--range, --start, --end), take a coarser --resolution, or allow more with --max-size"
+            ) from err
+        self.end_ns = max(self.end_ns, int(batch.stamp_ns.max()))
+        if clouds:
+            points = self._points(source.name, batch, beams.end, use, sets)
+            for cloud in clouds:
+                cloud.write(points)
+
+    def _use(self, batch: SweepBatch, sets: UInt8 | None) -> tuple[UInt8, Any]:
+        """(S, B) what each beam says, and how far it got [m]."""
+        use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
+        ranges = batch.ranges
+        if self.options.without_agents and sets is not None:
+            use[(sets == AGENT) & (use == HIT)] = CLEAR
+        if self.options.free_no_return > 0:
+            nothing = batch.status == Status.NO_RETURN
+            use[nothing] = CLEAR
+            ranges = np.where(nothing, np.float32(self.options.free_no_return), ranges)
+        return use, ranges
+
+    def _points(
+        self, log: str, batch: SweepBatch, end: Float64, use: UInt8, sets: UInt8 | None
+    ) -> CloudPoints:
+        """The points of some sweeps."""
+        row, beam = np.nonzero(use == HIT)
+        x, y = end[0][row, beam], end[1][row, beam]
+        if self._voxels is not None:
+            kept = self._voxels.keep(x, y)
+            row, beam, x, y = row[kept], beam[kept], x[kept], y[kept]
+        stamp = batch.stamp_ns[row]
+        if batch.duration is not None and self.options.poses.deskew:
+            stamp = stamp + np.rint(batch.duration[row] * batch.shares(row, beam) * 1e9).astype(np.int64)
+        return CloudPoints(
+            log=log,
+            topic=batch.topic,
+            sweep=batch.sweep[row],
+            beam=beam.astype(np.int32),
+            stamp_ns=stamp,
+            x=x,
+            y=y,
+            set=None if sets is None else sets[row, beam].astype(np.int8),
+        )
+
+    def _conclude(
+        self, source: Source, summary: RunSummary, described: dict[str, Any], taken: _Taken
+    ) -> None:
+        """Remember what a log has given, and tell what a user should know of it."""
+        worlds = {told["world"]: None for told in described.get("poses", {}).values()}
+        if not taken.count:
+            why = "; ".join(summary.notes) or "nothing in the log tells where the sensor was"
+            if self.options.poses.source == NONE:
+                why = "--pose none leaves them out"
+            hint = (
+                ""
+                if self.options.poses.source == MATCH
+                else "; find its path with --pose match, or give --poses FILE.tum"
+            )
+            raise UnreadableError(f"no poses: {why}{hint}" if summary.sweeps else "no sweep to map")
+        self.worlds |= worlds
+        self.paths += taken.paths(source.name)
+        self.described.append(described)
+        self.damage += [f"{described['name']}: {line}" for line in summary.damage]
+        self._matched += len(taken) if MATCH in worlds else 0
+        if self._matched > 1:
+            raise OptionError(
+                "--pose match finds the path of each sensor in a world of its own, and a map has one world: "
+                "take one log, and one topic with --topic"
+            )
+        summary.notes.append(f"{taken.count:,} of {summary.sweeps:,} sweeps count: {self._why(taken)}")
+
+    def _why(self, taken: _Taken) -> str:
+        every = "all that have a pose" if taken.unplaced else "all"
+        if self.options.min_move <= 0:
+            return every
+        return f"one for each {self.options.min_move:g} m, 10 degrees or 5 s of the way (--min-move)"
+
+
+class _Taken:
+    """The sweeps of one log that count, of each of its sensors."""
+
+    def __init__(self, min_move: float) -> None:
+        self._min_move = min_move
+        self._filters: dict[tuple[str, str], MotionFilter] = {}
+        self._places: dict[tuple[str, str], list[SweepPoses]] = {}
+
+    def __len__(self) -> int:
+        return len(self._filters)
+
+    @property
+    def count(self) -> int:
+        """Number of these sweeps."""
+        return sum(len(part.x) for parts in self._places.values() for part in parts)
+
+    @property
+    def unplaced(self) -> int:
+        """Sweeps without a pose."""
+        return sum(one.unplaced for one in self._filters.values())
+
+    def rows(self, topic: str, frame: str, batch: SweepBatch) -> Int64:
+        """Those of a batch of one sensor."""
+        assert batch.poses is not None
+        key = topic, frame
+        if key not in self._filters:
+            self._filters[key] = MotionFilter(self._min_move)
+            self._places[key] = []
+        rows = self._filters[key].take(batch.poses, batch.stamp_ns)
+        if len(rows):
+            self._places[key].append(batch.poses.rows(rows))
+        return rows
+
+    def paths(self, log: str) -> list[SensorPath]:
+        """Where the sensors were."""
+        return [
+            SensorPath(
+                log,
+                *key,
+                *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y", "yaw")),
+            )
+            for key, parts in sorted(self._places.items())
+            if parts
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Mapped:
+    """What a run has made."""
+
+    grid: Occupancy
+    paths: tuple[SensorPath, ...]
+    worlds: tuple[str, ...]
+    sweeps: int
+    """Sweeps that count."""
+    outputs: tuple[Path, ...]
+    notes: tuple[str, ...]
+    comparison: Comparison | None = None
+
+
+class MapRun:
+    """One map of several logs, written when all have been read.
+
+    Parameters
+    ----------
+    outputs : files, whose suffixes say what they are (`GRIDS`, `CLOUDS`)
+    compare : true map (YAML) to compare with
+
+    Raises
+    ------
+    OptionError
+        A suffix is none of these, or two outputs would be one file.
+    OutputError
+        A file is there that may not be replaced.
+    UnreadableError
+        The true map is none.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[Source | Nothing],
+        outputs: Sequence[Path],
+        options: MapOptions,
+        true: Path | None = None,
+    ) -> None:
+        self._sources = sources
+        self._options = options
+        self._outputs = tuple(outputs)
+        self._files = _files(outputs)
+        inputs = [
+            *files_of(sources),
+            *([options.poses.file] if options.poses.file else []),
+            *([str(true)] if true else []),
+        ]
+        refuse(self._files, options.overwrite, inputs)
+        self._true = None if true is None else read_map(true)
+        needs_sets = options.without_agents or any(path.suffix.lower() == ".parquet" for path in outputs)
+        self._mapping = Mapping(options, needs_sets)
+        self._new: dict[Path, NewFiles] = {}
+        self._clouds: list[CloudWriter] = []
+        self._open: list[tuple[Path, BinaryIO]] = []
+        self._stack = ExitStack()
+
+    def outcomes(self, report: LogProgress | None = None) -> Iterator[Outcome]:
+        """Take log after log; a bad one does not stop the rest."""
+        for source in self._sources:
+            outcome = outcome_of(source, lambda log: self._add(log, progress_of(log, report)))
+            if outcome.exit_code == OptionError.exit_code:
+                # It would be another map without this log.
+                raise OptionError(f"{outcome.label}: {outcome.error}")
+            yield outcome
+
+    def finish(self) -> Mapped | None:
+        """Write the map of all logs that could be read; None where none could."""
+        mapping = self._mapping
+        if not mapping.described:
+            return None
+        grid = mapping.occupancy()
+        notes = self._notes(grid)
+        comparison = None
+        if self._true is not None:
+            try:
+                comparison = compare(grid, self._true)
+            except UnlikeError as err:
+                raise OptionError(f"--compare: {err}; give --resolution {self._true.resolution:g}") from err
+        metadata = table_metadata(self._options.as_dict(), mapping.described, mapping.damage)
+        try:
+            for cloud in self._clouds:
+                cloud.finish(metadata)
+            for _, file in self._open:
+                file.close()
+        except OSError as err:
+            raise unwritable(self._open[0][0], err) from err
+        for path in self._outputs:
+            self._write(path, grid)
+        for new in self._new.values():
+            notes += new.publish()
+        worlds = tuple(mapping.worlds)
+        return Mapped(
+            grid, tuple(mapping.paths), worlds, mapping.counts.sweeps, self._files, tuple(notes), comparison
+        )
+
+    def __enter__(self) -> MapRun:
+        try:
+            for folder in dict.fromkeys(path.parent for path in self._files):
+                mine = [path for path in self._files if path.parent == folder]
+                self._new[folder] = self._stack.enter_context(NewFiles(mine, self._options.overwrite))
+            for path in self._outputs:
+                if (make := CLOUDS.get(path.suffix.lower())) is not None:
+                    self._open_cloud(path, make)
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self._stack.close()
+
+    def _open_cloud(self, path: Path, make: type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]) -> None:
+        try:
+            file = self._stack.enter_context(self._new[path.parent].part(path).open("w+b"))
+            cloud = make(file)
+        except OSError as err:
+            raise unwritable(path, err) from err
+        self._stack.callback(cloud.abandon)
+        self._clouds.append(cloud)
+        self._open.append((path, file))
+
+    def _add(self, source: Source, progress: Progress | None) -> RunSummary:
+        try:
+            return self._mapping.add(source, self._clouds, progress)
+        except OSError as err:
+            if self._open and err.filename is None:
+                raise unwritable(self._open[0][0], err) from err
+            raise
+
+    def _write(self, path: Path, grid: Occupancy) -> None:
+        """Write what is made of the grid."""
+        suffix, part = path.suffix.lower(), self._new[path.parent].part(path)
+        try:
+            if suffix == ".yaml":
+                image = path.with_suffix(".pgm")
+                part.write_bytes(yaml_bytes(grid, image.name))
+                self._new[path.parent].part(image).write_bytes(pgm_bytes(grid))
+            elif suffix == ".mcap":
+                with part.open("wb") as file:
+                    write_occupancy_mcap(file, grid, self._mapping.end_ns)
+            elif suffix == ".png":
+                from lidarcli.reports.map_picture import MapPicture, draw_map
+
+                paths = [(path.x, path.y) for path in self._mapping.paths] if self._options.path else []
+                part.write_bytes(draw_map(MapPicture(grid, paths), ".png"))
+        except OSError as err:
+            raise unwritable(path, err) from err
+
+    def _notes(self, grid: Occupancy) -> list[str]:
+        """What a user should know of the map, a line each."""
+        mapping = self._mapping
+        notes = []
+        if len(mapping.worlds) > 1:
+            notes.append(
+                f"the logs have several world frames ({', '.join(mapping.worlds)}), laid onto each other as they are"
+            )
+        elif len(mapping.described) > 1 and any("odom" in world for world in mapping.worlds):
+            notes.append(
+                f"{len(mapping.described)} logs are laid onto each other in the frame {next(iter(mapping.worlds))}: "
+                "odometry begins anew in each, so give poses of a common map (--pose TOPIC, --poses FILE.tum)"
+            )
+        if not grid.occupied:
+            notes.append(
+                f"no cell is occupied: {mapping.counts.sweeps:,} sweeps count, and a cell has to be hit by "
+                f"{self._options.hits} (--min-hits, --min-move)"
+            )
+        return notes
+
+
+def _files(outputs: Sequence[Path]) -> tuple[Path, ...]:
+    """All files that the outputs stand for."""
+    known = (*GRIDS, *CLOUDS)
+    files: dict[Path, Path] = {}
+    for path in outputs:
+        suffix = path.suffix.lower()
+        if suffix not in known:
+            hint = f"; {path.with_suffix('.yaml')} comes with a .pgm" if suffix == ".pgm" else ""
+            raise OptionError(f"{path}: the suffix of a map has to be one of {', '.join(known)}{hint}")
+        for file in (path, *([path.with_suffix(".pgm")] if suffix == ".yaml" else [])):
+            if file in files:
+                raise OptionError(f"{files[file]} and {path} would be written to the same file")
+            files[file] = path
+    return tuple(files)

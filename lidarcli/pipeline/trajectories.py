@@ -1,0 +1,198 @@
+"""The path of the sensor of a log as a file: TUM for evo and others, or a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.search import files_of
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.sweeps import SweepBatch
+from lidarcli.tables.arrays import floats, plain
+from lidarcli.tables.metadata import table_metadata
+from lidarcli.tables.parquet import ParquetSink
+from lidarcli.tables.rows import constant
+from lidarcli.tables.schemas import POSES, STAMP
+
+if TYPE_CHECKING:
+    from lidarcli.poses.motion import Motion
+
+TUM, PARQUET = ".tum", ".parquet"
+SUFFIXES = (TUM, ".txt", PARQUET)
+"""Suffixes of trajectories; a .txt holds TUM lines, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathOptions:
+    """Everything that `poses` lets a user choose, apart from input and output."""
+
+    read: ReadOptions = field(default_factory=ReadOptions)
+    csv: CsvOptions = field(default_factory=CsvOptions)
+    poses: PoseOptions = field(default_factory=PoseOptions)
+    overwrite: bool = False
+
+
+def refuse_path(path: Path, source: Source, options: PathOptions) -> None:
+    """Refuse an output that cannot be written, before any work.
+
+    Raises
+    ------
+    OptionError
+        Its suffix is none of `SUFFIXES`.
+    OutputError
+        As of `newfiles.refuse`.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise OptionError(f"{path}: the suffix of a trajectory has to be one of {', '.join(SUFFIXES)}")
+    told = [options.poses.file] if options.poses.file else []
+    refuse([path], options.overwrite, [*files_of([source]), *told])
+
+
+def write_path(
+    source: Source, path: Path, options: PathOptions, progress: Progress | None = None
+) -> RunSummary:
+    """Write the pose of the sensor at each sweep of a log; sweeps without one are left out.
+
+    Raises
+    ------
+    UnreadableError
+        Nothing tells where the sensor was.
+    OptionError
+        There are several sensors, and a TUM file has room for one.
+    """
+    is_table = path.suffix.lower() == PARQUET
+    with (
+        open_source(source, options.csv) as log,
+        Reading(log, options.read, options.poses) as reading,
+        NewFiles([path], options.overwrite) as new,
+    ):
+        written = _Written(source.name, is_table)
+        try:
+            with new.part(path).open("wb") as out:
+                sink = ParquetSink(out, POSES) if is_table else None
+                try:
+                    for batch in reading.batches(progress):
+                        for part in written.take(batch, reading):
+                            if sink is None:
+                                out.write(part.lines())
+                            else:
+                                sink.write(part.rows(source.name))
+                    summary = reading.close()
+                    written.conclude(summary)
+                    if sink is not None:
+                        parameters = reading_as_dict(options.read, options.csv, options.poses)
+                        sink.finish(table_metadata(parameters, reading.describe(source), summary.damage))
+                finally:
+                    if sink is not None:
+                        sink.abandon()
+        except OSError as err:
+            if err.filename is None:
+                raise unwritable(path, err) from err
+            raise
+        summary.notes += new.publish()
+        summary.outputs = [str(path)]
+    return summary
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Poses of some sweeps of one sensor, all of them known."""
+
+    batch: SweepBatch
+    frame: str
+    world: str
+    motion: Motion
+
+    def lines(self) -> bytes:
+        """As TUM text."""
+        from lidarcli.poses.trajectory import trajectory_lines
+
+        return trajectory_lines(self.batch.stamp_ns, self.motion).encode()
+
+    def rows(self, log: str) -> pa.RecordBatch:
+        """As rows of the poses table."""
+        from lidarcli.poses.motion import planar
+        from lidarcli.poses.trajectory import upright
+
+        count = len(self.batch)
+        position, rotation = self.motion.position, upright(self.motion.rotation)
+        columns: dict[str, Any] = {
+            "log": constant(log, count),
+            "topic": constant(self.batch.topic, count),
+            "frame_id": constant(self.frame, count),
+            "world": constant(self.world, count),
+            "sweep": plain(self.batch.sweep),
+            "stamp": plain(self.batch.stamp_ns, STAMP),
+            "yaw": floats(planar(self.motion).yaw),
+        }
+        columns |= {name: floats(position[:, axis].copy()) for axis, name in enumerate("xyz")}
+        columns |= {f"q{name}": floats(rotation[:, axis].copy()) for axis, name in enumerate("xyzw")}
+        return pa.RecordBatch.from_arrays([columns[name] for name in POSES.names], schema=POSES)
+
+
+class _Written:
+    """What has been written, of which sensors."""
+
+    def __init__(self, log: str, is_table: bool) -> None:
+        self._log = log
+        self._is_table = is_table
+        self._last: dict[tuple[str, str], int] = {}
+        self._count = 0
+        self._left_out = 0
+
+    def take(self, batch: SweepBatch, reading: Reading) -> Iterator[_Part]:
+        """The poses of a batch that are to be written."""
+        for frame, rows, motion, world in reading.motions(batch):
+            mine = batch.rows(rows)
+            kept = np.flatnonzero(~np.isnan(motion.position).any(axis=1))
+            if not len(kept):
+                continue
+            key = batch.topic, frame
+            if not self._is_table:
+                kept = self._later(key, mine, kept)
+            else:
+                self._last.setdefault(key, 0)
+            self._count += len(kept)
+            yield _Part(
+                mine.rows(kept), frame, world, type(motion)(motion.position[kept], motion.rotation[kept])
+            )
+
+    def conclude(self, summary: RunSummary) -> None:
+        """Refuse a path without a pose; tell how many there are."""
+        if not self._count:
+            why = "; ".join(summary.notes) or "nothing in the log tells where the sensor was"
+            raise UnreadableError(f"no poses: {why}; --pose match finds the path from the sweeps")
+        if self._left_out:
+            summary.notes.append(
+                f"left out: {self._left_out:,} poses whose stamps are not after those before; evo reads none of them"
+            )
+        summary.notes.append(f"{self._count:,} poses")
+
+    def _later(self, key: tuple[str, str], batch: SweepBatch, kept: Any) -> Any:
+        """The poses whose stamps go on; of one sensor alone."""
+        if key not in self._last and self._last:
+            first = next(iter(self._last))
+            raise OptionError(
+                f"a TUM file holds the path of one sensor, and the log has {first[0]} ({first[1]}) and {key[0]} "
+                f"({key[1]}): choose one with --topic, or write a .parquet"
+            )
+        stamps = batch.stamp_ns[kept]
+        before = self._last.get(key, int(stamps[0]) - 1)
+        highest = np.maximum.accumulate(np.concatenate([[before], stamps]))
+        goes_on = stamps > highest[:-1]
+        self._left_out += int(np.count_nonzero(~goes_on))
+        self._last[key] = int(highest[-1])
+        return kept[goes_on]

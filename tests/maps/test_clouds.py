@@ -1,0 +1,285 @@
+"""Point clouds: others read the same points, and a grid keeps the first in each cell."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from numpy.typing import NDArray
+
+from lidarcli.maps.clouds import CloudPoints, CloudWriter, ParquetWriter, PcdWriter, PlyWriter, VoxelFilter
+from lidarcli.tables.schemas import CLOUD
+
+SIZES = (3, 0, 1, 1000, 9)
+
+
+def some_points(
+    count: int, first: int = 0, topic: str = "/scan", sets: bool = True, offset: float = 0.0
+) -> CloudPoints:
+    random = np.random.default_rng(first)
+    return CloudPoints(
+        "hall",
+        topic,
+        np.arange(first, first + count) // 4,
+        (np.arange(first, first + count) % 4).astype(np.int32),
+        1_700_000_000_000_000_000 + np.arange(first, first + count) * 1_000,
+        random.normal(offset, 10, count),
+        random.normal(offset, 10, count),
+        (np.arange(count) % 4 - 1).astype(np.int8) if sets else None,
+    )
+
+
+def batches(sizes: tuple[int, ...] = SIZES) -> list[CloudPoints]:
+    return [some_points(size, sum(sizes[:k])) for k, size in enumerate(sizes)]
+
+
+def write(writer: CloudWriter, points: list[CloudPoints]) -> None:
+    for part in points:
+        writer.write(part)
+    writer.finish()
+
+
+def coordinates(points: list[CloudPoints]) -> NDArray[np.float64]:
+    x, y = (np.concatenate([getattr(part, name) for part in points]) for name in "xy")
+    return np.stack([x, y, np.zeros(len(x))], axis=1)
+
+
+def ply(file: BinaryIO) -> tuple[dict[str, list[list[str]]], bytes]:
+    """Header lines by their first word, and what follows, as the format is described."""
+    lines: dict[str, list[list[str]]] = {}
+    assert file.readline() == b"ply\n"
+    while (line := file.readline()) != b"end_header\n":
+        assert line.endswith(b"\n")
+        word, *rest = line.decode("ascii")[:-1].split(" ")
+        lines.setdefault(word, []).append(rest)
+    return lines, file.read()
+
+
+def pcd(file: BinaryIO) -> tuple[dict[str, list[str]], bytes]:
+    lines: dict[str, list[str]] = {}
+    while "DATA" not in lines:
+        line = file.readline().decode("ascii")
+        assert line.endswith("\n")
+        if not line.startswith("#"):
+            word, *rest = line[:-1].split(" ")
+            lines[word] = rest
+    return lines, file.read()
+
+
+@pytest.mark.parametrize("sizes", [(), (0,), (9,), (10,), SIZES])
+def test_ply(sizes: tuple[int, ...]) -> None:
+    file, points = io.BytesIO(), batches(sizes)
+    write(PlyWriter(file), points)
+    assert file.tell() == len(file.getvalue())
+    file.seek(0)
+    lines, data = ply(file)
+    assert lines["format"] == [["binary_little_endian", "1.0"]]
+    assert lines["element"] == [["vertex", str(sum(sizes))]]
+    assert lines["property"] == [["double", "x"], ["double", "y"], ["double", "z"]]
+    assert set(lines) == {"format", "comment", "element", "property"}
+    expected = coordinates(points) if points else np.zeros((0, 3))
+    assert np.frombuffer(data, "<f8").reshape(-1, 3).tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize("sizes", [(), (0,), (9,), (10,), SIZES])
+def test_pcd(sizes: tuple[int, ...]) -> None:
+    file, points = io.BytesIO(), batches(sizes)
+    write(PcdWriter(file), points)
+    file.seek(0)
+    lines, data = pcd(file)
+    count = str(sum(sizes))
+    assert lines == {
+        "VERSION": ["0.7"],
+        "FIELDS": ["x", "y", "z"],
+        "SIZE": ["4", "4", "4"],
+        "TYPE": ["F", "F", "F"],
+        "COUNT": ["1", "1", "1"],
+        "WIDTH": [count],
+        "HEIGHT": ["1"],
+        "VIEWPOINT": ["0", "0", "0", "1", "0", "0", "0"],
+        "POINTS": [count],
+        "DATA": ["binary"],
+    }
+    expected = coordinates(points) if points else np.zeros((0, 3))
+    assert np.frombuffer(data, "<f4").reshape(-1, 3).tolist() == expected.astype(np.float32).tolist()
+
+
+def test_far_from_the_origin_ply_is_exact_and_pcd_rounds_as_it_says() -> None:
+    far, near = some_points(500, offset=500_000.0), some_points(500, offset=16_000.0)
+    for points, most in ((far, 0.02), (near, 0.0005)):
+        exact, rounded = io.BytesIO(), io.BytesIO()
+        write(PlyWriter(exact), [points])
+        write(PcdWriter(rounded), [points])
+        exact.seek(0)
+        rounded.seek(0)
+        read = np.frombuffer(ply(exact)[1], "<f8").reshape(-1, 3)
+        assert read.tolist() == coordinates([points]).tolist()
+        errors = np.abs(np.frombuffer(pcd(rounded)[1], "<f4").reshape(-1, 3) - read).max()
+        assert most / 10 < errors <= most
+
+
+@pytest.mark.parametrize("writer", [PlyWriter, PcdWriter, ParquetWriter])
+def test_bytes_depend_on_the_points_alone(writer: type[CloudWriter]) -> None:
+    one = some_points(100)
+    halves = [
+        CloudPoints(
+            one.log,
+            one.topic,
+            *(getattr(one, name)[part] for name in ("sweep", "beam", "stamp_ns", "x", "y", "set")),
+        )
+        for part in (slice(0, 37), slice(37, None))
+    ]
+    files = [io.BytesIO() for _ in range(3)]
+    for file, points in zip(files, ([one], [one], halves), strict=True):
+        write(writer(file), points)  # type: ignore[call-arg]
+    assert files[0].getvalue() == files[1].getvalue() == files[2].getvalue()
+
+
+@pytest.mark.parametrize("writer", [PlyWriter, PcdWriter, ParquetWriter])
+def test_a_real_file_is_left_open_for_its_caller(tmp_path: Path, writer: type[CloudWriter]) -> None:
+    with (tmp_path / "cloud").open("w+b") as file:
+        write(writer(file), batches())  # type: ignore[call-arg]
+        assert not file.closed
+    memory = io.BytesIO()
+    write(writer(memory), batches())  # type: ignore[call-arg]
+    assert (tmp_path / "cloud").read_bytes() == memory.getvalue()
+
+
+@pytest.mark.parametrize("writer", [PlyWriter, PcdWriter, ParquetWriter])
+def test_what_is_abandoned_raises_nothing(writer: type[CloudWriter]) -> None:
+    cloud = writer(io.BytesIO())  # type: ignore[call-arg]
+    cloud.write(some_points(60_000))
+    cloud.abandon()
+
+
+def test_other_programs_read_ply(tmp_path: Path) -> None:
+    plyfile = pytest.importorskip("plyfile")
+    with (tmp_path / "cloud.ply").open("w+b") as file:
+        write(PlyWriter(file), batches())
+    vertices = plyfile.PlyData.read(tmp_path / "cloud.ply")["vertex"]
+    read = np.stack([vertices["x"], vertices["y"], vertices["z"]], axis=1)
+    assert read.tolist() == coordinates(batches()).tolist()
+
+
+def test_other_programs_read_pcd(tmp_path: Path) -> None:
+    pypcd4 = pytest.importorskip("pypcd4")
+    with (tmp_path / "cloud.pcd").open("w+b") as file:
+        write(PcdWriter(file), batches())
+    cloud = pypcd4.PointCloud.from_path(tmp_path / "cloud.pcd")
+    assert cloud.numpy(("x", "y", "z")).tolist() == coordinates(batches()).astype(np.float32).tolist()
+
+
+def test_parquet() -> None:
+    file = io.BytesIO()
+    first, second = some_points(5), some_points(4, 5, "/rear", sets=False)
+    writer = ParquetWriter(file)
+    writer.write(first)
+    writer.write(second)
+    writer.finish({b"lidarcli.version": b"1"})
+    table = pq.read_table(io.BytesIO(file.getvalue()))
+    assert table.schema.equals(CLOUD.with_metadata({b"lidarcli.version": b"1"}), check_metadata=True)
+    assert table["log"].to_pylist() == ["hall"] * 9
+    assert table["topic"].to_pylist() == ["/scan"] * 5 + ["/rear"] * 4
+    assert table["sweep"].to_pylist() == [0, 0, 0, 0, 1, 1, 1, 1, 2]
+    assert table["beam"].to_pylist() == [0, 1, 2, 3, 0, 1, 2, 3, 0]
+    assert table["stamp"].cast(pa.int64()).to_pylist() == [*first.stamp_ns, *second.stamp_ns]
+    assert table["x"].to_pylist() == [*first.x, *second.x]
+    assert table["y"].to_pylist() == [*first.y, *second.y]
+    assert table["set"].to_pylist() == [None, "O", "A", "S", None, None, None, None, None]
+
+
+def test_a_cloud_without_points_has_its_columns() -> None:
+    file = io.BytesIO()
+    write(ParquetWriter(file), [])
+    table = pq.read_table(io.BytesIO(file.getvalue()))
+    assert (table.num_rows, table.column_names) == (0, CLOUD.names)
+
+
+def test_the_columns_are_declared() -> None:
+    assert [(field.name, str(field.type), field.metadata[b"unit"].decode()) for field in CLOUD] == [
+        ("log", "dictionary<values=string, indices=int32, ordered=0>", ""),
+        ("topic", "dictionary<values=string, indices=int32, ordered=0>", ""),
+        ("sweep", "int64", "1"),
+        ("beam", "int32", "1"),
+        ("stamp", "timestamp[ns, tz=UTC]", "ns"),
+        ("x", "double", "m"),
+        ("y", "double", "m"),
+        ("set", "dictionary<values=string, indices=int32, ordered=0>", ""),
+    ]
+    assert all(field.metadata[b"description"] for field in CLOUD)
+
+
+def test_row_groups_are_written_as_points_come() -> None:
+    file = io.BytesIO()
+    writer = ParquetWriter(file)
+    for k in range(12):
+        writer.write(some_points(10_000, 10_000 * k))
+    assert len(file.getvalue()) > 500_000
+    writer.finish()
+    read = pq.ParquetFile(io.BytesIO(file.getvalue()))
+    assert [read.metadata.row_group(k).num_rows for k in range(3)] == [50_000, 50_000, 20_000]
+
+
+def kept_slowly(x: NDArray[np.float64], y: NDArray[np.float64], size: float) -> list[bool]:
+    seen: set[tuple[float, float]] = set()
+    kept = []
+    for cell in zip((x / size).tolist(), (y / size).tolist(), strict=True):
+        key = (np.floor(cell[0]), np.floor(cell[1]))
+        kept.append(key not in seen)
+        seen.add(key)
+    return kept
+
+
+@pytest.mark.parametrize("size", [0.05, 0.7, 30.0])
+@pytest.mark.parametrize("batch", [1, 7, 1024, 5000])
+def test_the_first_in_each_cell_is_kept(size: float, batch: int) -> None:
+    points = some_points(5000)
+    x, y = np.round(points.x, 1), np.round(points.y, 1)
+    grid = VoxelFilter(size)
+    kept = np.concatenate([grid.keep(x[k : k + batch], y[k : k + batch]) for k in range(0, len(x), batch)])
+    assert kept.dtype == np.bool_
+    assert kept.tolist() == kept_slowly(x, y, size)
+    assert grid.cells == kept.sum()
+    assert not grid.keep(x, y).any()
+
+
+def test_runs_of_cells_stay_few() -> None:
+    grid = VoxelFilter(1.0)
+    order = np.random.default_rng(4).permutation(4000).astype(np.float64)
+    for k in range(0, 4000, 4):
+        assert grid.keep(order[k : k + 4], np.zeros(4)).all()
+    assert grid.cells == 4000
+    assert len(grid._known) <= 12
+
+
+def test_cells_on_all_sides_of_the_origin_differ() -> None:
+    x, y = (part.ravel() for part in np.meshgrid([-1.5, -0.5, 0.5, 1.5], [-1.5, -0.5, 0.5, 1.5]))
+    assert VoxelFilter(1.0).keep(x, y).all()
+    # -0.0 lies in the cell of 0.
+    assert VoxelFilter(1.0).keep(np.array([0.0, -0.0]), np.zeros(2)).tolist() == [True, False]
+    # Far away in one direction is not near in the other.
+    far = np.array([2.0**31 - 1, -(2.0**31) + 1, 0, 0, -1, 1])
+    assert VoxelFilter(1.0).keep(far, np.roll(far, 2)).all()
+
+
+def test_what_has_no_cell_is_not_kept() -> None:
+    x = np.array([np.nan, np.inf, -np.inf, 1e300, 3e9, 0.0, 0.5])
+    assert VoxelFilter(1.0).keep(x, np.zeros(7)).tolist() == [False] * 5 + [True, False]
+    assert VoxelFilter(1e-300).keep(np.array([1e300]), np.zeros(1)).tolist() == [False]
+
+
+def test_no_points() -> None:
+    grid = VoxelFilter(0.1)
+    assert grid.keep(np.zeros(0), np.zeros(0)).tolist() == []
+    assert grid.cells == 0
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
+def test_a_size_that_is_none(size: float) -> None:
+    with pytest.raises(ValueError, match="the side of a cell"):
+        VoxelFilter(size)

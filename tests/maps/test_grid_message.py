@@ -1,0 +1,113 @@
+"""The map as a message: rosbags reads it as what it is, its topic is latched."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
+from rosbags.rosbag2.metadata import parse_qos
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.maps.grid_message import DEFINITION, TYPE, occupancy_cdr, write_occupancy_mcap
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+STAMP_NS = 1_700_000_000_123_456_789
+
+
+def some_grid(frame_id: str = "map", height: int = 5, width: int = 7) -> Occupancy:
+    cells = np.random.default_rng(2).choice(np.array([-1, 0, 100], np.int8), (height, width))
+    return Occupancy(0.05, -12.35, 8.5, cells, frame_id)
+
+
+def written(grid: Occupancy, stamp_ns: int = STAMP_NS, topic: str = "/map") -> bytes:
+    file = io.BytesIO()
+    write_occupancy_mcap(file, grid, stamp_ns, topic)
+    return file.getvalue()
+
+
+# The name of the frame moves what follows, which has to be aligned all the same.
+@pytest.mark.parametrize("frame_id", ["", "m", "ma", "map", "odom", "world", "straße/map"])
+@pytest.mark.parametrize("shape", [(1, 1), (5, 7), (64, 3)])
+def test_rosbags_reads_the_message(frame_id: str, shape: tuple[int, int]) -> None:
+    grid = some_grid(frame_id, *shape)
+    data = occupancy_cdr(grid, STAMP_NS)
+    message: object = STORE.deserialize_cdr(data, TYPE)
+    assert bytes(STORE.serialize_cdr(message, TYPE)) == data
+    assert message.header.frame_id == frame_id
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_000, 123_456_789)
+    assert message.info.map_load_time == message.header.stamp
+    assert message.info.resolution == pytest.approx(0.05, rel=1e-7)
+    assert (message.info.height, message.info.width) == shape
+    position, turn = message.info.origin.position, message.info.origin.orientation
+    assert (position.x, position.y, position.z) == (-12.35, 8.5, 0)
+    assert (turn.x, turn.y, turn.z, turn.w) == (0, 0, 0, 1)
+    assert message.data.tolist() == grid.cells.ravel().tolist()
+
+
+def test_cells_need_not_be_contiguous() -> None:
+    grid = some_grid()
+    turned = Occupancy(grid.resolution, grid.x, grid.y, grid.cells[::-1, ::2])
+    message = STORE.deserialize_cdr(occupancy_cdr(turned, 0), TYPE)
+    assert message.data.tolist() == grid.cells[::-1, ::2].ravel().tolist()
+
+
+def test_the_definition_is_that_of_ros() -> None:
+    assert STORE.generate_msgdef(TYPE, ros_version=2)[0] == DEFINITION
+    types = get_types_from_msg(DEFINITION, TYPE)
+    assert all(types[name] == STORE.fielddefs[name] for name in types)
+    assert len(types) == 7
+
+
+def test_the_file() -> None:
+    reader = make_reader(io.BytesIO(written(some_grid(), topic="/site/map")), validate_crcs=True)
+    assert (reader.get_header().profile, reader.get_header().library) == ("ros2", "lidarcli")
+    ((schema, channel, message),) = reader.iter_messages()
+    assert (schema.name, schema.encoding, schema.data.decode()) == (TYPE, "ros2msg", DEFINITION)
+    assert (channel.topic, channel.message_encoding) == ("/site/map", "cdr")
+    assert (message.log_time, message.publish_time) == (STAMP_NS, STAMP_NS)
+    assert message.data == occupancy_cdr(some_grid(), STAMP_NS)
+    (chunk,) = reader.get_summary().chunk_indexes
+    assert chunk.compression == "zstd"
+
+
+def test_the_topic_is_latched() -> None:
+    reader = make_reader(io.BytesIO(written(some_grid())))
+    ((_, channel, _),) = reader.iter_messages()
+    (qos,) = parse_qos(channel.metadata["offered_qos_profiles"])
+    assert qos.durability is QosDurability.TRANSIENT_LOCAL
+    assert qos.reliability is QosReliability.RELIABLE
+    assert qos.depth == 1
+    assert qos.deadline == (9_223_372_036, 854_775_807)
+    # Tells rosbag2 that policies are numbers.
+    (metadata,) = reader.iter_metadata()
+    assert (metadata.name, metadata.metadata) == ("rosbag2", {"ROS_DISTRO": "", "serialized_metadata": ""})
+
+
+def test_a_program_opens_the_file(tmp_path: Path) -> None:
+    (tmp_path / "map.mcap").write_bytes(written(some_grid()))
+    with AnyReader([tmp_path / "map.mcap"]) as reader:
+        ((connection, stamp_ns, data),) = reader.messages()
+        message = reader.deserialize(data, connection.msgtype)
+    assert stamp_ns == STAMP_NS
+    assert message.data.tolist() == some_grid().cells.ravel().tolist()
+
+
+def test_the_same_map_gives_the_same_bytes() -> None:
+    assert written(some_grid()) == written(some_grid())
+
+
+@pytest.mark.parametrize(
+    ("stamp_ns", "sec", "nanosec"),
+    [(-1, 0, 0), (0, 0, 0), (1 << 62, 2_147_483_647, 999_999_999), (1_999_999_999, 1, 999_999_999)],
+)
+def test_stamps_that_ros_cannot_hold_are_the_nearest(stamp_ns: int, sec: int, nanosec: int) -> None:
+    ((_, _, record),) = make_reader(io.BytesIO(written(some_grid(), stamp_ns))).iter_messages()
+    message = STORE.deserialize_cdr(record.data, TYPE)
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (sec, nanosec)
+    assert record.log_time == sec * 1_000_000_000 + nanosec

@@ -1,0 +1,455 @@
+"""Maps of map_server: both loaders read what is written, and what is damaged is told in one line."""
+
+from __future__ import annotations
+
+import io
+import struct
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from PIL import Image
+
+from lidarcli.errors import UnreadableError
+from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.maps import mapserver
+from lidarcli.maps.mapserver import pgm_bytes, read_map, yaml_bytes
+
+GRID = Occupancy(0.05, -1.25, 3 * 0.05, np.array([[-1, 0, 100, 0], [100, -1, 0, 0], [0, 0, 0, 100]], np.int8))
+YAML = """\
+image: map.pgm
+mode: trinary
+resolution: 0.050
+origin: [-1.250, 0.150, 0.0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+
+grids = st.builds(
+    lambda cells, resolution, column, row: Occupancy(
+        resolution, column * resolution, row * resolution, cells
+    ),
+    arrays(np.int8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([-1, 0, 100])),
+    st.sampled_from([0.05, 0.025, 0.1, 0.03, 1.0]),
+    st.integers(-100_000, 100_000),
+    st.integers(-100_000, 100_000),
+)
+
+
+def put(folder: Path, grid: Occupancy) -> Path:
+    (folder / "map.pgm").write_bytes(pgm_bytes(grid))
+    (folder / "map.yaml").write_bytes(yaml_bytes(grid, "map.pgm"))
+    return folder / "map.yaml"
+
+
+def scalars(text: bytes) -> dict[str, str]:
+    return dict(line.split(": ", 1) for line in text.decode().splitlines())
+
+
+def p5(data: bytes) -> NDArray[np.uint8]:
+    """A binary PGM by its specification: tokens, comments, one blank, then the pixels."""
+    lines = data.split(b"\n", 4)
+    assert lines[0] == b"P5"
+    assert lines[1].startswith(b"#")
+    width, height = map(int, lines[2].split())
+    assert lines[3] == b"255"
+    assert len(lines[4]) == width * height
+    return np.frombuffer(lines[4], np.uint8).reshape(height, width)
+
+
+def loaded_by_ros1(yaml: bytes, pgm: bytes) -> list[list[int]]:
+    """image_loader.cpp of map_server, mode trinary, pixel by pixel."""
+    said, pixels = scalars(yaml), p5(pgm)
+    height, width = pixels.shape
+    grid = [[99] * width for _ in range(height)]
+    for j in range(height):
+        for i in range(width):
+            color = float(pixels[j, i])
+            occ = color / 255.0 if int(said["negate"]) else (255 - color) / 255.0
+            value = -1
+            if occ > float(said["occupied_thresh"]):
+                value = 100
+            elif occ < float(said["free_thresh"]):
+                value = 0
+            grid[height - j - 1][i] = value
+    return grid
+
+
+def loaded_by_nav2(yaml: bytes, pgm: bytes) -> list[list[int]]:
+    """map_io.cpp of nav2_map_server, mode trinary: single precision, inclusive, free after occupied."""
+    said = scalars(yaml)
+    shade = p5(pgm).astype(np.float32) / np.float32(255)
+    if said["negate"] == "0":
+        shade = np.float32(1) - shade
+    result = np.full(shade.shape, -1)
+    result[shade >= np.float32(said["occupied_thresh"])] = 100
+    result[shade <= np.float32(said["free_thresh"])] = 0
+    return np.flipud(result).tolist()
+
+
+def test_the_files_byte_by_byte() -> None:
+    assert yaml_bytes(GRID, "map.pgm").decode() == YAML
+    assert pgm_bytes(GRID) == b"P5\n# CREATOR: lidarcli 0.050 m/pix\n4 3\n255\n" + bytes(
+        [254, 254, 254, 0, 0, 205, 254, 254, 205, 254, 0, 254]
+    )
+
+
+@given(grids)
+def test_both_loaders_read_what_was_written(grid: Occupancy) -> None:
+    yaml, pgm = yaml_bytes(grid, "map.pgm"), pgm_bytes(grid)
+    assert loaded_by_ros1(yaml, pgm) == grid.cells.tolist()
+    assert loaded_by_nav2(yaml, pgm) == grid.cells.tolist()
+    x, y, yaw = map(float, scalars(yaml)["origin"].strip("[]").split(","))
+    resolution = float(scalars(yaml)["resolution"])
+    assert resolution == grid.resolution
+    assert [round(x / resolution), round(y / resolution)] == [
+        round(grid.x / resolution),
+        round(grid.y / resolution),
+    ]
+    assert abs(x - grid.x) < 1e-10
+    assert abs(y - grid.y) < 1e-10
+    assert yaw == 0
+
+
+@settings(max_examples=50)
+@given(grid=grids)
+def test_round_trip(tmp_path_factory: pytest.TempPathFactory, grid: Occupancy) -> None:
+    read = read_map(put(tmp_path_factory.mktemp("map"), grid))
+    assert read.cells.tolist() == grid.cells.tolist()
+    assert read.cells.dtype == np.int8
+    assert read.resolution == grid.resolution
+    assert (read.x, read.y) == pytest.approx((grid.x, grid.y), abs=1e-10)
+    assert read.frame_id == "map"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.05, "0.050"),
+        (3 * 0.05, "0.150"),
+        (-0.0, "0.000"),
+        (0.0125, "0.0125"),
+        (512_345.65, "512345.650"),
+        (1e-5, "0.00001"),
+        (-40.0, "-40.000"),
+    ],
+)
+def test_lengths_in_decimals(value: float, text: str) -> None:
+    grid = Occupancy(0.05, value, 0.0, GRID.cells)
+    assert scalars(yaml_bytes(grid, "map.pgm"))["origin"] == f"[{text}, 0.000, 0.0]"
+
+
+@pytest.mark.parametrize(
+    "name", ['a "b": #1 \\.pgm', "Straße.pgm", "null", "1e5", "- x", "tab\there.pgm", "🗺.pgm"]
+)
+def test_every_name_of_an_image(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(pgm_bytes(GRID))
+    (tmp_path / "map.yaml").write_bytes(yaml_bytes(GRID, name))
+    assert read_map(tmp_path / "map.yaml").cells.tolist() == GRID.cells.tolist()
+
+
+def test_a_name_that_is_not_utf8_is_written_as_it_is() -> None:
+    assert yaml_bytes(GRID, "a\udcff.pgm").startswith(b'image: "a\xff.pgm"\n')
+
+
+def shades(folder: Path, image: Image.Image, name: str = "map.png", **keys: object) -> list[list[int]]:
+    """The cells of an image with a YAML file of these keys."""
+    image.save(folder / name)
+    said = {
+        "image": name,
+        "resolution": 0.1,
+        "origin": "[0, 0, 0]",
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    } | keys
+    (folder / "map.yaml").write_text("".join(f"{key}: {value}\n" for key, value in said.items()))
+    return read_map(folder / "map.yaml").cells.tolist()
+
+
+def gray(*rows: list[int]) -> Image.Image:
+    return Image.fromarray(np.array(rows, np.uint8))
+
+
+RAMP = gray([0, 89, 90, 204, 205, 206, 255])
+
+
+@pytest.mark.parametrize("name", ["map.png", "map.bmp", "map.pgm"])
+def test_every_image_format(tmp_path: Path, name: str) -> None:
+    # 255 * (1 - 0.65) = 89.25 and 255 * (1 - 0.196) = 205.02: 205 is the brightest that is unknown.
+    assert shades(tmp_path, RAMP, name) == [[100, 100, -1, -1, -1, 0, 0]]
+
+
+def test_the_lowest_row_of_an_image_has_the_least_y(tmp_path: Path) -> None:
+    assert shades(tmp_path, gray([0, 0], [254, 205])) == [[0, -1], [100, 100]]
+
+
+def test_with_a_careless_threshold_205_is_free_by_the_rules(tmp_path: Path) -> None:
+    assert shades(tmp_path, RAMP, free_thresh=0.25) == [[100, 100, -1, 0, 0, 0, 0]]
+
+
+@pytest.mark.parametrize("negate", ["1", "true", "True", "yes", "on"])
+def test_negated(tmp_path: Path, negate: str) -> None:
+    assert shades(tmp_path, gray([0, 49, 50, 165, 166, 255]), negate=negate) == [[0, 0, -1, -1, 100, 100]]
+
+
+@pytest.mark.parametrize("negate", ["0", "false", "no", "Off"])
+def test_not_negated(tmp_path: Path, negate: str) -> None:
+    assert shades(tmp_path, gray([0, 255]), negate=negate) == [[100, 0]]
+
+
+def test_at_the_threshold_a_cell_counts(tmp_path: Path) -> None:
+    # 51 / 255 = 0.2 and 153 / 255 = 0.6.
+    cells = shades(tmp_path, gray([101, 102, 103, 203, 204, 205]), occupied_thresh=0.6, free_thresh=0.2)
+    assert cells == [[100, 100, -1, -1, 0, 0]]
+
+
+def test_scale_is_unknown_between_the_thresholds_and_where_it_is_transparent(tmp_path: Path) -> None:
+    pixels = [[(0, 255), (150, 255), (255, 255), (0, 254), (255, 0)]]
+    image = Image.fromarray(np.array(pixels, np.uint8), "LA")
+    assert shades(tmp_path, image, mode="scale") == [[100, -1, 0, -1, -1]]
+
+
+def test_trinary_takes_opacity_for_a_channel(tmp_path: Path) -> None:
+    # (0 + 0 + 0 + 255) / 4 is a quarter bright, (3 * 255 + 0) / 4 three quarters.
+    image = Image.fromarray(
+        np.array([[[0] * 4, [0, 0, 0, 255], [255] * 3 + [0], [255] * 4]], np.uint8), "RGBA"
+    )
+    assert shades(tmp_path, image) == [[100, 100, -1, 0]]
+
+
+def test_raw_is_per_cent(tmp_path: Path) -> None:
+    image = gray([0, 19, 20, 64, 65, 100, 101, 255])
+    assert shades(tmp_path, image, mode="Raw", negate=1) == [[0, 0, -1, -1, 100, 100, -1, -1]]
+
+
+def test_colours_palettes_bits_and_depths(tmp_path: Path) -> None:
+    colours = Image.fromarray(np.array([[[255, 0, 0], [255, 255, 0], [255, 255, 200]]], np.uint8))
+    assert shades(tmp_path, colours) == [[100, -1, 0]]
+    assert shades(tmp_path, colours.convert("P", palette=Image.Palette.ADAPTIVE)) == [[100, -1, 0]]
+    assert shades(tmp_path, gray([0, 255]).convert("1")) == [[100, 0]]
+    deep = Image.fromarray(np.array([[0, 22_000, 24_000, 52_000, 53_000, 65_535]], np.uint16))
+    assert shades(tmp_path, deep) == [[100, 100, -1, -1, 0, 0]]
+    assert shades(tmp_path, deep, "map.pgm") == [[100, 100, -1, -1, 0, 0]]
+
+
+@pytest.mark.parametrize(
+    "pgm",
+    [
+        b"P2\n# a comment\n3 2\n255\n254 0 205\n0 0 254\n",
+        b"P2 3 2 15\n15 0 9 0 0 15",
+        b"P5 3 2 15\n" + bytes([15, 0, 9, 0, 0, 15]),
+        b"P5\n3 2\n65535\n" + struct.pack(">6H", 65535, 0, 40000, 0, 0, 65535),
+        b"P2\n3 2\n65535\n65535 0 40000 0 0 65535",
+    ],
+)
+def test_pgm_of_every_kind(tmp_path: Path, pgm: bytes) -> None:
+    (tmp_path / "map.pgm").write_bytes(pgm)
+    (tmp_path / "map.yaml").write_text(YAML)
+    assert read_map(tmp_path / "map.yaml").cells.tolist() == [[100, 100, 0], [0, 100, -1]]
+
+
+def test_images_are_converted_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mapserver, "_SIDE", 3)
+    cells = np.random.default_rng(7).choice(np.array([-1, 0, 100], np.int8), (8, 10))
+    grid = Occupancy(0.05, 0.0, 0.0, cells)
+    assert read_map(put(tmp_path, grid)).cells.tolist() == cells.tolist()
+
+
+def test_an_image_that_pillow_calls_a_bomb_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 2)
+    assert shades(tmp_path, gray([0, 255], [0, 255])) == [[100, 0], [100, 0]]
+
+
+def test_an_absolute_name_and_one_in_another_folder(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "map.pgm").write_bytes(pgm_bytes(GRID))
+    for name in ("images/map.pgm", str(tmp_path / "images" / "map.pgm")):
+        (tmp_path / "map.yaml").write_bytes(yaml_bytes(GRID, name))
+        assert read_map(tmp_path / "map.yaml").cells.tolist() == GRID.cells.tolist()
+
+
+def test_numbers_as_yaml_cpp_takes_them(tmp_path: Path) -> None:
+    path = put(tmp_path, GRID)
+    path.write_text(
+        YAML.replace("0.050", '"5e-2"').replace("-1.250, 0.150, 0.0", "-.125E1, +.15, -0")
+        + "# end\nmode: raw\n"
+    )
+    read = read_map(path)
+    assert (read.resolution, read.x, read.y) == (0.05, -1.25, 0.15)
+
+
+def refused(path: Path) -> str:
+    """What is said of a file, without its name."""
+    with pytest.raises(UnreadableError) as caught:
+        read_map(path)
+    text = str(caught.value)
+    assert text.isprintable(), text
+    place, said = text.split(": ", 1)
+    assert place == str(path)
+    assert "; " in said, "no way out"
+    return said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("resolution: 0.050\n", "", "no resolution, hence no map of map_server"),
+        ("negate: 0\nocc", "occ", "no negate, hence"),
+        (YAML, "image: map.pgm\n", "no resolution, origin, negate, occupied_thresh, free_thresh, hence"),
+        (YAML, "", "not the YAML of a map"),
+        (YAML, "- image\n- map\n", "not the YAML of a map"),
+        (YAML, "just a text", "not the YAML of a map"),
+        ("0.050", ".nan", "resolution is '.nan', not a finite number"),
+        ("0.050", ".inf", "resolution is '.inf', not a finite number"),
+        ("0.050", "1e999", "resolution is '1e999', not a finite number"),
+        ("0.050", "five", "resolution is 'five', not a finite number"),
+        ("0.050", "[0.05]", "resolution is a list, not a finite number"),
+        ("0.050", "{a: 1}", "resolution is neither a text nor a number, not a finite number"),
+        ("0.050", "true", "resolution is 'true', not a finite number"),
+        ("0.050", "1_0", "resolution is '1_0', not a finite number"),
+        ("0.050", "0", "resolution is 0 m, not above 0"),
+        ("0.050", "-0.05", "resolution is -0.05 m, not above 0"),
+        ("-1.250", "-nan", "origin is '-nan', not a finite number"),
+        ("0.150, 0.0", "0.150, -nan", "origin is '-nan', not a finite number"),
+        ("0.150, 0.0", "0.150", "origin is not [x, y, yaw]"),
+        ("0.150, 0.0", "0.150, 0, 0", "origin is not [x, y, yaw]"),
+        ("[-1.250, 0.150, 0.0]", "0", "origin is not [x, y, yaw]"),
+        ("0.150, 0.0", "0.150, [0]", "origin is neither a text nor a number, not a finite number"),
+        (
+            "0.150, 0.0",
+            "0.150, 1.57",
+            "origin has a yaw of 1.57 rad, and maps that are turned are not supported",
+        ),
+        ("negate: 0", "negate: 2", "negate is '2'"),
+        ("negate: 0", "negate: [0]", "negate is a list"),
+        ("trinary", "fuzzy", "mode is 'fuzzy'"),
+        ("trinary", "[]", "mode is a list"),
+        ("0.65", "high", "occupied_thresh is 'high', not a finite number"),
+        ("0.196", "nan", "free_thresh is 'nan', not a finite number"),
+        ("map.pgm", "", "image is ''"),
+        ("map.pgm", "[map.pgm]", "image is a list"),
+        ("map.pgm", "none.pgm", "image 'none.pgm' is missing"),
+        ("map.pgm", "map.yaml/x", "image 'map.yaml/x' is missing"),
+        ("map.pgm", ".", "image '.' is not a file"),
+        ("map.pgm", "/dev/zero", "image '/dev/zero' is not a file"),
+        ("map.pgm", "map.yaml", "image 'map.yaml' is no PGM, PNG or BMP image"),
+        ("map.pgm", '"\\0\\x1b[2J\\n"', "image '\\x00\\x1b[2J\\n' cannot be read: embedded null"),
+        ("map.pgm", "x" * 5000, f"image '{'x' * 56}... cannot be read: File name too long"),
+        ("map.pgm", "[", "not YAML: line "),
+        ("map.pgm", "*nothing", "not YAML: line 1: "),
+        ("negate: 0", "\tnegate: 0", "not YAML: line "),
+        ("map.pgm", "\x01", "not YAML: "),
+    ],
+)
+def test_a_wrong_yaml_file_is_told_in_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:
+    path = put(tmp_path, GRID)
+    assert old in YAML
+    path.write_text(YAML.replace(old, new, 1))
+    assert refused(path).startswith(said)
+
+
+def test_files_that_are_no_yaml(tmp_path: Path) -> None:
+    path = put(tmp_path, GRID)
+    assert refused(tmp_path / "none.yaml").startswith("No such file or directory; ")
+    assert refused(tmp_path).startswith("Is a directory; ")
+    assert refused(tmp_path / "map.pgm").startswith("not YAML: ")
+    path.write_bytes(b"\xff\xfe" + YAML.encode("utf-16-le"))
+    assert refused(path).startswith("not YAML: ")
+    path.write_bytes(YAML.encode() + b"#" * (1 << 16))
+    assert refused(path) == "more than 65,536 bytes; name the YAML file, not the image"
+    path.write_text("[\n" * 5000)
+    assert refused(path).startswith("not YAML: nested too deeply; ")
+
+
+def test_merges_and_aliases_that_multiply_take_no_time(tmp_path: Path) -> None:
+    path = put(tmp_path, GRID)
+    lines = ["a0: &a0 {k: 1, l: 2, m: 3}"]
+    lines += [f"a{k}: &a{k} {{<<: [{', '.join([f'*a{k - 1}'] * 9)}]}}" for k in range(1, 30)]
+    lines += ["b0: &b0 [x]", *(f"b{k}: &b{k} [{', '.join([f'*b{k - 1}'] * 9)}]" for k in range(1, 30))]
+    path.write_text("\n".join(lines) + "\nloop: &loop [*loop]\n" + YAML)
+    start = time.process_time()
+    assert read_map(path).cells.tolist() == GRID.cells.tolist()
+    assert time.process_time() - start < 5
+
+
+def png(width: int, height: int, mode: str = "L") -> bytes:
+    """A PNG image of random pixels."""
+    out = io.BytesIO()
+    noise = np.random.default_rng(1).integers(0, 255, (height, width), np.uint8)
+    Image.fromarray(noise).convert(mode).save(out, "png")
+    return out.getvalue()
+
+
+def broken_header(data: bytes, width: int, height: int) -> bytes:
+    """The image with another size in its header, and the right checksum."""
+    import zlib
+
+    head = b"IHDR" + struct.pack(">II", width, height) + data[24:29]
+    return data[:12] + head + struct.pack(">I", zlib.crc32(head)) + data[33:]
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "is no PGM, PNG or BMP image"),
+        (b"GIF89a" + bytes(100), "is no PGM, PNG or BMP image"),
+        (b"P7\nWIDTH 1\n", "is no PGM, PNG or BMP image"),
+        (b"Pf\n1 1\n1.0\n0000", "is no PGM, PNG or BMP image"),
+        (b"P5", "is no PGM, PNG or BMP image"),
+        (b"P5\n", "cannot be read: "),
+        (b"P5\n4 3\n255\n1234567890", "cannot be read: image file is truncated"),
+        (b"P5\n4 3\n70000\n" + bytes(100), "cannot be read: maxval"),
+        (b"P5\n4 -3\n255\n" + bytes(100), "cannot be read: it is damaged"),
+        (b"P5\n0 3\n255\n", "cannot be read: it is damaged"),
+        (b"P5\n4 x\n255\n" + bytes(100), "cannot be read: "),
+        (
+            b"P5\n40000 40000\n255\n" + bytes(100),
+            "has 40,000 x 40,000 pixels, and no more than 400,000,000 are read",
+        ),
+        (b"P2\n2 2\n255\n1 2 3 \x1b[2J", "cannot be read: "),
+        (b"P2\n2 2\n255\n1 2 3 900", "cannot be read: "),
+        (png(20, 20)[:200], "cannot be read: "),
+        (png(20, 20)[:8], "cannot be read: "),
+        (png(20, 20)[:100] + b"damage" + png(20, 20)[106:], "cannot be read: "),
+        (broken_header(png(20, 20), 1 << 20, 1 << 20), "has 1,048,576 x 1,048,576 pixels"),
+        (broken_header(png(20, 20), 2000, 2000), "cannot be read: "),
+        (b"BM" + bytes(60), "cannot be read: "),
+        (b"BM", "cannot be read: "),
+    ],
+)
+def test_a_wrong_image_is_told_in_one_line(tmp_path: Path, data: bytes, said: str) -> None:
+    path = put(tmp_path, GRID)
+    (tmp_path / "map.pgm").write_bytes(data)
+    assert refused(path).startswith(f"image 'map.pgm' {said}")
+
+
+def outcome(path: Path) -> bool:
+    """Whether a file is read as a map, or refused in one line."""
+    try:
+        return set(np.unique(read_map(path).cells)) <= {-1, 0, 100}
+    except UnreadableError as err:
+        return str(err).isprintable()
+
+
+@pytest.mark.parametrize("kind", ["pgm", "png", "bmp", "yaml"])
+def test_damage_anywhere_is_a_map_or_one_line(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "map.yaml").write_bytes(yaml_bytes(GRID, f"map.{kind.replace('yaml', 'pgm')}"))
+    (tmp_path / "map.pgm").write_bytes(pgm_bytes(GRID))
+    with Image.open(tmp_path / "map.pgm") as image:
+        image.save(tmp_path / "map.png")
+        image.save(tmp_path / "map.bmp")
+    path = tmp_path / f"map.{kind}"
+    whole, random = path.read_bytes(), np.random.default_rng(3)
+    for _ in range(150):
+        data = bytearray(whole)
+        for at in random.integers(0, len(data), random.integers(1, 4)):
+            data[at] = random.integers(0, 256)
+        path.write_bytes(data[: random.integers(1, len(data) + 1)] if random.random() < 0.3 else data)
+        assert outcome(tmp_path / "map.yaml")
