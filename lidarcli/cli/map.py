@@ -61,7 +61,7 @@ FINEST, COARSEST = 0.001, 10.0
     multiple=True,
     type=click.Path(),
     help="File to write; may be repeated: .yaml (map_server, with a .pgm beside it), .png, .mcap "
-    "(nav_msgs/OccupancyGrid), .ply, .pcd or .parquet (point cloud).",
+    "(nav_msgs/OccupancyGrid), .ply, .pcd or .parquet (point cloud).  [default: none, beside --compare]",
 )
 @option("--path", heading=OUTPUT, is_flag=True, help="Draw the path of the sensor into the .png.")
 @option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")

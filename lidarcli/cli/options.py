@@ -213,7 +213,7 @@ def pose_options(command: F) -> F:
             heading=POSES,
             type=Number("SECONDS"),
             default=None,
-            show_default="0; track: 0, and for tracks what fits best",
+            show_default="0; for tracks and maps what fits best",
             help="Take the pose of a sweep this much after its header stamp; negative: before. `info` tells where another "
             "than 0 fits better.",
         ),

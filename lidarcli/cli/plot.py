@@ -19,11 +19,15 @@ from lidarcli.cli.options import (
     csv_options,
     one_log,
     option,
+    pose_options,
     range_options,
 )
 
 if TYPE_CHECKING:
+    from lidarcli.formalism import Parameters
     from lidarcli.logs.base import CsvOptions
+    from lidarcli.pipeline.inputs.sources import Source
+    from lidarcli.pipeline.reading.posing import PoseOptions
     from lidarcli.sweeps import RangeRules
 
 PICTURE = "Picture"
@@ -74,6 +78,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
   lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
+  lidarcli plot run.mcap --map --tracks run.tracks.parquet -o map.png
   lidarcli plot run.mcap --sweeps 0:100:2 --animate -o run.gif --overwrite""",
 )
 @click.argument("log", metavar="LOG", type=INPUTS)
@@ -109,6 +114,14 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     show_default=True,
     help="The scene from above, r(theta) with s(theta), the difference, polar, or scene and curves.",
 )
+@option(
+    "--map",
+    "in_world",
+    heading=PICTURE,
+    is_flag=True,
+    help="The run from above in the world instead: map and path of the sensor; with --sweep its points and boxes, with "
+    "--tracks what stands and what moved.",
+)
 @option("--animate", heading=PICTURE, is_flag=True, help="One moving picture of the sweeps, 10 per second.")
 @option("--overwrite", heading=PICTURE, is_flag=True, help="Replace files that exist.")
 @option(
@@ -132,6 +145,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     help="Table of track (the others of the log lie beside it): paths up to the sweep, numbers, velocities.  "
     "[default: none]",
 )
+@pose_options
 @object_options(walls="Also draw walls, with the corners of the room.", no_limit="paper")
 @range_options
 @csv_options
@@ -144,11 +158,13 @@ def plot(
     sweeps: tuple[int, ...] | None,
     output: str,
     view: str,
+    in_world: bool,
     animate: bool,
     overwrite: bool,
     topic: str | None,
     background: str | None,
     tracks: str | None,
+    poses: PoseOptions,
     rules: RangeRules,
     csv: CsvOptions,
     **parameters: Any,
@@ -162,6 +178,9 @@ def plot(
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
 
+    if in_world:
+        _refuse_beside_map(view, animate, background)
+        wanted = None if sweep is None and sweeps is None else wanted
     if tracks is not None and view not in WITH_TRACKS:
         raise click.UsageError(f"--tracks are drawn in the scene; give --view {' or '.join(WITH_TRACKS)}")
 
@@ -184,9 +203,11 @@ def plot(
     if output != STDOUT:
         others = [*map(str, table_files([tracks] if tracks else [])), *([background] if background else [])]
         refuse(paths, overwrite, [*files_of([source]), *others])
+    found_with = Parameters.for_profile(**parameters)
+    if in_world:
+        return _draw_map(say, source, paths, wanted, topic, tracks, overwrite, poses, rules, csv, found_with)
     drawn = take_pictures(
-        source,
-        PlotOptions(wanted, topic, Parameters.for_profile(**parameters), rules, csv, background, tracks),
+        source, PlotOptions(wanted, topic, found_with, rules, csv, background, tracks, poses)
     )
     for note in drawn.notes:
         say.info(f"  note     {note}")
@@ -211,6 +232,52 @@ def _wanted(sweep: int | None, sweeps: tuple[int, ...] | None, animate: bool) ->
     if sweep is not None:
         return (sweep,)
     return (0,) if sweeps is None and not animate else sweeps
+
+
+def _refuse_beside_map(view: str, animate: bool, background: str | None) -> None:
+    """Refuse what --map has no place for."""
+    if view != VIEWS[0] or animate or background is not None:
+        raise click.UsageError("--map is a picture of its own, without --view, --animate and --background")
+
+
+def _draw_map(
+    say: Messages,
+    source: Source,
+    paths: list[Path],
+    sweeps: tuple[int, ...] | None,
+    topic: str | None,
+    tracks: str | None,
+    overwrite: bool,
+    poses: PoseOptions,
+    rules: RangeRules,
+    csv: CsvOptions,
+    parameters: Parameters,
+) -> int:
+    """Draw the run from above; the exit code."""
+    from lidarcli.errors import UnreadableError
+    from lidarcli.logs.batches import ReadOptions
+    from lidarcli.pipeline.map_plotting import map_bytes, take_map, write_maps
+    from lidarcli.pipeline.mapping import MapOptions
+
+    read = ReadOptions(topics=frozenset({topic}) if topic else None, rules=rules)
+    options = MapOptions(read=read, csv=csv, poses=poses, parameters=parameters)
+    try:
+        drawn = take_map(source, options, sweeps, tracks)
+    except UnreadableError as err:
+        raise UnreadableError(f"{source.label}: {str(err).removeprefix(f'{source.path}: ')}") from err
+    for note in drawn.notes:
+        say.info(f"  note     {note}")
+    if str(paths[0]) == STDOUT:
+        standard_output().buffer.write(map_bytes(drawn.pictures[0], ".png"))
+    else:
+        notes = write_maps(paths, drawn.pictures, overwrite)
+        for path in paths:
+            say.info(f"  wrote    {path}")
+        for note in notes:
+            say.info(f"  note     {note}")
+    for line in drawn.damage:
+        say.error(source.label, line)
+    return UnreadableError.exit_code if drawn.damage else 0
 
 
 def _suffix(output: str, animate: bool) -> None:

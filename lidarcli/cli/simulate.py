@@ -6,6 +6,7 @@ import math
 
 import click
 
+from lidarcli.choices import MAP_RESOLUTION
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import GroupedCommand, Number, option
 
@@ -20,7 +21,8 @@ RUN, LOG = "Run", "Log"
   lidarcli simulate samples/room.toml -o room.mcap
   lidarcli simulate samples/room.toml -o room.bag --compression lz4 --sweeps 9
   lidarcli simulate samples/room.toml -o room.csv --layout long --seed 7
-  lidarcli simulate samples/people.toml -o people --duration 2.5""",
+  lidarcli simulate samples/people.toml -o people --duration 2.5
+  lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
 )
 @click.argument("scene", metavar="SCENE.toml", type=click.Path())
 @option(
@@ -53,6 +55,21 @@ RUN, LOG = "Run", "Log"
 )
 @option(
     "--layout", heading=LOG, metavar="NAME", help="Layout of a csv (docs/formats.md).  [default: rostopic]"
+)
+@option(
+    "--map",
+    "map_file",
+    heading=LOG,
+    metavar="FILE.yaml",
+    type=click.Path(),
+    help="Also write the true map of the run, without noise and without what moves, as map_server has it: the .yaml and "
+    "a .pgm beside it, for map --compare.  [default: none]",
+)
+@option(
+    "--map-resolution",
+    heading=LOG,
+    type=Number("METRES", above=0),
+    help=f"Side of its cells.  [default: {MAP_RESOLUTION:g}]",
 )
 @option("--overwrite", heading=LOG, is_flag=True, help="Replace files that exist.")
 @option(
@@ -87,6 +104,8 @@ def simulate(
     compression: str | None,
     encoding: str | None,
     layout: str | None,
+    map_file: str | None,
+    map_resolution: float | None,
     overwrite: bool,
     sweeps: int | None,
     duration: float | None,
@@ -99,6 +118,8 @@ def simulate(
     """
     if sweeps is not None and duration is not None:
         raise click.UsageError("--sweeps and --duration exclude each other")
+    if map_file is None and map_resolution is not None:
+        raise click.UsageError("--map-resolution is that of --map: name its file, too")
 
     from lidarcli.simulate import simulate as run
 
@@ -113,9 +134,12 @@ def simulate(
         encoding=encoding,
         layout=layout,
         overwrite=overwrite,
+        map_file=map_file,
+        map_resolution=MAP_RESOLUTION if map_resolution is None else map_resolution,
     )
     say.info(f"{scene}: {result.sweeps:,} sweep{'' if result.sweeps == 1 else 's'}")
-    for path in (result.log, result.truth, result.truth_beams):
+    written = (result.log, result.truth, result.truth_beams, result.true_map)
+    for path in filter(None, written):
         say.info(f"  wrote    {path}")
     for note in result.notes:
         say.info(f"  note     {note}")

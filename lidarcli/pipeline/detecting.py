@@ -16,6 +16,7 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.parts import Recipe, Rows
+from lidarcli.pipeline.reading.delays import TRACKS
 from lidarcli.pipeline.reading.posing import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
@@ -72,7 +73,7 @@ class DetectOptions:
 
     def reading(self, log: Log) -> Reading:
         """The sweeps of a log with their poses."""
-        return Reading(log, self.read, self.poses, find_delay=self.tracking is not None)
+        return Reading(log, self.read, self.poses, TRACKS if self.tracking is not None else "")
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """What is to be made of every batch of a log."""

@@ -28,6 +28,7 @@ from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.reading.delays import MAP
 from lidarcli.pipeline.reading.posing import MATCH, NONE, PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
@@ -78,18 +79,17 @@ class MapOptions:
     """Draw the path of the sensor into the picture."""
     overwrite: bool = False
 
-    @property
-    def hits(self) -> int:
-        """Sweeps that have to hit an occupied cell."""
+    def hits(self, sweeps: int) -> int:
+        """Sweeps that have to hit an occupied cell, where so many count: of a sensor that stands it may be one."""
         if self.min_hits is not None:
             return self.min_hits
-        return MIN_HITS if self.min_move > 0 else MIN_HITS_OF_ALL
+        return max(1, min(sweeps, MIN_HITS if self.min_move > 0 else MIN_HITS_OF_ALL))
 
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the cloud's metadata."""
         names = ("resolution", "min_move", "occupied_ratio", "free_no_return", "voxel", "without_agents")
         told = {name: getattr(self, name) for name in names}
-        return reading_as_dict(self.read, self.csv, self.poses) | told | {"min_hits": self.hits}
+        return reading_as_dict(self.read, self.csv, self.poses) | told | {"min_hits": self.min_hits}
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,13 +151,12 @@ class Mapping:
         options = self.options
         with (
             open_source(source, options.csv) as log,
-            Reading(log, options.read, options.poses) as reading,
+            Reading(log, options.read, options.poses, MAP) as reading,
         ):
-            taken = _Taken(options.min_move)
+            taken = _Taken(options.min_move, bool(options.read.topics))
             for batch, sets in self._with_sets(reading.batches(progress)):
-                if batch.poses is not None:
-                    for frame, rows, mine in batch.by_frame():
-                        self._take(source, frame, mine, None if sets is None else sets[rows], taken, clouds)
+                for frame, rows, mine in batch.by_frame():
+                    self._take(source, frame, mine, None if sets is None else sets[rows], taken, clouds)
             summary = reading.close()
             described = reading.describe(source)
         self._conclude(source, summary, described, taken)
@@ -166,7 +165,8 @@ class Mapping:
     def occupancy(self) -> Occupancy:
         """The grid of all that was taken."""
         options = self.options
-        return self.counts.occupancy(options.hits, options.occupied_ratio, next(iter(self.worlds), "map"))
+        hits = options.hits(self.counts.sweeps)
+        return self.counts.occupancy(hits, options.occupied_ratio, next(iter(self.worlds), "map"))
 
     def _with_sets(self, batches: Iterator[SweepBatch]) -> Iterator[tuple[SweepBatch, UInt8 | None]]:
         """Every batch, and where it matters the set of each of its beams (S, B), by what the whole log tells."""
@@ -206,13 +206,11 @@ class Mapping:
         clouds: Sequence[CloudWriter],
     ) -> None:
         """Count the sweeps of one sensor that say something new."""
-        assert batch.poses is not None
-        rows = taken.rows(batch.topic, frame, batch)
-        if not len(rows):
+        poses = batch.true_poses or batch.poses
+        rows = taken.rows(batch.topic, frame, poses, batch.stamp_ns)
+        if poses is None or not len(rows):
             return
-        batch = batch.rows(rows)
-        poses = batch.poses
-        assert poses is not None
+        batch, poses = batch.rows(rows), poses.rows(rows)
         sets = None if sets is None else sets[rows]
         use, ranges = self._use(batch, sets)
         beams = placed(batch, poses, use, ranges)
@@ -289,6 +287,10 @@ class Mapping:
                 "--pose match finds the path of each sensor in a world of its own, and a map has one world: "
                 "take one log, and one topic with --topic"
             )
+        summary.notes += [
+            f"{topic} is of the same frame as {first}, most likely the same sweeps again: left out (--topic {topic})"
+            for topic, first in taken.twice.items()
+        ]
         summary.notes.append(f"{taken.count:,} of {summary.sweeps:,} sweeps count: {self._why(taken)}")
 
     def _why(self, taken: _Taken) -> str:
@@ -301,8 +303,14 @@ class Mapping:
 class _Taken:
     """The sweeps of one log that count, of each of its sensors."""
 
-    def __init__(self, min_move: float) -> None:
+    def __init__(self, min_move: float, all_topics: bool) -> None:
+        """`all_topics`: also those that tell of a frame of which another one does."""
         self._min_move = min_move
+        self._all_topics = all_topics
+        self._topics: dict[str, str] = {}
+        """Frame → the topic that tells of it."""
+        self.twice: dict[str, str] = {}
+        """Topic that is left out → the one that tells the same."""
         self._filters: dict[tuple[str, str], MotionFilter] = {}
         self._places: dict[tuple[str, str], list[SweepPoses]] = {}
 
@@ -319,16 +327,21 @@ class _Taken:
         """Sweeps without a pose."""
         return sum(one.unplaced for one in self._filters.values())
 
-    def rows(self, topic: str, frame: str, batch: SweepBatch) -> Int64:
-        """Those of a batch of one sensor."""
-        assert batch.poses is not None
+    def rows(self, topic: str, frame: str, poses: SweepPoses | None, stamp_ns: Int64) -> Int64:
+        """Those (of S) of a sensor."""
+        if poses is None:
+            return np.zeros(0, np.int64)
+        first = self._topics.setdefault(frame, topic)
+        if first != topic and not self._all_topics:
+            self.twice[topic] = first
+            return np.zeros(0, np.int64)
         key = topic, frame
         if key not in self._filters:
             self._filters[key] = MotionFilter(self._min_move)
             self._places[key] = []
-        rows = self._filters[key].take(batch.poses, batch.stamp_ns)
+        rows = self._filters[key].take(poses, stamp_ns)
         if len(rows):
-            self._places[key].append(batch.poses.rows(rows))
+            self._places[key].append(poses.rows(rows))
         return rows
 
     def paths(self, log: str) -> list[SensorPath]:
@@ -509,7 +522,7 @@ class MapRun:
         if not grid.occupied:
             notes.append(
                 f"no cell is occupied: {mapping.counts.sweeps:,} sweeps count, and a cell has to be hit by "
-                f"{self._options.hits} (--min-hits, --min-move)"
+                f"{self._options.hits(mapping.counts.sweeps)} (--min-hits, --min-move)"
             )
         return notes
 

@@ -46,6 +46,8 @@ class PlotOptions:
     """A background table, to draw r_w - r_e."""
     tracks: str | None = None
     """Tables of `track`, to draw the paths up to each sweep."""
+    poses: PoseOptions = field(default_factory=PoseOptions)
+    """For a background of several stations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         )
         rows: list[SweepBatch] = []
         seen = -1
-        posing = Posing.of(log, PoseOptions() if options.background else NO_POSES)
+        posing = Posing.of(log, options.poses if options.background else NO_POSES)
         report = ReadReport()
         for raw in read_batches(log, read, report):
             batch = posing.attach(raw)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
@@ -26,6 +26,9 @@ from lidarcli.reports.summary import (
 )
 from lidarcli.reports.tracks import TRACK_COLUMNS
 from lidarcli.tables.schemas import LATER
+
+if TYPE_CHECKING:
+    from lidarcli.reports.map_picture import MapPicture
 
 FORMATS = ("text", "markdown", "html", "json", "junit")
 SUFFIXES = {
@@ -66,6 +69,8 @@ class Made:
     pairs: tuple[Pair, ...]
     viewer: dict[str, Any] | None = None
     """What the viewer of the HTML shows, where it was asked for."""
+    overview: MapPicture | None = None
+    """The run from above, for the HTML; None where nothing tells of poses."""
 
     @property
     def exit_code(self) -> int:
@@ -111,10 +116,14 @@ def make_report(options: ReportOptions, viewer: bool = False) -> Made:
 def _with_viewer(made: Made, logs: Sequence[str]) -> Made:
     """The same with the data of the viewer; a beams table that cannot be read is one problem more."""
     from lidarcli.pipeline.viewing import viewer_of
+    from lidarcli.reports.overview import overview
 
-    data, problems = viewer_of(made.run, made.report.summary, made.pairs, logs)
+    run = made.run
+    data, problems = viewer_of(run, made.report.summary, made.pairs, logs)
     report = replace(made.report, problems=(*made.report.problems, *problems))
-    return replace(made, report=report, viewer=data)
+    # Every log has a world of its own.
+    seen = overview(run.sweeps, run.objects, run.tracks) if len(run.sources) == 1 else None
+    return replace(made, report=report, viewer=data, overview=seen)
 
 
 def _load(
@@ -129,6 +138,12 @@ def _load(
         columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
         sweep_columns |= {*(TRACKED_POSES if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
+    if viewer:
+        from lidarcli.reports.overview import COLUMNS
+
+        columns |= {*COLUMNS["objects"]}
+        sweep_columns |= {*COLUMNS["sweeps"]}
+        track_columns |= {*COLUMNS["tracks"]}
     read: list[tuple[Pair, Origin, pa.Table, pa.Table]] = []
     tracks: dict[int, pa.Table] = {}
     for pair in pairs:
@@ -197,4 +212,4 @@ def render(made: Made, kind: str, colour: bool = False) -> str:
     from lidarcli.reports import html
 
     assert made.viewer is not None
-    return html.render(made.report, made.viewer)
+    return html.render(made.report, made.viewer, made.overview)

@@ -15,6 +15,7 @@ import numpy as np
 from lidarcli.reports import palette
 from lidarcli.reports.distributions import Density, Histogram
 from lidarcli.reports.drawing import project_style
+from lidarcli.reports.map_picture import MapPicture, map_figure
 from lidarcli.reports.picture import printable
 from lidarcli.reports.report import Report
 from lidarcli.reports.streams import Stream
@@ -23,9 +24,13 @@ from lidarcli.reports.wording import SET_WORDS, kind_counts, track_kinds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 CHART_SIZE = (4.2, 2.5)
 """[inch] About what a phone shows without scaling."""
+OVERVIEW_SIZE = 7.0
+"""Longest side of the run from above [inch]."""
+SVG_STYLE: dict[str, Any] = {"svg.fonttype": "none", "svg.image_inline": True}
 LINES = 6
 """Streams in one chart; more cannot be told apart."""
 CYCLE = (palette.BLUE, palette.VERMILION, palette.GREEN, palette.PURPLE, palette.ORANGE, palette.BLACK)
@@ -77,17 +82,26 @@ def charts(report: Report) -> Iterator[Chart]:
         yield _chart(f"Where objects were, {found.frame} frame", partial(_map, found=found))
 
 
+def overview_chart(picture: MapPicture) -> Chart:
+    """The run from above."""
+    with project_style({**SVG_STYLE, "axes.grid": False}):
+        return _as_chart("The run from above", map_figure(picture, OVERVIEW_SIZE))
+
+
 def _chart(title: str, draw: Callable[[Axes], None]) -> Chart:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with project_style({"svg.fonttype": "none", "svg.image_inline": True}):
+    with project_style(SVG_STYLE):
         figure = Figure(figsize=CHART_SIZE, layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.add_subplot()
-        draw(axes)
-        out = io.StringIO()
-        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
+        draw(figure.add_subplot())
+        return _as_chart(title, figure)
+
+
+def _as_chart(title: str, figure: Figure) -> Chart:
+    out = io.StringIO()
+    figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
     return Chart(title, _inline(out.getvalue(), title))
 
 

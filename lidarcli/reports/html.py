@@ -10,8 +10,9 @@ from importlib.resources import files
 from typing import Any
 
 from lidarcli._version import __version__
-from lidarcli.reports.charts import charts
+from lidarcli.reports.charts import charts, overview_chart
 from lidarcli.reports.junit import clean
+from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.report import Report
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.wording import (
@@ -38,8 +39,14 @@ RIGHT = frozenset(
 """Columns of the table of tracks that are flush right."""
 
 
-def render(report: Report, viewer: dict[str, Any]) -> str:
-    """The page; `viewer` as `reports.viewer.pack` makes it. Every text of a log is escaped by the template engine."""
+def render(report: Report, viewer: dict[str, Any], overview: MapPicture | None = None) -> str:
+    """The page. Every text of a log is escaped by the template engine.
+
+    Parameters
+    ----------
+    viewer : as `reports.viewer.pack` makes it
+    overview : the run from above, where there are poses
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
@@ -64,6 +71,7 @@ def render(report: Report, viewer: dict[str, Any]) -> str:
         data=Markup(embedded(viewer)),
         viewer=viewer,
         has_raw=any("raw" in stream for stream in viewer["streams"]),
+        overview=None if overview is None else Markup(overview_chart(overview).svg),
         charts=[(chart.title, Markup(chart.svg)) for chart in charts(report)],
         cards=[*_cards(report)],
         spreads=[

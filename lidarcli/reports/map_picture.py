@@ -17,6 +17,7 @@ from lidarcli.sweeps import Float32, Float64
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LONG, SHORT = 7.2, 2.2
 """Longest and shortest side of the drawn ground [inch]; the map decides which is which."""
@@ -72,50 +73,43 @@ class MapPicture:
     """Number, x and y of what moved."""
     snapshot: Snapshot | None = None
     title: str = ""
-    empty: str = ""
-    """Why there is nothing to draw."""
 
 
 def draw_map(picture: MapPicture, suffix: str) -> bytes:
     """The picture as a file of the kind of `suffix` (.png, .svg, .pdf); the same map, the same bytes."""
+    with project_style({"axes.grid": False}):
+        out = io.BytesIO()
+        dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+        map_figure(picture).savefig(out, format=suffix[1:], metadata=dates.get(suffix))
+    return out.getvalue()
+
+
+def map_figure(picture: MapPicture, longest: float = LONG) -> Figure:
+    """The picture as a figure whose ground is so long at its longest [inch]; to be called in the project's style."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with project_style({"axes.grid": False}):
-        left, right, low, high = _limits(picture)
-        width, height = right - left, high - low
-        scale = LONG / max(width, height)
-        size = max(width * scale, SHORT), max(height * scale, SHORT)
-        figure = Figure(figsize=(size[0] + 0.7, size[1] + 0.9), layout="constrained")
-        FigureCanvasAgg(figure)
-        axes = figure.add_subplot()
-        _ground(axes, picture.grid)
-        _marks(axes, picture)
-        axes.set_aspect("equal")
-        axes.set_xlim(left, right)
-        axes.set_ylim(low, high)
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel("y [m]")
-        if picture.title:
-            axes.set_title(printable(picture.title), loc="left")
-        if picture.empty:
-            axes.text(
-                0.5,
-                0.5,
-                printable(picture.empty),
-                transform=axes.transAxes,
-                ha="center",
-                va="center",
-                wrap=True,
-            )
-        _scale(axes, right - left)
-        handles, labels = axes.get_legend_handles_labels()
-        if handles:
-            figure.legend(handles, labels, loc="outside lower left", ncols=5, frameon=False, handlelength=1.6)
-        out = io.BytesIO()
-        dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        figure.savefig(out, format=suffix[1:], metadata=dates.get(suffix))
-    return out.getvalue()
+    left, right, low, high = _limits(picture)
+    width, height = right - left, high - low
+    scale = longest / max(width, height)
+    size = max(width * scale, SHORT), max(height * scale, SHORT)
+    figure = Figure(figsize=(size[0] + 0.7, size[1] + 0.9), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    _ground(axes, picture.grid)
+    _marks(axes, picture)
+    axes.set_aspect("equal")
+    axes.set_xlim(left, right)
+    axes.set_ylim(low, high)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    if picture.title:
+        axes.set_title(printable(picture.title), loc="left")
+    _scale(axes, right - left)
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False, handlelength=1.6)
+    return figure
 
 
 def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
@@ -146,9 +140,9 @@ def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
 
 def _ground(axes: Axes, grid: Occupancy | None) -> None:
     """The cells: occupied dark, free white, unknown grey."""
-    axes.set_facecolor(str(UNKNOWN_GREY))
     if grid is None or not grid.cells.size:
         return
+    axes.set_facecolor(str(UNKNOWN_GREY))
     grey: Float32 = np.full(grid.cells.shape, UNKNOWN_GREY, np.float32)
     for state, shade in GROUND.items():
         grey[grid.cells == state] = shade
@@ -187,7 +181,7 @@ def _marks(axes: Axes, picture: MapPicture) -> None:
     shot = picture.snapshot
     if shot is None:
         return
-    axes.plot(*shot.points, ".", color=palette.ORANGE, ms=1.6, mew=0, zorder=4, label=f"sweep {shot.sweep}")
+    axes.plot(*shot.points, ".", color=palette.ORANGE, ms=2.6, mew=0, zorder=4, label=f"sweep {shot.sweep}")
     _boxes(axes, shot.boxes, "objects of the sweep")
     turn = float(np.degrees(shot.yaw)) - 90.0
     axes.plot(

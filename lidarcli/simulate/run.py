@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from lidarcli.choices import MAP_RESOLUTION
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.simulate.load import MAX_SWEEPS, load_scene
+from lidarcli.simulate.scene import Scene
 from lidarcli.sweeps import RawSweeps
 
 MAX_SECONDS = 400_000_000
 """Longest log [s]: the seconds of a ROS 2 stamp end in 2038."""
 MAX_SEED = (1 << 63) - 1
+LEAST_CELL, LARGEST_CELL = 0.001, 1000.0
+"""Bounds of the cells of a true map [m]."""
 _SUFFIXES = (".csv.gz", ".mcap", ".bag", ".db3", ".csv")
 
 
@@ -26,6 +32,8 @@ class Simulated:
     log: Path
     truth: Path
     truth_beams: Path
+    true_map: Path | None = None
+    """The YAML file of the true map, which has its image beside it; None where none was wanted."""
     notes: tuple[str, ...] = ()
     """What a user should know of these files."""
 
@@ -43,11 +51,15 @@ def simulate(
     layout: str | None = None,
     chunk_size: int = 1 << 20,
     overwrite: bool = False,
+    map_file: str | Path | None = None,
+    map_resolution: float = MAP_RESOLUTION,
 ) -> Simulated:
     """Ray-cast the scene into the log `out`, with `<log>.truth.parquet` and `<log>.truth-beams.parquet` beside it.
 
-    The number of sweeps comes from `sweeps`, else from `duration` [s], else from the scene. All files appear whole, under
-    their own names, or not at all; files that exist are refused without `overwrite`. See `write_log` for the formats.
+    The number of sweeps comes from `sweeps`, else from `duration` [s], else from the scene. `map_file`, a .yaml in any
+    folder, and a .pgm beside it get the true map of the run in cells of `map_resolution` [m]: see `true_map`. All files
+    appear whole, under their own names, or not at all; files that exist are refused without `overwrite`. See `write_log`
+    for the formats.
     """
     # The writers bring half a second of imports along, which `import lidarcli.simulate` need not pay.
     from lidarcli.simulate.generate import simulate_blocks
@@ -65,8 +77,14 @@ def simulate(
         )
     if not 0 <= seed <= MAX_SEED:
         raise OptionError(f"--seed must be at least 0 and at most {MAX_SEED}, not {seed}")
+    if not LEAST_CELL <= map_resolution <= LARGEST_CELL:
+        raise OptionError(
+            f"--map-resolution must be at least {LEAST_CELL:g} and at most {LARGEST_CELL:g} m, not {map_resolution:g}"
+        )
     log = Path(out)
     check_options(log, container, compression, encoding, layout)
+    targets = (log, *truth_paths(log))
+    map_files = () if map_file is None else _map_files(Path(map_file), targets)
     scene = load_scene(scene_path)
     count = scene.sweeps if sweeps is None else sweeps
     if duration is not None:
@@ -81,17 +99,30 @@ def simulate(
             f"{scene_path}: {count:,} sweeps at {scene.sensor.rate:g} per second take longer than a log may "
             f"({MAX_SECONDS:,} seconds)"
         )
-    result = Simulated(scene.name, count, log, *truth_paths(log))
-    targets = [result.log, result.truth, result.truth_beams]
+    result = Simulated(scene.name, count, *targets, true_map=map_files[0] if map_files else None)
     refuse(targets, overwrite, [scene_path], folders=True)
+    refuse(map_files, overwrite, [scene_path])
     for target in targets:
         if target.is_dir() and not _is_bag(target):
             raise OutputError(
                 f"{target}: is a folder that holds more than a ROS 2 bag; it will not be replaced"
             )
-    with NewFiles(targets, overwrite, folders=True) as new:
+    map_data = _map_data(scene, count, map_resolution, map_files[1].name) if map_files else ()
+    with ExitStack() as stack:
+        # What stands in the folder of the log gets its name together with it, the map of another folder just before.
+        beside = map_files if map_files and map_files[0].parent == log.parent else ()
+        apart = () if beside else map_files
+        new = {log.parent: stack.enter_context(NewFiles([*targets, *beside], overwrite, folders=True))}
+        if apart:
+            new[apart[0].parent] = stack.enter_context(NewFiles(apart, overwrite))
+        for file, data in zip(map_files, map_data, strict=True):
+            try:
+                new[file.parent].part(file).write_bytes(data)
+            except OSError as err:
+                raise unwritable(file, err) from err
+        logs = new[log.parent]
         try:
-            with TruthWriter(new.part(result.truth), new.part(result.truth_beams), scene, seed) as truth:
+            with TruthWriter(logs.part(result.truth), logs.part(result.truth_beams), scene, seed) as truth:
 
                 def raw() -> Iterator[RawSweeps]:
                     for block in simulate_blocks(scene, count, seed):
@@ -99,7 +130,7 @@ def simulate(
                         yield block.raw
 
                 write_log(
-                    new.part(log),
+                    logs.part(log),
                     raw(),
                     container=container,
                     compression=compression,
@@ -110,7 +141,35 @@ def simulate(
                 )
         except OSError as err:
             raise unwritable(log, err) from err
-        return replace(result, notes=tuple(new.publish()))
+        notes = [note for files in reversed(new.values()) for note in files.publish()]
+        return replace(result, notes=tuple(notes))
+
+
+def _map_files(path: Path, others: Sequence[Path]) -> tuple[Path, Path]:
+    """The two files of a map, which must not be, hold or stand in another file of the run."""
+    if path.suffix.lower() != ".yaml":
+        raise OptionError(f"{path}: the suffix of a true map has to be .yaml; it comes with a .pgm")
+    files = path, path.with_suffix(".pgm")
+    for file in files:
+        mine = _absolute(file)
+        for other in others:
+            theirs = _absolute(other)
+            if mine == theirs or mine in theirs.parents or theirs in mine.parents:
+                raise OptionError(f"{file} and {other} are in each other's way; write elsewhere with --map")
+    return files
+
+
+def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:
+    """The true map as YAML and PGM."""
+    from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
+    from lidarcli.simulate.true_map import true_map
+
+    grid = true_map(scene, sweeps, resolution)
+    return yaml_bytes(grid, image), pgm_bytes(grid)
+
+
+def _absolute(path: Path) -> Path:
+    return Path(os.path.realpath(path.parent)) / path.name
 
 
 def truth_paths(log: Path) -> tuple[Path, Path]:

@@ -24,7 +24,7 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.reading import delays, reading
-from lidarcli.pipeline.reading.delays import Delay, DelaySearch, first_delays
+from lidarcli.pipeline.reading.delays import TRACKS, Delay, DelaySearch, first_delays
 from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
 from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.simulate.generate import simulate_blocks
@@ -189,7 +189,7 @@ def test_batches_and_processors_make_no_difference(late: Path, tmp_path: Path) -
 
 
 def test_poses_past_the_end_of_those_of_the_log_are_unknown(late: Path) -> None:
-    with open_log(str(late)) as log, Reading(log, ReadOptions(), PoseOptions(), find_delay=True) as sweeps:
+    with open_log(str(late)) as log, Reading(log, ReadOptions(), PoseOptions(), TRACKS) as sweeps:
         (batch,) = sweeps.batches(None)
     poses, true = batch.poses, batch.true_poses
     assert poses is not None

@@ -53,7 +53,7 @@ def compare(found: Occupancy, true: Occupancy) -> Comparison:
             f"cells of {found.resolution:g} m cannot be compared with cells of {true.resolution:g} m"
         )
     mine, theirs = _cells(found, true), _cells(true, true)
-    precise, _ = _nearest(mine, theirs, TOLERANCE)
+    precise, _ = _nearest(mine, theirs, 2 * TOLERANCE)
     there, away = _nearest(theirs, mine, FARTHEST)
     precision = float(np.mean(precise)) if len(mine) else float("nan")
     recall = float(np.mean(there)) if len(theirs) else float("nan")

@@ -152,9 +152,12 @@ class Counts:
         hits, passes = self.hits[rows, columns], self.passes[rows, columns]
         cells = np.full((hits.shape[0] + 2 * MARGIN, hits.shape[1] + 2 * MARGIN), UNKNOWN, np.int8)
         inner: Int8 = cells[MARGIN:-MARGIN, MARGIN:-MARGIN]
-        occupied = (hits >= min_hits) & (hits > ratio * (hits.astype(np.int64) + passes))
-        inner[passes > 0] = FREE
-        inner[occupied] = OCCUPIED
+        # A large map need not be in memory several times.
+        for begin in range(0, len(inner), BLOCK):
+            part = slice(begin, begin + BLOCK)
+            hit, passed = hits[part], passes[part]
+            inner[part][passed > 0] = FREE
+            inner[part][(hit >= min_hits) & (hit > ratio * (hit.astype(np.int64) + passed))] = OCCUPIED
         return Occupancy(
             self.resolution,
             # Without the digits that only binary numbers have: 0.15, not 0.15000000000000002.

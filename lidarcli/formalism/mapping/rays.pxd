@@ -16,7 +16,10 @@ cpdef place(ranges, use, beams, angle_min, angle_increment, poses, way, end)
 cpdef trace(
     end, use, beams, poses, way, hits, passes, stamps, int stamp, double resolution, Py_ssize_t column, Py_ssize_t row
 )
-@cython.locals(steps=Py_ssize_t, step=Py_ssize_t, line=Py_ssize_t, along=Py_ssize_t, cell=Py_ssize_t)
+@cython.locals(
+    column=Py_ssize_t, line=Py_ssize_t, step=Py_ssize_t, steps=Py_ssize_t, _=Py_ssize_t, slope=double
+)
 cdef void _pass(
-    int* passed, int* seen, int stamp, Py_ssize_t across, double x, double y, double dx, double dy
+    int* passed, int* seen, int stamp, Py_ssize_t across, double x, double y, double to_x, double to_y
 ) noexcept nogil
+cdef void _count(int* passed, int* seen, int stamp, Py_ssize_t cell) noexcept nogil

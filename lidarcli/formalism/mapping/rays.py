@@ -99,21 +99,37 @@ def trace(
             share = k / (1.0 * last)
             x = (pose[4 * sweep] + share * going[3 * sweep]) * cells - column
             y = (pose[4 * sweep + 1] + share * going[3 * sweep + 1]) * cells - row
-            dx = ends[at] * cells - column - x
-            dy = ends[sweeps * width + at] * cells - row - y
-            _pass(passed, seen, stamp + sweep, across, x, y, dx, dy)
+            to_x, to_y = ends[at] * cells - column, ends[sweeps * width + at] * cells - row
+            _pass(passed, seen, stamp + sweep, across, x, y, to_x, to_y)
     native.resume(lock)
 
 
-def _pass(passed: Any, seen: Any, stamp: int, across: int, x: float, y: float, dx: float, dy: float) -> None:
-    """Count the cells along a straight way, one for each cell along its longer axis, but for those that count already."""
-    far = max(abs(dx), abs(dy))
-    steps = int(far)
-    if far > 0.0:
-        dx, dy = dx / far, dy / far
-    for step in range(steps + 1):
-        line, along = int(y + step * dy), int(x + step * dx)
-        cell = line * across + along
-        if seen[cell] != stamp:
-            seen[cell] = stamp
-            passed[cell] += 1
+def _pass(
+    passed: Any, seen: Any, stamp: int, across: int, x: float, y: float, to_x: float, to_y: float
+) -> None:
+    """Count the cells along a straight way but for the last: one in each column, or row, of its longer axis."""
+    dx, dy = to_x - x, to_y - y
+    column, line = int(x), int(y)
+    if abs(dx) >= abs(dy):
+        slope, steps = dy / dx if dx != 0.0 else 0.0, int(to_x)
+        steps -= column
+        step = 1 if steps > 0 else -1
+        for _ in range(max(step * steps, 1)):
+            line = int(y + (column + 0.5 - x) * slope)
+            _count(passed, seen, stamp, line * across + column)
+            column += step
+    else:
+        slope, steps = dx / dy, int(to_y)
+        steps -= line
+        step = 1 if steps > 0 else -1
+        for _ in range(max(step * steps, 1)):
+            column = int(x + (line + 0.5 - y) * slope)
+            _count(passed, seen, stamp, line * across + column)
+            line += step
+
+
+def _count(passed: Any, seen: Any, stamp: int, cell: int) -> None:
+    """Count a cell that was passed, unless it counts already."""
+    if seen[cell] != stamp:
+        seen[cell] = stamp
+        passed[cell] += 1

@@ -21,6 +21,8 @@ MAX_DELAYS = 4
 MOST_SWEEPS = 10_000
 """Sweeps that are read for it before those that are followed: a sensor that has hardly moved by then is left alone."""
 SECOND = 1e-9
+TRACKS, MAP = "tracks", "the map"
+"""What a delay that fits better may be used for unasked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +41,10 @@ class Delay:
             f"(--pose-delay {self.seconds:.2f})"
         )
 
-    def note_of_use(self, topic: str) -> str:
-        """What a user should know for whose tracks it is used."""
-        return f"{self._fits(topic)}: used for tracks (--pose-delay {self.seconds:.2f} also for the world columns)"
+    def note_of_use(self, topic: str, purpose: str) -> str:
+        """What a user should know who gets it unasked, for a purpose as `tracks`."""
+        also = " also for the world columns" if purpose == TRACKS else "; 0 takes them as they are"
+        return f"{self._fits(topic)}: used for {purpose} (--pose-delay {self.seconds:.2f}{also})"
 
     def _fits(self, topic: str) -> str:
         side = "after" if self.seconds > 0 else "before"

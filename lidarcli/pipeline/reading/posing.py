@@ -12,7 +12,7 @@ import numpy as np
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
 from lidarcli.logs.choice import TopicChoice
-from lidarcli.pipeline.reading.delays import SECOND, Delay, later
+from lidarcli.pipeline.reading.delays import SECOND, TRACKS, Delay, later
 from lidarcli.sweeps import Int64, RangeRules, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
@@ -280,7 +280,9 @@ class Posing:
     deskew: bool = True
     """Whether batches also tell how far the sensor goes during a sweep."""
     delays: Mapping[tuple[str, str], Delay] = field(default_factory=dict)
-    """Topic and frame → the delay by which things are followed, where it is another one."""
+    """Topic and frame → the delay that fits better, where it is another one …"""
+    purpose: str = TRACKS
+    """… and what for it is used unasked."""
     seen: dict[str, _Seen] = field(default_factory=dict)
 
     @classmethod
@@ -360,7 +362,7 @@ class Posing:
         lines: list[str] = []
         for frame in sorted(self.seen):
             lines += self._frame_notes(frame, self.found.sources)
-        lines += [delay.note_of_use(topic) for (topic, _), delay in sorted(self.delays.items())]
+        lines += [delay.note_of_use(topic, self.purpose) for (topic, _), delay in sorted(self.delays.items())]
         return [*dict.fromkeys(lines), *self.found.notes]
 
     def described(self) -> dict[str, dict[str, Any]]:
@@ -375,9 +377,9 @@ class Posing:
         }
 
     def _delays_of(self, frame: str) -> dict[str, dict[str, float]]:
-        """The delays by which things are followed in a frame, for the tables' metadata."""
+        """The delays that are used unasked in a frame, for the tables' metadata."""
         mine = {topic: best.seconds for (topic, name), best in sorted(self.delays.items()) if name == frame}
-        return {"track_delay": mine} if mine else {}
+        return {"track_delay" if self.purpose == TRACKS else "map_delay": mine} if mine else {}
 
     def _frame_notes(self, frame: str, sources: PoseSources | Told) -> list[str]:
         way, seen, others = sources.way(frame), self.seen[frame], sources.alternatives(frame)

@@ -59,12 +59,12 @@ def describe_source(source: Source, log: Log) -> dict[str, Any]:
 class Reading:
     """The sweeps of one log with their poses, counted: opens topics, remembers damage, judges what is missing.
 
-    Poses without a `delay` are those at the header stamps; with `find_delay` batches then also have `true_poses` where
-    others fit better.
+    Poses without a `delay` are those at the header stamps; where it is said what for (`delays.TRACKS`), batches then also
+    have `true_poses` if others fit better.
     A file is read ahead by a thread of its own, which has gone when this context is left; until then the log is its alone.
     """
 
-    def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, find_delay: bool = False) -> None:
+    def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, purpose: str = "") -> None:
         self._log = log
         self._report = ReadReport()
         self.summary = RunSummary()
@@ -86,8 +86,9 @@ class Reading:
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
         self._posing = Posing.of(log, poses, options.topics, options.rules)
-        find_delay = find_delay and poses.delay is None and poses.source != MATCH
-        if find_delay and self._posing.found is not None:
+        wanted = purpose and poses.delay is None and poses.source != MATCH
+        if wanted and self._posing.found is not None:
+            self._posing.purpose = purpose
             self._posing.delays = first_delays(
                 log, self._posing.found.sources, choice, options.rules, poses.deskew
             )

@@ -20,12 +20,20 @@ Pose = tuple[float, float, float, float]
 """x, y [m], yaw [rad] and side of the sensor."""
 
 
-def look_at(batch: SweepBatch, pose: Pose = (0.0, 0.0, 0.0, 1.0), row: int = 0) -> tuple[Views, Scans]:
-    """The objects of a sweep whose sensor is there."""
+def look_at(
+    batch: SweepBatch,
+    pose: Pose = (0.0, 0.0, 0.0, 1.0),
+    row: int = 0,
+    way: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> tuple[Views, Scans]:
+    """The objects of a sweep whose sensor is there at its first beam, and goes so far until its last."""
     found = detect(batch, Parameters())
-    seen = Seen(found, np.tile(pose, (len(batch), 1)), np.arange(len(batch)) / 10)
+    poses, ways = np.tile(pose, (len(batch), 1)), np.tile(way, (len(batch), 1))
+    seen = Seen(found, poses, np.arange(len(batch)) / 10, ways, found.shares(batch))
     views = Views(max(seen.most, 1), max(batch.width, 1))
-    views.x, views.y = pose[0], pose[1]
+    views.start_x, views.start_y, views.start_yaw = views.x, views.y, _ = pose[:3]
+    views.way_x, views.way_y, views.way_yaw = way
+    views.goes = any(way)
     views.cos, views.sin = math.cos(pose[2]), math.sin(pose[2])
     laid_out = scans(batch)
     looks.look(views, seen, laid_out, row)

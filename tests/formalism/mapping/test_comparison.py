@@ -1,0 +1,150 @@
+"""How right a map is: in closed form, and against every pair of cells."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lidarcli.formalism.mapping.comparison import FARTHEST, TOLERANCE, Comparison, UnlikeError, compare
+from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+
+CELL = 0.05
+
+
+def grid(cells: object, column: int = 0, row: int = 0, resolution: float = CELL) -> Occupancy:
+    """A map whose cell (0, 0) is so many cells from the origin of the world."""
+    return Occupancy(resolution, column * resolution, row * resolution, np.array(cells, np.int8))
+
+
+def marked(*cells: tuple[int, int], size: int = 60) -> Occupancy:
+    """A map of free cells, but for these (column, row)."""
+    values = np.full((size, size), FREE, np.int8)
+    for column, row in cells:
+        values[row, column] = OCCUPIED
+    return grid(values)
+
+
+def room(seed: int, share: float, size: int = 30) -> NDArray[np.int8]:
+    random = np.random.default_rng(seed)
+    kinds = np.array([OCCUPIED, FREE, UNKNOWN], np.int8)
+    return random.choice(kinds, (size, size), p=[share, 0.7 - share, 0.3])
+
+
+def by_pairs(found: Occupancy, true: Occupancy) -> Comparison:
+    """Every cell of one map beside every cell of the other."""
+    places = []
+    for each in (found, true):
+        row, column = np.nonzero(each.cells == OCCUPIED)
+        cells = zip(column.tolist(), row.tolist(), strict=True)
+        places.append([(x + round(each.x / CELL), y + round(each.y / CELL)) for x, y in cells])
+    mine, theirs = places
+
+    def right(cell: tuple[int, int], others: list[tuple[int, int]]) -> bool:
+        return any(max(abs(cell[0] - x), abs(cell[1] - y)) <= TOLERANCE for x, y in others)
+
+    precision = sum(right(cell, theirs) for cell in mine) / len(mine)
+    recall = sum(right(cell, mine) for cell in theirs) / len(theirs)
+    away = [min(min(math.dist(cell, other) for other in mine), FARTHEST) for cell in theirs]
+    return Comparison(
+        len(mine),
+        len(theirs),
+        precision,
+        recall,
+        2 / (1 / precision + 1 / recall) if precision and recall else 0.0,
+        CELL * sum(away) / len(away),
+    )
+
+
+def assert_alike(one: Comparison, other: Comparison) -> None:
+    assert (one.cells, one.true_cells) == (other.cells, other.true_cells)
+    for name in ("precision", "recall", "f1", "mean_distance"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), nan_ok=True), name
+
+
+def test_a_map_is_as_it_is() -> None:
+    one = grid(room(0, 0.2), -7, 5)
+    count = one.occupied
+    assert compare(one, one) == Comparison(count, count, 1.0, 1.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "is_right"),
+    [(1, 0, True), (-1, 0, True), (0, 1, True), (1, -1, True), (2, 0, False), (0, -2, False), (2, 1, False)],
+)
+def test_a_cell_beside_is_right_and_the_next_one_is_not(column: int, row: int, is_right: bool) -> None:
+    # Cells of a wall would have neighbours: these are far apart.
+    values = np.full((50, 50), FREE, np.int8)
+    values[5::10, 5::10] = OCCUPIED
+    told = compare(grid(values, column, row), grid(values))
+    share = float(is_right)
+    assert_alike(told, Comparison(25, 25, share, share, share, CELL * math.hypot(column, row)))
+
+
+def test_precision_and_recall_are_of_the_one_and_the_other() -> None:
+    true = marked((10, 10), (20, 20), (30, 30), (40, 40))
+    found = marked((10, 11), (21, 19), (50, 5))
+    told = compare(found, true)
+    assert (told.cells, told.true_cells) == (3, 4)
+    assert told.precision == pytest.approx(2 / 3)
+    assert told.recall == 0.5
+    assert told.f1 == pytest.approx(2 * (2 / 3) * 0.5 / (2 / 3 + 0.5))
+    away = [1.0, math.sqrt(2.0), math.hypot(9, 11), math.hypot(19, 21)]
+    assert told.mean_distance == pytest.approx(CELL * sum(away) / 4)
+
+
+@pytest.mark.parametrize("share", [0.002, 0.02, 0.3])
+@pytest.mark.parametrize("seed", range(4))
+def test_it_agrees_with_every_pair(seed: int, share: float) -> None:
+    random = np.random.default_rng(seed)
+    column, row = random.integers(-25, 25, 2).tolist()
+    values, true = room(seed, share), room(seed + 100, share)
+    values[3, 4] = true[11, 17] = OCCUPIED
+    one, other = grid(values, column, row), grid(true, -3, 8)
+    assert_alike(compare(one, other), by_pairs(one, other))
+
+
+def test_what_is_too_far_counts_as_the_farthest() -> None:
+    for apart in (FARTHEST - 1, FARTHEST, FARTHEST + 1, 5000):
+        told = compare(grid([[OCCUPIED]], apart), grid([[OCCUPIED]]))
+        assert told.mean_distance == pytest.approx(CELL * min(apart, FARTHEST))
+        assert (told.precision, told.recall, told.f1) == (0.0, 0.0, 0.0)
+
+
+def test_the_same_ground_in_maps_of_other_size_and_origin() -> None:
+    true = grid(room(3, 0.1), -12, 40)
+    larger = np.full((90, 70), UNKNOWN, np.int8)
+    larger[20:50, 30:60] = true.cells
+    told = compare(grid(larger, -12 - 30, 40 - 20), true)
+    assert (told.precision, told.recall, told.mean_distance) == (1.0, 1.0, 0.0)
+    assert told.cells == told.true_cells == true.occupied
+
+
+def test_origins_between_the_cells_are_those_of_the_nearest() -> None:
+    values = room(4, 0.1)
+    one = Occupancy(CELL, 0.3 * CELL, -0.4 * CELL, values)
+    assert compare(one, grid(values)).mean_distance == 0.0
+    half = Occupancy(CELL, 0.7 * CELL, 0.0, np.array([[OCCUPIED]], np.int8))
+    assert compare(half, grid([[OCCUPIED]])).mean_distance == pytest.approx(CELL)
+
+
+@pytest.mark.parametrize("resolution", [0.1, 0.0501, 0.0499])
+def test_cells_of_another_size_are_not_compared(resolution: float) -> None:
+    with pytest.raises(
+        UnlikeError, match=rf"^cells of {resolution:g} m cannot be compared with cells of 0.05 m$"
+    ):
+        compare(grid([[OCCUPIED]], resolution=resolution), grid([[OCCUPIED]]))
+    # As a float32 tells it, it is the same.
+    same = compare(grid([[OCCUPIED]], resolution=float(np.float32(CELL))), grid([[OCCUPIED]]))
+    assert same.f1 == 1.0
+
+
+def test_empty_maps() -> None:
+    nan = float("nan")
+    nothing = (grid(np.zeros((0, 0))), grid([[FREE, UNKNOWN]]))
+    for none in nothing:
+        assert_alike(compare(none, marked((3, 3))), Comparison(0, 1, nan, 0.0, nan, CELL * FARTHEST))
+        assert_alike(compare(marked((3, 3)), none), Comparison(1, 0, 0.0, nan, nan, nan))
+        assert_alike(compare(none, none), Comparison(0, 0, nan, nan, nan, nan))

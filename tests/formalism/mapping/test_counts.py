@@ -1,0 +1,320 @@
+"""Counts add up in any order and any cut, take no more memory than the ground that was seen, and make the grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from lidarcli.formalism.mapping.counts import BLOCK, CELL_BYTES, Beams, Counts, TooLargeError, placed
+from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.sweeps import Float64
+from tests.formalism.mapping.seen import (
+    MOST,
+    RESOLUTION,
+    assert_same_map,
+    beams_of,
+    chosen,
+    counted,
+    cut,
+    poses_at,
+    random_sweeps,
+    told,
+)
+
+
+def random_beams(seed: int, sweeps: int = 30) -> Beams:
+    return placed(*random_sweeps(seed, sweeps))
+
+
+def grid_of(counts: Counts) -> Occupancy:
+    return counts.occupancy(1, 0.3, "odom")
+
+
+def of_cells(hits: Sequence[Sequence[int]], passes: Sequence[Sequence[int]], column: int, row: int) -> Counts:
+    """Counts as they are after sweeps that hit and pass these cells so often."""
+    values = [np.array(each, np.int32) for each in (hits, passes)]
+    return Counts(0.5, MOST, 9, column, row, *values, np.zeros_like(values[0]))
+
+
+def line_of(x: float, y: float, reach: float = 1.0) -> Beams:
+    """One beam straight ahead from there."""
+    return beams_of([[reach]], poses_at((x, y, 0.0)), angle_min=0.0)
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_cut_into_batches_makes_no_difference(seed: int, size: int) -> None:
+    beams = random_beams(seed)
+    whole, parts = counted(beams), counted(beams, size)
+    assert told(parts) == told(whole)
+    assert parts.sweeps == whole.sweeps == 30
+    assert_same_map(grid_of(parts), grid_of(whole))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_order_makes_no_difference(seed: int) -> None:
+    beams = random_beams(seed)
+    order = np.random.default_rng(seed).permutation(len(beams))
+    whole, other = counted(beams, 4), counted(chosen(beams, order), 3)
+    assert told(other) == told(whole)
+    assert_same_map(grid_of(other), grid_of(whole))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_merging_is_counting_all(seed: int) -> None:
+    beams = random_beams(seed)
+    first, second = counted(chosen(beams, np.arange(11))), counted(chosen(beams, np.arange(11, 30)), 5)
+    for one, other in ((first, second), (second, first)):
+        merged = counted(chosen(beams, np.arange(0)))
+        merged.merge(one)
+        merged.merge(other)
+        assert merged.sweeps == 30
+        assert told(merged) == told(counted(beams))
+        assert_same_map(grid_of(merged), grid_of(counted(beams)))
+    # What was merged counts on: a sweep after it is a new one in every cell.
+    first.merge(second)
+    first.add(beams)
+    twice = counted(beams)
+    twice.add(beams)
+    assert told(first) == told(twice)
+
+
+def test_merging_what_lies_far_apart() -> None:
+    far, near = line_of(-40.02, -70.02), line_of(30.02, 20.02)
+    one, other = counted(far), counted(near)
+    alone = told(one)
+    one.merge(other)
+    assert one.sweeps == 2
+    hits, passes = told(one)
+    assert hits == alone[0] + told(other)[0] == {(-781, -1401): 1, (620, 400): 1}
+    assert passes == alone[1] + told(other)[1]
+    assert (one.column, one.row) == (-1024, -1536)
+    assert (one.column % BLOCK, one.row % BLOCK) == (0, 0)
+    # The other one is as it was.
+    assert told(other) == told(counted(near))
+    assert other.sweeps == 1
+
+
+def test_merging_nothing() -> None:
+    one = counted(line_of(1.02, 1.02))
+    before = told(one)
+    one.merge(Counts(RESOLUTION, MOST))
+    assert (told(one), one.sweeps) == (before, 1)
+    none = Counts(RESOLUTION, MOST)
+    none.merge(Counts(RESOLUTION, MOST))
+    assert (none.hits.shape, none.sweeps) == ((0, 0), 0)
+
+
+def test_growing_keeps_what_was_counted() -> None:
+    counts = Counts(RESOLUTION, MOST)
+    expected: list[Beams] = []
+    for x, y in ((0.02, 0.02), (-30.02, 5.02), (12.02, -44.02), (60.02, 60.02), (0.02, 0.02)):
+        expected.append(line_of(x, y))
+        counts.add(expected[-1])
+        assert sum(told(counts)[0].values()) == len(expected)
+    hits, passes = told(counts)
+    assert hits == {(20, 0): 2, (-581, 100): 1, (260, -881): 1, (1220, 1200): 1}
+    assert set(passes.values()) == {1, 2}
+    assert sum(passes.values()) == 5 * 20
+    assert counts.hits.shape == counts.passes.shape
+
+
+def test_memory_is_that_of_the_ground_that_was_seen() -> None:
+    # Far from the origin of the world it takes no more than beside it.
+    for x, y in ((0.02, 0.02), (-5000.02, 7000.02), (9000.02, -80.02)):
+        counts = counted(line_of(x, y))
+        height, width = counts.hits.shape
+        assert height % BLOCK == width % BLOCK == 0
+        assert max(height, width) <= 2 * BLOCK
+        stored = counts.hits.nbytes + counts.passes.nbytes + counts._stamps.nbytes
+        assert stored == CELL_BYTES * height * width
+    # What was seen again takes nothing.
+    shape = counts.hits.shape
+    for _ in range(20):
+        counts.add(line_of(9000.02, -80.02))
+    assert counts.hits.shape == shape
+
+
+def test_no_more_ground_than_allowed() -> None:
+    counts = Counts(RESOLUTION, 400 * 400)
+    counts.add(line_of(0.02, 0.02))
+    before = told(counts)
+    for far in (
+        line_of(50.02, 30.02),
+        line_of(-5000.02, 0.02),
+        beams_of([[5000.0]], poses_at((0.0, 0.0, 0.7))),
+    ):
+        with pytest.raises(TooLargeError, match=r"^[\d,]+ x [\d,]+ m$"):
+            counts.add(far)
+        with pytest.raises(TooLargeError):
+            counts.merge(counted(line_of(50.02, 30.02)))
+        assert told(counts) == before
+        assert counts.sweeps == 1
+    # It goes on as if nothing had been.
+    counts.add(line_of(0.02, 0.02))
+    hits, passes = told(counts)
+    assert (hits, passes) == tuple(each + each for each in before)
+
+
+def test_the_extent_is_told_in_metres() -> None:
+    counts = Counts(0.5, 1000)
+    with pytest.raises(TooLargeError) as error:
+        counts.add(beams_of([[2000.0]], poses_at((0.25, 0.25, 0.0)), angle_min=0.0))
+    width, height = (float(text.replace(",", "")) for text in str(error.value)[:-2].split(" x "))
+    assert 2000 <= width <= 2002
+    assert height <= 2
+    assert (counts.sweeps, counts.hits.shape) == (0, (0, 0))
+
+
+@pytest.mark.parametrize("size", [1, 2])
+def test_whether_the_ground_is_too_large_does_not_depend_on_the_cut(size: int) -> None:
+    # 360 x 20 cells, seen in two pieces, are no more than 400 x 100.
+    pieces = beams_of([[7.0], [10.0]], poses_at((7.02, 0.02, 0.0), (6.02, 0.5, np.pi)), angle_min=0.0)
+    counts = Counts(RESOLUTION, 400 * 100)
+    for part in cut(pieces, size):
+        counts.add(part)
+    assert counts.sweeps == 2
+    assert sum(told(counts)[0].values()) == 2
+
+
+def test_a_point_on_the_edge_of_a_cell_is_in_the_same_one_whatever_came_before() -> None:
+    # 0.7 - 0.5 is a little less than 0.2: 3.999999999999999 cells of 5 cm, but 260 with 256 more.
+    edge = beams_of([[0.5]], poses_at((0.7, 0.02, np.pi)), angle_min=0.0)
+    assert edge.end[0, 0, 0] == 0.7 - 0.5 < 0.2
+    far = line_of(-3.02, 5.02)
+    alone = told(counted(edge)), told(counted(far))
+    for order in ((edge, far), (far, edge)):
+        counts = Counts(RESOLUTION, MOST)
+        for beams in order:
+            counts.add(beams)
+        hits, passes = told(counts)
+        assert hits == alone[0][0] + alone[1][0]
+        assert passes == alone[0][1] + alone[1][1]
+
+
+def test_what_is_occupied_free_and_unknown() -> None:
+    counts = of_cells(
+        [[0, 1, 2, 3, 3, 3], [0, 0, 5, 0, 1, 0]], [[0, 0, 0, 3, 2, 1], [0, 1, 5, 0, 0, 9]], -4, 6
+    )
+    grid = counts.occupancy(2, 0.5, "odom")
+    # Hit once is too seldom; by exactly half of those that saw it is not by more than half.
+    expected = [
+        [UNKNOWN, UNKNOWN, OCCUPIED, FREE, OCCUPIED, OCCUPIED],
+        [UNKNOWN, FREE, FREE, UNKNOWN, UNKNOWN, FREE],
+    ]
+    inner = grid.cells[1:-1, 1:-1]
+    # The first column is not known at all: the map begins after it.
+    assert inner.tolist() == [row[1:] for row in expected]
+    assert (grid.x, grid.y) == ((-4 + 1 - 1) * 0.5, (6 - 1) * 0.5)
+    assert (grid.resolution, grid.frame_id) == (0.5, "odom")
+    assert (grid.occupied, grid.free) == (3, 4)
+    assert grid.cells.dtype == np.int8
+
+
+@pytest.mark.parametrize(
+    ("min_hits", "ratio", "occupied"),
+    [
+        (1, 0.0, 5),
+        (2, 0.0, 4),
+        (3, 0.0, 3),
+        (4, 0.0, 1),
+        (1, 0.25, 4),
+        (1, 0.5, 3),
+        (1, 0.74, 3),
+        (1, 1.0, 0),
+    ],
+)
+def test_hits_and_ratio(min_hits: int, ratio: float, occupied: int) -> None:
+    # Shares of hits: 1, 1, 3/4, 1/4 of 12, 1/2.
+    counts = of_cells([[1, 3, 9, 3, 2]], [[0, 0, 3, 9, 2]], 0, 0)
+    expected = [n >= min_hits and n / (n + m) > ratio for n, m in ((1, 0), (3, 0), (9, 3), (3, 9), (2, 2))]
+    assert counts.occupancy(min_hits, ratio, "map").occupied == sum(expected) == occupied
+
+
+def test_a_ring_of_unknown_cells_is_around_all_that_is_known() -> None:
+    for seed in range(3):
+        grid = grid_of(counted(random_beams(seed)))
+        ring = np.ones(grid.cells.shape, bool)
+        ring[1:-1, 1:-1] = False
+        assert (grid.cells[ring] == UNKNOWN).all()
+        known = grid.cells[1:-1, 1:-1] != UNKNOWN
+        assert all(known[edge].any() for edge in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1]))
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.03, 0.1, 1 / 3])
+def test_the_origin_is_a_whole_number_of_cells(resolution: float) -> None:
+    for x, y in ((0.3, 0.15), (-7.7, 1234.5), (-0.001, -0.001)):
+        counts = counted(line_of(x, y), resolution=resolution)
+        grid = grid_of(counts)
+        for value in (grid.x, grid.y):
+            assert value / resolution == pytest.approx(round(value / resolution), abs=1e-6)
+            assert value == round(value, 9)
+        # The beam's own cells are where they belong.
+        row, column = np.nonzero(grid.cells == OCCUPIED)
+        assert (
+            grid.x + column[0] * resolution <= x + 1.0 + 1e-9 <= grid.x + (column[0] + 1) * resolution + 1e-8
+        )
+        assert grid.y + row[0] * resolution <= y + 1e-9 <= grid.y + (row[0] + 1) * resolution + 1e-8
+    assert counted(line_of(0.22, 0.22)).occupancy(1, 0.0, "map").x == 0.15
+
+
+def test_nothing_seen_is_an_empty_map() -> None:
+    for counts in (Counts(RESOLUTION, MOST), counted(beams_of([[np.nan]], poses_at((3.0, 4.0, 0.0))))):
+        grid = grid_of(counts)
+        assert grid.cells.shape == (0, 0)
+        assert (grid.x, grid.y, grid.occupied, grid.free) == (0.0, 0.0, 0, 0)
+        assert grid.frame_id == "odom"
+
+
+def test_a_way_out_of_the_bounds_of_its_ends_has_room() -> None:
+    # The sensor goes farther than any beam looks.
+    for way in ((30.0, -20.0), (-30.0, 20.0)):
+        beams = beams_of(np.full((1, 9), 0.2), poses_at((0.02, 0.02, 0.0, *way, 1.0)))
+        hits, passes = told(counted(beams))
+        assert sum(hits.values()) == 9
+        assert sum(passes.values()) >= 9
+
+
+def test_ranges_may_be_others_than_those_of_the_sweeps() -> None:
+    batch, poses, use = random_sweeps(2, 4)
+    shorter = (0.5 * batch.ranges).astype(np.float32)
+    one = placed(batch, poses, use, shorter)
+    other = placed(replace(batch, ranges=shorter), poses, use)
+    assert one.end.tobytes() == other.end.tobytes()
+    # Neither order of memory nor kind of numbers matters.
+    third = placed(
+        batch, poses, np.asfortranarray(use.astype(np.int64)), np.asfortranarray(shorter, np.float64)
+    )
+    assert third.end.tobytes() == one.end.tobytes()
+
+
+def test_a_room_of_four_walls() -> None:
+    # 3 by 2 m, seen from three places: its walls are occupied, its inside is free, the outside unknown.
+    poses = poses_at((0.513, 0.487, 0.0), (2.411, 1.533, 1.0), (1.207, 0.911, 2.5))
+    bearing = np.linspace(-np.pi, np.pi, 721)[:-1]
+    ranges = np.array(
+        [_to_walls(x, y, yaw + bearing) for x, y, yaw in zip(poses.x, poses.y, poses.yaw, strict=True)]
+    )
+    beams = beams_of(ranges, poses, angle_min=-np.pi, angle_increment=2 * np.pi / 720)
+    grid = counted(beams).occupancy(1, 0.3, "map")
+    row, column = np.indices(grid.cells.shape)
+    x, y = grid.x + (column + 0.5) * RESOLUTION, grid.y + (row + 0.5) * RESOLUTION
+    outside = np.maximum(np.maximum(-x, x - 3.0), np.maximum(-y, y - 2.0))
+    assert (grid.cells[outside < -RESOLUTION] == FREE).all()
+    assert (grid.cells[outside > RESOLUTION] == UNKNOWN).all()
+    wall = grid.cells == OCCUPIED
+    assert np.abs(outside[wall]).max() < RESOLUTION
+    assert wall.sum() > 0.9 * 2 * (3.0 + 2.0) / RESOLUTION
+
+
+def _to_walls(x: float, y: float, bearing: Float64) -> NDArray[np.float64]:
+    """(B,) how far it is to the walls of the room of 3 x 2 m."""
+    cos, sin = np.cos(bearing), np.sin(bearing)
+    with np.errstate(divide="ignore"):
+        along = np.where(cos > 0, 3.0 - x, x) / np.abs(cos)
+        across = np.where(sin > 0, 2.0 - y, y) / np.abs(sin)
+    return np.minimum(along, across)

@@ -1,0 +1,130 @@
+"""Which sweeps say something new: against one sweep after the other, and whatever the cut into batches."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism.mapping.motion import MIN_TURN, PAUSE_NS, MotionFilter
+from lidarcli.sweeps import Int64, SweepPoses
+
+SECOND = 1_000_000_000
+
+
+def poses_of(x: object, y: object = 0.0, yaw: object = 0.0) -> SweepPoses:
+    told = np.broadcast_arrays(*(np.atleast_1d(np.asarray(each, float)) for each in (x, y, yaw)))
+    return SweepPoses(*(each.copy() for each in told), np.zeros(len(told[0]), bool))
+
+
+def every(count: int, seconds: float = 0.1) -> Int64:
+    """Stamps of so many sweeps."""
+    return 1_700_000_000 * SECOND + np.arange(count) * np.int64(seconds * SECOND)
+
+
+def wander(seed: int, count: int = 400) -> tuple[SweepPoses, Int64]:
+    """A robot that goes, turns, waits, and does not always know where it is."""
+    random = np.random.default_rng(seed)
+    goes = np.repeat(random.random(count // 10) < 0.6, 10)
+    step = random.normal(0.0, 0.04, (count, 3)) * goes[:, None] * (1.0, 1.0, 2.0)
+    x, y, yaw = 5.0 + np.cumsum(step, axis=0).T
+    for values in (x, y, yaw):
+        values[random.random(count) < 0.02] = np.nan
+    # Some drivers tell angles from -π on, others count turns.
+    yaw = np.where(random.random(count) < 0.5, yaw, yaw - 2 * np.pi)
+    gaps = np.where(random.random(count) < 0.01, 6.0, random.uniform(0.05, 0.15, count))
+    stamps = 1_700_000_000 * SECOND + np.cumsum(np.rint(gaps * SECOND)).astype(np.int64)
+    return poses_of(x, y, yaw), stamps
+
+
+def one_by_one(poses: SweepPoses, stamps: Int64, min_move: float) -> tuple[list[int], int]:
+    """The sweeps that count, and how many have no pose."""
+    taken: list[int] = []
+    unplaced = 0
+    for k, (x, y, yaw) in enumerate(zip(poses.x.tolist(), poses.y.tolist(), poses.yaw.tolist(), strict=True)):
+        if any(math.isnan(value) for value in (x, y, yaw)):
+            unplaced += 1
+            continue
+        if min_move and taken:
+            last = taken[-1]
+            far = math.dist((x, y), (poses.x[last], poses.y[last]))
+            turned = math.acos(max(-1.0, min(1.0, math.cos(yaw - poses.yaw[last]))))
+            waited = int(stamps[k]) - int(stamps[last])
+            if far < min_move and math.degrees(turned) < 10.0 and waited < 5 * SECOND:
+                continue
+        taken.append(k)
+    return taken, unplaced
+
+
+@pytest.mark.parametrize("min_move", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("seed", range(5))
+def test_it_agrees_with_one_by_one(seed: int, min_move: float) -> None:
+    poses, stamps = wander(seed)
+    motion = MotionFilter(min_move)
+    taken = motion.take(poses, stamps)
+    assert (taken.tolist(), motion.unplaced) == one_by_one(poses, stamps, min_move)
+    assert 5 < motion.unplaced < 60
+    assert len(taken) == 400 - motion.unplaced if min_move == 0.0 else 20 < len(taken) < 300
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_the_cut_into_batches_makes_no_difference(size: int) -> None:
+    poses, stamps = wander(11)
+    whole, parts = MotionFilter(0.1), MotionFilter(0.1)
+    taken: list[int] = []
+    for first in range(0, len(stamps), size):
+        rows = np.arange(first, min(first + size, len(stamps)))
+        taken += (rows[0] + parts.take(poses.rows(rows), stamps[rows])).tolist()
+    assert taken == whole.take(poses, stamps).tolist()
+    assert parts.unplaced == whole.unplaced
+
+
+def test_without_a_least_way_every_placed_sweep_counts() -> None:
+    motion = MotionFilter(0.0)
+    poses = poses_of([1.0, np.nan, 1.0, 1.0, 1.0], [0.0, 0.0, np.inf, 0.0, 0.0], [0.0, 0.0, 0.0, np.nan, 0.0])
+    assert motion.take(poses, every(5)).tolist() == [0, 4]
+    assert motion.unplaced == 3
+
+
+def test_steps_of_the_way() -> None:
+    motion = MotionFilter(0.25)
+    # 1 m/s: 0.25 m is reached at every third sweep, from the last one that counts.
+    assert motion.take(poses_of(np.arange(12) * 0.125), every(12)).tolist() == [0, 2, 4, 6, 8, 10]
+    # To and fro is not far.
+    again = MotionFilter(0.25)
+    assert again.take(poses_of([0.0, 0.1, 0.0, -0.1, -0.2, -0.24, -0.25]), every(7)).tolist() == [0, 6]
+    diagonal = MotionFilter(0.5)
+    assert diagonal.take(poses_of([0.0, 0.3, 0.3], [0.0, 0.3, 0.4]), every(3)).tolist() == [0, 2]
+
+
+def test_who_waits_counts_every_five_seconds() -> None:
+    assert PAUSE_NS == 5 * SECOND
+    motion = MotionFilter(0.1)
+    taken = motion.take(poses_of(np.zeros(201)), every(201))
+    assert taken.tolist() == [0, 50, 100, 150, 200]
+    # A clock that is set back is a wait like another.
+    back = MotionFilter(0.1)
+    stamps = np.concatenate([every(3) + 60 * SECOND, every(3)])
+    assert back.take(poses_of(np.zeros(6)), stamps).tolist() == [0, 3]
+
+
+def test_who_turns_sees_something_new() -> None:
+    assert pytest.approx(math.radians(10)) == MIN_TURN
+    motion = MotionFilter(1.0)
+    turns = np.radians([0.0, 6.0, 10.1, 15.0, 4.0, 0.0, -0.1, -1.0])
+    assert motion.take(poses_of(np.zeros(8), 0.0, turns), every(8)).tolist() == [0, 2, 5]
+    # Through the seam, and whole turns, are no turns.
+    seam = MotionFilter(1.0)
+    turns = np.radians([179.0, -179.0, 179.0 + 720.0, -172.0, -170.0])
+    assert seam.take(poses_of(np.zeros(5), 0.0, turns), every(5)).tolist() == [0, 4]
+
+
+def test_sweeps_without_a_pose_are_told_of_and_forgotten() -> None:
+    motion = MotionFilter(0.1)
+    assert motion.take(poses_of([np.nan, 0.0, np.nan, 0.05, 0.2]), every(5)).tolist() == [1, 4]
+    assert motion.unplaced == 2
+    assert motion.take(poses_of([np.nan] * 3), every(3)).tolist() == []
+    assert motion.unplaced == 5
+    none = motion.take(poses_of([]), every(0))
+    assert (none.tolist(), none.dtype) == ([], np.int64)
