@@ -3,6 +3,7 @@
 >>> import lidarcli
 >>> objects = lidarcli.detect("run.mcap")  # doctest: +SKIP
 >>> objects, sweeps, tracks = lidarcli.track("run.mcap")  # doctest: +SKIP
+>>> grid = lidarcli.map("run.mcap", "room.yaml")  # doctest: +SKIP
 >>> for batch in lidarcli.read("run.mcap"):  # doctest: +SKIP
 ...     print(batch.topic, batch.ranges.shape)
 """
@@ -23,14 +24,14 @@ if "LIDARCLI_COMPILED" in os.environ:
 
 if TYPE_CHECKING:
     from lidarcli import formalism
-    from lidarcli.pipeline.api import detect, learn, read, track
+    from lidarcli.pipeline.api import detect, learn, map, read, track
 
-__all__ = ["__version__", "detect", "formalism", "learn", "read", "track"]
+__all__ = ["__version__", "detect", "formalism", "learn", "map", "read", "track"]
 
 
 def __getattr__(name: str) -> Any:
     """Import on first use, so that `import lidarcli` and `lidarcli --help` stay light."""
-    if name in ("detect", "learn", "read", "track"):
+    if name in ("detect", "learn", "map", "read", "track"):
         return getattr(import_module("lidarcli.pipeline.api"), name)
     if name == "formalism":
         return import_module("lidarcli.formalism")

@@ -211,7 +211,9 @@ class SweepPoses:
         dx, dy, turn = self.way.T
         side = np.where(self.upside_down, -1.0, 1.0)
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
-        return np.column_stack([cos * dx + sin * dy, side * (cos * dy - sin * dx), side * turn])
+        way = np.column_stack([cos * dx + sin * dy, side * (cos * dy - sin * dx), side * turn])
+        # Where nobody knows where the sensor is, it stands.
+        return np.nan_to_num(way, nan=0.0)
 
     def to_world(
         self,

@@ -14,6 +14,7 @@ WITH_EXAMPLES = (
     "README.md",
     "docs/tutorial.md",
     "docs/poses.md",
+    "docs/map.md",
     "docs/background.md",
     "docs/track.md",
     "docs/catalogue.md",

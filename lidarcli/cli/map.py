@@ -134,7 +134,7 @@ FINEST, COARSEST = 0.001, 10.0
     metavar="TRUTH.yaml",
     type=click.Path(),
     help="Print how right the map is: precision, recall and F1 of its occupied cells (one cell of tolerance), and their "
-    "mean distance.",
+    "mean distance.  [default: none]",
 )
 @option(
     "--format",
@@ -187,7 +187,7 @@ def map(
             for outcome in run.outcomes(report):
                 show_reading(outcome, say)
                 codes.append(outcome.exit_code)
-        mapped = run.finish()
+        mapped = None if run.is_empty else run.finish()
     if mapped is not None:
         _show(mapped, say)
         if mapped.comparison is not None:

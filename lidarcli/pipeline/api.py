@@ -1,4 +1,4 @@
-"""The work of the command line as Python functions: `lidarcli.read`, `learn`, `detect` and `track`."""
+"""The work of the command line as Python functions: `lidarcli.read`, `learn`, `detect`, `track` and `map`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from lidarcli.choices import SIGNIFICANCE, STATION_ANGLE, STATION_DISTANCE
+from lidarcli.choices import (
+    MAP_RESOLUTION,
+    MAX_MAP_KM2,
+    MIN_MOVE,
+    OCCUPIED_RATIO,
+    SIGNIFICANCE,
+    STATION_ANGLE,
+    STATION_DISTANCE,
+)
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.background.model import Background
@@ -39,6 +47,7 @@ from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.sweeps import RangeRules, SweepBatch
 
 if TYPE_CHECKING:
+    from lidarcli.formalism.mapping.occupancy import Occupancy
     from lidarcli.pipeline.objects.following import TrackOptions
 
 AnyPath = str | PathLike[str]
@@ -241,6 +250,85 @@ def track(
     parameters = _parameters("track", parameters, objects, subtracted is not None)
     tables = _tables(source, TrackTables._fields, parameters, subtracted, catalogue, reading, tracking)
     return TrackTables(**tables)
+
+
+def map(
+    source: AnyPath | Iterable[AnyPath],
+    output: AnyPath | Iterable[AnyPath] | None = None,
+    *,
+    resolution: float = MAP_RESOLUTION,
+    min_move: float = MIN_MOVE,
+    min_hits: int | None = None,
+    occupied_ratio: float = OCCUPIED_RATIO,
+    free_no_return: float = 0.0,
+    voxel: float = 0.0,
+    without_agents: bool = False,
+    max_size: float = MAX_MAP_KM2,
+    path: bool = False,
+    topics: str | Collection[str] | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    every: int = 1,
+    rules: RangeRules | None = None,
+    csv: CsvOptions | None = None,
+    pose: str | None = None,
+    poses: AnyPath | None = None,
+    pose_delay: float | None = None,
+    deskew: bool = True,
+) -> Occupancy:
+    """One occupancy grid of one or several logs whose sensors moved.
+
+    Parameters
+    ----------
+    source : as of `read`
+    output : files to write, replaced where they exist, each of the kind that its suffix says; by default none
+    resolution : side of a cell [m]
+    min_move : how far the sensor goes from one sweep that counts to the next [m]; 0: every sweep counts
+    min_hits, occupied_ratio : sweeps that have to hit an occupied cell, and their share of those that hit or passed it
+    free_no_return : beams without a return are free up to here [m]
+    voxel : clouds have one point in each square of this side [m]; 0: all
+    without_agents : leave out what moves
+    max_size : largest ground [km²]
+    path : draw the path of the sensor into a picture
+    topics, start, end, every, rules, csv, pose, poses, deskew : as of `read`
+    pose_delay : as of `read`; by default the delay that fits best
+
+    Returns
+    -------
+    Occupancy
+        `cells` (H, W) int8: -1 unknown, 0 free, 100 occupied; `x`, `y` of the lower left corner and `resolution` [m].
+    """
+    # Who makes no map does not wait for these imports.
+    from lidarcli.pipeline.mapping import MapOptions, MapRun
+
+    outputs = [] if output is None else [output] if isinstance(output, str | PathLike) else [*output]
+    options = MapOptions(
+        read=_read_options(topics, start, end, every, rules),
+        csv=csv or CsvOptions(),
+        poses=_pose_options(pose, poses, pose_delay, deskew),
+        resolution=resolution,
+        min_move=min_move,
+        min_hits=min_hits,
+        occupied_ratio=occupied_ratio,
+        free_no_return=free_no_return,
+        voxel=voxel,
+        without_agents=without_agents,
+        max_size=max_size,
+        path=path,
+        overwrite=True,
+    )
+    sources = _sources(source)
+    failed = Failed(len(sources))
+    with MapRun(sources, [Path(fspath(each)) for each in outputs], options) as run:
+        for log in sources:
+            with failed.noted(log):
+                for line in run.add(log).damage:
+                    warnings.warn(f"{log.path}: {line}", stacklevel=2)
+        failed.conclude()
+        mapped = run.finish()
+    for note in mapped.notes:
+        warnings.warn(note, stacklevel=2)
+    return mapped.grid
 
 
 def _tables(

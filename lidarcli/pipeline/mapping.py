@@ -17,7 +17,7 @@ from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.comparison import Comparison, UnlikeError, compare
 from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
-from lidarcli.formalism.mapping.motion import MotionFilter
+from lidarcli.formalism.mapping.motion_filter import MotionFilter
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
@@ -29,7 +29,7 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.delays import MAP
-from lidarcli.pipeline.reading.posing import MATCH, NONE, PoseOptions
+from lidarcli.pipeline.reading.posing import MATCH, NONE, PoseOptions, of_one_run
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of, progress_of
@@ -417,17 +417,29 @@ class MapRun:
     def outcomes(self, report: LogProgress | None = None) -> Iterator[Outcome]:
         """Take log after log; a bad one does not stop the rest."""
         for source in self._sources:
-            outcome = outcome_of(source, lambda log: self._add(log, progress_of(log, report)))
+            outcome = outcome_of(source, lambda log: self.add(log, progress_of(log, report)))
             if outcome.exit_code == OptionError.exit_code:
                 # It would be another map without this log.
                 raise OptionError(f"{outcome.label}: {outcome.error}")
             yield outcome
 
-    def finish(self) -> Mapped | None:
-        """Write the map of all logs that could be read; None where none could."""
+    def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
+        """Take one log; errors as of `Mapping.add`."""
+        try:
+            return self._mapping.add(source, self._clouds, progress)
+        except OSError as err:
+            if self._open and err.filename is None:
+                raise unwritable(self._open[0][0], err) from err
+            raise
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no log could be read."""
+        return not self._mapping.described
+
+    def finish(self) -> Mapped:
+        """Write the map of all logs that could be read."""
         mapping = self._mapping
-        if not mapping.described:
-            return None
         grid = mapping.occupancy()
         notes = self._notes(grid)
         comparison = None
@@ -479,14 +491,6 @@ class MapRun:
         self._clouds.append(cloud)
         self._open.append((path, file))
 
-    def _add(self, source: Source, progress: Progress | None) -> RunSummary:
-        try:
-            return self._mapping.add(source, self._clouds, progress)
-        except OSError as err:
-            if self._open and err.filename is None:
-                raise unwritable(self._open[0][0], err) from err
-            raise
-
     def _write(self, path: Path, grid: Occupancy) -> None:
         """Write what is made of the grid."""
         suffix, part = path.suffix.lower(), self._new[path.parent].part(path)
@@ -514,7 +518,7 @@ class MapRun:
             notes.append(
                 f"the logs have several world frames ({', '.join(mapping.worlds)}), laid onto each other as they are"
             )
-        elif len(mapping.described) > 1 and any("odom" in world for world in mapping.worlds):
+        elif len(mapping.described) > 1 and any(map(of_one_run, mapping.worlds)):
             notes.append(
                 f"{len(mapping.described)} logs are laid onto each other in the frame {next(iter(mapping.worlds))}: "
                 "odometry begins anew in each, so give poses of a common map (--pose TOPIC, --poses FILE.tum)"

@@ -19,6 +19,7 @@ from lidarcli.formalism.constellation import align
 from lidarcli.formalism.matching import HERE, Matched, Motion, Standing, Things
 from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.tracks import TracksTable, find_tracks, read_tracks
+from lidarcli.pipeline.reading.posing import of_one_run
 from lidarcli.sweeps import Int32, Int64
 from lidarcli.tables.arrays import codes, floats, plain
 from lidarcli.tables.metadata import table_metadata
@@ -26,8 +27,6 @@ from lidarcli.tables.schemas import MATCHES
 from lidarcli.tables.stream import FORMATS, CountingOutput
 
 POSITION, CONSTELLATION, AUTO = MATCH_BY
-RELATIVE = "odom"
-"""A world of this name begins where its run begins: places in it are not those of another run."""
 MOST_THINGS = 2000
 """Standing things of a run: each is weighed against all that are known."""
 MOVED = 0.3
@@ -178,7 +177,7 @@ _MEASURED = ("x", "y", "length", "width", "length_sd", "width_sd")
 
 def _way(worlds: Sequence[str]) -> str:
     """By position where all places are in one world that outlives a run."""
-    common = len(worlds) == 1 and worlds[0] and RELATIVE not in worlds[0]
+    common = len(worlds) == 1 and worlds[0] and not of_one_run(worlds[0])
     return POSITION if common else CONSTELLATION
 
 

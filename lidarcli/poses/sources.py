@@ -103,7 +103,7 @@ class Told:
         """The path of a sensor frame."""
         frame = frame_name(frame_id)
         for track in self.tracks:
-            if track.child in ("", frame):
+            if frame_name(track.child) in ("", frame):
                 return Way((track.topic,), frame, track.parent, (Step(track, down=False),))
         return None
 

@@ -135,7 +135,8 @@ def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
         float(value) for value in (flat_x.min(), flat_x.max(), flat_y.min(), flat_y.max())
     )
     air = max(AIR * max(right - left, high - low), 0.5)
-    return left - air, right + air, low - air, high + air
+    # The bar of the scale has its place below.
+    return left - air, right + air, low - 2.0 * air, high + air
 
 
 def _ground(axes: Axes, grid: Occupancy | None) -> None:

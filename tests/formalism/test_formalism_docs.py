@@ -35,8 +35,10 @@ MARKS = {
 """Codes of modules that have constants, too."""
 BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "background").glob("*.py")}
 """The subtraction of a background has a page of its own, docs/background.md."""
+MAPS = {path.stem for path in (Path(formalism.__file__).parent / "mapping").glob("*.py")}
+"""So have maps, docs/map.md."""
 THINGS = {"catalogue", "constellation", "evidence", "fits", "matching", "naming", "pairing", "shares"}
-"""So have things of interest, docs/catalogue.md."""
+"""And things of interest, docs/catalogue.md."""
 
 
 def section(title: str) -> str:
@@ -97,7 +99,7 @@ def constants() -> dict[str, list[float]]:
     names = {
         name: sorted(assigned(path) - codes - MARKS.get(name, set()))
         for name, path in sources().items()
-        if name not in CODES | BACKGROUND | THINGS
+        if name not in CODES | BACKGROUND | THINGS | MAPS
     }
     wanted = [(module_of(sources()[name]), name, list(values)) for name, values in names.items() if values]
     program = (

@@ -95,6 +95,8 @@ class Counts:
     passes: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
     """(H, W) sweeps of which a beam ended in each cell, and of which beams only passed it."""
     _stamps: Int32 = field(default_factory=lambda: np.zeros((0, 0), np.int32))
+    _seen: tuple[int, int, int, int] | None = None
+    """Left, low, right, high of all that was to be counted [cells]."""
 
     def add(self, beams: Beams) -> None:
         """Count the cells of some sweeps.
@@ -127,7 +129,7 @@ class Counts:
         """Add what was counted elsewhere, with cells of the same size (`TooLargeError` as of `add`)."""
         height, width = other.hits.shape
         if height and width:
-            self._reach(other.column, other.row, other.column + width, other.row + height)
+            self._reach(*(other._seen or (other.column, other.row, other.column + width, other.row + height)))
             part = np.s_[
                 other.row - self.row : other.row - self.row + height,
                 other.column - self.column : other.column - self.column + width,
@@ -169,15 +171,19 @@ class Counts:
 
     def _reach(self, left: int, low: int, right: int, high: int) -> None:
         """Make room for the cells from column `left` and row `low` up to `right` and `high`."""
+        if self._seen is not None:
+            left, low = min(left, self._seen[0]), min(low, self._seen[1])
+            right, high = max(right, self._seen[2]), max(high, self._seen[3])
+        if (right - left) * (high - low) > self.most_cells:
+            far = f"{(right - left) * self.resolution:,.0f} x {(high - low) * self.resolution:,.0f} m"
+            raise TooLargeError(far)
+        self._seen = left, low, right, high
         height, width = self.hits.shape
         if height and width:
             left, low = min(left, self.column), min(low, self.row)
             right, high = max(right, self.column + width), max(high, self.row + height)
             if right - left == width and high - low == height:
                 return
-        if (right - left) * (high - low) > self.most_cells:
-            far = f"{(right - left) * self.resolution:,.0f} x {(high - low) * self.resolution:,.0f} m"
-            raise TooLargeError(far)
         # What is never touched takes no memory, so there is room to spare.
         column, row = (left // BLOCK) * BLOCK, (low // BLOCK) * BLOCK
         shape = -(-(high - row) // BLOCK) * BLOCK, -(-(right - column) // BLOCK) * BLOCK

@@ -4,7 +4,8 @@ cimport libc.math as math
 from lidarcli cimport native
 
 cdef int HIT, SKIPPED
-cdef double NAN
+cdef Py_ssize_t ORIGIN
+cdef double NAN, FAR
 
 
 @cython.locals(rows=Py_ssize_t, width=Py_ssize_t, row=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, last=Py_ssize_t)
@@ -20,6 +21,6 @@ cpdef trace(
     column=Py_ssize_t, line=Py_ssize_t, step=Py_ssize_t, steps=Py_ssize_t, _=Py_ssize_t, slope=double
 )
 cdef void _pass(
-    int* passed, int* seen, int stamp, Py_ssize_t across, double x, double y, double to_x, double to_y
+    int* passed, int* seen, int stamp, Py_ssize_t across, Py_ssize_t first, double x, double y, double to_x, double to_y
 ) noexcept nogil
 cdef void _count(int* passed, int* seen, int stamp, Py_ssize_t cell) noexcept nogil

@@ -12,6 +12,9 @@ from lidarcli import native
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
 
 NAN = float("nan")
+ORIGIN = 1 << 30
+"""Column and row of the origin of the world, in cells from a corner far outside."""
+FAR = float(ORIGIN)
 
 
 def place(
@@ -80,14 +83,15 @@ def trace(
     pose, going = native.at_doubles(poses), native.at_doubles(way)
     hit, passed, seen = native.at_ints(hits), native.at_ints(passes), native.at_ints(stamps)
     cells = 1.0 / resolution
+    # Places are told in cells from a corner far outside, so that the cell of a place depends on nothing else.
+    column, row = column + ORIGIN, row + ORIGIN
     lock = native.release()
     for sweep in range(sweeps):
         begin = sweep * width
         for k in range(begin, begin + width):
             if says[k] == HIT and ends[k] == ends[k]:
-                x, y = ends[k] * cells - column, ends[sweeps * width + k] * cells - row
-                line, along = int(y), int(x)
-                cell = line * across + along
+                along, line = int(ends[k] * cells + FAR), int(ends[sweeps * width + k] * cells + FAR)
+                cell = (line - row) * across + along - column
                 if seen[cell] != stamp + sweep:
                     seen[cell] = stamp + sweep
                     hit[cell] += 1
@@ -97,15 +101,23 @@ def trace(
             if says[at] == SKIPPED or ends[at] != ends[at]:
                 continue
             share = k / (1.0 * last)
-            x = (pose[4 * sweep] + share * going[3 * sweep]) * cells - column
-            y = (pose[4 * sweep + 1] + share * going[3 * sweep + 1]) * cells - row
-            to_x, to_y = ends[at] * cells - column, ends[sweeps * width + at] * cells - row
-            _pass(passed, seen, stamp + sweep, across, x, y, to_x, to_y)
+            x = (pose[4 * sweep] + share * going[3 * sweep]) * cells + FAR
+            y = (pose[4 * sweep + 1] + share * going[3 * sweep + 1]) * cells + FAR
+            to_x, to_y = ends[at] * cells + FAR, ends[sweeps * width + at] * cells + FAR
+            _pass(passed, seen, stamp + sweep, across, row * across + column, x, y, to_x, to_y)
     native.resume(lock)
 
 
 def _pass(
-    passed: Any, seen: Any, stamp: int, across: int, x: float, y: float, to_x: float, to_y: float
+    passed: Any,
+    seen: Any,
+    stamp: int,
+    across: int,
+    first: int,
+    x: float,
+    y: float,
+    to_x: float,
+    to_y: float,
 ) -> None:
     """Count the cells along a straight way but for the last: one in each column, or row, of its longer axis."""
     dx, dy = to_x - x, to_y - y
@@ -116,7 +128,7 @@ def _pass(
         step = 1 if steps > 0 else -1
         for _ in range(max(step * steps, 1)):
             line = int(y + (column + 0.5 - x) * slope)
-            _count(passed, seen, stamp, line * across + column)
+            _count(passed, seen, stamp, line * across + column - first)
             column += step
     else:
         slope, steps = dx / dy, int(to_y)
@@ -124,7 +136,7 @@ def _pass(
         step = 1 if steps > 0 else -1
         for _ in range(max(step * steps, 1)):
             column = int(x + (line + 0.5 - y) * slope)
-            _count(passed, seen, stamp, line * across + column)
+            _count(passed, seen, stamp, line * across + column - first)
             line += step
 
 

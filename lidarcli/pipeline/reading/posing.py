@@ -28,10 +28,22 @@ TILTED = np.deg2rad(10.0)
 MOST_DELAY = 3600.0
 """Greatest `--pose-delay` [s], either way: what is more is another clock."""
 
+_ODOMETRY = "odom"
+"""A world whose name holds this begins anew in every run …"""
+
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 _SHOWN = 4
 MOST_MATCHED = 16
 """Sensors of a log whose paths are found from their sweeps: each has a map of what it saw in memory."""
+
+
+def of_one_run(world: str) -> bool:
+    """Whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
+
+    >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "map")]
+    [True, True, True, False]
+    """
+    return _ODOMETRY in world or world == MATCH
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,9 +201,15 @@ def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> Fou
         for topic, frame, track in found
         if track is None
     ]
-    if len(found) - len(notes) > 1:
+    notes += [
+        f"the path of frame {frame or 'without a name'} was lost {path.restarts:,} times, and begins anew at its last "
+        "known pose: what was driven unseen is missing"
+        for frame, (_, path) in sorted(paths.items())
+        if path.restarts
+    ]
+    if len(paths) > 1:
         notes.append(
-            f"the paths of {len(found) - len(notes)} sensors are matched each by itself: every frame has a world of its own"
+            f"the paths of {len(paths)} sensors are matched each by itself: every frame has a world of its own"
         )
     return FoundPoses(Told(tuple(track for *_, track in found if track is not None)), tuple(notes), report)
 
