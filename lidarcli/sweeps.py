@@ -213,7 +213,8 @@ class SweepPoses:
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         way = np.column_stack([cos * dx + sin * dy, side * (cos * dy - sin * dx), side * turn])
         # Where nobody knows where the sensor is, it stands.
-        return np.nan_to_num(way, nan=0.0)
+        way[np.isnan(way)] = 0.0
+        return way
 
     def to_world(
         self,

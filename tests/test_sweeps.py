@@ -18,8 +18,10 @@ from lidarcli.sweeps import (
     RawSweeps,
     Status,
     SweepBatch,
+    SweepPoses,
     closure,
     concatenate,
+    duration,
     normalise,
     parse_no_return,
 )
@@ -336,3 +338,157 @@ def test_times_within_sweeps_stay_with_their_rows_or_are_unknown() -> None:
     assert joined.time_increment.tolist() == pytest.approx([0.2, 0.3, 0.1, 0.2, 0.3])
     # What one of the parts has not told is not known of the whole.
     assert concatenate([timed, block]).time_increment is None
+
+
+# How long a sweep takes, and where the sensor is meanwhile.
+
+
+def lasting(beams: int = 361, **times: Any) -> Any:
+    """The durations of sweeps of a degree from beam to beam whose headers tell these times, an array or one each."""
+    count = max((len(np.atleast_1d(value)) for value in times.values()), default=1)
+    block = raw_sweeps(np.ones((count, beams)), angle_increment=TURN / 360)
+    told = {
+        name: np.broadcast_to(np.asarray(value, np.float32), count).copy() for name, value in times.items()
+    }
+    return duration(replace(block, **told))
+
+
+def test_a_sweep_takes_the_time_between_its_beams() -> None:
+    assert lasting(time_increment=0.0002).tolist() == pytest.approx([0.072])
+    # The last beam first.
+    assert lasting(time_increment=-0.0002).tolist() == pytest.approx([-0.072])
+    # What `time_increment` says counts, whatever the time from sweep to sweep.
+    assert lasting(time_increment=0.0002, scan_time=0.1).tolist() == pytest.approx([0.072])
+    assert lasting(time_increment=[0.0, 0.0001, -0.0001]).tolist() == pytest.approx([0.0, 0.036, -0.036])
+
+
+@pytest.mark.parametrize(
+    ("beams", "share"), [(361, 1.0), (360, 359 / 360), (181, 0.5), (91, 0.25), (721, 1.0)]
+)
+def test_of_the_time_from_sweep_to_sweep_the_seen_share_counts(beams: int, share: float) -> None:
+    assert lasting(beams, scan_time=0.1).tolist() == pytest.approx([0.1 * share])
+    assert lasting(beams, scan_time=0.1, time_increment=0.0).tolist() == pytest.approx([0.1 * share])
+
+
+def test_a_clockwise_sweep_lasts_as_long() -> None:
+    block = raw_sweeps(np.ones((1, 181)), angle_increment=-TURN / 360)
+    told = duration(replace(block, scan_time=np.array([0.1], np.float32)))
+    assert told is not None
+    assert told.tolist() == pytest.approx([0.05])
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        {},
+        {"time_increment": 0.0},
+        {"scan_time": 0.0},
+        {"time_increment": 0.0, "scan_time": 0.0},
+        {"scan_time": -0.1},
+        {"scan_time": [nan, inf, -inf, 1.5, 3e38]},
+        {"time_increment": [nan, inf, -inf, 0.01, -0.01, 3e38]},
+        {"time_increment": nan, "scan_time": 0.1},
+    ],
+)
+def test_times_that_say_nothing(times: dict[str, Any]) -> None:
+    assert lasting(**times) is None
+
+
+def test_nonsense_in_one_header_leaves_the_others() -> None:
+    told = lasting(time_increment=[nan, 0.0001, 5.0, 0.0], scan_time=[0.1, 0.1, 0.1, nan])
+    assert told.tolist() == pytest.approx([0.0, 0.036, 0.0, 0.0])
+    assert np.isfinite(told).all()
+
+
+@pytest.mark.parametrize("beams", [0, 1])
+def test_a_single_beam_takes_no_time(beams: int) -> None:
+    assert lasting(beams, time_increment=0.1, scan_time=0.1) is None
+
+
+def test_the_longest_sweep_is_believed() -> None:
+    assert lasting(101, time_increment=0.01).tolist() == pytest.approx([1.0])
+    assert lasting(103, time_increment=0.01) is None
+
+
+def test_durations_stay_with_their_sweeps() -> None:
+    block = raw_sweeps(np.ones((4, 11)))
+    timed = replace(block, time_increment=np.array([0.001, 0.002, 0.003, 0.004], np.float32))
+    batch = normalise(timed, np.arange(4), RangeRules())
+    assert batch.duration is not None
+    assert batch.duration.tolist() == pytest.approx([0.01, 0.02, 0.03, 0.04])
+    part = batch.rows(np.array([3, 1]))
+    assert part.duration is not None
+    assert part.duration.tolist() == pytest.approx([0.04, 0.02])
+    assert normalise(block, np.arange(4), RangeRules()).duration is None
+
+
+def test_shares_of_a_sweep() -> None:
+    batch = normalise(ragged([[1.0] * 5, [1.0] * 3, [1.0]]), np.arange(3), RangeRules())
+    assert batch.all_shares().tolist() == [
+        [0.0, 0.25, 0.5, 0.75, 1.0],
+        [0.0, 0.5, 1.0, 1.5, 2.0],
+        [0.0, 1.0, 2.0, 3.0, 4.0],
+    ]
+    row = np.array([0, 0, 1, 1, 2])
+    assert batch.shares(row, np.array([0.0, 4.0, 0.5, 2.0, 0.0])).tolist() == [0.0, 1.0, 0.25, 1.0, 0.0]
+
+
+def going(upside_down: bool = False) -> SweepPoses:
+    """One sensor goes 1 m along y and turns by a quarter, the other stands."""
+    way = np.array([[0.0, 1.0, pi / 2], [0.0, 0.0, 0.0]])
+    return SweepPoses(
+        np.array([2.0, 5.0]), np.array([3.0, 5.0]), np.array([0.0, 1.0]), np.full(2, upside_down), way
+    )
+
+
+def test_where_a_sensor_is_during_its_sweep() -> None:
+    rows, share = np.array([0, 0, 0, 1]), np.array([0.0, 0.5, 1.0, 0.7])
+    there = going().during(rows, share)
+    assert there.x.tolist() == [2.0, 2.0, 2.0, 5.0]
+    assert there.y.tolist() == [3.0, 3.5, 4.0, 5.0]
+    assert there.yaw.tolist() == pytest.approx([0.0, pi / 4, pi / 2, 1.0])
+    # It is there at that moment: there is no way left.
+    assert there.way is None
+    still = replace(going(), way=None).during(rows, share)
+    assert still.y.tolist() == [3.0, 3.0, 3.0, 5.0]
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_points_are_seen_from_where_the_sensor_was(upside_down: bool) -> None:
+    side = -1.0 if upside_down else 1.0
+    rows, share = np.array([0, 0, 0]), np.array([0.0, 0.5, 1.0])
+    points = np.array([1.0, 1.0, 1.0]), np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.2, 0.3])
+    x, y, yaw = going(upside_down).to_world(rows, *points, share)
+    half = np.sqrt(0.5)
+    assert x.tolist() == pytest.approx([3.0, 2.0 + half, 2.0 - side * 0.5])
+    assert y.tolist() == pytest.approx([3.0, 3.5 + half, 5.0])
+    assert np.sin(yaw - [0.0, pi / 4 + side * 0.2, pi / 2 + side * 0.3]) == pytest.approx(
+        np.zeros(3), abs=1e-12
+    )
+    # Without a share they are seen from its start.
+    x, y, _ = going(upside_down).to_world(rows, *points)
+    assert x.tolist() == pytest.approx([3.0, 3.0, 3.0])
+    assert y.tolist() == pytest.approx([3.0, 3.0, 3.0 + side * 0.5])
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_the_way_as_the_sensor_has_it(upside_down: bool) -> None:
+    random = np.random.default_rng(3)
+    x, y, yaw = random.uniform(-3, 3, (3, 20))
+    poses = SweepPoses(x, y, yaw, np.full(20, upside_down), random.uniform(-1, 1, (20, 3)))
+    own = poses.own_way()
+    assert own is not None
+    # Where it is at the end, as its own point at the start.
+    rows, ones = np.arange(20), np.ones(20)
+    there = poses.during(rows, ones)
+    end_x, end_y, heading = poses.to_world(rows, own[:, 0], own[:, 1], own[:, 2])
+    np.testing.assert_allclose([end_x, end_y], [there.x, there.y])
+    np.testing.assert_allclose(np.sin(heading - there.yaw), 0.0, atol=1e-12)
+    assert replace(poses, way=None).own_way() is None
+
+
+def test_rows_of_poses_keep_their_way() -> None:
+    picked = going().rows(np.array([1, 0, 0]))
+    assert picked.way is not None
+    assert picked.way[:, 1].tolist() == [0.0, 1.0, 1.0]
+    assert replace(going(), way=None).rows(np.array([1])).way is None

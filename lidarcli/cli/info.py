@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="For people, or a JSON list with one object per log.",
 )
-@pose_options
+@pose_options(delay=False)
 @range_options
 @csv_options
 @click.pass_obj

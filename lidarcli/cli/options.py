@@ -197,45 +197,50 @@ def _gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
     return cast(F, gathering)
 
 
-def pose_options(command: F) -> F:
-    """Where the poses of a log come from: the command gets `poses`."""
-    command = _gathered(command, "poses", _pose_options)
-    for decorate in (
-        option(
-            "--no-deskew",
-            heading=POSES,
-            is_flag=True,
-            help="Take all beams of a sweep as seen from one place; by default each is seen from where the sensor was at "
-            "its own time, where poses and time_increment are known.",
-        ),
-        option(
-            "--pose-delay",
-            heading=POSES,
-            type=Number("SECONDS"),
-            default=None,
-            show_default="0; for tracks and maps what fits best",
-            help="Take the pose of a sweep this much after its header stamp; negative: before. `info` tells where another "
-            "than 0 fits better.",
-        ),
-        option(
-            "--poses",
-            "trajectory",
-            heading=POSES,
-            metavar="FILE.tum",
-            type=click.Path(),
-            help="Path of the sensor from a file: lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write "
-            "them.  [default: the log's own poses]",
-        ),
-        option(
-            "--pose",
-            heading=POSES,
-            metavar="TOPIC",
-            help="Topic that tells where the sensor was (docs/poses.md); none for no poses; match to find its path from "
-            "the sweeps themselves.  [default: the best there is]",
-        ),
-    ):
-        command = decorate(command)
-    return command
+_POSE = option(
+    "--pose",
+    heading=POSES,
+    metavar="TOPIC",
+    help="Topic that tells where the sensor was (docs/poses.md); none for no poses; match to find its path from "
+    "the sweeps themselves.  [default: the best there is]",
+)
+_POSES = option(
+    "--poses",
+    "trajectory",
+    heading=POSES,
+    metavar="FILE.tum",
+    type=click.Path(),
+    help="Path of the sensor from a file: lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write "
+    "them.  [default: the log's own poses]",
+)
+_POSE_DELAY = option(
+    "--pose-delay",
+    heading=POSES,
+    type=Number("SECONDS"),
+    default=None,
+    show_default="0; for tracks and maps what fits best",
+    help="Take the pose of a sweep this much after its header stamp; negative: before. `info` tells where another "
+    "than 0 fits better.",
+)
+_NO_DESKEW = option(
+    "--no-deskew",
+    heading=POSES,
+    is_flag=True,
+    help="Take all beams of a sweep as seen from one place; by default each is seen from where the sensor was at "
+    "its own time, where poses and time_increment are known.",
+)
+
+
+def pose_options(*, delay: bool) -> Callable[[F], F]:
+    """Where the poses of a log come from: the command gets `poses`; with a `delay`, also how late they are."""
+
+    def decorate(command: F) -> F:
+        command = _gathered(command, "poses", _pose_options if delay else _pose_sources)
+        for add in (_NO_DESKEW, *([_POSE_DELAY] if delay else []), _POSES, _POSE):
+            command = add(command)
+        return command
+
+    return decorate
 
 
 def _pose_options(
@@ -247,9 +252,14 @@ def _pose_options(
     return PoseOptions(pose, trajectory, pose_delay, not no_deskew)
 
 
+def _pose_sources(pose: str | None, trajectory: str | None, no_deskew: bool) -> PoseOptions:
+    """The same without a delay."""
+    return _pose_options(pose, trajectory, None, no_deskew)
+
+
 def reading_options(command: F) -> F:
     """Which sweeps of a log to read, and where their poses come from: the command gets a `selection` and `poses`."""
-    command = pose_options(_gathered(command, "selection", Selection))
+    command = pose_options(delay=True)(_gathered(command, "selection", Selection))
     for decorate in (
         option(
             "--every",

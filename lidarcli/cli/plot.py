@@ -145,7 +145,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     help="Table of track (the others of the log lie beside it): paths up to the sweep, numbers, velocities.  "
     "[default: none]",
 )
-@pose_options
+@pose_options(delay=True)
 @object_options(walls="Also draw walls, with the corners of the room.", no_limit="paper")
 @range_options
 @csv_options

@@ -12,7 +12,7 @@ from lidarcli.poses.motion import Motion, compose, inverse, planar
 from lidarcli.poses.rows import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
 from lidarcli.poses.tracks import Track
 from lidarcli.poses.tree import FrameTree, Step
-from lidarcli.sweeps import TURN, Int64, SweepPoses
+from lidarcli.sweeps import TURN, Float64, Int64, SweepPoses
 
 _OF_ROBOT = re.compile(
     "ego|self|robot|base|vehicle|car|current|local|locali[sz]ation|localizer|amcl|slam|tracked|odom|odometry|"
@@ -81,11 +81,19 @@ class Way:
         """
         if lasts_ns is None:
             return here
-        there = planar(self.at(np.clip(at_ns, -_FARTHEST_NS, _FARTHEST_NS) + lasts_ns))
-        turn = (there.yaw - here.yaw + np.pi) % TURN - np.pi
-        way = np.column_stack([there.x - here.x, there.y - here.y, turn])
+        at_ns = np.clip(at_ns, -_FARTHEST_NS, _FARTHEST_NS)
+        way = _between(here, planar(self.at(at_ns + lasts_ns)))
+        # Where poses are told once in a sweep, the last one is that at its start: then it goes on as it came.
+        if (span := self.span_ns) is not None and (late := at_ns + lasts_ns > span[1]).any():
+            way[late] = _between(planar(self.at(at_ns - lasts_ns)), here)[late]
         way[np.isnan(way).any(axis=1)] = 0.0
         return replace(here, way=way)
+
+
+def _between(start: SweepPoses, end: SweepPoses) -> Float64:
+    """(S, 3) the way from one pose to another in x, y [m] and, by the shorter arc, in yaw [rad]."""
+    turn = (end.yaw - start.yaw + np.pi) % TURN - np.pi
+    return np.column_stack([end.x - start.x, end.y - start.y, turn])
 
 
 @dataclass(frozen=True, eq=False, slots=True)

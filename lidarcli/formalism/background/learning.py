@@ -135,7 +135,8 @@ class Learning:
 
     def _on_grid(self, sweep: SweepBatch) -> NDArray[np.float32]:
         """(B,) the ranges of one sweep at the bearings of the background."""
-        beam, ranges = project(sweep, self.grid, None)
+        own = None if sweep.poses is None else shift(sweep.poses, sweep.poses)
+        beam, ranges = project(sweep, self.grid, None if own is None or own.none.all() else own)
         seen = (beam >= 0) & ~np.isnan(ranges)
         result = np.full(self.grid.beams, np.nan, np.float32)
         result[beam[seen]] = ranges[seen]

@@ -75,6 +75,7 @@ def measure(sides: Sides, views: Views, k: int, bodies: Bodies, b: int, pose_var
 def of_box(sides: Sides, views: Views, k: int, cos: float, sin: float, pose_var: float) -> None:
     """The sides of a rectangle whose first axis has the direction cos, sin."""
     sides.by_centre = False
+    looks.stand(views, views.share[k])
     first, last = views.begin[k], views.begin[k + 1] - 1
     for side in range(4):
         sides.var[side] = AT_LEAST
@@ -100,6 +101,7 @@ def of_box(sides: Sides, views: Views, k: int, cos: float, sin: float, pose_var:
         _end_at(sides, views, k, last, 1.0, cos, sin, pose_var + _doubt(views.end[k]))
     for f in range(views.face_begin[k], views.face_begin[k + 1]):
         _face_at(sides, views, f, cos, sin, pose_var)
+    looks.stand(views, 0.0)
 
 
 def _doubt(edge: int) -> float:
@@ -169,6 +171,7 @@ def of_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float
     radius, radius_var : what is known of its radius [m, m²]; a negative variance: nothing
     """
     sides.by_centre = True
+    looks.stand(views, views.share[k])
     first, last = views.begin[k], views.begin[k + 1] - 1
     sigma = views.sigma
     own_start = views.start[k] != looks.HIDDEN
@@ -234,6 +237,7 @@ def of_disc(sides: Sides, views: Views, k: int, radius: float, radius_var: float
     sides.z[2] = sides.z[3] = centre_y
     sides.var[0] = sides.var[1] = mid_x * mid_x * depth_var + mid_y * mid_y * across_var
     sides.var[2] = sides.var[3] = mid_y * mid_y * depth_var + mid_x * mid_x * across_var
+    looks.stand(views, 0.0)
 
 
 def _direction(views: Views, x: float, y: float) -> tuple[float, float]:

@@ -314,7 +314,8 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     views.face_first[f] = n
     for position in range(first, last + 1):
         k = position - views.bearings if position >= views.bearings else position
-        r = scans.ranges[begin + (views.bearings - 1 - k if views.reverse else k)]
+        beam = views.bearings - 1 - k if views.reverse else k
+        r = scans.ranges[begin + beam]
         if r != r or n >= 2 * views.bearings:
             continue
         x, y = r * scans.cos[directions + k], r * scans.sin[directions + k]
@@ -325,8 +326,11 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
         while face < last_face and theta > seen.face_theta_f[face] + 0.25 * views.step:
             f = _end_face(views, f, n)
             face += 1
+        # One that crosses the seam ends a whole sweep before it begins.
+        stand(views, beam / (1.0 * max(views.bearings - 1, 1)))
         views.point_x[n], views.point_y[n] = to_world(views, x, y)
         n += 1
+    stand(views, views.share[views.count])
     if face < last_face:
         f = _end_face(views, f, n)
     if n == views.begin[views.count]:

@@ -97,17 +97,31 @@ def cells_of(
             here = start_of(batch, poses, s, k)[:2]
             if use[s, k] == HIT:
                 hit.add(_cell(there, resolution))
-            longer = max(abs(there[0] - here[0]), abs(there[1] - here[1])) / resolution
-            for step in range(math.floor(longer) + 1):
-                part = step / longer if longer else 0.0
-                point = (
-                    here[0] + part * (there[0] - here[0]),
-                    here[1] + part * (there[1] - here[1]),
-                )
-                passed.add(_cell(point, resolution))
+            passed |= _on_the_way(
+                [value / resolution for value in here], [value / resolution for value in there]
+            )
         hits.update(hit)
         passes.update(passed - hit)
     return hits, passes
+
+
+def _on_the_way(here: list[float], there: list[float]) -> set[Cell]:
+    """One cell in each column, or row, of the longer axis, where the way is in its middle; the last one is not passed.
+
+    Where it begins and ends in one column, that one is.
+    """
+    along = 0 if abs(there[0] - here[0]) >= abs(there[1] - here[1]) else 1
+    first, last = math.floor(here[along]), math.floor(there[along])
+    found = set()
+    for number in [*(range(first, last) if first <= last else range(last + 1, first + 1))] or [first]:
+        part = (
+            (number + 0.5 - here[along]) / (there[along] - here[along])
+            if there[along] != here[along]
+            else 0.0
+        )
+        across = math.floor(here[1 - along] + part * (there[1 - along] - here[1 - along]))
+        found.add((number, across) if along == 0 else (across, number))
+    return found
 
 
 def _cell(point: tuple[float, float], resolution: float) -> Cell:

@@ -140,12 +140,12 @@ def test_memory_is_that_of_the_ground_that_was_seen() -> None:
 
 
 def test_no_more_ground_than_allowed() -> None:
-    counts = Counts(RESOLUTION, 400 * 400)
+    counts = Counts(RESOLUTION, 600 * 600)
     counts.add(line_of(0.02, 0.02))
     before = told(counts)
     for far in (
         line_of(50.02, 30.02),
-        line_of(-5000.02, 0.02),
+        line_of(-9000.02, 5.02),
         beams_of([[5000.0]], poses_at((0.0, 0.0, 0.7))),
     ):
         with pytest.raises(TooLargeError, match=r"^[\d,]+ x [\d,]+ m$"):
@@ -170,15 +170,23 @@ def test_the_extent_is_told_in_metres() -> None:
     assert (counts.sweeps, counts.hits.shape) == (0, (0, 0))
 
 
-@pytest.mark.parametrize("size", [1, 2])
-def test_whether_the_ground_is_too_large_does_not_depend_on_the_cut(size: int) -> None:
-    # 360 x 20 cells, seen in two pieces, are no more than 400 x 100.
+@pytest.mark.parametrize("most", [1_000, 40_000, 200_000, 300_000, 400_000])
+def test_whether_the_ground_is_too_large_does_not_depend_on_the_cut(most: int) -> None:
+    # 364 x 25 cells, in two pieces that lie apart.
     pieces = beams_of([[7.0], [10.0]], poses_at((7.02, 0.02, 0.0), (6.02, 0.5, np.pi)), angle_min=0.0)
-    counts = Counts(RESOLUTION, 400 * 100)
-    for part in cut(pieces, size):
-        counts.add(part)
-    assert counts.sweeps == 2
-    assert sum(told(counts)[0].values()) == 2
+    fits = []
+    for order, size in (([0, 1], 1), ([1, 0], 1), ([0, 1], 2)):
+        counts = Counts(RESOLUTION, most)
+        try:
+            for part in cut(chosen(pieces, np.array(order)), size):
+                counts.add(part)
+        except TooLargeError:
+            fits.append(False)
+        else:
+            fits.append(True)
+    assert fits in ([False] * 3, [True] * 3)
+    if most in (1_000, 400_000):
+        assert fits[0] == (most == 400_000)
 
 
 def test_a_point_on_the_edge_of_a_cell_is_in_the_same_one_whatever_came_before() -> None:
@@ -233,6 +241,24 @@ def test_hits_and_ratio(min_hits: int, ratio: float, occupied: int) -> None:
     counts = of_cells([[1, 3, 9, 3, 2]], [[0, 0, 3, 9, 2]], 0, 0)
     expected = [n >= min_hits and n / (n + m) > ratio for n, m in ((1, 0), (3, 0), (9, 3), (3, 9), (2, 2))]
     assert counts.occupancy(min_hits, ratio, "map").occupied == sum(expected) == occupied
+
+
+def test_every_cell_of_a_large_map_follows_the_rules() -> None:
+    counts = counted(random_beams(5, 60))
+    grid = counts.occupancy(2, 0.2, "map")
+    assert min(grid.cells.shape) > BLOCK
+    hits, passes = told(counts)
+    expected = np.full(grid.cells.shape, UNKNOWN, np.int8)
+    left, low = round(grid.x / RESOLUTION), round(grid.y / RESOLUTION)
+    for cell in hits | passes:
+        n, m = hits[cell], passes[cell]
+        column, row = cell[0] - left, cell[1] - low
+        if n >= 2 and n / (n + m) > 0.2:
+            expected[row, column] = OCCUPIED
+        elif m:
+            expected[row, column] = FREE
+    np.testing.assert_array_equal(grid.cells, expected)
+    assert grid.occupied > 3
 
 
 def test_a_ring_of_unknown_cells_is_around_all_that_is_known() -> None:

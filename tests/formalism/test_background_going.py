@@ -1,0 +1,198 @@
+"""Backgrounds by sweeps that take time: each beam is seen from where the sensor was when it was taken."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lidarcli.formalism import noise
+from lidarcli.formalism.background.alignment import align, lines
+from lidarcli.formalism.background.grid import Grid, expected, project
+from lidarcli.formalism.background.learning import Learning
+from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background.stations import Shift, shift
+from lidarcli.formalism.background.subtraction import Subtraction
+from lidarcli.simulate import entities as make
+from lidarcli.sweeps import Float64, SweepBatch
+from tests.going import SENSORS, SPINNING, Drive, seen_going
+
+ROOM = make.wall([[-5, -4], [5, -4], [5, 4], [-5, 4], [-5, -4]])
+THINGS = (ROOM, make.box(2.4, 0.5, 0.6, 0.4, 0.5), make.cylinder(-1.5, 2.0, 0.3))
+START = (0.2, -0.3, 0.4)
+FAST = np.radians(60.0)
+RATES = (
+    (0.0, 0.0, FAST),
+    (0.0, 0.0, -FAST),
+    (0.8, 0.6, 0.0),
+    (-0.8, -0.6, 0.5),
+    (0.0, 0.0, 1.3 * FAST),
+    (0.0, 0.0, -1.3 * FAST),
+    (0.5, -0.8, 0.8),
+    (-0.5, 0.8, -0.8),
+)
+"""Ways through one and the same place, as many one way round as the other."""
+
+
+def going(
+    rate: tuple[float, float, float], sensor: str = "full turn", upside_down: bool = False
+) -> SweepBatch:
+    """A sweep that begins at the place."""
+    return seen_going(SENSORS[sensor], Drive(START, rate), *THINGS, upside_down=upside_down)
+
+
+def parked(sensor: str = "full turn", upside_down: bool = False) -> SweepBatch:
+    return going((0.0, 0.0, 0.0), sensor, upside_down)
+
+
+def without_way(batch: SweepBatch) -> SweepBatch:
+    """The same sweeps, as if they took no time."""
+    assert batch.poses is not None
+    return replace(batch, poses=replace(batch.poses, way=None))
+
+
+def onto(batch: SweepBatch, still: SweepBatch) -> Shift:
+    """Where a sensor was, seen from the parked one."""
+    assert batch.poses is not None
+    assert still.poses is not None
+    return shift(batch.poses, still.poses)
+
+
+def off(beam: np.ndarray, ranges: Float64, truth: Float64) -> Float64:  # type: ignore[type-arg]
+    """How far projected ranges of a sweep are from those of the parked sensor at the same beam [m]."""
+    there = (beam >= 0) & ~np.isnan(ranges)
+    return np.abs(ranges[there] - truth[beam[there]])
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("rate", RATES[::2])
+def test_a_sweep_on_the_way_is_projected_as_the_parked_sensor_sees_it(
+    rate: tuple[float, float, float], sensor: str, upside_down: bool
+) -> None:
+    still, batch = parked(sensor, upside_down), going(rate, sensor, upside_down)
+    grid = Grid.of(still, 0)
+    truth = still.ranges[0].astype(np.float64)
+    right = off(*(part[0] for part in project(batch, grid, onto(batch, still))), truth)
+    wrong = off(*(part[0] for part in project(batch, grid, onto(without_way(batch), still))), truth)
+    assert np.quantile(right, 0.8) < 0.03
+    assert np.mean(wrong) > 4 * np.mean(np.minimum(right, 0.2))
+
+
+@pytest.mark.parametrize("upside_down", [False, True])
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("rate", RATES[::2])
+def test_what_the_station_sees_is_expected_at_the_beams_of_a_sweep_on_the_way(
+    rate: tuple[float, float, float], sensor: str, upside_down: bool
+) -> None:
+    still, batch = parked(sensor, upside_down), going(rate, sensor, upside_down)
+    grid, truth = Grid.of(still, 0), still.ranges.astype(np.float64)
+    errors = []
+    for each in (batch, without_way(batch)):
+        seen = expected(each, grid, truth, onto(each, still))[0]
+        known = np.isfinite(seen) & ~np.isnan(batch.ranges[0])
+        assert known.mean() > 0.9
+        errors.append(np.abs(seen - batch.ranges[0])[known])
+    right, wrong = errors
+    assert np.quantile(right, 0.8) < 0.03
+    assert np.mean(wrong) > 4 * np.mean(np.minimum(right, 0.2))
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_a_sweep_on_the_way_is_laid_onto_its_station(rate: tuple[float, float, float]) -> None:
+    still, batch = parked(), going(rate)
+    grid = Grid.of(still, 0)
+    known, station = lines(grid, still.ranges.astype(np.float64)), np.zeros(1, np.int64)
+    start = onto(batch, still)
+    # The odometry is off by 10 cm and two degrees.
+    start = replace(start, x=start.x + 0.1, y=start.y - 0.07, yaw=start.yaw + 0.035)
+    got = align(batch, grid, known, station, start)
+    assert np.hypot(got.x, got.y)[0] < 0.012
+    assert abs(got.yaw[0]) < np.deg2rad(0.25)
+    assert got.way is start.way
+    instant = align(batch, grid, known, station, replace(start, way=None))
+    assert abs(instant.yaw[0]) + np.hypot(instant.x, instant.y)[0] > 0.02
+
+
+def test_a_shift_during_a_sweep() -> None:
+    way = np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 0.0]])
+    none = Shift(np.zeros(2), np.zeros(2), np.zeros(2))
+    moved = replace(none, way=way)
+    assert none.none.tolist() == [True, True]
+    assert moved.none.tolist() == [False, True]
+    picked = moved.rows(np.array([1, 0]))
+    assert picked.way is not None
+    assert picked.way.tolist() == way[::-1].tolist()
+    assert none.rows(np.array([1])).way is None
+    share = np.array([[0.0, 0.5, 1.0], [0.0, 0.5, 1.0]])
+    ahead, left, turned = moved.during(share)
+    assert ahead.tolist() == [[0.0, 0.05, 0.1], [0.0, 0.0, 0.0]]
+    assert left.tolist() == [[0.0, -0.1, -0.2], [0.0, 0.0, 0.0]]
+    assert turned.tolist() == [[0.0, 0.15, 0.3], [0.0, 0.0, 0.0]]
+    assert [part.tolist() for part in none.during(share)] == [[[0.0], [0.0]]] * 3
+
+
+def learned(*sweeps: SweepBatch, size: int = 1) -> Background:
+    """The background that sweeps of one place teach."""
+    learning = Learning("/scan", "laser", Grid.of(parked(), 0), 0.25, 0.1)
+    for batch in sweeps:
+        for first in range(0, len(batch), size):
+            learning.add(batch.rows(np.arange(first, min(first + size, len(batch)))))
+    background = learning.background()
+    assert len(background) == 1
+    return background
+
+
+@pytest.mark.parametrize("begins", ["parked", "turning"])
+def test_a_background_by_sweeps_on_the_way_is_that_of_the_parked_sensor(begins: str) -> None:
+    sweeps = [going(rate) for rate in RATES]
+    if begins == "parked":
+        sweeps.insert(0, parked())
+    truth = parked().ranges[0]
+    right, wrong = learned(*sweeps), learned(*map(without_way, sweeps))
+    errors = [np.abs(each.r_e[0] - truth) for each in (right, wrong)]
+    assert np.nanmedian(errors[0]) < 0.004
+    assert np.nanmean(errors[0]) < 0.02
+    assert np.nanmean(errors[1]) > 0.06
+    assert np.nanmean(right.spread) < 0.3 * np.nanmean(wrong.spread)
+    assert np.nanmean(right.support) > 0.98 > 0.8 > np.nanmean(wrong.support)
+
+
+def test_less_seems_to_have_changed() -> None:
+    background = learned(*[parked()] * 4)
+    changed = []
+    for deskew in (True, False):
+        count = 0
+        for rate in RATES:
+            batch = going(rate) if deskew else without_way(going(rate))
+            found = Subtraction(background).difference(batch, noise(batch))
+            assert found.station.tolist() == [0]
+            count += int(found.appeared.sum() + found.removed.sum())
+        changed.append(count)
+    assert changed[0] < 0.1 * changed[1]
+    assert changed[1] > 100
+
+
+def test_sweeps_without_a_pose_have_no_way() -> None:
+    batch = seen_going(SPINNING, Drive(START, (0.0, 0.0, 0.5)), *THINGS, sweeps=4)
+    poses = batch.poses
+    assert poses is not None
+    assert poses.way is not None
+    for values in (poses.x, poses.y, poses.yaw):
+        values[:2] = np.nan
+    poses.way[:2] = 0.0
+    moved = shift(poses, poses)
+    assert moved.none.tolist() == [True, True, False, False]
+    assert moved.way is not None
+    assert moved.way[:2].tolist() == [[0.0] * 3] * 2
+    learning = Learning("/scan", "laser", Grid.of(batch, 0), 0.25, 0.1)
+    learning.add(batch)
+    assert learning.unplaced == 2
+    assert learning.background().sweeps.tolist() == [2]
+    # Where none has one, they are those of a sensor that stands.
+    for values in (poses.x, poses.y, poses.yaw, poses.way):
+        values[:] = np.nan if values is not poses.way else 0.0
+    nowhere, unknown = learned(batch), learned(without_way(batch))
+    assert nowhere.r_e.tobytes() == unknown.r_e.tobytes()
+    assert np.isfinite(nowhere.r_e).mean() > 0.9
