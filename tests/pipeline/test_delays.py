@@ -293,8 +293,8 @@ def test_damage_is_told_once(tmp_path: Path, drive: Scene, name: str) -> None:
 @pytest.mark.parametrize(
     ("log", "delay"),
     [
-        ("comprobo24/drive_square", {"/scan": -0.31}),
-        ("ros_behaviors_fsm/teleop", {"/scan": -0.23}),
+        ("comprobo24/drive_square", {"/scan": -0.36}),
+        ("ros_behaviors_fsm/teleop", {"/scan": -0.35}),
         ("datmo/parallel.bag", None),
     ],
 )

@@ -209,8 +209,8 @@ def test_info_tells_of_the_delay(folder: Path, capfd: pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ("log", "delay"),
     [
-        ("comprobo24/drive_square", {"/scan": "-0.31"}),
-        ("ros_behaviors_fsm/teleop", {"/scan": "-0.23"}),
+        ("comprobo24/drive_square", {"/scan": "-0.36"}),
+        ("ros_behaviors_fsm/teleop", {"/scan": "-0.35"}),
         ("my_gazebo_tutorials/20_53_49", {}),
         ("datmo/parallel.bag", {}),
     ],

@@ -1,0 +1,355 @@
+"""`lidarcli poses` and `--poses`: the path of the sensor as a file, and back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from lidarcli.poses.trajectory import read_trajectory
+from lidarcli.simulate.writers import write_log
+from lidarcli.tables.schemas import POSES
+from tests.places import SAMPLES
+from tests.sweeping import START, STEP, raw_sweeps, room_sweeps, round_room
+
+Run = Callable[..., Any]
+DRIVE = SAMPLES / "drive.db3"
+POSES_NOTE = (
+    "  note     poses by /tf and /tf_static (odom > base_link > laser); also there: /odom (--pose TOPIC)"
+)
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*"))
+
+
+def lines_of(path: Path) -> Any:
+    """(N,) stamps [ns], and (N, 7) x, y, z and the quaternion."""
+    words = [line.split(" ") for line in path.read_text("ascii").splitlines()]
+    whole = [word[0].partition(".") for word in words]
+    assert all(len(after) == 9 for _, _, after in whole)
+    return np.array([int(one + after) for one, _, after in whole]), np.array(
+        [word[1:] for word in words], float
+    )
+
+
+def columns(path: Path, *wanted: str) -> Any:
+    """(N, K) numbers of a table."""
+    table = pq.read_table(path)
+    return np.column_stack([table[name].to_numpy(zero_copy_only=False) for name in wanted])
+
+
+@pytest.fixture
+def tables(lidarcli: Run, tmp_path: Path) -> Path:
+    """What `detect` says of the sample by its own poses."""
+    assert lidarcli("-q", "detect", DRIVE, "-o", tmp_path / "log").code == 0
+    return tmp_path / "log"
+
+
+def test_tum(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.tum"
+    ran = lidarcli("poses", DRIVE, "-o", out)
+    assert (ran.code, ran.out) == (0, "")
+    lines = ran.err.splitlines()
+    assert lines[0].startswith(f"{DRIVE}: 150 sweeps, ")
+    assert lines[1:] == [POSES_NOTE, "  note     150 poses", f"  wrote    {out}"]
+    assert out.read_text().splitlines()[1] == (
+        "1700000000.200000000 2.603073 0.100326 0.000000 0.000000000 0.000000000 0.706726729 0.707486629"
+    )
+    stamps, numbers = lines_of(out)
+    assert np.array_equal(stamps, START + 200_000_000 * np.arange(150))
+    assert np.linalg.norm(numbers[:, 3:], axis=1) == pytest.approx(np.ones(150), abs=1e-8)
+    pose = columns(tables / "drive.sweeps.parquet", "pose_x", "pose_y", "pose_yaw")
+    assert numbers[:, :2] == pytest.approx(pose[:, :2], abs=5.1e-7)
+    yaw = 2 * np.arctan2(numbers[:, 5], numbers[:, 6])
+    assert np.abs((yaw - pose[:, 2] + np.pi) % (2 * np.pi) - np.pi).max() < 1e-8
+    assert (numbers[:, 6] >= 0).all()
+    assert "-0.000000 " not in out.read_text()
+
+
+def test_txt_is_tum_and_twice_the_same(lidarcli: Run, tmp_path: Path) -> None:
+    for name in ("a.tum", "b.txt", "c.TUM"):
+        assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / name).err == ""
+    texts = {(tmp_path / name).read_bytes() for name in names(tmp_path)}
+    assert len(texts) == 1
+
+
+def test_parquet(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    out = tmp_path / "run.parquet"
+    assert lidarcli("-q", "poses", DRIVE, "-o", out).code == 0
+    table = pq.read_table(out)
+    assert table.schema.equals(POSES)
+    assert table.num_rows == 150
+    for name, value in {"log": "drive", "topic": "/scan", "frame_id": "laser", "world": "odom"}.items():
+        assert set(table[name].to_pylist()) == {value}
+    assert table["sweep"].to_pylist() == list(range(150))
+    assert table["stamp"].cast("int64").to_pylist() == [START + 200_000_000 * k for k in range(150)]
+    assert np.array_equal(
+        columns(out, "x", "y", "yaw"),
+        columns(tables / "drive.sweeps.parquet", "pose_x", "pose_y", "pose_yaw"),
+    )
+    assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "run.tum").code == 0
+    _, numbers = lines_of(tmp_path / "run.tum")
+    assert columns(out, "x", "y", "z", "qx", "qy", "qz", "qw") == pytest.approx(numbers, abs=5.1e-7)
+    metadata = table.schema.metadata or {}
+    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {"laser": {"topic": "/tf", "world": "odom"}}
+
+
+def test_options_choose_sweeps_and_source(lidarcli: Run, tmp_path: Path) -> None:
+    out = tmp_path / "some.parquet"
+    options = ("--pose", "/odom", "--start", 1, "--end", 3, "--every", 2)
+    ran = lidarcli("poses", DRIVE, "-o", out, *options)
+    assert ran.code == 0
+    assert "  note     5 poses" in ran.err.splitlines()
+    assert pq.read_table(out)["sweep"].to_pylist() == [6, 8, 10, 12, 14]
+    late = tmp_path / "late.tum"
+    assert lidarcli("-q", "poses", DRIVE, "-o", late, "--pose-delay", "0.2").code == 0
+    assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "in_time.tum").code == 0
+    (stamps, moved), (_, numbers) = lines_of(late), lines_of(tmp_path / "in_time.tum")
+    # The stamps are those of the sweeps, the places those of the next one; after the last pose 0.1 s are held.
+    assert (len(moved), stamps[0]) == (149, START)
+    assert moved == pytest.approx(numbers[1:], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("source", "options"),
+    [(DRIVE, ()), pytest.param(DRIVE, ("--no-deskew",), marks=pytest.mark.slow)],
+)
+def test_and_back(
+    lidarcli: Run, tables: Path, tmp_path: Path, source: Path, options: tuple[str, ...]
+) -> None:
+    path = tmp_path / "run.tum"
+    assert lidarcli("-q", "poses", source, "-o", path).code == 0
+    ran = lidarcli("detect", source, "-o", tmp_path / "back", "--poses", path, *options)
+    assert ran.code == 0
+    assert "  note     poses by run.tum (world > laser)" in ran.err.splitlines()
+    for table, wanted in {
+        "objects": ("world_x", "world_y", "world_yaw"),
+        "sweeps": ("pose_x", "pose_y", "pose_yaw"),
+    }.items():
+        here, back = (
+            columns(folder / f"drive.{table}.parquet", *wanted) for folder in (tables, tmp_path / "back")
+        )
+        apart = here - back
+        turn = np.pi if table == "objects" else 2 * np.pi
+        apart[:, 2] = (apart[:, 2] + turn / 2) % turn - turn / 2
+        assert np.abs(apart).max() < 1e-6
+    metadata = pq.read_schema(tmp_path / "back" / "drive.sweeps.parquet").metadata
+    assert json.loads(metadata[b"lidarcli.parameters"])["poses"] == "run.tum"
+    assert json.loads(metadata[b"lidarcli.source"])["poses"] == {
+        "laser": {"topic": "run.tum", "world": "world"}
+    }
+
+
+@pytest.mark.parametrize("command", ["info", "map", "poses", "track", "plot"])
+def test_every_command_takes_a_path(lidarcli: Run, tmp_path: Path, command: str) -> None:
+    path = tmp_path / "run.tum"
+    assert lidarcli("-q", "poses", DRIVE, "-o", path).code == 0
+    output = {"map": "m.ply", "poses": "p.txt", "track": "tables", "plot": "p.png"}
+    words = ("-o", tmp_path / output[command]) if command in output else ()
+    ran = lidarcli(command, DRIVE, "--poses", path, *words)
+    assert ran.code == 0
+    said = ran.out + ran.err
+    assert "run.tum" in said or command == "plot"
+    ran = lidarcli(command, DRIVE, "--poses", path, "--pose", "/odom", *words)
+    assert (ran.code, ran.out, ran.err) == (
+        2,
+        "",
+        f"lidarcli: --pose /odom and --poses {path} exclude each other: leave one out\n",
+    )
+    (tmp_path / "bad.tum").write_text("nothing\n")
+    ran = lidarcli(
+        command, DRIVE, "--poses", tmp_path / "bad.tum", *words, *(["--overwrite"] if words else [])
+    )
+    assert ran.code == 3
+    assert ran.err == (
+        f"lidarcli: {DRIVE}: {tmp_path / 'bad.tum'}: line 1: 'nothing' is no pose; lines are timestamp x y z qx qy qz qw\n"
+    )
+
+
+def test_info_with_a_path(lidarcli: Run, tmp_path: Path) -> None:
+    path = tmp_path / "run.tum"
+    assert lidarcli("-q", "poses", DRIVE, "-o", path).code == 0
+    ran = lidarcli("info", DRIVE, "--poses", path)
+    assert "    pose      run.tum (world > laser)\n" in ran.out
+    assert "  poses       run.tum  150 poses, 5.00 Hz, 29.800 s\n" in ran.out
+    assert "/odom" not in "".join(line for line in ran.out.splitlines() if "pose" in line)
+    (found,) = json.loads(lidarcli("info", DRIVE, "--poses", path, "--format", "json").out)
+    assert [
+        (one["topic"], one["type"], one["count"] if "count" in one else 150) for one in found["poses"]
+    ] == [("run.tum", "tum", 150)]
+    ran = lidarcli("info", DRIVE, "--pose", "/odom")
+    assert "    pose      /odom and /tf_static (odom > base_link > laser)\n" in ran.out
+    ran = lidarcli("info", DRIVE, "--pose", "none")
+    assert (ran.code, [line for line in ran.out.splitlines() if line.startswith("    pose ")]) == (0, [])
+
+
+def test_evo_reads_it(lidarcli: Run, tmp_path: Path) -> None:
+    pytest.importorskip("evo")
+    from evo.tools import file_interface
+
+    out = tmp_path / "run.tum"
+    assert lidarcli("-q", "poses", DRIVE, "-o", out).code == 0
+    found = file_interface.read_tum_trajectory_file(str(out))
+    stamps, numbers = lines_of(out)
+    assert found.timestamps == pytest.approx(stamps / 1e9)
+    assert found.positions_xyz == pytest.approx(numbers[:, :3])
+    assert found.check()[0]
+
+
+def two(folder: Path) -> tuple[Path, Path]:
+    """A log of two sensors, and a path that is right for any."""
+    log, path = folder / "two.mcap", folder / "in.tum"
+    write_log(
+        log, [raw_sweeps(round_room(4), topic=f"/{name}", frame_ids=(name,)) for name in ("front", "rear")]
+    )
+    path.write_text("1700000000 0 0 0 0 0 0 1\n1700000001 1 0 0 0 0 0 1\n")
+    return log, path
+
+
+def test_one_file_has_one_sensor(lidarcli: Run, tmp_path: Path) -> None:
+    log, path = two(tmp_path)
+    words = ("poses", log, "--poses", path, "-o")
+    ran = lidarcli(*words, tmp_path / "out.tum")
+    assert (ran.code, ran.out, ran.err) == (
+        2,
+        "",
+        f"lidarcli: {log}: a TUM file holds the path of one sensor, and the log has /front (front) and /rear (rear): "
+        "choose one with --topic, or write a .parquet\n",
+    )
+    assert names(tmp_path) == ["in.tum", "two.mcap"]
+    assert lidarcli(*words, tmp_path / "out.tum", "--topic", "rear").code == 0
+    assert len((tmp_path / "out.tum").read_text().splitlines()) == 4
+    assert lidarcli(*words, tmp_path / "out.parquet").code == 0
+    table = pq.read_table(tmp_path / "out.parquet")
+    assert table["frame_id"].to_pylist() == ["front"] * 4 + ["rear"] * 4
+    assert table["topic"].to_pylist() == ["/front"] * 4 + ["/rear"] * 4
+
+
+def test_stamps_that_jump_back(lidarcli: Run, tmp_path: Path) -> None:
+    log, path, out = tmp_path / "run.mcap", tmp_path / "in.tum", tmp_path / "out.tum"
+    order = np.array([0, 1, 2, 1, 2, 2, 3])
+    sweeps = raw_sweeps(round_room(7), stamp_ns=START + STEP * order, record_ns=START + STEP * np.arange(7))
+    write_log(log, [sweeps])
+    path.write_text("1700000000 0 0 0 0 0 0 1\n1700000001 1 0 0 0 0 0 1\n")
+    ran = lidarcli("poses", log, "--poses", path, "-o", out)
+    assert ran.code == 0
+    assert ran.err.splitlines()[2:4] == [
+        "  note     left out: 3 poses whose stamps are not after those before; evo reads none of them",
+        "  note     4 poses",
+    ]
+    stamps, numbers = lines_of(out)
+    assert stamps.tolist() == (START + STEP * np.arange(4)).tolist()
+    assert numbers[:, 0] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    # A table has room for all.
+    assert lidarcli("-q", "poses", log, "--poses", path, "-o", tmp_path / "out.parquet").code == 0
+    assert pq.read_table(tmp_path / "out.parquet")["sweep"].to_pylist() == list(range(7))
+
+
+def test_without_poses(lidarcli: Run, tmp_path: Path) -> None:
+    room = SAMPLES / "room.mcap"
+    for source, options, cause in (
+        (room, (), "nothing in the log tells where the sensor was"),
+        (DRIVE, ("--pose", "none"), "nothing in the log tells where the sensor was"),
+    ):
+        for name in ("a.tum", "a.parquet"):
+            ran = lidarcli("poses", source, "-o", tmp_path / name, *options)
+            assert (ran.code, ran.out, ran.err) == (
+                3,
+                "",
+                f"lidarcli: {source}: no poses: {cause}; --pose match finds the path from the sweeps\n",
+            )
+    assert names(tmp_path) == []
+
+
+def test_a_damaged_log(lidarcli: Run, tmp_path: Path) -> None:
+    log = tmp_path / "cut.db3"
+    log.write_bytes(DRIVE.read_bytes()[: DRIVE.stat().st_size * 3 // 4])
+    ran = lidarcli("poses", log, "-o", tmp_path / "run.tum")
+    assert ran.code == 3
+    assert ran.err.startswith(f"lidarcli: {log}: ")
+    assert 10 < len((tmp_path / "run.tum").read_text().splitlines()) < 150
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "cause"),
+    [
+        ("run.xyz", 2, "lidarcli: {}: the suffix of a trajectory has to be one of .tum, .txt, .parquet\n"),
+        ("run", 2, "lidarcli: {}: the suffix of a trajectory has to be one of .tum, .txt, .parquet\n"),
+        ("there.tum", 5, "lidarcli: {} exists; use --overwrite to replace it, or -o to write elsewhere\n"),
+        ("file/run.tum", 5, "lidarcli: cannot write below {}: it is not a folder\n"),
+    ],
+)
+def test_what_cannot_be_written(lidarcli: Run, tmp_path: Path, name: str, code: int, cause: str) -> None:
+    (tmp_path / "there.tum").write_text("mine")
+    (tmp_path / "file").touch()
+    ran = lidarcli("poses", DRIVE, "-o", tmp_path / name)
+    shown = tmp_path / "file" if name.startswith("file/") else tmp_path / name
+    assert (ran.code, ran.out, ran.err) == (code, "", cause.format(shown))
+    assert (names(tmp_path), (tmp_path / "there.tum").read_text()) == (["file", "there.tum"], "mine")
+
+
+def test_what_is_read_is_not_written(lidarcli: Run, tmp_path: Path) -> None:
+    path = tmp_path / "in.tum"
+    path.write_text("1700000000 0 0 0 0 0 0 1\n")
+    for output, source in ((path, DRIVE), (tmp_path / "log.tum", tmp_path / "log.tum")):
+        (tmp_path / "log.tum").write_bytes(b"log")
+        ran = lidarcli("poses", source, "--poses", path, "-o", output, "--overwrite")
+        assert (ran.code, ran.err) == (
+            5,
+            f"lidarcli: {output} is an input of this run ({output}); write elsewhere with -o\n",
+        )
+    assert lidarcli("-q", "poses", DRIVE, "-o", tmp_path / "log.tum", "--overwrite").code == 0
+    assert len((tmp_path / "log.tum").read_text().splitlines()) == 150
+
+
+def test_one_log(lidarcli: Run, tmp_path: Path) -> None:
+    ran = lidarcli("poses", DRIVE, SAMPLES / "room.mcap", "-o", tmp_path / "a.tum")
+    assert (ran.code, names(tmp_path)) == (2, [])
+    ran = lidarcli("poses", SAMPLES, "-o", tmp_path / "a.tum")
+    assert (ran.code, names(tmp_path), len(ran.err.splitlines())) == (2, [], 1)
+
+
+@pytest.mark.parametrize("far", [-400.0, 400.0])
+def test_a_path_of_another_time(lidarcli: Run, logs: Path, tmp_path: Path, far: float) -> None:
+    """No sweep has a place, and it is told why."""
+    path = tmp_path / "in.tum"
+    path.write_text("".join(f"{1_700_000_000 + far + k / 10:.1f} {k} 0 0 0 0 0 1\n" for k in range(20)))
+    ran = lidarcli("detect", logs / "run.mcap", "--poses", path, "-o", tmp_path / "tables")
+    assert ran.code == 0
+    assert (
+        "  note     without a pose: 20 of 20 sweeps of frame laser, whose stamps are outside the span of in.tum"
+        in ran.err.splitlines()
+    )
+    objects = pq.read_table(tmp_path / "tables" / "run.objects.parquet")
+    sweeps = pq.read_table(tmp_path / "tables" / "run.sweeps.parquet")
+    for table, wanted in (
+        (objects, ("world_x", "world_y", "world_yaw")),
+        (sweeps, ("pose_x", "pose_y", "pose_yaw")),
+    ):
+        for name in wanted:
+            assert table[name].null_count == table.num_rows > 0
+    ran = lidarcli("poses", logs / "run.mcap", "--poses", path, "-o", tmp_path / "out.tum")
+    assert (ran.code, ran.out, len(ran.err.splitlines())) == (3, "", 1)
+    assert "without a pose: 20 of 20 sweeps of frame laser" in ran.err
+    assert not (tmp_path / "out.tum").exists()
+
+
+def test_sweeps_outside_of_a_path_are_left_out(lidarcli: Run, tmp_path: Path) -> None:
+    log, path, out = tmp_path / "run.mcap", tmp_path / "in.tum", tmp_path / "out.tum"
+    write_log(log, [room_sweeps()])
+    path.write_text("1700000000.5 0 0 0 0 0 0 1\n1700000000.7 1 0 0 0 0 0 1\n1700000000.9 2 0 0 0 0 0 1\n")
+    ran = lidarcli("poses", log, "--poses", path, "-o", out)
+    assert ran.code == 0
+    # 0.1 s before and after are held.
+    assert "  note     7 poses" in ran.err.splitlines()
+    stamps, numbers = lines_of(out)
+    assert ((stamps - START) // STEP).tolist() == list(range(4, 11))
+    assert numbers[:, 0].tolist() == [0, 0, 0.5, 1, 1.5, 2, 2]
+    back = read_trajectory(out)
+    assert np.array_equal(back.stamp_ns, stamps)
