@@ -45,7 +45,7 @@ FINEST, COARSEST = 0.001, 10.0
 \b
   lidarcli map run.mcap -o room.yaml
   lidarcli map run.mcap -o room.yaml -o room.png --path -o cloud.ply
-  lidarcli map monday.bag tuesday.bag -o site.yaml --pose /amcl_pose
+  lidarcli map monday.bag tuesday.bag -o site.yaml --pose /amcl_pose --jobs 2
   lidarcli map scans.csv -o scans.png --pose match
   lidarcli map run.mcap -o cloud.parquet --voxel 0.05 --min-move 0
   lidarcli map run.mcap -o room.yaml --without-agents --free-no-return 3
@@ -65,6 +65,13 @@ FINEST, COARSEST = 0.001, 10.0
 )
 @option("--path", heading=OUTPUT, is_flag=True, help="Draw the path of the sensor into the .png.")
 @option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
+@option(
+    "--jobs",
+    heading=OUTPUT,
+    type=click.IntRange(min=1, max=MOST),
+    metavar="N",
+    help="Processes for several logs at most, where no point cloud is written.  [default: as many as pay]",
+)
 @reading_options
 @option(
     "--resolution",
@@ -155,6 +162,7 @@ def map(
     overwrite: bool,
     selection: Selection,
     poses: PoseOptions,
+    jobs: int | None,
     compare: str | None,
     kind: str | None,
     rules: RangeRules,
@@ -179,7 +187,9 @@ def map(
 
     say.of_missing_core()
     sources = find_logs(logs)
-    told = MapOptions(read=selection.read(rules), csv=csv, poses=poses, overwrite=overwrite, **options)
+    told = MapOptions(
+        read=selection.read(rules), csv=csv, poses=poses, overwrite=overwrite, jobs=jobs or 0, **options
+    )
     true = None if compare is None else Path(compare)
     codes = []
     with MapRun(sources, [Path(output) for output in outputs], told, true) as run:

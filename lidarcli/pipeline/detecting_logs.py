@@ -12,13 +12,10 @@ from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files, detect_to_sinks
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of, progress_of
+from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import FORMATS, CountingOutput
-
-WORTH_A_PROCESS = 16 << 20
-"""Bytes of logs whose work outweighs the start of processes; beside a large log, small ones are no reason for it."""
 
 
 def detect_files(
@@ -29,7 +26,7 @@ def detect_files(
 ) -> Iterator[Outcome]:
     """Write the tables of every log below `folder`, one after the other or several at the same time."""
     jobs = options.jobs or options.cores
-    at_once = _at_once(sources, jobs)
+    at_once = logs_at_once(sources, jobs)
     if at_once < 2:
         for source in sources:
             yield outcome_of(
@@ -45,17 +42,6 @@ def detect_files(
         if report is not None and isinstance(source, Source):
             report(source, source.size)
         yield outcome
-
-
-def _at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
-    """How many logs to process at the same time, so that it pays and `jobs` processes are enough."""
-    logs = [source for source in sources if isinstance(source, Source)]
-    # Standard input belongs to this process and cannot be handed to another.
-    if any(source.is_stdin for source in logs):
-        return 1
-    # A log of unknown size, a pipe, may be long.
-    sizes = sorted(source.size or WORTH_A_PROCESS for source in logs)
-    return min(jobs, len(logs)) if sum(sizes[:-1]) >= WORTH_A_PROCESS else 1
 
 
 def detect_stream(

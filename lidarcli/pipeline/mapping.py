@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import pickle
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -32,7 +35,8 @@ from lidarcli.pipeline.reading.delays import MAP
 from lidarcli.pipeline.reading.posing import MATCH, NONE, PoseOptions, of_one_run
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of, progress_of
+from lidarcli.pipeline.running.cores import cores
+from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 from lidarcli.tables.metadata import table_metadata
 
@@ -78,6 +82,8 @@ class MapOptions:
     path: bool = False
     """Draw the path of the sensor into the picture."""
     overwrite: bool = False
+    jobs: int = 0
+    """Processes for several logs at most, 0 for as many as there are processors; the result does not depend on it."""
 
     def hits(self, sweeps: int) -> int:
         """Sweeps that have to hit an occupied cell, where so many count: of a sensor that stands it may be one."""
@@ -162,6 +168,18 @@ class Mapping:
         self._conclude(source, summary, described, taken)
         return summary
 
+    def merge(self, other: Mapping) -> None:
+        """Add what was taken elsewhere; errors as of `add`."""
+        with self._in_bounds():
+            self.counts.merge(other.counts)
+        self.worlds |= other.worlds
+        self.end_ns = max(self.end_ns, other.end_ns)
+        self.paths += other.paths
+        self.described += other.described
+        self.damage += other.damage
+        self._matched += other._matched
+        self._refuse_several_worlds()
+
     def occupancy(self) -> Occupancy:
         """The grid of all that was taken."""
         options = self.options
@@ -214,18 +232,32 @@ class Mapping:
         sets = None if sets is None else sets[rows]
         use, ranges = self._use(batch, sets)
         beams = placed(batch, poses, use, ranges)
-        try:
+        with self._in_bounds():
             self.counts.add(beams)
-        except TooLargeError as err:
-            raise OptionError(
-                f"the map would reach over {err}, more than {self.options.max_size:g} km²: a pose or a range may be far "
-                "off; limit the log (--range, --start, --end), take a coarser --resolution, or allow more with --max-size"
-            ) from err
         self.end_ns = max(self.end_ns, int(batch.stamp_ns.max()))
         if clouds:
             points = self._points(source.name, batch, beams.end, use, sets)
             for cloud in clouds:
                 cloud.write(points)
+
+    @contextmanager
+    def _in_bounds(self) -> Iterator[None]:
+        """Say what to do where the ground is too large."""
+        try:
+            yield
+        except TooLargeError as err:
+            raise OptionError(
+                f"the map would reach over {err}, more than {self.options.max_size:g} km²: a pose or a range may be far "
+                "off; limit the log (--range, --start, --end), take a coarser --resolution, or allow more with --max-size"
+            ) from err
+
+    def _refuse_several_worlds(self) -> None:
+        """Refuse a second path that was matched."""
+        if self._matched > 1:
+            raise OptionError(
+                "--pose match finds the path of each sensor in a world of its own, and a map has one world: "
+                "take one log, and one topic with --topic"
+            )
 
     def _use(self, batch: SweepBatch, sets: UInt8 | None) -> tuple[UInt8, Any]:
         """(S, B) what each beam says, and how far it got [m]."""
@@ -282,11 +314,7 @@ class Mapping:
         self.described.append(described)
         self.damage += [f"{described['name']}: {line}" for line in summary.damage]
         self._matched += len(taken) if MATCH in worlds else 0
-        if self._matched > 1:
-            raise OptionError(
-                "--pose match finds the path of each sensor in a world of its own, and a map has one world: "
-                "take one log, and one topic with --topic"
-            )
+        self._refuse_several_worlds()
         summary.notes += [
             f"{topic} is of the same frame as {first}, most likely the same sweeps again: left out (--topic {topic})"
             for topic, first in taken.twice.items()
@@ -415,13 +443,31 @@ class MapRun:
         self._stack = ExitStack()
 
     def outcomes(self, report: LogProgress | None = None) -> Iterator[Outcome]:
-        """Take log after log; a bad one does not stop the rest."""
-        for source in self._sources:
-            outcome = outcome_of(source, lambda log: self.add(log, progress_of(log, report)))
-            if outcome.exit_code == OptionError.exit_code:
-                # It would be another map without this log.
-                raise OptionError(f"{outcome.label}: {outcome.error}")
-            yield outcome
+        """Take log after log, or several at the same time; a bad one does not stop the rest."""
+        jobs = self._options.jobs or cores()
+        # The points of a cloud have their order.
+        at_once = 1 if self._clouds else logs_at_once(self._sources, jobs)
+        if at_once < 2:
+            for source in self._sources:
+                yield _whole(outcome_of(source, lambda log: self.add(log, progress_of(log, report))))
+            return
+        # Most runs need no process, nor wait for these imports.
+        import tempfile
+
+        from lidarcli.pipeline.running.side_by_side import side_by_side
+
+        with tempfile.TemporaryDirectory(prefix="lidarcli-") as scratch:
+            work = partial(_map_apart, options=self._options, sets=self._mapping.sets, scratch=scratch)
+            for source, outcome in zip(
+                self._sources, side_by_side(self._sources, work, at_once), strict=True
+            ):
+                if outcome.summary is not None and isinstance(source, Source):
+                    part = _part_of(scratch, source)
+                    self._mapping.merge(pickle.loads(part.read_bytes()))
+                    part.unlink()
+                    if report is not None:
+                        report(source, source.size)
+                yield _whole(outcome)
 
     def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
         """Take one log; errors as of `Mapping.add`."""
@@ -545,3 +591,23 @@ def _files(outputs: Sequence[Path]) -> tuple[Path, ...]:
                 raise OptionError(f"{files[file]} and {path} would be written to the same file")
             files[file] = path
     return tuple(files)
+
+
+def _whole(outcome: Outcome) -> Outcome:
+    """Refuse a run in which a log is not as the options want it: it would be another map without this log."""
+    if outcome.exit_code == OptionError.exit_code:
+        raise OptionError(f"{outcome.label}: {outcome.error}")
+    return outcome
+
+
+def _map_apart(source: Source, options: MapOptions, sets: bool, scratch: str) -> RunSummary:
+    """Take one log in a process of its own, and leave what it has given in the scratch folder."""
+    mapping = Mapping(options, sets)
+    summary = mapping.add(source)
+    _part_of(scratch, source).write_bytes(pickle.dumps(mapping, pickle.HIGHEST_PROTOCOL))
+    return summary
+
+
+def _part_of(scratch: str, source: Source) -> Path:
+    """Where a process leaves what one log has given."""
+    return Path(scratch) / hashlib.sha256(source.path.encode(errors="surrogateescape")).hexdigest()

@@ -21,7 +21,6 @@ import pytest
 
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline import detecting_logs
 from lidarcli.pipeline.building import Building, BuildOptions
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.detecting_logs import detect_files, detect_stream
@@ -30,7 +29,7 @@ from lidarcli.pipeline.objects.parts import Maker, Part, Recipe
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.posing import NO_POSES
 from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running import cores, processes, splitting
+from lidarcli.pipeline.running import cores, outcomes, processes, splitting
 from lidarcli.pipeline.running.splitting import Splitting
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
@@ -410,7 +409,7 @@ def test_logs_at_the_same_time(
 ) -> None:
     monkeypatch.setattr(Source, "size", property(lambda source: int(source.path)))
     assert (
-        detecting_logs._at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs)
+        outcomes.logs_at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs)
         == expected
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -12,6 +12,8 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.summary import RunSummary
 
 INTERNAL_ERROR = 70
+WORTH_A_PROCESS = 16 << 20
+"""Bytes of logs whose work outweighs the start of processes; beside a large log, small ones are no reason for it."""
 
 LogProgress = Callable[[Source, int], None]
 """Progress: the log, and the position in it [bytes]."""
@@ -71,6 +73,17 @@ def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
 def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
     """What is told of the progress of one log."""
     return None if report is None else lambda position: report(source, position)
+
+
+def logs_at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
+    """How many logs to process at the same time, so that it pays and `jobs` processes are enough."""
+    logs = [source for source in sources if isinstance(source, Source)]
+    # Standard input belongs to this process and cannot be handed to another.
+    if any(source.is_stdin for source in logs):
+        return 1
+    # A log of unknown size, a pipe, may be long.
+    sizes = sorted(source.size or WORTH_A_PROCESS for source in logs)
+    return min(jobs, len(logs)) if sum(sizes[:-1]) >= WORTH_A_PROCESS else 1
 
 
 def exit_code(codes: Iterable[int]) -> int:
