@@ -18,6 +18,7 @@ WITH_EXAMPLES = (
     "docs/background.md",
     "docs/track.md",
     "docs/catalogue.md",
+    "docs/paper.md",
     "docs/reports.md",
     "docs/ci.md",
 )

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-    from lidarcli.pipeline.reading.posing import PoseOptions
+    from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.pipeline.running.outcomes import Outcome
     from lidarcli.sweeps import RangeRules
 

@@ -12,7 +12,7 @@ from lidarcli.cli.messages import one_line
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, Topic
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 from lidarcli.pipeline.reading.clock import ClockInfo
-from lidarcli.pipeline.reading.posing import PoseInfo
+from lidarcli.pipeline.reading.pose_finding import PoseInfo
 from lidarcli.sweeps import FARTHEST
 
 _OTHERS = 10

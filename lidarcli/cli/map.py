@@ -29,8 +29,8 @@ from lidarcli.cli.options import (
 if TYPE_CHECKING:
     from lidarcli.formalism.mapping.comparison import Comparison
     from lidarcli.logs.base import CsvOptions
-    from lidarcli.pipeline.mapping import Mapped
-    from lidarcli.pipeline.reading.posing import PoseOptions
+    from lidarcli.pipeline.map_files import Mapped
+    from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
 GRID, CLOUD, TRUTH = "Occupancy grid", "Point cloud", "Comparison"
@@ -182,7 +182,8 @@ def map(
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
     from lidarcli.pipeline.inputs.search import find_logs
-    from lidarcli.pipeline.mapping import MapOptions, MapRun
+    from lidarcli.pipeline.map_files import MapRun
+    from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.running.outcomes import exit_code
 
     say.of_missing_core()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
     from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.inputs.sources import Source
-    from lidarcli.pipeline.reading.posing import PoseOptions
+    from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
 OTHER = "Other"
@@ -247,7 +247,7 @@ def _pose_options(
     pose: str | None, trajectory: str | None, pose_delay: float | None, no_deskew: bool
 ) -> PoseOptions:
     """`PoseOptions` from the options."""
-    from lidarcli.pipeline.reading.posing import PoseOptions
+    from lidarcli.pipeline.reading.pose_options import PoseOptions
 
     return PoseOptions(pose, trajectory, pose_delay, not no_deskew)
 

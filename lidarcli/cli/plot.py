@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from lidarcli.formalism import Parameters
     from lidarcli.logs.base import CsvOptions
     from lidarcli.pipeline.inputs.sources import Source
-    from lidarcli.pipeline.reading.posing import PoseOptions
+    from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
 PICTURE = "Picture"
@@ -178,6 +178,8 @@ def plot(
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
 
+    if not in_world and background is None and poses != type(poses)():
+        raise click.UsageError("--pose, --poses, --pose-delay and --no-deskew are for --map and --background")
     if in_world:
         _refuse_beside_map(view, animate, background)
         wanted = None if sweep is None and sweeps is None else wanted
@@ -201,7 +203,8 @@ def plot(
     one = animate or wanted is None or len(wanted) == 1
     paths = [Path(output)] if one else _numbered(Path(output), wanted or ())
     if output != STDOUT:
-        others = [*map(str, table_files([tracks] if tracks else [])), *([background] if background else [])]
+        others = [str(table) for table in table_files([tracks] if tracks else [])]
+        others += [file for file in (background, poses.file) if file]
         refuse(paths, overwrite, [*files_of([source]), *others])
     found_with = Parameters.for_profile(**parameters)
     if in_world:

@@ -22,7 +22,7 @@ from lidarcli.cli.options import (
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
-    from lidarcli.pipeline.reading.posing import PoseOptions
+    from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
 

@@ -65,6 +65,11 @@ def pgm_bytes(grid: Occupancy) -> bytes:
     return head.encode() + _PIXELS[grid.cells[::-1].view(np.uint8)].tobytes()
 
 
+def image_of(path: Path) -> Path:
+    """The image that a YAML file names (`UnreadableError` as of `read_map`)."""
+    return path.parent / _described(path).image
+
+
 def read_map(path: Path) -> Occupancy:
     """The map of a YAML file and its image (PGM, PNG or BMP), in metres, by the rules of map_server and Nav2.
 

@@ -42,7 +42,8 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-from lidarcli.pipeline.reading.posing import PoseOptions, Posing
+from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.sweeps import RangeRules, SweepBatch
 
@@ -299,7 +300,8 @@ def map(
         `cells` (H, W) int8: -1 unknown, 0 free, 100 occupied; `x`, `y` of the lower left corner and `resolution` [m].
     """
     # Who makes no map does not wait for these imports.
-    from lidarcli.pipeline.mapping import MapOptions, MapRun
+    from lidarcli.pipeline.map_files import MapRun
+    from lidarcli.pipeline.mapping import MapOptions
 
     outputs = [] if output is None else [output] if isinstance(output, str | PathLike) else [*output]
     options = MapOptions(

@@ -20,7 +20,7 @@ from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of

@@ -17,7 +17,7 @@ from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.parts import Recipe, Rows
 from lidarcli.pipeline.reading.delays import TRACKS
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.cores import cores

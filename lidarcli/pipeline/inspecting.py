@@ -17,15 +17,9 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.clock import Clock, ClockInfo
 from lidarcli.pipeline.reading.delays import DelaySearch
-from lidarcli.pipeline.reading.posing import (
-    MATCH,
-    FoundPoses,
-    PoseInfo,
-    PoseOptions,
-    alike_note,
-    find_poses,
-    pose_infos,
-)
+from lidarcli.pipeline.reading.pose_finding import FoundPoses, PoseInfo, find_poses, pose_infos
+from lidarcli.pipeline.reading.pose_options import MATCH, PoseOptions
+from lidarcli.pipeline.reading.posing import alike_note
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
 from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise

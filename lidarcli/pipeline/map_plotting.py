@@ -54,7 +54,7 @@ def take_map(
     mapping = Mapping(options)
     summary = mapping.add(source)
     paths = [(path.x, path.y) for path in mapping.paths]
-    found = None if tracks is None else _overview(tracks)
+    found = None if tracks is None else _overview(tracks, source)
     whole = MapPicture(
         grid=mapping.occupancy(),
         paths=paths,
@@ -84,12 +84,16 @@ def write_maps(paths: Sequence[Path], pictures: Sequence[MapPicture], overwrite:
     return notes
 
 
-def _overview(tracks: str) -> MapPicture:
-    """What the tables of a log say of things in the world."""
+def _overview(tracks: str, source: Source) -> MapPicture:
+    """What the tables of this log say of things in the world."""
     pair = one_pair(tracks)
     sweeps, objects, things = (
         Rows.join([read_table(pair, kind, COLUMNS[kind])]) for kind in ("sweeps", "objects", "tracks")
     )
+    _, logs = sweeps.words("log")
+    here = source.name.rpartition("/")[2]
+    if logs and here not in [name.rpartition("/")[2] for name in logs]:
+        raise OptionError(f"{tracks}: is of the log {logs[0]}, not of {source.label}")
     found = overview(sweeps, objects, things)
     if found is None:
         raise OptionError(f"{tracks}: its sweeps have no poses: things have no place in the world")

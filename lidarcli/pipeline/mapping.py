@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import pickle
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -18,36 +14,20 @@ from lidarcli.choices import MAP_RESOLUTION, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RAT
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT, Detection
-from lidarcli.formalism.mapping.comparison import Comparison, UnlikeError, compare
 from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
 from lidarcli.formalism.mapping.motion_filter import MotionFilter
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.maps.clouds import CloudPoints, CloudWriter, ParquetWriter, PcdWriter, PlyWriter, VoxelFilter
-from lidarcli.maps.grid_message import write_occupancy_mcap
-from lidarcli.maps.mapserver import pgm_bytes, read_map, yaml_bytes
-from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
 from lidarcli.pipeline.inputs.opening import open_source
-from lidarcli.pipeline.inputs.search import files_of
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.delays import MAP
-from lidarcli.pipeline.reading.posing import MATCH, NONE, PoseOptions, of_one_run
+from lidarcli.pipeline.reading.pose_options import MATCH, NONE, PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.cores import cores
-from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
-from lidarcli.tables.metadata import table_metadata
 
-GRIDS = (".yaml", ".png", ".mcap")
-"""Suffixes of outputs that are made of the grid …"""
-CLOUDS: dict[str, type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]] = {
-    ".ply": PlyWriter,
-    ".pcd": PcdWriter,
-    ".parquet": ParquetWriter,
-}
-"""… and of those that are clouds."""
 MIN_HITS, MIN_HITS_OF_ALL = 2, 4
 """Sweeps that have to hit an occupied cell, and where every sweep counts: a robot that stands sees the same many times."""
 KM2 = 1e6
@@ -383,231 +363,3 @@ class _Taken:
             for key, parts in sorted(self._places.items())
             if parts
         ]
-
-
-@dataclass(frozen=True, slots=True)
-class Mapped:
-    """What a run has made."""
-
-    grid: Occupancy
-    paths: tuple[SensorPath, ...]
-    worlds: tuple[str, ...]
-    sweeps: int
-    """Sweeps that count."""
-    outputs: tuple[Path, ...]
-    notes: tuple[str, ...]
-    comparison: Comparison | None = None
-
-
-class MapRun:
-    """One map of several logs, written when all have been read.
-
-    Parameters
-    ----------
-    outputs : files, whose suffixes say what they are (`GRIDS`, `CLOUDS`)
-    compare : true map (YAML) to compare with
-
-    Raises
-    ------
-    OptionError
-        A suffix is none of these, or two outputs would be one file.
-    OutputError
-        A file is there that may not be replaced.
-    UnreadableError
-        The true map is none.
-    """
-
-    def __init__(
-        self,
-        sources: Sequence[Source | Nothing],
-        outputs: Sequence[Path],
-        options: MapOptions,
-        true: Path | None = None,
-    ) -> None:
-        self._sources = sources
-        self._options = options
-        self._outputs = tuple(outputs)
-        self._files = _files(outputs)
-        inputs = [
-            *files_of(sources),
-            *([options.poses.file] if options.poses.file else []),
-            *([str(true)] if true else []),
-        ]
-        refuse(self._files, options.overwrite, inputs)
-        self._true = None if true is None else read_map(true)
-        needs_sets = options.without_agents or any(path.suffix.lower() == ".parquet" for path in outputs)
-        self._mapping = Mapping(options, needs_sets)
-        self._new: dict[Path, NewFiles] = {}
-        self._clouds: list[CloudWriter] = []
-        self._open: list[tuple[Path, BinaryIO]] = []
-        self._stack = ExitStack()
-
-    def outcomes(self, report: LogProgress | None = None) -> Iterator[Outcome]:
-        """Take log after log, or several at the same time; a bad one does not stop the rest."""
-        jobs = self._options.jobs or cores()
-        # The points of a cloud have their order.
-        at_once = 1 if self._clouds else logs_at_once(self._sources, jobs)
-        if at_once < 2:
-            for source in self._sources:
-                yield _whole(outcome_of(source, lambda log: self.add(log, progress_of(log, report))))
-            return
-        # Most runs need no process, nor wait for these imports.
-        import tempfile
-
-        from lidarcli.pipeline.running.side_by_side import side_by_side
-
-        with tempfile.TemporaryDirectory(prefix="lidarcli-") as scratch:
-            work = partial(_map_apart, options=self._options, sets=self._mapping.sets, scratch=scratch)
-            for source, outcome in zip(
-                self._sources, side_by_side(self._sources, work, at_once), strict=True
-            ):
-                if outcome.summary is not None and isinstance(source, Source):
-                    part = _part_of(scratch, source)
-                    self._mapping.merge(pickle.loads(part.read_bytes()))
-                    part.unlink()
-                    if report is not None:
-                        report(source, source.size)
-                yield _whole(outcome)
-
-    def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
-        """Take one log; errors as of `Mapping.add`."""
-        try:
-            return self._mapping.add(source, self._clouds, progress)
-        except OSError as err:
-            if self._open and err.filename is None:
-                raise unwritable(self._open[0][0], err) from err
-            raise
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no log could be read."""
-        return not self._mapping.described
-
-    def finish(self) -> Mapped:
-        """Write the map of all logs that could be read."""
-        mapping = self._mapping
-        grid = mapping.occupancy()
-        notes = self._notes(grid)
-        comparison = None
-        if self._true is not None:
-            try:
-                comparison = compare(grid, self._true)
-            except UnlikeError as err:
-                raise OptionError(f"--compare: {err}; give --resolution {self._true.resolution:g}") from err
-        metadata = table_metadata(self._options.as_dict(), mapping.described, mapping.damage)
-        try:
-            for cloud in self._clouds:
-                cloud.finish(metadata)
-            for _, file in self._open:
-                file.close()
-        except OSError as err:
-            raise unwritable(self._open[0][0], err) from err
-        for path in self._outputs:
-            self._write(path, grid)
-        for new in self._new.values():
-            notes += new.publish()
-        worlds = tuple(mapping.worlds)
-        return Mapped(
-            grid, tuple(mapping.paths), worlds, mapping.counts.sweeps, self._files, tuple(notes), comparison
-        )
-
-    def __enter__(self) -> MapRun:
-        try:
-            for folder in dict.fromkeys(path.parent for path in self._files):
-                mine = [path for path in self._files if path.parent == folder]
-                self._new[folder] = self._stack.enter_context(NewFiles(mine, self._options.overwrite))
-            for path in self._outputs:
-                if (make := CLOUDS.get(path.suffix.lower())) is not None:
-                    self._open_cloud(path, make)
-        except BaseException:
-            self._stack.close()
-            raise
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self._stack.close()
-
-    def _open_cloud(self, path: Path, make: type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]) -> None:
-        try:
-            file = self._stack.enter_context(self._new[path.parent].part(path).open("w+b"))
-            cloud = make(file)
-        except OSError as err:
-            raise unwritable(path, err) from err
-        self._stack.callback(cloud.abandon)
-        self._clouds.append(cloud)
-        self._open.append((path, file))
-
-    def _write(self, path: Path, grid: Occupancy) -> None:
-        """Write what is made of the grid."""
-        suffix, part = path.suffix.lower(), self._new[path.parent].part(path)
-        try:
-            if suffix == ".yaml":
-                image = path.with_suffix(".pgm")
-                part.write_bytes(yaml_bytes(grid, image.name))
-                self._new[path.parent].part(image).write_bytes(pgm_bytes(grid))
-            elif suffix == ".mcap":
-                with part.open("wb") as file:
-                    write_occupancy_mcap(file, grid, self._mapping.end_ns)
-            elif suffix == ".png":
-                from lidarcli.reports.map_picture import MapPicture, draw_map
-
-                paths = [(path.x, path.y) for path in self._mapping.paths] if self._options.path else []
-                part.write_bytes(draw_map(MapPicture(grid, paths), ".png"))
-        except OSError as err:
-            raise unwritable(path, err) from err
-
-    def _notes(self, grid: Occupancy) -> list[str]:
-        """What a user should know of the map, a line each."""
-        mapping = self._mapping
-        notes = []
-        if len(mapping.worlds) > 1:
-            notes.append(
-                f"the logs have several world frames ({', '.join(mapping.worlds)}), laid onto each other as they are"
-            )
-        elif len(mapping.described) > 1 and any(map(of_one_run, mapping.worlds)):
-            notes.append(
-                f"{len(mapping.described)} logs are laid onto each other in the frame {next(iter(mapping.worlds))}: "
-                "odometry begins anew in each, so give poses of a common map (--pose TOPIC, --poses FILE.tum)"
-            )
-        if not grid.occupied:
-            notes.append(
-                f"no cell is occupied: {mapping.counts.sweeps:,} sweeps count, and a cell has to be hit by "
-                f"{self._options.hits(mapping.counts.sweeps)} (--min-hits, --min-move)"
-            )
-        return notes
-
-
-def _files(outputs: Sequence[Path]) -> tuple[Path, ...]:
-    """All files that the outputs stand for."""
-    known = (*GRIDS, *CLOUDS)
-    files: dict[Path, Path] = {}
-    for path in outputs:
-        suffix = path.suffix.lower()
-        if suffix not in known:
-            hint = f"; {path.with_suffix('.yaml')} comes with a .pgm" if suffix == ".pgm" else ""
-            raise OptionError(f"{path}: the suffix of a map has to be one of {', '.join(known)}{hint}")
-        for file in (path, *([path.with_suffix(".pgm")] if suffix == ".yaml" else [])):
-            if file in files:
-                raise OptionError(f"{files[file]} and {path} would be written to the same file")
-            files[file] = path
-    return tuple(files)
-
-
-def _whole(outcome: Outcome) -> Outcome:
-    """Refuse a run in which a log is not as the options want it: it would be another map without this log."""
-    if outcome.exit_code == OptionError.exit_code:
-        raise OptionError(f"{outcome.label}: {outcome.error}")
-    return outcome
-
-
-def _map_apart(source: Source, options: MapOptions, sets: bool, scratch: str) -> RunSummary:
-    """Take one log in a process of its own, and leave what it has given in the scratch folder."""
-    mapping = Mapping(options, sets)
-    summary = mapping.add(source)
-    _part_of(scratch, source).write_bytes(pickle.dumps(mapping, pickle.HIGHEST_PROTOCOL))
-    return summary
-
-
-def _part_of(scratch: str, source: Source) -> Path:
-    """Where a process leaves what one log has given."""
-    return Path(scratch) / hashlib.sha256(source.path.encode(errors="surrogateescape")).hexdigest()

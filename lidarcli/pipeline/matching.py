@@ -19,7 +19,7 @@ from lidarcli.formalism.constellation import align
 from lidarcli.formalism.matching import HERE, Matched, Motion, Standing, Things
 from lidarcli.newfiles import NewFiles, refuse
 from lidarcli.pipeline.inputs.tracks import TracksTable, find_tracks, read_tracks
-from lidarcli.pipeline.reading.posing import of_one_run
+from lidarcli.pipeline.reading.pose_options import of_one_run
 from lidarcli.sweeps import Int32, Int64
 from lidarcli.tables.arrays import codes, floats, plain
 from lidarcli.tables.metadata import table_metadata

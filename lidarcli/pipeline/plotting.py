@@ -19,7 +19,8 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import one_pair, read_table
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
-from lidarcli.pipeline.reading.posing import NO_POSES, PoseOptions, Posing
+from lidarcli.pipeline.reading.pose_options import NO_POSES, PoseOptions
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw

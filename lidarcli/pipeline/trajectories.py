@@ -17,7 +17,7 @@ from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch

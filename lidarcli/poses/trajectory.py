@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from decimal import Decimal, InvalidOperation
+from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -20,8 +22,11 @@ WORLD = "world"
 COLUMNS = 8
 LONGEST_LINE = 1000
 """Characters of a line that can be a pose."""
+MOST_NS = 1 << 62
+"""No stamp is farther from 1970 [ns]: 146 years, so that differences of two still fit."""
+MOST_DIGITS = 11
+"""Digits of such a stamp before the point."""
 _SECOND_NS = 1_000_000_000
-_MOST_NS = np.iinfo(np.int64).max
 
 
 def read_trajectory(path: Path) -> Track:
@@ -36,9 +41,7 @@ def read_trajectory(path: Path) -> Track:
     numbers: list[list[float]] = []
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            number = 0
-            while line := file.readline(LONGEST_LINE):
-                number += 1
+            for number, line in _lines(file):
                 if not (text := line.strip()) or text.startswith("#"):
                     continue
                 if len(stamps) == MAX_POSES:
@@ -59,6 +62,16 @@ def read_trajectory(path: Path) -> Track:
     return track
 
 
+def _lines(file: TextIO) -> Iterator[tuple[int, str]]:
+    """The lines of a file by their numbers; of one that is too long only its beginning."""
+    number = 0
+    while line := file.readline(LONGEST_LINE):
+        number += 1
+        yield number, line
+        while line and not line.endswith("\n"):
+            line = file.readline(LONGEST_LINE)
+
+
 def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
     """Stamp [ns], and x, y, z [m] and quaternion x, y, z, w of a line."""
     words = text.replace(",", " ").split()
@@ -66,11 +79,14 @@ def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
         if len(words) != COLUMNS:
             raise ValueError
         # Seconds since 1970 with nine decimals are more than a float holds.
-        stamp = int((Decimal(words[0]) * _SECOND_NS).to_integral_value())
-        if abs(stamp) > _MOST_NS:
+        seconds = Decimal(words[0])
+        if not seconds.is_finite() or seconds.adjusted() > MOST_DIGITS:
+            raise ValueError
+        stamp = int((seconds * _SECOND_NS).to_integral_value())
+        if abs(stamp) > MOST_NS:
             raise ValueError
         return stamp, [float(word) for word in words[1:]]
-    except (ValueError, InvalidOperation, OverflowError):
+    except (ValueError, ArithmeticError):
         shown = text if len(text) <= 60 else f"{text[:57]}..."
         raise UnreadableError(
             f"{path}: line {number}: '{shown}' is no pose; lines are timestamp x y z qx qy qz qw"

@@ -140,7 +140,7 @@ def _legend(figure: Figure, entries: dict[str, Any], view: str) -> None:
             entries.values(),
             entries.keys(),
             loc="outside lower left",
-            ncols=3 if view in NARROW_VIEWS else 6,
+            ncols=3 if view in NARROW_VIEWS else 6 if view == "all" else 4,
             frameon=False,
             handlelength=1.6,
             columnspacing=1.2,

@@ -23,9 +23,10 @@ LONG, SHORT = 7.2, 2.2
 """Longest and shortest side of the drawn ground [inch]; the map decides which is which."""
 AIR = 0.05
 """Around the map, as a share of its longer side."""
-GROUND = {OCCUPIED: 0.15, FREE: 1.0}
-"""Grey of the cells; unknown ones are between."""
-UNKNOWN_GREY = 0.85
+OCCUPIED_GREY, FREE_GREY, UNKNOWN_GREY = 0.15, 1.0, 0.85
+"""Grey of the cells …"""
+BEHIND_GREY = 0.6
+"""… and of the occupied ones behind a sweep, whose points lie on them."""
 MOST_NUMBERS = 60
 """Of more boxes no numbers are drawn: nobody could read them."""
 MOST_PIXELS = 4_000
@@ -96,7 +97,7 @@ def map_figure(picture: MapPicture, longest: float = LONG) -> Figure:
     figure = Figure(figsize=(size[0] + 0.7, size[1] + 0.9), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    _ground(axes, picture.grid)
+    _ground(axes, picture.grid, OCCUPIED_GREY if picture.snapshot is None else BEHIND_GREY)
     _marks(axes, picture)
     axes.set_aspect("equal")
     axes.set_xlim(left, right)
@@ -139,14 +140,14 @@ def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
     return left - air, right + air, low - 2.0 * air, high + air
 
 
-def _ground(axes: Axes, grid: Occupancy | None) -> None:
-    """The cells: occupied dark, free white, unknown grey."""
+def _ground(axes: Axes, grid: Occupancy | None, occupied: float) -> None:
+    """The cells: occupied dark, of this grey, free white, unknown grey."""
     if grid is None or not grid.cells.size:
         return
     axes.set_facecolor(str(UNKNOWN_GREY))
     grey: Float32 = np.full(grid.cells.shape, UNKNOWN_GREY, np.float32)
-    for state, shade in GROUND.items():
-        grey[grid.cells == state] = shade
+    grey[grid.cells == FREE] = FREE_GREY
+    grey[grid.cells == OCCUPIED] = occupied
     step = -(-max(grey.shape) // MOST_PIXELS)
     if step > 1:
         # Thin walls must not vanish between the pixels.
@@ -182,7 +183,9 @@ def _marks(axes: Axes, picture: MapPicture) -> None:
     shot = picture.snapshot
     if shot is None:
         return
-    axes.plot(*shot.points, ".", color=palette.ORANGE, ms=2.6, mew=0, zorder=4, label=f"sweep {shot.sweep}")
+    axes.plot(
+        *shot.points, ".", color=palette.VERMILION, ms=2.6, mew=0, zorder=4, label=f"sweep {shot.sweep}"
+    )
     _boxes(axes, shot.boxes, "objects of the sweep")
     turn = float(np.degrees(shot.yaw)) - 90.0
     axes.plot(
@@ -201,7 +204,7 @@ def _boxes(axes: Axes, boxes: Sequence[Box], name: str) -> None:
     for number, box in enumerate(boxes):
         corners = _corners(box)
         axes.plot(
-            corners[:, 0], corners[:, 1], color=palette.BLUE, lw=0.9, zorder=6, label="" if number else name
+            corners[:, 0], corners[:, 1], color=palette.BLUE, lw=1.3, zorder=6, label="" if number else name
         )
         if box.name and len(boxes) <= MOST_NUMBERS:
             _number(axes, float(corners[:, 0].max()), float(corners[:, 1].max()), box.name, palette.BLUE)

@@ -9,7 +9,7 @@ from lidarcli.reports.map_picture import Box, MapPicture
 from lidarcli.sweeps import Float64, Int64
 
 COLUMNS = {
-    "sweeps": ("topic", "sweep", "pose_x", "pose_y"),
+    "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
     "objects": ("topic", "sweep", "set", "track", "world_x", "world_y"),
     "tracks": ("topic", "track", "set", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }
@@ -43,22 +43,31 @@ def overview(sweeps: Rows, objects: Rows, tracks: Rows | None) -> MapPicture | N
     boxes: list[Box] = []
     agents: list[tuple[int, Float64, Float64]] = []
     if tracks is not None:
-        boxes = _boxes(tracks, len(sweeps))
+        boxes = _boxes(sweeps, tracks)
         agents = _agents(objects, tracks)
     return MapPicture(None, paths, boxes, agents)
 
 
-def _boxes(tracks: Rows, sweeps: int) -> list[Box]:
+def _boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     """What stands, each once, where enough sweeps have seen it."""
-    enough = tracks.integers("sweeps") >= min(LEAST_SWEEPS, max(1, sweeps // 2))
+    of_sweep, topics = sweeps.words("topic")
+    of_track, names = tracks.words("topic")
+    rows = [
+        np.count_nonzero((sweeps.source == source) & (of_sweep == topics.index(names[code])))
+        if names[code] in topics
+        else 0
+        for source, code in zip(tracks.source.tolist(), of_track.tolist(), strict=True)
+    ]
+    least = np.minimum(LEAST_SWEEPS, np.maximum(1, np.array(rows, np.int64) // 2))
+    enough = tracks.integers("sweeps") >= least
     columns = {name: tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")}
     known = np.logical_and.reduce([np.isfinite(values) for values in columns.values()])
-    labels, names = tracks.words("label")
+    labels, words = tracks.words("label")
     number = tracks.integers("track")
     return [
         Box(
             **{name: float(values[row]) for name, values in columns.items()},
-            name=str(number[row]) if labels[row] < 0 else f"{number[row]} {names[labels[row]]}",
+            name=str(number[row]) if labels[row] < 0 else f"{number[row]} {words[labels[row]]}",
         )
         for row in np.flatnonzero(tracks.are("set", "O") & enough & known).tolist()
     ]

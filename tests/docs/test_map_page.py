@@ -8,7 +8,7 @@ from pathlib import Path
 from lidarcli import choices
 from lidarcli.formalism.mapping import comparison, counts, motion_filter
 from lidarcli.maps.mapserver import FREE_THRESHOLD, OCCUPIED_THRESHOLD
-from lidarcli.pipeline import mapping
+from lidarcli.pipeline import map_files, mapping
 from tests.docs.constants import constants
 from tests.places import ROOT
 
@@ -30,7 +30,7 @@ def test_every_constant_is_named_with_its_value() -> None:
 
 def test_every_suffix_is_told() -> None:
     told = set(re.findall(r"`(\.\w+)`", "".join(re.findall(r"^\| (`\.[^|]*) \|", PAGE, re.MULTILINE))))
-    assert told == {*mapping.GRIDS, *mapping.CLOUDS}
+    assert told == {*map_files.GRIDS, *map_files.CLOUDS}
     assert {Path(f"x{suffix}").suffix for suffix in told} == told
 
 

@@ -25,7 +25,8 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.reading import delays, reading
 from lidarcli.pipeline.reading.delays import TRACKS, Delay, DelaySearch, first_delays
-from lidarcli.pipeline.reading.posing import PoseOptions, find_poses
+from lidarcli.pipeline.reading.pose_finding import find_poses
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene

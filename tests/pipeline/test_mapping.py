@@ -11,8 +11,9 @@ import lidarcli
 from lidarcli.errors import OptionError
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.mapping import MapOptions, Mapping, MapRun
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.map_files import MapRun
+from lidarcli.pipeline.mapping import MapOptions, Mapping
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.running import outcomes
 from lidarcli.simulate import simulate
 from tests.places import SAMPLES

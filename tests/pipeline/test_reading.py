@@ -14,7 +14,7 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import log_name
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading import reading as module
-from lidarcli.pipeline.reading.posing import PoseOptions
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.sweeps import SweepBatch
 from tests.places import SAMPLES

@@ -27,7 +27,7 @@ from lidarcli.pipeline.detecting_logs import detect_files, detect_stream
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.parts import Maker, Part, Recipe
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-from lidarcli.pipeline.reading.posing import NO_POSES
+from lidarcli.pipeline.reading.pose_options import NO_POSES
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running import cores, outcomes, processes, splitting
 from lidarcli.pipeline.running.splitting import Splitting

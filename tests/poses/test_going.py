@@ -10,7 +10,8 @@ import pytest
 
 from lidarcli.logs.base import Message
 from lidarcli.pipeline.reading.delays import Delay
-from lidarcli.pipeline.reading.posing import PoseOptions, Posing
+from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.sweeps import SweepBatch
 from tests.poses.pose_messages import SECOND, odometry, tf
 from tests.poses.test_posing import PosesLog, batch_of, cut

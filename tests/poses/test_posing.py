@@ -21,7 +21,8 @@ from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.reading.posing import NO_POSES, PoseOptions, Posing
+from lidarcli.pipeline.reading.pose_options import NO_POSES, PoseOptions
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import SimulatedPoses, simulate_odometry

@@ -40,6 +40,12 @@ class Comparison:
     """From an occupied cell of the true map to the nearest one of the map, on average [m]; `FARTHEST` at most each."""
 
 
+def refuse_unlike(resolution: float, true: Occupancy) -> None:
+    """Refuse to compare cells of this side [m] with those of a true map (`UnlikeError`)."""
+    if abs(resolution - true.resolution) > SAME * true.resolution:
+        raise UnlikeError(f"cells of {resolution:g} m cannot be compared with cells of {true.resolution:g} m")
+
+
 def compare(found: Occupancy, true: Occupancy) -> Comparison:
     """Compare the occupied cells of a map with those of a true one, cell by cell.
 
@@ -48,10 +54,7 @@ def compare(found: Occupancy, true: Occupancy) -> Comparison:
     UnlikeError
         Their cells differ in size.
     """
-    if abs(found.resolution - true.resolution) > SAME * true.resolution:
-        raise UnlikeError(
-            f"cells of {found.resolution:g} m cannot be compared with cells of {true.resolution:g} m"
-        )
+    refuse_unlike(found.resolution, true)
     mine, theirs = _cells(found, true), _cells(true, true)
     precise, _ = _nearest(mine, theirs, 2 * TOLERANCE)
     there, away = _nearest(theirs, mine, FARTHEST)

@@ -125,6 +125,10 @@ class Counts:
         )
         self.sweeps += len(beams)
 
+    def close(self) -> None:
+        """Give back what only counting needs: no more sweeps will come."""
+        self._stamps = np.zeros((0, 0), np.int32)
+
     def merge(self, other: Counts) -> None:
         """Add what was counted elsewhere, with cells of the same size (`TooLargeError` as of `add`)."""
         height, width = other.hits.shape
@@ -149,8 +153,6 @@ class Counts:
         ratio : an occupied cell was hit by more than this share of the sweeps that hit or passed it
         """
         rows, columns = (_known(self.hits, self.passes, axis) for axis in (1, 0))
-        if not (rows.stop and columns.stop):
-            return Occupancy(self.resolution, 0.0, 0.0, np.zeros((0, 0), np.int8), frame_id)
         hits, passes = self.hits[rows, columns], self.passes[rows, columns]
         cells = np.full((hits.shape[0] + 2 * MARGIN, hits.shape[1] + 2 * MARGIN), UNKNOWN, np.int8)
         inner: Int8 = cells[MARGIN:-MARGIN, MARGIN:-MARGIN]
@@ -217,4 +219,5 @@ def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
 def _known(hits: NDArray[np.int32], passes: NDArray[np.int32], axis: int) -> slice:
     """The rows (axis 1) or columns (axis 0) between the first and the last of which anything is known."""
     some = np.flatnonzero(hits.any(axis=axis) | passes.any(axis=axis))
+    # Where nothing is known the margin alone is left: an image has to have some pixels.
     return slice(int(some[0]), int(some[-1]) + 1) if len(some) else slice(0, 0)

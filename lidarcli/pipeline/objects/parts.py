@@ -71,7 +71,7 @@ class Part:
     batches: list[Made] = field(default_factory=list)
     """In the order of the log."""
     found: RunSummary = field(default_factory=RunSummary)
-    """Its objects, counted; where they are followed afterwards, only what is no object."""
+    """Its objects, counted, unless they are followed afterwards."""
 
     @property
     def rows(self) -> Iterator[Rows]:
@@ -93,10 +93,8 @@ class Maker:
         tables, followed = self._recipe.tables, self._recipe.followed
         for batch in batches:
             detection = self.find(batch, "beams" in tables)
-            if followed:
-                part.found.add_noise(detection)
-            else:
-                part.found.add_objects(detection)
+            if not followed:
+                part.found.add_sets(detection)
             rows = rows_of(self._recipe.log, tables, batch, detection, self._labels)
             part.batches.append(Made(rows, (batch, detection) if followed else None))
         return part

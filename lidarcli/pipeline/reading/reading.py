@@ -14,7 +14,8 @@ from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.delays import first_delays
-from lidarcli.pipeline.reading.posing import MATCH, PoseOptions, Posing
+from lidarcli.pipeline.reading.pose_options import MATCH, PoseOptions
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
 from lidarcli.sweeps import Int64, SweepBatch
 from lidarcli.threads import Beside
@@ -86,7 +87,8 @@ class Reading:
             if len(known) == len(counts):
                 self._expected = sum(known) // options.every
         self._posing = Posing.of(log, poses, options.topics, options.rules)
-        wanted = purpose and poses.delay is None and poses.source != MATCH
+        # A pipe is read only once.
+        wanted = purpose and poses.delay is None and poses.source != MATCH and log.size is not None
         if wanted and self._posing.found is not None:
             self._posing.purpose = purpose
             self._posing.delays = first_delays(

@@ -61,21 +61,14 @@ class RunSummary:
         for status, count in zip(STATUSES, count_statuses(batch.status).sum(axis=1).tolist(), strict=False):
             self.by_status[status] += count
 
-    def add_objects(self, detection: Detection) -> None:
-        """Count what was found in one batch."""
-        self.add_sets(detection)
-        self.add_noise(detection)
-
     def add_sets(self, found: Detection | Followed) -> None:
-        """Count the objects and agents of one batch."""
+        """Count the objects and agents of one batch, and the beams of each set."""
         self.objects += int(found.objects.sum())
         self.agents += int(found.agents.sum())
-        self.by_set["O"] += int(found.object_beams.sum())
-        self.by_set["A"] += int(found.agent_beams.sum())
-
-    def add_noise(self, detection: Detection) -> None:
-        """Count what is no object in one batch."""
-        self.by_set["S"] += int(detection.noise_beams.sum())
+        for letter, beams in zip(
+            "OAS", (found.object_beams, found.agent_beams, found.noise_beams), strict=True
+        ):
+            self.by_set[letter] += int(beams.sum())
 
     def add_things(self, things: int, moved: int) -> None:
         """Count the things of one topic."""

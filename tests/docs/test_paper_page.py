@@ -1,0 +1,199 @@
+"""docs/paper.md: its commands print what it says and make its pictures, and its numbers are those of today.
+
+`python -m tests.docs.test_paper_page` writes the pictures anew.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+import lidarcli
+from lidarcli.cli import run
+from tests.places import ROOT, SAMPLES
+from tools import examples
+
+PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+IMAGES = ROOT / "docs" / "images" / "paper"
+SHOWN = re.findall(r"!\[[^\]]+\]\(images/paper/([\w-]+\.png)\)", PAGE)
+COLOURS = 256
+"""The pictures of the page have no more, which makes them half as large."""
+MOST_BYTES, MOST_BYTES_TOGETHER = 80_000, 700_000
+LIKENESS = 0.5
+"""Mean difference of two pictures, of 255 levels, up to which they are the same; other sweeps differ by more."""
+CHOSEN = {"min_beams": 2, "group_gap": 0.6}
+"""The options of Fig. 8."""
+
+
+def made(folder: Path) -> list[examples.Done]:
+    """Run the page in a folder."""
+    (folder / "samples").symlink_to(SAMPLES)
+    return list(examples.run(PAGE, folder))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which every command of the page has run, and done what the page says."""
+    path = tmp_path_factory.mktemp("paper")
+    for done in made(path):
+        assert done.holds, f"$ {done.example.command}\n{done.got}\nexit code {done.code}"
+    return path
+
+
+@pytest.fixture(scope="module")
+def room() -> pd.DataFrame:
+    """The objects of the five-object room, with the options of Fig. 8."""
+    return lidarcli.detect(SAMPLES / "room.mcap", **CHOSEN).to_pandas()
+
+
+def number(row: str) -> str:
+    """What the table says we have."""
+    (cells,) = re.findall(rf"^\| {re.escape(row)} \| (.*) \|$", PAGE, re.MULTILINE)
+    return str(cells.replace(r"\|", "").split(" | ")[1])
+
+
+def reduced(path: Path) -> bytes:
+    """A picture as the page shows it: with fewer colours."""
+    small = io.BytesIO()
+    with Image.open(path) as image:
+        image.convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+            small, "png", optimize=True
+        )
+    return small.getvalue()
+
+
+def pixels(png: bytes) -> np.ndarray:
+    with Image.open(io.BytesIO(png)) as image:
+        return np.asarray(image.convert("RGB"), dtype=float)
+
+
+def hit(objects: pd.DataFrame, entities: np.ndarray) -> list[int]:
+    """The entity that most beams of each object hit."""
+    beams = [np.arange(i, f + 1) for i, f in zip(objects["beam_i"], objects["beam_f"], strict=True)]
+    return [Counter(entities[some].tolist()).most_common(1)[0][0] for some in beams]
+
+
+def test_every_picture_is_there_and_small() -> None:
+    assert len(SHOWN) == len(set(SHOWN)) == 15
+    assert {path.name for path in IMAGES.iterdir()} == set(SHOWN)
+    sizes = [(IMAGES / name).stat().st_size for name in SHOWN]
+    assert max(sizes) < MOST_BYTES
+    assert sum(sizes) < MOST_BYTES_TOGETHER
+
+
+@pytest.mark.slow
+def test_the_commands_make_the_pictures(folder: Path) -> None:
+    assert {path.name for path in folder.glob("*.png")} == set(SHOWN)
+    for name in SHOWN:
+        today, shown = pixels(reduced(folder / name)), pixels((IMAGES / name).read_bytes())
+        assert today.shape == shown.shape, f"{name}: run `python -m tests.docs.test_paper_page`"
+        assert np.abs(today - shown).mean() < LIKENESS, f"{name}: run `python -m tests.docs.test_paper_page`"
+
+
+def test_pictures_of_other_sweeps_are_told_apart() -> None:
+    one, other = (pixels((IMAGES / f"fig6-world-{sweep}.png").read_bytes()) for sweep in (20, 120))
+    assert one.shape == other.shape
+    assert np.abs(one - other).mean() > LIKENESS
+
+
+def test_sensor(capsys: pytest.CaptureFixture[str]) -> None:
+    logs = [str(SAMPLES / name) for name in ("room.mcap", "drive.db3")]
+    assert run(["info", *logs, "--format", "json"]) == 0
+    room, drive = (log["scans"][0] for log in json.loads(capsys.readouterr().out))
+    assert room["beams"] == [361, 361]
+    assert [round(math.degrees(room["angle_min"][0]))] == [-180]
+    assert math.degrees(room["angle_increment"][0]) == pytest.approx(1.0)
+    assert (room["range_min"], room["range_max"]) == ([pytest.approx(0.1)] * 2, [12.0, 12.0])
+    assert number("beams of a sweep") == "361 over [-180°, 180°]"
+    assert number("range limits") == "0.1 to 12 m"
+    assert [scan["rate"] for scan in (room, drive)] == [pytest.approx(10.0), pytest.approx(5.0)]
+    assert number("time of a revolution") == "100 ms; 200 ms in `samples/drive.db3`"
+
+
+def test_one_sweep_of_the_drive() -> None:
+    """Fig. 5."""
+    truth = pd.read_parquet(SAMPLES / "drive.truth-beams.parquet").query("sweep == 40")["entity"].to_numpy()
+    kinds = pd.read_parquet(SAMPLES / "drive.truth.parquet").set_index("entity")["kind"].to_dict()
+    assert [kinds[entity] for entity in range(6)] == ["wall", "box", "box", "chair", "ladder", "cylinder"]
+    objects = {
+        profile: lidarcli.detect(SAMPLES / "drive.db3", profile=profile).to_pandas().query("sweep == 40")
+        for profile in ("paper", "robust")
+    }
+    assert Counter(hit(objects["paper"], truth)) == {5: 1, 2: 1, 3: 3, 4: 1, 0: 2}
+    assert sorted(hit(objects["robust"], truth)) == [1, 2, 3, 4, 5]
+    (large,) = objects["robust"][[entity == 1 for entity in hit(objects["robust"], truth)]].to_dict("records")
+    assert large["visibility"] == "start_hidden"
+    assert (
+        "- `paper` finds 8 objects: the bin, one box, three legs of the chair, one of the ladder, and two"
+        in PAGE
+    )
+    assert "- `robust` finds 5 objects" in PAGE
+
+
+def test_noise_beside_the_mean() -> None:
+    """What the page says of the last row that noise.py prints."""
+    (d_th,) = (
+        float(value) for value in re.findall(r"^ 1081  0\.03 +([\d.]+) +[\d.]+ +[\d.]+$", PAGE, re.MULTILINE)
+    )
+    deviation = math.sqrt(2) * 0.03
+    assert f"d_th is {100 * d_th:.1f} cm" in PAGE
+    assert f"standard deviation of {100 * deviation:.1f} cm" in PAGE
+    assert "more than one in six exceeds" in PAGE
+    assert 1 / 6 < math.erfc(d_th / deviation / math.sqrt(2)) < 1 / 5
+
+
+def test_five_objects(room: pd.DataFrame) -> None:
+    """Fig. 8."""
+    right = int((room.groupby("sweep").size() == 5).sum())
+    assert number("objects, Fig. 8") == f"5 in {right} of 100 sweeps"
+    paper = lidarcli.detect(SAMPLES / "room.mcap", profile="paper").num_rows
+    assert number("the same by the mean of \\|s\\|").startswith(f"{paper / 100:.1f} on average")
+    sweep = room[room["sweep"] == 50]
+    vertices, legs = (
+        sweep["vertices"].map(len).sum(),
+        sweep.query("shape == 'legged'")["vertices"].map(len).sum(),
+    )
+    assert number("vertices, Fig. 8e") == f"{vertices} in sweep 50, {legs} of them of the ladder"
+
+
+def test_categories(room: pd.DataFrame) -> None:
+    """In the order of bearings: the smaller box, two boxes, the ladder, the plant."""
+    shapes = room.groupby(room.groupby("sweep").cumcount())["shape"].value_counts().unstack(fill_value=0)
+    assert number("boxes told as prismatic") == f"{shapes.loc[:2, 'prismatic'].sum()} of 300"
+    assert number("ladder told as a ladder") == f"{shapes.loc[3, 'legged']} of 100 (`legged`)"
+    plant = number("plant told as a plant")
+    assert plant == f"{shapes.loc[4, 'irregular']} of 100 (`irregular`); by all sweeps right"
+
+
+def test_the_legs_of_the_ladder_have_few_beams() -> None:
+    truth = pd.read_parquet(SAMPLES / "room.truth-beams.parquet").query("sweep == 50")
+    kinds = pd.read_parquet(SAMPLES / "room.truth.parquet").set_index("entity")["kind"]
+    (entity,) = kinds[kinds == "ladder"].index.unique()
+    ladder = truth[truth["entity"] == entity]["beam"].to_numpy()
+    legs = np.split(ladder, np.flatnonzero(np.diff(ladder) > 1) + 1)
+    assert sorted(map(len, legs)) == [2, 2, 2, 3]
+    assert "A leg of the ladder has two or three beams" in PAGE
+
+
+def main() -> None:
+    """Write the pictures of the page."""
+    with tempfile.TemporaryDirectory() as name:
+        failed = [done.example.command for done in made(Path(name)) if not done.holds]
+        for shown in SHOWN:
+            (IMAGES / shown).write_bytes(reduced(Path(name) / shown))
+    sys.exit("\n".join(["does not print what the page says:", *failed]) if failed else None)
+
+
+if __name__ == "__main__":
+    main()
