@@ -211,9 +211,10 @@ def _show(mapped: Mapped, say: Messages) -> None:
     grid = mapped.grid
     height, width = grid.cells.shape
     size = f"{width * grid.resolution:.1f} x {height * grid.resolution:.1f} m"
+    sweeps = f"{mapped.sweeps:,} sweep{'' if mapped.sweeps == 1 else 's'}"
     say.info(
-        f"map of {mapped.sweeps:,} sweeps in {', '.join(mapped.worlds)}: {size}, {grid.occupied:,} cells of "
-        f"{grid.resolution:g} m occupied, {grid.free:,} free"
+        f"map of {sweeps} in {', '.join(mapped.worlds)}: {size}, {grid.occupied:,} cells of {grid.resolution:g} m "
+        f"occupied, {grid.free:,} free"
     )
     for note in mapped.notes:
         say.info(f"  note     {note}")

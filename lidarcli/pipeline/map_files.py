@@ -234,6 +234,8 @@ def _files(outputs: Sequence[Path]) -> tuple[Path, ...]:
         if suffix not in known:
             hint = f"; {path.with_suffix('.yaml')} comes with a .pgm" if suffix == ".pgm" else ""
             raise OptionError(f"{path}: the suffix of a map has to be one of {', '.join(known)}{hint}")
+        if suffix == ".yaml" and not _is_text(path.name):
+            raise OptionError(f"{path}: the YAML of a map names its image, and this name is not UTF-8")
         for file in (path, *([path.with_suffix(".pgm")] if suffix == ".yaml" else [])):
             # A folder may have several names.
             place = Path(os.path.realpath(file.parent)) / file.name
@@ -242,6 +244,11 @@ def _files(outputs: Sequence[Path]) -> tuple[Path, ...]:
             places[place] = path
             files.append(file)
     return tuple(files)
+
+
+def _is_text(name: str) -> bool:
+    """Whether a name of a file is UTF-8."""
+    return not any("\ud800" <= char <= "\udfff" for char in name)
 
 
 def _true_map(path: Path, resolution: float) -> Occupancy:

@@ -230,6 +230,11 @@ class Mapping:
                 f"the map would reach over {err}, more than {self.options.max_size:g} km²: a pose or a range may be far "
                 "off; limit the log (--range, --start, --end), take a coarser --resolution, or allow more with --max-size"
             ) from err
+        except MemoryError as err:
+            raise OptionError(
+                "the map needs more memory than there is: limit the log (--range, --start, --end), or take a coarser "
+                "--resolution"
+            ) from err
 
     def _refuse_several_worlds(self) -> None:
         """Refuse a second path that was matched."""
@@ -283,11 +288,9 @@ class Mapping:
             why = "; ".join(summary.notes) or "nothing in the log tells where the sensor was"
             if self.options.poses.source == NONE:
                 why = "--pose none leaves them out"
-            hint = (
-                ""
-                if self.options.poses.source == MATCH
-                else "; find its path with --pose match, or give --poses FILE.tum"
-            )
+            others = "" if self.options.poses.file else ", or give --poses FILE.tum"
+            is_matched = self.options.poses.source == MATCH
+            hint = "" if is_matched else f"; find its path with --pose match{others}"
             raise UnreadableError(f"no poses: {why}{hint}" if summary.sweeps else "no sweep to map")
         self.worlds |= worlds
         self.paths += taken.paths(source.name)

@@ -179,7 +179,7 @@ class _Written:
             summary.notes.append(
                 f"left out: {self._left_out:,} poses whose stamps are not after those before; evo reads none of them"
             )
-        summary.notes.append(f"{self._count:,} poses")
+        summary.notes.append(f"{self._count:,} pose{'' if self._count == 1 else 's'}")
 
     def _later(self, key: tuple[str, str], batch: SweepBatch, kept: Any) -> Any:
         """The poses whose stamps go on; of one sensor alone."""

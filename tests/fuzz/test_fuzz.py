@@ -39,6 +39,8 @@ GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     "databases": (("db3-crafted",), len(KINDS) + 10),
     "hostile logs": (("logs-crafted",), 8),
     "texts": (("metadata", "scenes", "checks", "numbers"), 37),
+    "maps": (("maps",), 70),
+    "trajectories": (("trajectories",), 40),
     "tables": (("tables",), 20),
     "names of tables": (("table-names",), 7),
     "links": (("links",), 35),

@@ -30,6 +30,7 @@ NUMBERS = (
 _DETECT = ["-q", "detect", f"in/{LOG}", "-o", "out", "--overwrite"]
 _TRACK = ["-q", "track", f"in/{LOG}", "-o", "out", "--overwrite"]
 _BUILD = ["-q", "background", "build", f"in/{LOG}", "-o", "out/b.parquet", "--overwrite"]
+_MAP = ["-q", "map", f"in/{LOG}", "-o", "out/m.yaml", "-o", "out/m.ply", "--overwrite"]
 _SIMULATE = ["-q", "simulate", "in/scene.toml", "-o", "out/run.csv", "--overwrite"]
 OPTIONS = [
     *(
@@ -41,6 +42,13 @@ OPTIONS = [
     ),
     *((_TRACK, name) for name in ("--significance", "--every")),
     *((_BUILD, name) for name in ("--station-distance", "--station-angle", "--every")),
+    *(
+        (_MAP, name)
+        for name in (
+            *("--resolution", "--min-move", "--min-hits", "--occupied-ratio", "--free-no-return"),
+            *("--max-size", "--voxel", "--pose-delay"),
+        )
+    ),
     *((_SIMULATE, name) for name in ("--seed", "--duration", "--sweeps")),
 ]
 _PAIRS = [(option, number) for number in NUMBERS for option in OPTIONS]

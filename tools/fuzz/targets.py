@@ -6,6 +6,7 @@ from tools.fuzz.checks import check_targets
 from tools.fuzz.databases import database_targets
 from tools.fuzz.hostile_logs import hostile_log_targets
 from tools.fuzz.links import link_targets
+from tools.fuzz.maps import map_targets
 from tools.fuzz.metadata import metadata_targets
 from tools.fuzz.numbers import number_targets
 from tools.fuzz.sample_targets import sample_targets
@@ -26,6 +27,7 @@ TARGETS: dict[str, Target] = {
         *scene_targets(),
         *check_targets(),
         *number_targets(),
+        *map_targets(),
         *twice_targets(),
     )
 }

@@ -20,6 +20,10 @@ MARGIN = 1
 """Unknown cells around all that is known: walls on the edge of a map are lost in some programs."""
 
 
+FARTHEST = 1 << 32
+"""No cell is so many cells from the origin of the world: 215,000 km at 5 cm."""
+
+
 class TooLargeError(ValueError):
     """The ground that was seen is larger than it may be; the text tells its extent."""
 
@@ -200,7 +204,13 @@ class Counts:
 
 
 def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
-    """The cells that the beams and the sensor may touch, with one around them: left, low, right, high."""
+    """The cells that the beams and the sensor may touch, with one around them: left, low, right, high.
+
+    Raises
+    ------
+    TooLargeError
+        They are farther away than cells can be told apart.
+    """
     limits = []
     for axis in range(2):
         begin = beams.poses[:, axis]
@@ -211,6 +221,8 @@ def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
             min(low, float((begin + beams.way[:, axis]).min())),
             max(high, float((begin + beams.way[:, axis]).max())),
         )
+        if not max(-low, high) < FARTHEST * resolution:
+            raise TooLargeError(f"{max(-low, high):,.0f} m from the origin of its world")
         limits.append((int(np.floor(low / resolution)) - 1, int(np.floor(high / resolution)) + 2))
     (left, right), (low_row, high_row) = limits
     return left, low_row, right, high_row

@@ -12,7 +12,7 @@ from lidarcli import native
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
 
 NAN = float("nan")
-ORIGIN = 1 << 30
+ORIGIN = 1 << 33
 """Column and row of the origin of the world, in cells from a corner far outside."""
 FAR = float(ORIGIN)
 
