@@ -60,7 +60,7 @@ def true_map(scene: Scene, sweeps: int, resolution: float) -> Occupancy:
                 "take a coarser --map-resolution"
             ) from err
     grid = counts.occupancy(1, 0.0, "map")
-    if not grid.cells.size:
+    if not grid.occupied:
         raise OptionError(
             f"--map: no beam of {sweeps:,} sweep{'' if sweeps == 1 else 's'} ends at anything that stands still, so there "
             "is no true map; leave --map out"
