@@ -64,7 +64,7 @@ def once(log: Path, parameters: Parameters) -> Stages:
                     found = detect(batch, parameters)
                 with stage("count"):
                     stage.summary.add_sweeps(batch)
-                    stage.summary.add_objects(found)
+                    stage.summary.add_sets(found)
                 with stage("rows"):
                     objects = objects_rows(log.stem, batch, found)
                     sweeps = sweeps_rows(log.stem, batch, found)
