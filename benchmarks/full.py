@@ -1,4 +1,4 @@
-"""Throughput and memory of `lidarcli detect`, and once of `track`: containers, sensors, profiles, lengths; one process.
+"""Throughput and memory of `lidarcli detect`, once of `track` and of `map`: containers, sensors, lengths; one process.
 
 Every time is from file to Parquet, given per sweep and as a multiple of what others take in the same run: iterating the
 raw messages of an MCAP with the same sweeps (`mcap`), only reading and decompressing it, DBSCAN on each sweep, and the
@@ -19,9 +19,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
-from benchmarks.bench import HERE, MOVING, Result, detect, iterate, make_log, run
+from benchmarks.bench import HERE, LIDARCLI, MOVING, Result, detect, iterate, make_log, run
 
 DECADES = (1_000, 10_000, 100_000, 1_000_000)
+MAP = "map"
+BEGIN, RATE = 1_700_000_000, 10
+"""Stamp of the first sweep of a simulated log [s], and sweeps per second: `map` has to be told where the sensor was."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ CASES = (
     Case("CSV", "csv.csv", 0.2),
     Case("things move", "moving.mcap", scene=MOVING),
     Case("things move, track", "moving.mcap", scene=MOVING, command="track"),
+    Case("map, every sweep counts", "361.mcap", options=("--min-move", "0"), command=MAP),
 )
 
 
@@ -97,7 +101,10 @@ def measure(sweeps: int, repeats: int, longest: int, stages: bool, folder: Path)
         read.append(_seconds("read", logs["361.mcap"])[0] / sweeps)
         for case in CASES:
             result = report.cases[case.name]
-            detect(logs[case.file], folder, result, *case.options, command=case.command)
+            if case.command == MAP:
+                make_map(logs[case.file], folder, result, *case.options)
+            else:
+                detect(logs[case.file], folder, result, *case.options, command=case.command)
     for beams, result in looped.items():
         report.references[f"iterate {beams}"] = median(result.seconds) / result.sweeps
     report.references["read and decompress"] = median(read)
@@ -122,6 +129,16 @@ def measure(sweeps: int, repeats: int, longest: int, stages: bool, folder: Path)
     return report
 
 
+def make_map(log: Path, folder: Path, result: Result, *options: str) -> None:
+    """Time `lidarcli map` from the start of Python to its end: the sensor of these logs stands."""
+    path = folder / "path.tum"
+    times = BEGIN, BEGIN + result.sweeps / RATE
+    path.write_text("".join(f"{second} 0 0 0 0 0 0 1\n" for second in times), encoding="utf-8")
+    target = str(folder / "map.yaml")
+    known = "--poses", str(path), "--pose-delay", "0"
+    result.add(run(LIDARCLI, "-q", "map", str(log), *known, *options, "-o", target, "--overwrite"))
+
+
 def _seconds(what: str, log: Path) -> tuple[float, int]:
     seconds, count = run(sys.executable, str(HERE / "references.py"), what, str(log)).output.split()
     return float(seconds), int(count)
@@ -132,7 +149,7 @@ def as_markdown(report: Report) -> str:
     lines = [f"{report.machine}, commit {report.commit}.", ""]
     lines += ["| reference | µs per sweep |", "|---|---:|"]
     lines += [f"| {name} | {1e6 * value:,.1f} |" for name, value in report.references.items()]
-    for title, results in (("detect", report.cases), ("detect, by length", report.lengths)):
+    for title, results in (("detect, track and map", report.cases), ("detect, by length", report.lengths)):
         lines += ["", f"| {title} | sweeps | sweeps/s | µs per sweep | x iterate | peak MB |"]
         lines += ["|---|---:|---:|---:|---:|---:|"]
         for name, result in results.items():

@@ -125,7 +125,7 @@ FINEST, COARSEST = 0.001, 10.0
     type=Number("KM2", above=0),
     default=MAX_MAP_KM2,
     show_default=True,
-    help="Refuse a larger map; at 5 cm a km² takes 5.2 GB, as far as it is seen.",
+    help="Refuse a larger map; at 5 cm a km² takes about 6 GB, as far as it is seen.",
 )
 @option(
     "--voxel",

@@ -61,7 +61,7 @@ def test_the_full_benchmark_runs(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     figures = json.loads(target.read_text(encoding="utf-8"))
-    assert len(figures["cases"]) == 13
+    assert len(figures["cases"]) == 14
     assert figures["cases"]["CSV"]["sweeps"] == 10
     assert all(case["ratio"] > 1 for case in figures["cases"].values())
     assert set(figures["references_us"]) >= {"iterate 361", "read and decompress", "loop", "dbscan"}

@@ -1,0 +1,50 @@
+"""The program as users run it: a map, a path or the objects of a log."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.maps.mapserver import read_map
+from lidarcli.sweeps import Float64
+
+LIDARCLI = str(Path(sys.executable).with_name("lidarcli"))
+
+
+def run(*arguments: str) -> None:
+    """Run a command; a failure ends the benchmark with what it said."""
+    done = subprocess.run((LIDARCLI, "-q", *arguments), capture_output=True, text=True, check=False)
+    if done.returncode:
+        sys.exit(f"lidarcli {' '.join(arguments)}: exit code {done.returncode}\n{done.stderr}")
+
+
+def make_map(log: Path, *options: str) -> Occupancy:
+    """The map of a log."""
+    with tempfile.TemporaryDirectory(prefix="lidarcli-maps-") as folder:
+        target = Path(folder) / "map.yaml"
+        run("map", str(log), "-o", str(target), *options)
+        return read_map(target)
+
+
+def find_path(log: Path, *options: str) -> Float64:
+    """(S, 3) stamp [s], x, y of the sensor at each sweep."""
+    with tempfile.TemporaryDirectory(prefix="lidarcli-maps-") as folder:
+        target = Path(folder) / "path.tum"
+        run("poses", str(log), "-o", str(target), *options)
+        return np.loadtxt(target, usecols=(0, 1, 2), ndmin=2)
+
+
+def find_objects(log: Path, *options: str) -> tuple[pa.Table, pa.Table]:
+    """The objects of a log, and its beams."""
+    with tempfile.TemporaryDirectory(prefix="lidarcli-maps-") as folder:
+        run("detect", str(log), "-o", folder, "--beams", *options)
+        tables = (Path(folder) / f"{log.stem}.{kind}.parquet" for kind in ("objects", "beams"))
+        objects, beams = (pq.read_table(path) for path in tables)
+        return objects, beams
