@@ -30,3 +30,5 @@ OCCUPIED_RATIO = 0.25
 """Of the sweeps that saw an occupied cell more than this share hit it."""
 MAX_MAP_KM2 = 0.25
 """Largest ground of a map [km²]: at 5 cm 100 million cells, 1.3 GB if all of them are seen."""
+CLOUDS = (".ply", ".pcd", ".parquet")
+"""Suffixes of point clouds."""

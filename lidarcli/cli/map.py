@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.choices import MAP_RESOLUTION, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
+from lidarcli.choices import CLOUDS, MAP_RESOLUTION, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import (
     LOGS,
@@ -110,8 +110,8 @@ FINEST, COARSEST = 0.001, 10.0
     heading=GRID,
     type=METRES,
     default=0.0,
-    show_default="0: no return says nothing",
-    help="Take beams without a return as free up to here. Glass and black things return nothing either.",
+    help="Take beams without a return as free up to here. Glass and black things return nothing either.  "
+    "[default: 0, they say nothing]",
 )
 @option(
     "--without-agents",
@@ -132,8 +132,7 @@ FINEST, COARSEST = 0.001, 10.0
     heading=CLOUD,
     type=METRES,
     default=0.0,
-    show_default="0: all points",
-    help="Keep one point for each square of this side.",
+    help="Keep one point for each square of this side.  [default: 0, all points]",
 )
 @option(
     "--compare",
@@ -176,6 +175,11 @@ def map(
     """
     if not outputs and compare is None:
         raise click.UsageError("nothing to write: give -o FILE, or --compare TRUTH.yaml")
+    suffixes = {Path(output).suffix.lower() for output in outputs}
+    if options["path"] and ".png" not in suffixes:
+        raise click.UsageError("--path is drawn into a picture: give -o FILE.png")
+    if options["voxel"] and suffixes.isdisjoint(CLOUDS):
+        raise click.UsageError(f"--voxel is for a point cloud: give -o with {', '.join(CLOUDS)}")
     if kind is not None and compare is None:
         raise click.UsageError("--format is for what --compare prints")
 

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
+from lidarcli.choices import CLOUDS
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.formalism.mapping.comparison import Comparison, UnlikeError, compare, refuse_unlike
 from lidarcli.formalism.mapping.occupancy import Occupancy
@@ -31,11 +32,9 @@ from lidarcli.tables.metadata import table_metadata
 
 GRIDS = (".yaml", ".png", ".mcap")
 """Suffixes of outputs that are made of the grid …"""
-CLOUDS: dict[str, type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]] = {
-    ".ply": PlyWriter,
-    ".pcd": PcdWriter,
-    ".parquet": ParquetWriter,
-}
+WRITERS: dict[str, type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]] = dict(
+    zip(CLOUDS, (PlyWriter, PcdWriter, ParquetWriter), strict=True)
+)
 """… and of those that are clouds."""
 
 
@@ -163,7 +162,7 @@ class MapRun:
                 mine = [path for path in self._files if path.parent == folder]
                 self._new[folder] = self._stack.enter_context(NewFiles(mine, self._options.overwrite))
             for path in self._outputs:
-                if (make := CLOUDS.get(path.suffix.lower())) is not None:
+                if (make := WRITERS.get(path.suffix.lower())) is not None:
                     self._open_cloud(path, make)
         except BaseException:
             self._stack.close()
@@ -226,7 +225,7 @@ class MapRun:
 
 def _files(outputs: Sequence[Path]) -> tuple[Path, ...]:
     """All files that the outputs stand for."""
-    known = (*GRIDS, *CLOUDS)
+    known = (*GRIDS, *WRITERS)
     files: list[Path] = []
     places: dict[Path, Path] = {}
     for path in outputs:

@@ -940,3 +940,19 @@ def test_a_folder_that_is_not_there_is_made(lidarcli: Run, walk: Path, tmp_path:
     (tmp_path / "file").touch()
     ran = lidarcli("map", walk / "walk.mcap", "-o", tmp_path / "file" / "m.yaml")
     assert (ran.code, len(ran.err.splitlines())) == (5, 1)
+
+
+@pytest.mark.parametrize(
+    ("words", "cause"),
+    [
+        (("--path", "-o", "m.yaml"), "--path is drawn into a picture: give -o FILE.png"),
+        (
+            ("--voxel", "0.1", "-o", "m.png"),
+            "--voxel is for a point cloud: give -o with .ply, .pcd, .parquet",
+        ),
+    ],
+)
+def test_an_option_without_its_output(lidarcli: Run, words: tuple[str, ...], cause: str) -> None:
+    ran = lidarcli("map", DRIVE, *words)
+    assert ran.code == 2
+    assert cause in ran.err
