@@ -24,7 +24,7 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, PlyWriter
 from lidarcli.maps.mapserver import read_map
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.map_files import CLOUDS, Mapped, MapRun
+from lidarcli.pipeline.map_files import WRITERS, Mapped, MapRun
 from lidarcli.pipeline.mapping import MapOptions
 from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.running import outcomes
@@ -376,7 +376,7 @@ def test_a_cloud_that_cannot_be_written_ends_the_run(
 ) -> None:
     log, path = still(tmp_path, np.full((9, 90), 3.0, np.float32))
     monkeypatch.setattr(Broken, "times", 2)
-    monkeypatch.setitem(CLOUDS, ".ply", Broken)
+    monkeypatch.setitem(WRITERS, ".ply", Broken)
     words = ("--poses", path, "-o", tmp_path / "m.yaml", "-o", tmp_path / "m.ply", "--min-move", 0)
     ran = lidarcli("map", log, log, *words)
     assert (ran.code, ran.out) == (5, "")

@@ -30,7 +30,7 @@ def test_every_constant_is_named_with_its_value() -> None:
 
 def test_every_suffix_is_told() -> None:
     told = set(re.findall(r"`(\.\w+)`", "".join(re.findall(r"^\| (`\.[^|]*) \|", PAGE, re.MULTILINE))))
-    assert told == {*map_files.GRIDS, *map_files.CLOUDS}
+    assert told == {*map_files.GRIDS, *map_files.WRITERS}
     assert {Path(f"x{suffix}").suffix for suffix in told} == told
 
 
