@@ -17,7 +17,7 @@ from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.pipeline.reading.pose_options import MATCH, PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
@@ -79,7 +79,7 @@ def write_path(
         Reading(log, options.read, options.poses) as reading,
         NewFiles([path], options.overwrite) as new,
     ):
-        written = _Written(source.name, is_table)
+        written = _Written(is_table, options.poses.source == MATCH)
         try:
             with new.part(path).open("wb") as out:
                 sink = ParquetSink(out, POSES) if is_table else None
@@ -146,12 +146,15 @@ class _Part:
 class _Written:
     """What has been written, of which sensors."""
 
-    def __init__(self, log: str, is_table: bool) -> None:
-        self._log = log
+    def __init__(self, is_table: bool, is_matched: bool) -> None:
+        """`is_table`: there is room for several sensors; `is_matched`: the sweeps have been asked already."""
+        self._is_matched = is_matched
         self._is_table = is_table
         self._last: dict[tuple[str, str], int] = {}
         self._count = 0
         self._left_out = 0
+        self._twice: dict[str, str] = {}
+        """Topic that is left out → the one that tells of the same frame."""
 
     def take(self, batch: SweepBatch, reading: Reading) -> Iterator[_Part]:
         """The poses of a batch that are to be written."""
@@ -174,17 +177,25 @@ class _Written:
         """Refuse a path without a pose; tell how many there are."""
         if not self._count:
             why = "; ".join(summary.notes) or "nothing in the log tells where the sensor was"
-            raise UnreadableError(f"no poses: {why}; --pose match finds the path from the sweeps")
+            hint = "" if self._is_matched else "; --pose match finds the path from the sweeps"
+            raise UnreadableError(f"no poses: {why}{hint}")
         if self._left_out:
             summary.notes.append(
-                f"left out: {self._left_out:,} poses whose stamps are not after those before; evo reads none of them"
+                f"left out, as their stamps are not after those before and evo reads none of these: {self._left_out:,}"
             )
+        summary.notes += [
+            f"{topic} is of the same frame as {first}: left out (--topic {topic})"
+            for topic, first in self._twice.items()
+        ]
         summary.notes.append(f"{self._count:,} pose{'' if self._count == 1 else 's'}")
 
     def _later(self, key: tuple[str, str], batch: SweepBatch, kept: Any) -> Any:
-        """The poses whose stamps go on; of one sensor alone."""
-        if key not in self._last and self._last:
-            first = next(iter(self._last))
+        """The poses whose stamps go on; of one sensor alone, from the first topic that tells of it."""
+        first = next(iter(self._last), key)
+        if key != first and key[1] == first[1]:
+            self._twice[key[0]] = first[0]
+            return kept[:0]
+        if key != first:
             raise OptionError(
                 f"a TUM file holds the path of one sensor, and the log has {first[0]} ({first[1]}) and {key[0]} "
                 f"({key[1]}): choose one with --topic, or write a .parquet"

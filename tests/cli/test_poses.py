@@ -249,7 +249,7 @@ def test_stamps_that_jump_back(lidarcli: Run, tmp_path: Path) -> None:
     ran = lidarcli("poses", log, "--poses", path, "-o", out)
     assert ran.code == 0
     assert ran.err.splitlines()[2:4] == [
-        "  note     left out: 3 poses whose stamps are not after those before; evo reads none of them",
+        "  note     left out, as their stamps are not after those before and evo reads none of these: 3",
         "  note     4 poses",
     ]
     stamps, numbers = lines_of(out)
@@ -362,3 +362,16 @@ def test_sweeps_outside_of_a_path_are_left_out(lidarcli: Run, tmp_path: Path) ->
     assert numbers[:, 0].tolist() == [0, 0, 0.5, 1, 1.5, 2, 2]
     back = read_trajectory(out)
     assert np.array_equal(back.stamp_ns, stamps)
+
+
+def test_two_topics_of_one_frame_are_one_sensor(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    lines = [f"{1_700_000_000 + k} {0.25 * k} 0 0 0 0 0 1\n" for k in range(-1, 6)]
+    (tmp_path / "in.tum").write_text("".join(lines))
+    words = ("poses", logs / "two.mcap", "--poses", tmp_path / "in.tum", "-o")
+    ran = lidarcli(*words, tmp_path / "out.tum")
+    assert ran.code == 0
+    assert "is of the same frame as" in ran.err
+    only = next(line for line in ran.err.splitlines() if "left out (--topic" in line).split()[1]
+    first = "/rear" if only == "/front" else "/front"
+    assert lidarcli(*words, tmp_path / "first.tum", "--topic", first).code == 0
+    assert (tmp_path / "out.tum").read_bytes() == (tmp_path / "first.tum").read_bytes()
