@@ -22,6 +22,8 @@ STATION_ANGLE = math.radians(STATION_DEGREES)
 """The same in radians."""
 MATCH_BY = ("position", "constellation", "auto")
 """How runs are laid beside each other."""
+MATCH = "match"
+"""What `--pose` takes for poses that the sweeps themselves tell, and the name of the world that they are in."""
 MAP_RESOLUTION = 0.05
 """Side of a cell of a map [m]."""
 MIN_MOVE = 0.2

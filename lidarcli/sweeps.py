@@ -311,11 +311,12 @@ class SweepBatch:
 
     def all_shares(self) -> Float64:
         """(S, B) the share of the time of its sweep that has passed at each beam; above 1 for padding."""
-        shares: Float64 = np.arange(self.width) / np.maximum(self.beams - 1.0, 1.0)[:, None]
-        return shares
+        return self.shares(np.arange(len(self))[:, None], np.arange(self.width))
 
-    def shares(self, row: Int64 | NDArray[np.intp], beam: Float64 | Int64 | NDArray[np.intp]) -> Float64:
-        """(K,) the share of the time of sweep `row` that has passed at `beam`: 0 for the first, 1 for the last."""
+    def shares(
+        self, row: Int64 | NDArray[np.intp], beam: Float64 | Int64 | Int32 | NDArray[np.intp]
+    ) -> Float64:
+        """The share of the time of sweep `row` that has passed at `beam`, of any shape: 0 for the first, 1 for the last."""
         shares: Float64 = beam / np.maximum(self.beams[row] - 1.0, 1.0)
         return shares
 

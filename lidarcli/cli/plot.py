@@ -24,9 +24,9 @@ from lidarcli.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from lidarcli.formalism import Parameters
     from lidarcli.logs.base import CsvOptions
     from lidarcli.pipeline.inputs.sources import Source
+    from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
@@ -171,7 +171,7 @@ def plot(
 ) -> int:
     """Draw sweeps as in the paper: scene with boxes, r(theta), s(theta).
 
-    Only the log up to the last of these sweeps is read.
+    Only the log up to the last of these sweeps is read; with --map, all of it.
     """
     wanted = _wanted(sweep, sweeps, animate)
     _suffix(output, animate)
@@ -208,7 +208,12 @@ def plot(
         refuse(paths, overwrite, [*files_of([source]), *others])
     found_with = Parameters.for_profile(**parameters)
     if in_world:
-        return _draw_map(say, source, paths, wanted, topic, tracks, overwrite, poses, rules, csv, found_with)
+        from lidarcli.logs.batches import ReadOptions
+        from lidarcli.pipeline.mapping import MapOptions
+
+        read = ReadOptions(topics=frozenset({topic}) if topic else None, rules=rules)
+        options = MapOptions(read, csv, poses, parameters=found_with, overwrite=overwrite)
+        return _draw_map(say, source, paths, wanted, tracks, options)
     drawn = take_pictures(
         source, PlotOptions(wanted, topic, found_with, rules, csv, background, tracks, poses)
     )
@@ -248,22 +253,13 @@ def _draw_map(
     source: Source,
     paths: list[Path],
     sweeps: tuple[int, ...] | None,
-    topic: str | None,
     tracks: str | None,
-    overwrite: bool,
-    poses: PoseOptions,
-    rules: RangeRules,
-    csv: CsvOptions,
-    parameters: Parameters,
+    options: MapOptions,
 ) -> int:
     """Draw the run from above; the exit code."""
     from lidarcli.errors import UnreadableError
-    from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.map_plotting import map_bytes, take_map, write_maps
-    from lidarcli.pipeline.mapping import MapOptions
 
-    read = ReadOptions(topics=frozenset({topic}) if topic else None, rules=rules)
-    options = MapOptions(read=read, csv=csv, poses=poses, parameters=parameters)
     try:
         drawn = take_map(source, options, sweeps, tracks)
     except UnreadableError as err:
@@ -273,7 +269,7 @@ def _draw_map(
     if str(paths[0]) == STDOUT:
         standard_output().buffer.write(map_bytes(drawn.pictures[0], ".png"))
     else:
-        notes = write_maps(paths, drawn.pictures, overwrite)
+        notes = write_maps(paths, drawn.pictures, options.overwrite)
         for path in paths:
             say.info(f"  wrote    {path}")
         for note in notes:

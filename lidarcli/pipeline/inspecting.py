@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, ReadReport, Topic
 from lidarcli.logs.choice import scan_topics
@@ -18,7 +19,7 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.clock import Clock, ClockInfo
 from lidarcli.pipeline.reading.delays import DelaySearch
 from lidarcli.pipeline.reading.pose_finding import FoundPoses, PoseInfo, find_poses, pose_infos
-from lidarcli.pipeline.reading.pose_options import MATCH, PoseOptions
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.posing import alike_note
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of

@@ -22,7 +22,7 @@ from lidarcli.maps.mapserver import image_of, pgm_bytes, read_map, yaml_bytes
 from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.mapping import MapOptions, Mapping, SensorPath
+from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.pose_options import of_one_run
 from lidarcli.pipeline.reading.reading import Progress
 from lidarcli.pipeline.reading.summary import RunSummary
@@ -43,7 +43,6 @@ class Mapped:
     """What a run has made."""
 
     grid: Occupancy
-    paths: tuple[SensorPath, ...]
     worlds: tuple[str, ...]
     sweeps: int
     """Sweeps that count."""
@@ -152,9 +151,7 @@ class MapRun:
         for new in self._new.values():
             notes += new.publish()
         worlds = tuple(mapping.worlds)
-        return Mapped(
-            grid, tuple(mapping.paths), worlds, mapping.counts.sweeps, self._files, tuple(notes), comparison
-        )
+        return Mapped(grid, worlds, mapping.counts.sweeps, self._files, tuple(notes), comparison)
 
     def __enter__(self) -> MapRun:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -10,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.choices import MAP_RESOLUTION, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
+from lidarcli.choices import MAP_RESOLUTION, MATCH, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
-from lidarcli.formalism.mapping.motion_filter import MotionFilter
+from lidarcli.formalism.mapping.motion_filter import MIN_TURN, PAUSE_NS, MotionFilter
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
@@ -23,7 +24,7 @@ from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.delays import MAP
-from lidarcli.pipeline.reading.pose_options import MATCH, NONE, PoseOptions
+from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
@@ -88,8 +89,6 @@ class SensorPath:
     x: Float64
     """(N,) metres."""
     y: Float64
-    yaw: Float64
-    """(N,) rad."""
 
     @property
     def length(self) -> float:
@@ -308,7 +307,8 @@ class Mapping:
         every = "all that have a pose" if taken.unplaced else "all"
         if self.options.min_move <= 0:
             return every
-        return f"one for each {self.options.min_move:g} m, 10 degrees or 5 s of the way (--min-move)"
+        turn, wait = math.degrees(MIN_TURN), PAUSE_NS / 1e9
+        return f"one for each {self.options.min_move:g} m, {turn:g} degrees or {wait:g} s of the way (--min-move)"
 
 
 class _Taken:
@@ -361,7 +361,7 @@ class _Taken:
             SensorPath(
                 log,
                 *key,
-                *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y", "yaw")),
+                *(np.concatenate([getattr(part, axis) for part in parts]) for axis in ("x", "y")),
             )
             for key, parts in sorted(self._places.items())
             if parts

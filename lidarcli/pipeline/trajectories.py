@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
@@ -17,7 +18,7 @@ from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.pose_options import MATCH, PoseOptions
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch

@@ -9,17 +9,16 @@ a sweep that fits nowhere gets no pose, and stays out of the map.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError
-from lidarcli.poses.motion import Motion
-from lidarcli.poses.tracks import SECOND_NS, Track
+from lidarcli.poses.tracks import SECOND_NS, Track, gathered
 from lidarcli.sweeps import TURN, Float64, Int64, SweepBatch
 
-PARENT = "match"
-"""Name of the world frame: where the first sweep was taken."""
 TYPE = "kiss-icp"
 """What stands for the type of a message."""
 
@@ -173,11 +172,8 @@ class Matching:
         """Cells on and around the points of the sweep before."""
         self._misses = 0
         self._latest_ns: int | None = None
-        self._highest_ns = -(1 << 62)
-        self._jumps_back = 0
-        self._record_ns = (np.iinfo(np.int64).max, np.iinfo(np.int64).min)
-        self._found: list[tuple[Int64, Float64]] = []
-        """(K,) stamps and (K, 3) poses of each batch."""
+        self._found: list[tuple[Int64, Int64, Float64]] = []
+        """(K,) stamps, (K,) record times and (K, 3) poses of each batch."""
 
     def add(self, batch: SweepBatch) -> None:
         """Take sweeps of one topic and frame."""
@@ -190,8 +186,6 @@ class Matching:
             if stamp_ns == self._latest_ns:
                 self.unplaced += 1
                 continue
-            self._jumps_back += stamp_ns <= self._highest_ns - SECOND_NS
-            self._highest_ns = max(self._highest_ns, stamp_ns)
             self._latest_ns = stamp_ns
             pose = self._place(self._points(batch, row, float(duration[row])), stamp_ns)
             if pose is None:
@@ -200,37 +194,16 @@ class Matching:
             kept.append(row)
             poses.append(pose)
         if kept:
-            record_ns = batch.record_ns[kept]
-            first, last = self._record_ns
-            self._record_ns = min(first, int(record_ns.min())), max(last, int(record_ns.max()))
-            self._found.append((batch.stamp_ns[kept], np.array(poses, np.float64)))
+            self._found.append((batch.stamp_ns[kept], batch.record_ns[kept], np.array(poses, np.float64)))
 
     def track(self, topic: str, frame: str) -> Track | None:
         """The way so far, from the frame of the first sweep; None where no sweep has a pose."""
         if not self._found:
             return None
-        stamps, poses = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
-        messages = len(stamps)
-        # Where a clock was set back: by stamp, and of several poses at one stamp the last.
-        order = np.argsort(stamps, kind="stable")
-        stamps, poses = stamps[order], poses[order]
-        last = np.append(stamps[1:] != stamps[:-1], True)
-        stamps, poses = stamps[last], poses[last]
-        position = np.column_stack([poses[:, :2], np.zeros(len(poses))])
-        half = 0.5 * poses[:, 2]
-        rotation = np.column_stack([np.zeros((len(poses), 2)), np.sin(half), np.cos(half)])
-        return Track(
-            topic,
-            TYPE,
-            PARENT,
-            frame,
-            False,
-            messages,
-            stamps,
-            Motion(position, rotation),
-            self._record_ns,
-            self._jumps_back,
-        )
+        stamps, record_ns, poses = (np.concatenate(parts) for parts in zip(*self._found, strict=True))
+        half, flat = 0.5 * poses[:, 2], np.zeros(len(poses))
+        numbers = np.column_stack([poses[:, :2], flat, flat, flat, np.sin(half), np.cos(half)])
+        return gathered((topic, TYPE, MATCH, frame), stamps, numbers, record_ns, Counter())
 
     def _points(self, batch: SweepBatch, row: int, duration: float) -> _Points:
         """The valid beams of a sweep that takes `duration` [s]; the first one that there is sets the scale of all."""
@@ -242,8 +215,6 @@ class Matching:
             ranges[~(ranges < (self._reach or FARTHEST))] = np.nan
         beam = np.flatnonzero(~np.isnan(ranges))
         bearing, near = batch.angle_min[row] + step * beam, ranges[beam]
-        if not math.isfinite(duration):
-            duration = 0.0
         late = np.asarray(duration / max(beams - 1, 1) * beam, np.float64)
         # In 1/r the line through two neighbours is at the beam between them the mean over the cosine.
         between = 2.0 * math.cos(step) / (1.0 / ranges[:-2] + 1.0 / ranges[2:])

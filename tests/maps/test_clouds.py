@@ -151,10 +151,15 @@ def test_a_real_file_is_left_open_for_its_caller(tmp_path: Path, writer: type[Cl
 
 
 @pytest.mark.parametrize("writer", [PlyWriter, PcdWriter, ParquetWriter])
-def test_what_is_abandoned_raises_nothing(writer: type[CloudWriter]) -> None:
-    cloud = writer(io.BytesIO())  # type: ignore[call-arg]
-    cloud.write(some_points(60_000))
-    cloud.abandon()
+def test_what_is_abandoned_is_not_whole(writer: type[CloudWriter]) -> None:
+    left, whole = io.BytesIO(), io.BytesIO()
+    for file, end in ((left, "abandon"), (whole, "finish")):
+        cloud = writer(file)  # type: ignore[call-arg]
+        cloud.write(some_points(60_000))
+        getattr(cloud, end)()
+    assert left.getvalue() != whole.getvalue()
+    # Whoever opened the file closes it.
+    assert not left.closed
 
 
 def test_other_programs_read_ply(tmp_path: Path) -> None:

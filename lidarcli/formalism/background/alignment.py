@@ -94,7 +94,7 @@ def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Sh
     ranges = batch.ranges[:, there].astype(np.float64)
     valid = ~np.isnan(ranges) & (column < batch.beams[:, None])
     ranges = np.where(valid, ranges, 0.0)
-    ahead, left, turn = start.during(column / np.maximum(batch.beams - 1.0, 1.0)[:, None])
+    ahead, left, turn = start.during(batch.shares(np.arange(len(batch))[:, None], column))
     x, y = ranges * np.cos(bearing + turn) + ahead, ranges * np.sin(bearing + turn) + left
     pose = np.stack([start.x, start.y, start.yaw], axis=1)
     guess = pose.copy()

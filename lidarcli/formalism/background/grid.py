@@ -124,7 +124,7 @@ def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Fl
     beam = _beam_of(batch, turned)
     if moved.way is not None:
         # The beam that looked there was taken later, from elsewhere.
-        ahead, left, turn = moved.during(beam / np.maximum(batch.beams - 1.0, 1.0)[:, None])
+        ahead, left, turn = moved.during(batch.shares(np.arange(len(batch))[:, None], beam))
         cos, sin = np.cos(moved.yaw)[:, None], np.sin(moved.yaw)[:, None]
         x, y = cos * x + sin * y - ahead, cos * y - sin * x - left
         turned = np.where(finite, np.arctan2(y, x), bearing - moved.yaw[:, None]) - turn

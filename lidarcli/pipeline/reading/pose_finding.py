@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
 from lidarcli.logs.choice import TopicChoice
 from lidarcli.pipeline.reading.delays import SECOND
-from lidarcli.pipeline.reading.pose_options import MATCH, NONE, PoseOptions
+from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
 from lidarcli.sweeps import RangeRules
 
 if TYPE_CHECKING:

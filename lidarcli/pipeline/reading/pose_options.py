@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError
 
 NONE = "none"
 """What `--pose` takes for no poses at all."""
-MATCH = "match"
-"""What `--pose` takes for poses that the sweeps themselves tell."""
 MOST_DELAY = 3600.0
 """Greatest `--pose-delay` [s], either way: what is more is another clock."""
 

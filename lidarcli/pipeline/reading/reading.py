@@ -9,12 +9,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from lidarcli.choices import MATCH
 from lidarcli.logs.base import CsvOptions, Log, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.delays import first_delays
-from lidarcli.pipeline.reading.pose_options import MATCH, PoseOptions
+from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
 from lidarcli.sweeps import Int64, SweepBatch
