@@ -20,7 +20,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.memory import keep_freed_memory
-from lidarcli.tables.files import TableFiles
+from lidarcli.tables.files import TableFiles, table_paths
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.rows import objects_rows, sweeps_rows
 
@@ -58,7 +58,8 @@ def once(log: Path, parameters: Parameters) -> Stages:
         decoded = stage.each("read and decode", source.scans(None, ReadReport()))
         source.scans = lambda topics, report: decoded  # type: ignore[method-assign]
         process, thread = time.process_time(), time.thread_time()
-        with TableFiles(Path(folder), log.stem, ("objects", "sweeps"), _first_topic(log)) as files:
+        paths = table_paths(Path(folder), log.stem, ("objects", "sweeps"))
+        with TableFiles(paths, _first_topic(log)) as files:
             for batch in stage.each("batches", read_batches(source, ReadOptions(), ReadReport())):
                 with stage("detect"):
                     found = detect(batch, parameters)

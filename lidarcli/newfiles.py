@@ -9,12 +9,13 @@ import stat
 import time
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Protocol, Self, cast
 
 from lidarcli.errors import OutputError
+from lidarcli.stores.url import Place, Url
 
 try:
     import fcntl
@@ -31,6 +32,22 @@ _HOST = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else 
 _SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
 
 Identity = tuple[int, int, int, int]
+
+
+class WholeFiles(Protocol):
+    """Files of one folder, or of one store, that get their names together: `NewFiles`, `StoreFiles`."""
+
+    def part(self, path: Any) -> Path: ...
+
+    def open(self) -> None: ...
+
+    def publish(self) -> list[str]: ...
+
+    def close(self) -> None: ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *exc: Any) -> None: ...
 
 
 class NewFiles:
@@ -52,9 +69,9 @@ class NewFiles:
         self._overwrite = overwrite
         self._folders = folders
         self._folder = self.paths[0].parent
-        self._scratch = self._folder / f".lidarcli-{_HOST}-{os.urandom(8).hex()}.part"
+        self._stack = ExitStack()
+        self._scratch = self._folder
         self._before: list[Identity | None] = []
-        self._lock: int | None = None
 
     def part(self, path: Path) -> Path:
         """Where to write the file that will be `path`."""
@@ -70,15 +87,7 @@ class NewFiles:
         """
         refuse(self.paths, self._overwrite, folders=self._folders)
         self._before = [_identity(path) for path in self.paths]
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            with _locked(self._folder) as alone:
-                if alone:
-                    _clear(self._folder)
-                self._scratch.mkdir(mode=0o700)
-                self._lock = _lock(self._scratch)
-        except OSError as err:
-            raise unwritable(self._folder, err) from err
+        self._scratch = self._stack.enter_context(scratch_folder(self._folder))
 
     def publish(self) -> list[str]:
         """Give all files their names at once; a line for each that another run has written meanwhile.
@@ -105,11 +114,7 @@ class NewFiles:
 
     def close(self) -> None:
         """Remove what has not been published."""
-        with suppress(OSError):
-            shutil.rmtree(self._scratch)
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        self._stack.close()
 
     def __enter__(self) -> Self:
         try:
@@ -135,9 +140,44 @@ class NewFiles:
             raise unwritable(path, err) from err
 
 
-def write_whole(path: Path, data: bytes, overwrite: bool = True) -> list[str]:
+@contextmanager
+def scratch_folder(folder: Path) -> Iterator[Path]:
+    """A folder below another one, which is made, that nobody else may enter and that is gone afterwards.
+
+    What a killed run left behind is cleared away by the next one that comes here. `OutputError` where it cannot be made.
+    """
+    scratch = folder / f".lidarcli-{_HOST}-{os.urandom(8).hex()}.part"
+    lock: int | None = None
+    try:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with _locked(folder) as alone:
+                if alone:
+                    _clear(folder)
+                scratch.mkdir(mode=0o700)
+                lock = _lock(scratch)
+        except OSError as err:
+            raise unwritable(folder, err) from err
+        yield scratch
+    finally:
+        with suppress(OSError):
+            shutil.rmtree(scratch)
+        if lock is not None:
+            os.close(lock)
+
+
+def new_files(paths: Sequence[Place], overwrite: bool = True) -> WholeFiles:
+    """Files of one folder that get their names together, on this machine or in a store."""
+    if isinstance(paths[0], Url):
+        from lidarcli.stores.newfiles import StoreFiles
+
+        return StoreFiles(cast("Sequence[Url]", paths))
+    return NewFiles(cast("Sequence[Path]", paths), overwrite)
+
+
+def write_whole(path: Place, data: bytes, overwrite: bool = True) -> list[str]:
     """Write one file that has its name only when it is whole; notes as of `NewFiles.publish`."""
-    with NewFiles([path], overwrite) as files:
+    with new_files([path], overwrite) as files:
         try:
             files.part(path).write_bytes(data)
         except OSError as err:
@@ -146,7 +186,7 @@ def write_whole(path: Path, data: bytes, overwrite: bool = True) -> list[str]:
 
 
 def refuse(
-    outputs: Iterable[Path], overwrite: bool, inputs: Iterable[str | Path] = (), folders: bool = False
+    outputs: Iterable[Place], overwrite: bool, inputs: Iterable[str | Path] = (), folders: bool = False
 ) -> None:
     """Refuse outputs before any work is done for them; `folders` as of `NewFiles`.
 
@@ -156,8 +196,12 @@ def refuse(
         One exists and may not be replaced, is one of the `inputs` (by whatever name), is no regular file, or stands where
         nothing can be written.
     """
+    inputs = [*inputs]
     sources = {(found.st_dev, found.st_ino): str(path) for path in inputs if (found := _stat(path))}
     for path in outputs:
+        if isinstance(path, Url):
+            _refuse_object(path, overwrite, inputs)
+            continue
         found = _stat(path)
         if found is not None and (found.st_dev, found.st_ino) in sources:
             source = sources[found.st_dev, found.st_ino]
@@ -171,7 +215,15 @@ def refuse(
         _refuse_place(path.parent)
 
 
-def unwritable(path: Path | str, err: OSError) -> OutputError:
+def _refuse_object(url: Url, overwrite: bool, inputs: Iterable[str | Path]) -> None:
+    """The same for an output in a store."""
+    if str(url) in map(str, inputs):
+        raise OutputError(f"{url} is an input of this run; write elsewhere with -o")
+    if not overwrite and url.exists():
+        raise OutputError(f"{url} exists; use --overwrite to replace it, or -o to write elsewhere")
+
+
+def unwritable(path: Place | str, err: OSError) -> OutputError:
     """The error of an output that the system refuses, as one line."""
     # Arrow puts words of its own before those of the system.
     reason = os.strerror(err.errno) if err.errno else err.strerror or str(err).splitlines()[0]

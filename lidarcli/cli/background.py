@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -23,6 +22,7 @@ from lidarcli.cli.options import (
     range_options,
     reading_options,
 )
+from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
@@ -111,7 +111,7 @@ def build(
     walk through the scene in up to 30 % of the sweeps. Several logs make one background.
     Where a log has poses, every place gets a background of its own.
     """
-    if figure and Path(figure).suffix.lower() not in IMAGES:
+    if figure and place(figure).suffix.lower() not in IMAGES:
         raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")
 
     from lidarcli.cli.background_text import learned_lines
@@ -128,9 +128,9 @@ def build(
     from lidarcli.pipeline.inputs.search import find_logs
     from lidarcli.pipeline.running.outcomes import exit_code
 
-    path = Path(output)
+    path = place(output)
     sources = find_logs(logs)
-    refuse_output(path, sources, overwrite, [Path(figure)] if figure else [])
+    refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
     building = Building(
         BuildOptions(
             read=selection.read(rules),
@@ -156,7 +156,7 @@ def build(
     notes = building.write(path, sensors, overwrite)
     say.info(f"  wrote    {path}")
     if figure:
-        notes += draw_background(Path(figure), sensors, overwrite)
+        notes += draw_background(place(figure), sensors, overwrite)
         say.info(f"  wrote    {figure}")
     for note in notes:
         say.info(f"  note     {note}")
@@ -186,7 +186,7 @@ def info(file: str, kind: str) -> int:
     from lidarcli.cli.background_text import as_json, as_text
     from lidarcli.pipeline.building import load
 
-    sensors, metadata = load(Path(file))
+    sensors, metadata = load(place(file))
     if kind == "json":
         words = as_json(file, sensors, metadata)
     else:

@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,6 +24,7 @@ from lidarcli.cli.options import (
     range_options,
     reading_options,
 )
+from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
@@ -227,7 +227,7 @@ def _one_file(output: str) -> str | None:
     """The format of an output that is a file; None where it is a folder, or standard output."""
     if os.path.isdir(output) or output.endswith(os.sep):  # noqa: PTH112 (never raises)
         return None
-    suffix = Path(output).suffix.lower()
+    suffix = place(output).suffix.lower()
     if suffix in OTHER_FILES:
         raise click.UsageError(
             f"{output}: objects are written as {', '.join(FILES)}; a folder of such a name ends with {os.sep}"
@@ -259,11 +259,11 @@ def _detect(
     with bar as report:
         results: Iterator[Outcome]
         if kind is None:
-            results = detect_files(sources, Path(output), options, report)
+            results = detect_files(sources, place(output), options, report)
         elif output == STDOUT:
             results = detect_stream(sources, standard_output().buffer, kind, options, report)
         else:
-            results = detect_file(sources, Path(output), kind, options, report)
+            results = detect_file(sources, place(output), kind, options, report)
         for outcome in results:
             show(outcome, say)
             outcomes.append(outcome)

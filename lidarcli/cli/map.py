@@ -25,6 +25,7 @@ from lidarcli.cli.options import (
     range_options,
     reading_options,
 )
+from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.formalism.mapping.comparison import Comparison
@@ -175,7 +176,7 @@ def map(
     """
     if not outputs and compare is None:
         raise click.UsageError("nothing to write: give -o FILE, or --compare TRUTH.yaml")
-    suffixes = {Path(output).suffix.lower() for output in outputs}
+    suffixes = {place(output).suffix.lower() for output in outputs}
     if options["path"] and ".png" not in suffixes:
         raise click.UsageError("--path is drawn into a picture: give -o FILE.png")
     if options["voxel"] and suffixes.isdisjoint(CLOUDS):
@@ -197,7 +198,7 @@ def map(
     )
     true = None if compare is None else Path(compare)
     codes = []
-    with MapRun(sources, [Path(output) for output in outputs], told, true) as run:
+    with MapRun(sources, [place(output) for output in outputs], told, true) as run:
         with progress_bar(sources, say) as report:
             for outcome in run.outcomes(report):
                 show_reading(outcome, say)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from lidarcli.choices import MATCH_BY
 from lidarcli.cli.detecting import FILES
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import OUTPUT, GroupedCommand, option
+from lidarcli.stores.url import place
 
 
 @click.command(
@@ -49,13 +48,13 @@ def match(say: Messages, /, tracks: tuple[str, ...], output: str, overwrite: boo
     runs are taken in this order. Writes one row for each thing and run that has it,
     with how far it was moved since the run before.
     """
-    kind = FILES.get(Path(output).suffix.lower())
+    kind = FILES.get(place(output).suffix.lower())
     if kind is None:
         raise click.BadParameter(f"'{output}' is none of {', '.join(FILES)}.", param_hint="'--output'")
 
     from lidarcli.pipeline.matching import match_tables, refuse_matches, write_matches
 
-    path = Path(output)
+    path = place(output)
     refuse_matches(path, tracks, overwrite)
     result = match_tables(tracks, by)
     for run in result.runs:

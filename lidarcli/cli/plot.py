@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -22,6 +21,7 @@ from lidarcli.cli.options import (
     pose_options,
     range_options,
 )
+from lidarcli.stores.url import Place, place
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
@@ -201,7 +201,7 @@ def plot(
 
     source = one_log(log)
     one = animate or wanted is None or len(wanted) == 1
-    paths = [Path(output)] if one else _numbered(Path(output), wanted or ())
+    paths = [place(output)] if one else _numbered(place(output), wanted or ())
     if output != STDOUT:
         others = [str(table) for table in table_files([tracks] if tracks else [])]
         others += [file for file in (background, poses.file) if file]
@@ -251,7 +251,7 @@ def _refuse_beside_map(view: str, animate: bool, background: str | None) -> None
 def _draw_map(
     say: Messages,
     source: Source,
-    paths: list[Path],
+    paths: list[Place],
     sweeps: tuple[int, ...] | None,
     tracks: str | None,
     options: MapOptions,
@@ -284,11 +284,11 @@ def _suffix(output: str, animate: bool) -> None:
     if output == STDOUT:
         return
     known = ANIMATIONS if animate else IMAGES
-    if Path(output).suffix.lower() not in known:
-        still = " or --animate" if Path(output).suffix.lower() in ANIMATIONS else ""
+    if place(output).suffix.lower() not in known:
+        still = " or --animate" if place(output).suffix.lower() in ANIMATIONS else ""
         raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
 
 
-def _numbered(path: Path, sweeps: tuple[int, ...]) -> list[Path]:
+def _numbered(path: Place, sweeps: tuple[int, ...]) -> list[Place]:
     """One name for each of several sweeps."""
     return [path.with_name(f"{path.stem}-{index}{path.suffix}") for index in sweeps]

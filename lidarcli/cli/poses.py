@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -19,6 +18,7 @@ from lidarcli.cli.options import (
     range_options,
     reading_options,
 )
+from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
@@ -69,7 +69,7 @@ def poses(
     from lidarcli.pipeline.running.outcomes import outcome_of, progress_of
     from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 
-    source, path = one_log(log), Path(output)
+    source, path = one_log(log), place(output)
     options = PathOptions(selection.read(rules), csv, poses, overwrite)
     refuse_path(path, source, options)
     with progress_bar([source], say) as report:

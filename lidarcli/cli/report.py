@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from lidarcli.cli.messages import Messages, coloured, standard_output
 from lidarcli.cli.options import INPUTS, OUTPUT, STDOUT, GroupedCommand, option
+from lidarcli.stores.url import place
 
 GATES = "Gates"
 
@@ -99,7 +98,7 @@ def report(
         raise click.UsageError("--format is for one output; several take theirs from their suffixes")
     options = ReportOptions(tables, checks, baseline, logs)
     understand(options)
-    files = [Path(name) for name in outputs if name != STDOUT]
+    files = [place(name) for name in outputs if name != STDOUT]
     inputs = [*map(str, table_files([*tables, *baseline])), *files_of(find_logs(logs))] if files else []
     refuse(files, overwrite, inputs)
     made = make_report(options, viewer="html" in kinds)
@@ -110,7 +109,7 @@ def report(
             words = render(made, form, colour=coloured(standard_output()))
             standard_output().buffer.write(_encoded(words))
         else:
-            notes = write_whole(Path(name), _encoded(render(made, form)), overwrite)
+            notes = write_whole(place(name), _encoded(render(made, form)), overwrite)
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")
@@ -137,7 +136,7 @@ def _kind(name: str, kind: str | None, suffixes: dict[str, str]) -> str:
         return kind
     if name == STDOUT:
         return "text"
-    suffix = Path(name).suffix.lower()
+    suffix = place(name).suffix.lower()
     if suffix not in suffixes:
         raise click.UsageError(
             f"{name}: the suffix names no format ({' '.join(suffixes)}); say which with --format"

@@ -9,7 +9,6 @@ from dataclasses import fields, replace
 from difflib import get_close_matches
 from itertools import chain
 from os import PathLike, fspath
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
@@ -45,6 +44,7 @@ from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import damage_lines
+from lidarcli.stores.url import place
 from lidarcli.sweeps import RangeRules, SweepBatch
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def learn(
     )
     sources = _sources(source)
     if output is not None:
-        refuse_output(Path(output), sources, overwrite=True)
+        refuse_output(place(fspath(output)), sources, overwrite=True)
     building = Building(options)
     for log in sources:
         for line in building.add(log).damage:
@@ -154,7 +154,7 @@ def learn(
     sensors = building.sensors()
     refuse_nothing(sensors)
     if output is not None:
-        for note in building.write(Path(output), sensors):
+        for note in building.write(place(fspath(output)), sensors):
             warnings.warn(note, stacklevel=2)
     return tuple(sensors)
 
@@ -321,7 +321,7 @@ def map(
     )
     sources = _sources(source)
     failed = Failed(len(sources))
-    with MapRun(sources, [Path(fspath(each)) for each in outputs], options) as run:
+    with MapRun(sources, [place(fspath(each)) for each in outputs], options) as run:
         for log in sources:
             with failed.noted(log):
                 for line in run.add(log).damage:

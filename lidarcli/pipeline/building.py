@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of
+from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.background import read_background, write_background
 from lidarcli.tables.metadata import table_metadata
@@ -97,7 +97,7 @@ class Building:
                 )
         return lines
 
-    def write(self, path: Path, sensors: Sequence[Background], overwrite: bool = True) -> list[str]:
+    def write(self, path: Place, sensors: Sequence[Background], overwrite: bool = True) -> list[str]:
         """Write the background table; notes as of `NewFiles.publish`."""
         metadata = table_metadata(self._options.as_dict(), self._described, self._damage)
         return write_background(path, sensors, metadata, overwrite)
@@ -115,7 +115,7 @@ class Building:
 
 
 def refuse_output(
-    path: Path, sources: Sequence[Source | Nothing], overwrite: bool, others: Sequence[Path] = ()
+    path: Place, sources: Sequence[Source | Nothing], overwrite: bool, others: Sequence[Place] = ()
 ) -> None:
     """Refuse a background table that cannot be written, or that would replace one of the logs, before any work.
 
@@ -131,7 +131,7 @@ def refuse_output(
     refuse([path, *others], overwrite, files_of(sources))
 
 
-def load(path: Path) -> tuple[list[Background], dict[str, Any]]:
+def load(path: Place) -> tuple[list[Background], dict[str, Any]]:
     """The sensors of a background table, and what its metadata says (`UnreadableError` where it is none)."""
     return read_background(path)
 
@@ -155,7 +155,7 @@ def scene_notes(sensors: Sequence[Background]) -> list[str]:
     return lines
 
 
-def draw_background(path: Path, sensors: Sequence[Background], overwrite: bool) -> list[str]:
+def draw_background(path: Place, sensors: Sequence[Background], overwrite: bool) -> list[str]:
     """Write a picture of it, of the kind that the suffix says; notes as of `NewFiles.publish`."""
     from lidarcli.reports.background_figure import draw
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.formalism import Parameters
@@ -22,7 +22,8 @@ from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.cores import cores
 from lidarcli.pipeline.running.splitting import Splitting
-from lidarcli.tables.files import TableFiles, table_path
+from lidarcli.stores.url import Place
+from lidarcli.tables.files import BY_DATE, TableFiles, table_paths
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.order import RowSink, TopicOrders
 
@@ -50,6 +51,8 @@ class DetectOptions:
     explain: bool = False
     """Also tell why each object is a thing."""
     overwrite: bool = False
+    layout: str | None = None
+    """How tables are laid out below the folder, as of `table_path`."""
     jobs: int = 0
     """Processors to use at most, 0 for all; the result does not depend on it."""
     cores: int = field(default_factory=cores)
@@ -65,6 +68,10 @@ class DetectOptions:
         """Names of the tables to write."""
         tracks = ("tracks",) if self.tracking is not None and self.tracking.tracks else ()
         return ("objects", "sweeps", *tracks, *(("beams",) if self.beams else ()))
+
+    def outputs(self, source: Source, folder: Place, date: str | None = None) -> dict[str, Place]:
+        """Table → where that of one log goes; `date` as of `Reading.date`."""
+        return table_paths(folder, source.name, self.tables, self.layout, date)
 
     def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
         """The files that are read, none of which an output may replace."""
@@ -108,23 +115,29 @@ class DetectOptions:
 
 
 def detect_to_files(
-    source: Source, folder: Path, options: DetectOptions, progress: Progress | None = None
+    source: Source, folder: Place, options: DetectOptions, progress: Progress | None = None
 ) -> RunSummary:
     """Write the tables of one log below `folder`; they appear when all of them are whole, or not at all."""
-    outputs = [table_path(folder, source.name, table) for table in options.tables]
-    refuse(outputs, options.overwrite, options.inputs([source]))
+    if options.layout != BY_DATE:
+        refuse(options.outputs(source, folder).values(), options.overwrite, options.inputs([source]))
     with (
         open_source(source, options.csv) as log,
         options.reading(log) as reading,
-        TableFiles(folder, source.name, options.tables, reading.first, options.overwrite) as files,
         Splitting(reading, options.recipe(source, options.tables), options.threads) as work,
     ):
-        for table, topic, rows in _rows(source, reading, work, options, progress):
-            files.write(table, topic, rows)
-        summary = reading.summary
-        described = reading.describe(source)
-        summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
-        summary.outputs = [str(path) for path in files.paths]
+        rows = _rows(source, reading, work, options, progress)
+        # The day of a log is that of its first sweep.
+        first = next(rows, None)
+        paths = options.outputs(source, folder, reading.date)
+        if options.layout == BY_DATE:
+            refuse(paths.values(), options.overwrite, options.inputs([source]))
+        with TableFiles(paths, reading.first, options.overwrite) as files:
+            for table, topic, some in chain([first] if first is not None else [], rows):
+                files.write(table, topic, some)
+            summary = reading.summary
+            described = reading.describe(source)
+            summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
+        summary.outputs = [str(path) for path in paths.values()]
     return summary
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import IO, Any
 
-from lidarcli.newfiles import NewFiles, refuse
+from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files, detect_to_sinks
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
+from lidarcli.stores.url import Place
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.schemas import OBJECTS
 from lidarcli.tables.stream import FORMATS, CountingOutput
@@ -20,7 +20,7 @@ from lidarcli.tables.stream import FORMATS, CountingOutput
 
 def detect_files(
     sources: Sequence[Source | Nothing],
-    folder: Path,
+    folder: Place,
     options: DetectOptions,
     report: LogProgress | None = None,
 ) -> Iterator[Outcome]:
@@ -81,7 +81,7 @@ def detect_stream(
 
 def detect_file(
     sources: Sequence[Source | Nothing],
-    path: Path,
+    path: Place,
     kind: str,
     options: DetectOptions,
     report: LogProgress | None = None,
@@ -90,7 +90,7 @@ def detect_file(
     refuse([path], options.overwrite, options.inputs(sources))
     # The last log that could be read, and those after it, wait: it also tells what became of the file.
     waiting: list[Outcome] = []
-    with NewFiles([path], options.overwrite) as new:
+    with new_files([path], options.overwrite) as new:
         with new.part(path).open("wb") as out:
             for outcome in detect_stream(sources, out, kind, options, report, str(path)):
                 if outcome.summary is not None:

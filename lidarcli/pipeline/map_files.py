@@ -19,7 +19,7 @@ from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWriter
 from lidarcli.maps.grid_message import write_occupancy_mcap
 from lidarcli.maps.mapserver import image_of, pgm_bytes, read_map, yaml_bytes
-from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.newfiles import WholeFiles, new_files, refuse, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
@@ -28,6 +28,7 @@ from lidarcli.pipeline.reading.reading import Progress
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.cores import cores
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
+from lidarcli.stores.url import Place, Url
 from lidarcli.tables.metadata import table_metadata
 
 GRIDS = (".yaml", ".png", ".mcap")
@@ -46,7 +47,7 @@ class Mapped:
     worlds: tuple[str, ...]
     sweeps: int
     """Sweeps that count."""
-    outputs: tuple[Path, ...]
+    outputs: tuple[Place, ...]
     notes: tuple[str, ...]
     comparison: Comparison | None = None
 
@@ -72,7 +73,7 @@ class MapRun:
     def __init__(
         self,
         sources: Sequence[Source | Nothing],
-        outputs: Sequence[Path],
+        outputs: Sequence[Place],
         options: MapOptions,
         true: Path | None = None,
     ) -> None:
@@ -88,9 +89,9 @@ class MapRun:
         self._true = None if true is None else _true_map(true, options.resolution)
         needs_sets = options.without_agents or any(path.suffix.lower() == ".parquet" for path in outputs)
         self._mapping = Mapping(options, needs_sets)
-        self._new: dict[Path, NewFiles] = {}
+        self._new: dict[Place, WholeFiles] = {}
         self._clouds: list[CloudWriter] = []
-        self._open: list[tuple[Path, BinaryIO]] = []
+        self._open: list[tuple[Place, BinaryIO]] = []
         self._stack = ExitStack()
 
     def outcomes(self, report: LogProgress | None = None) -> Iterator[Outcome]:
@@ -157,7 +158,7 @@ class MapRun:
         try:
             for folder in dict.fromkeys(path.parent for path in self._files):
                 mine = [path for path in self._files if path.parent == folder]
-                self._new[folder] = self._stack.enter_context(NewFiles(mine, self._options.overwrite))
+                self._new[folder] = self._stack.enter_context(new_files(mine, self._options.overwrite))
             for path in self._outputs:
                 if (make := WRITERS.get(path.suffix.lower())) is not None:
                     self._open_cloud(path, make)
@@ -169,7 +170,7 @@ class MapRun:
     def __exit__(self, *exc: object) -> None:
         self._stack.close()
 
-    def _open_cloud(self, path: Path, make: type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]) -> None:
+    def _open_cloud(self, path: Place, make: type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]) -> None:
         try:
             file = self._new[path.parent].part(path).open("w+b")
             self._stack.callback(_let_go, file)
@@ -180,7 +181,7 @@ class MapRun:
         self._clouds.append(cloud)
         self._open.append((path, file))
 
-    def _write(self, path: Path, grid: Occupancy) -> None:
+    def _write(self, path: Place, grid: Occupancy) -> None:
         """Write what is made of the grid."""
         suffix, part = path.suffix.lower(), self._new[path.parent].part(path)
         try:
@@ -220,11 +221,11 @@ class MapRun:
         return notes
 
 
-def _files(outputs: Sequence[Path]) -> tuple[Path, ...]:
+def _files(outputs: Sequence[Place]) -> tuple[Place, ...]:
     """All files that the outputs stand for."""
     known = (*GRIDS, *WRITERS)
-    files: list[Path] = []
-    places: dict[Path, Path] = {}
+    files: list[Place] = []
+    places: dict[Place, Place] = {}
     for path in outputs:
         suffix = path.suffix.lower()
         if suffix not in known:
@@ -234,10 +235,10 @@ def _files(outputs: Sequence[Path]) -> tuple[Path, ...]:
             raise OptionError(f"{path}: the YAML of a map names its image, and this name is not UTF-8")
         for file in (path, *([path.with_suffix(".pgm")] if suffix == ".yaml" else [])):
             # A folder may have several names.
-            place = Path(os.path.realpath(file.parent)) / file.name
-            if place in places:
-                raise OptionError(f"{places[place]} and {path} would be written to the same file")
-            places[place] = path
+            real = file if isinstance(file, Url) else Path(os.path.realpath(file.parent)) / file.name
+            if real in places:
+                raise OptionError(f"{places[real]} and {path} would be written to the same file")
+            places[real] = path
             files.append(file)
     return tuple(files)
 

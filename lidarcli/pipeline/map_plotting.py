@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map
 from lidarcli.reports.overview import COLUMNS, overview
+from lidarcli.stores.url import Place
 from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 
 
@@ -76,7 +76,7 @@ def map_bytes(picture: MapPicture, suffix: str) -> bytes:
     return draw_map(picture, suffix)
 
 
-def write_maps(paths: Sequence[Path], pictures: Sequence[MapPicture], overwrite: bool) -> list[str]:
+def write_maps(paths: Sequence[Place], pictures: Sequence[MapPicture], overwrite: bool) -> list[str]:
     """Write each picture to its file; notes as of `NewFiles.publish`."""
     notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):

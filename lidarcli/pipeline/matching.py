@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,10 @@ from lidarcli.choices import MATCH_BY
 from lidarcli.errors import OptionError
 from lidarcli.formalism.constellation import align
 from lidarcli.formalism.matching import HERE, Matched, Motion, Standing, Things
-from lidarcli.newfiles import NewFiles, refuse
+from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.inputs.tracks import TracksTable, find_tracks, read_tracks
 from lidarcli.pipeline.reading.pose_options import of_one_run
+from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int32, Int64
 from lidarcli.tables.arrays import codes, floats, plain
 from lidarcli.tables.metadata import table_metadata
@@ -118,9 +118,9 @@ def match_tables(inputs: Sequence[str], by: str = AUTO) -> MatchResult:
     return MatchResult(_table(runs, matched, told), results, _notes(worlds, chosen, by))
 
 
-def write_matches(result: MatchResult, path: Path, kind: str, overwrite: bool) -> list[str]:
+def write_matches(result: MatchResult, path: Place, kind: str, overwrite: bool) -> list[str]:
     """Write the matches to a file of `kind` (parquet, csv, ndjson, arrow); what a user should know of it."""
-    with NewFiles([path], overwrite) as new:
+    with new_files([path], overwrite) as new:
         with new.part(path).open("wb") as out:
             guard = CountingOutput(out, str(path))
             metadata = dict(result.table.schema.metadata)
@@ -131,7 +131,7 @@ def write_matches(result: MatchResult, path: Path, kind: str, overwrite: bool) -
         return new.publish()
 
 
-def refuse_matches(path: Path, inputs: Sequence[str], overwrite: bool) -> None:
+def refuse_matches(path: Place, inputs: Sequence[str], overwrite: bool) -> None:
     """Refuse an output that exists or that is one of the inputs, before any work."""
     refuse([path], overwrite, [str(table) for table in find_tracks(inputs)])
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from lidarcli.formalism.detect import noise
 from lidarcli.logs.base import CsvOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
-from lidarcli.newfiles import NewFiles, unwritable, write_whole
+from lidarcli.newfiles import new_files, unwritable, write_whole
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import one_pair, read_table
@@ -26,6 +25,7 @@ from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.paths import COLUMNS, Paths, TrackPath
 from lidarcli.reports.picture import Picture
+from lidarcli.stores.url import Place
 from lidarcli.sweeps import RangeRules, SweepBatch
 
 BATCH = 64
@@ -156,7 +156,7 @@ class _Work:
         self._options = options
         # A file as people know it, with its suffix.
         whole = not source.is_stdin and not source.files
-        self._log = Path(source.path).absolute().name if whole else source.name
+        self._log = source.file_name if whole else source.name
         self._subtracting = None
         if options.background is not None:
             self._subtracting = Subtracting(BackgroundOptions.of(options.background), options.parameters)
@@ -214,7 +214,7 @@ def picture_bytes(picture: Picture, view: str, suffix: str) -> bytes:
 
 
 def write_pictures(
-    paths: Sequence[Path], pictures: Sequence[Picture], view: str, overwrite: bool
+    paths: Sequence[Place], pictures: Sequence[Picture], view: str, overwrite: bool
 ) -> list[str]:
     """Write each picture to its file; notes as of `NewFiles.publish`."""
     notes: list[str] = []
@@ -223,9 +223,9 @@ def write_pictures(
     return notes
 
 
-def write_animation(path: Path, pictures: Sequence[Picture], view: str, overwrite: bool) -> list[str]:
+def write_animation(path: Place, pictures: Sequence[Picture], view: str, overwrite: bool) -> list[str]:
     """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`."""
-    with NewFiles([path], overwrite) as new:
+    with new_files([path], overwrite) as new:
         try:
             animate(pictures, view, new.part(path))
         except OSError as err:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,13 +13,14 @@ from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.newfiles import NewFiles, refuse, unwritable
+from lidarcli.newfiles import new_files, refuse, unwritable
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables.arrays import floats, plain
 from lidarcli.tables.metadata import table_metadata
@@ -46,7 +46,7 @@ class PathOptions:
     overwrite: bool = False
 
 
-def refuse_path(path: Path, source: Source, options: PathOptions) -> None:
+def refuse_path(path: Place, source: Source, options: PathOptions) -> None:
     """Refuse an output that cannot be written, before any work.
 
     Raises
@@ -63,7 +63,7 @@ def refuse_path(path: Path, source: Source, options: PathOptions) -> None:
 
 
 def write_path(
-    source: Source, path: Path, options: PathOptions, progress: Progress | None = None
+    source: Source, path: Place, options: PathOptions, progress: Progress | None = None
 ) -> RunSummary:
     """Write the pose of the sensor at each sweep of a log; sweeps without one are left out.
 
@@ -78,7 +78,7 @@ def write_path(
     with (
         open_source(source, options.csv) as log,
         Reading(log, options.read, options.poses) as reading,
-        NewFiles([path], options.overwrite) as new,
+        new_files([path], options.overwrite) as new,
     ):
         written = _Written(is_table, options.poses.source == MATCH)
         try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,8 @@ import pyarrow as pa
 from lidarcli.errors import UnreadableError
 from lidarcli.formalism.background.grid import SAME_BEAM, Grid
 from lidarcli.formalism.background.model import Background
-from lidarcli.newfiles import NewFiles
+from lidarcli.newfiles import new_files
+from lidarcli.stores.url import Place
 from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tables.arrays import codes, floats, plain
 from lidarcli.tables.metadata import DAMAGE, PARAMETERS, SOURCE, VERSION
@@ -36,11 +36,11 @@ SINGLE = 1e-6
 
 
 def write_background(
-    path: Path, sensors: Sequence[Background], metadata: Mapping[bytes, bytes], overwrite: bool = True
+    path: Place, sensors: Sequence[Background], metadata: Mapping[bytes, bytes], overwrite: bool = True
 ) -> list[str]:
     """Write the stations of all sensors; the file appears when it is whole. Notes as of `NewFiles.publish`."""
     geometry = json.dumps([_geometry(sensor) for sensor in sensors], sort_keys=True, ensure_ascii=False)
-    with NewFiles([path], overwrite) as new, TableFile(new.part(path), BACKGROUND, path) as file:
+    with new_files([path], overwrite) as new, TableFile(new.part(path), BACKGROUND, path) as file:
         for sensor in sensors:
             file.write(background_rows(sensor))
         file.finish({**metadata, GEOMETRY.encode(): geometry.encode(errors="replace")})
@@ -67,7 +67,7 @@ def background_rows(sensor: Background) -> pa.RecordBatch:
     return pa.record_batch(columns, schema=BACKGROUND)
 
 
-def read_background(path: Path) -> tuple[list[Background], dict[str, Any]]:
+def read_background(path: Place) -> tuple[list[Background], dict[str, Any]]:
     """The sensors of a background table, and what its metadata says.
 
     Raises
@@ -90,7 +90,7 @@ def read_background(path: Path) -> tuple[list[Background], dict[str, Any]]:
     return sensors, _told(notes) | {VERSION: notes.get(VERSION, "")}
 
 
-def _refuse_ranges(path: Path, table: pa.Table) -> None:
+def _refuse_ranges(path: Place, table: pa.Table) -> None:
     """Refuse ranges that are none: what is computed from them needs some length."""
     for name in _PER_BEAM:
         least = NEAREST if name.startswith("r_") else 0.0

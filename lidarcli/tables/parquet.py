@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.newfiles import unwritable
+from lidarcli.stores.url import Place
 from lidarcli.threads import Beside
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ class TableFile:
     shown : how errors call it; by default its path
     """
 
-    def __init__(self, path: Path, schema: pa.Schema, shown: Path | None = None) -> None:
+    def __init__(self, path: Path, schema: pa.Schema, shown: Place | None = None) -> None:
         self._path = path
         self._schema = schema
         self._shown = shown or path

@@ -11,13 +11,13 @@ import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
+from lidarcli.stores.url import Place, Url
 from lidarcli.tables.schemas import INFINITE, LATER, NULLABLE
 
 GREATEST_VALUE = 1e12
@@ -28,7 +28,7 @@ MOST_WHOLE = 1 << 53
 """A count or an index is no larger: up to here a double holds every whole number."""
 
 
-def read_columns(path: Path, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
+def read_columns(path: Place, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
     """Columns of a table in their declared types, with the metadata of the file; null what an earlier version had not.
 
     Parameters
@@ -57,7 +57,7 @@ def read_columns(path: Path, kind: str, schema: pa.Schema, names: Iterable[str] 
         return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
 
 
-def read_pieces(path: Path, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
+def read_pieces(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
     """The same piece by piece, for a table that may be large."""
     wanted = _wanted(schema, names)
     with _opened(path, kind) as file:
@@ -72,7 +72,7 @@ def read_pieces(path: Path, kind: str, schema: pa.Schema, names: Iterable[str]) 
             yield pa.RecordBatch.from_arrays(columns, schema=wanted)
 
 
-def column_names(path: Path, kind: str) -> list[str]:
+def column_names(path: Place, kind: str) -> list[str]:
     """The columns that a table has, also those that no schema knows."""
     with _opened(path, kind) as file:
         return list(file.schema_arrow.names)
@@ -116,7 +116,7 @@ def _finite(text: str) -> float:
 
 
 @contextmanager
-def _opened(path: Path, kind: str) -> Iterator[pq.ParquetFile]:
+def _opened(path: Place, kind: str) -> Iterator[pq.ParquetFile]:
     """The file, closed in the end; whatever Arrow says of it is one line."""
     refused = "no background" if kind == "background" else "cannot be read as Parquet"
     if not path.exists():
@@ -124,11 +124,20 @@ def _opened(path: Path, kind: str) -> Iterator[pq.ParquetFile]:
     if not path.is_file():
         raise UnreadableError(f"{path}: {refused}: it is no file")
     try:
-        # A name need not be UTF-8, and Arrow takes such a one as bytes alone.
-        with pa.OSFile(os.fsencode(path), "rb") as source, pq.ParquetFile(source) as file:
+        with _file(path) as source, pq.ParquetFile(source, pre_buffer=isinstance(path, Url)) as file:
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as err:
         raise UnreadableError(f"{path}: {refused}: {_first_line(err)}") from err
+
+
+def _file(path: Place) -> pa.NativeFile:
+    """The open file, of which parts are read."""
+    if isinstance(path, Url):
+        from lidarcli.stores.store import open_object
+
+        return open_object(path)
+    # A name need not be UTF-8, and Arrow takes such a one as bytes alone.
+    return pa.OSFile(os.fsencode(path), "rb")
 
 
 def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
@@ -136,7 +145,7 @@ def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
     return pa.schema([field for field in schema if field.name in chosen])
 
 
-def _columns_there(path: Path, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
+def _columns_there(path: Place, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
     """Those of the wanted columns that a file has; refused where one is missing that was always there, or there twice."""
     missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
     if missing:
@@ -148,7 +157,7 @@ def _columns_there(path: Path, kind: str, there: list[str], wanted: pa.Schema) -
     return [name for name in wanted.names if name in there]
 
 
-def _fitted(path: Path, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:
+def _fitted(path: Place, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:
     """The column in its declared type, its values checked."""
     place = f"{path}: column {field.name}"
     if not _castable(column.type, field.type):

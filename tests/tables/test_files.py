@@ -16,7 +16,7 @@ from lidarcli.errors import OutputError
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables import OBJECTS, SCHEMAS
-from lidarcli.tables.files import TableFiles
+from lidarcli.tables.files import TableFiles, table_paths
 from lidarcli.tables.metadata import table_metadata
 from lidarcli.tables.rows import objects_rows
 from tests.tables.writing import METADATA, write_files
@@ -43,9 +43,10 @@ def test_metadata_marks_damage_only_when_there_is_any() -> None:
 
 
 def test_empty_tables_are_valid(tmp_path: Path) -> None:
-    with TableFiles(tmp_path, "run", tuple(SCHEMAS), None) as files:
+    paths = table_paths(tmp_path, "run", tuple(SCHEMAS))
+    with TableFiles(paths, None) as files:
         files.publish(METADATA)
-    for table, path in zip(SCHEMAS, files.paths, strict=True):
+    for table, path in paths.items():
         empty = pq.read_table(path)
         assert empty.num_rows == 0
         assert empty.schema.equals(SCHEMAS[table], check_metadata=False)
@@ -67,7 +68,7 @@ def test_failure_leaves_nothing(
     tmp_path: Path, batch: SweepBatch, detection: Detection, error: type[BaseException]
 ) -> None:
     def interrupted() -> None:
-        with TableFiles(tmp_path, "run", ("objects", "sweeps"), None) as files:
+        with TableFiles(table_paths(tmp_path, "run", ("objects", "sweeps")), None) as files:
             files.write("objects", "/scan", objects_rows("run", batch, detection))
             (scratch,) = tmp_path.iterdir()
             assert sorted(path.name for path in scratch.iterdir()) == [
@@ -84,8 +85,8 @@ def test_failure_leaves_nothing(
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from lidarcli.tables.files import TableFiles
-files = TableFiles(Path(sys.argv[1]), "run", ("objects", "sweeps"), None)
+from lidarcli.tables.files import TableFiles, table_paths
+files = TableFiles(table_paths(Path(sys.argv[1]), "run", ("objects", "sweeps")), None)
 os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -95,7 +96,7 @@ def test_kill_leaves_no_final_name_and_a_rerun_works(tmp_path: Path) -> None:
     assert killed.returncode == -signal.SIGKILL
     (left,) = tmp_path.iterdir()
     assert re.fullmatch(r"\.lidarcli-[0-9a-f]{8}-[0-9a-f]{16}\.part", left.name)
-    with TableFiles(tmp_path, "run", ("objects", "sweeps"), None) as files:
+    with TableFiles(table_paths(tmp_path, "run", ("objects", "sweeps")), None) as files:
         files.publish(METADATA)
     assert {path.name for path in tmp_path.iterdir()} == {"run.objects.parquet", "run.sweeps.parquet"}
 
@@ -103,5 +104,5 @@ def test_kill_leaves_no_final_name_and_a_rerun_works(tmp_path: Path) -> None:
 def test_folder_that_is_a_file(tmp_path: Path) -> None:
     (tmp_path / "out").touch()
     with pytest.raises(OutputError) as caught:
-        TableFiles(tmp_path / "out", "run", ("objects",), None)
+        TableFiles(table_paths(tmp_path / "out", "run", ("objects",)), None)
     assert str(caught.value) == f"cannot write below {tmp_path / 'out'}: it is not a folder"

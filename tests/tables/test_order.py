@@ -13,7 +13,7 @@ import pytest
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tables import OBJECTS
-from lidarcli.tables.files import TableFiles
+from lidarcli.tables.files import TableFiles, table_paths
 from lidarcli.tables.order import TopicOrder
 from lidarcli.tables.rows import objects_rows, sweeps_rows
 from tests.tables.writing import METADATA, write_files
@@ -58,7 +58,7 @@ def test_thousands_of_topics_share_one_file_and_little_memory(
     topics = [f"/t{number:04}" for number in range(1500)]
     resource.setrlimit(resource.RLIMIT_NOFILE, (200, limits[1]))
     try:
-        with TableFiles(tmp_path, "run", ("sweeps",), None) as files:
+        with TableFiles(table_paths(tmp_path, "run", ("sweeps",)), None) as files:
             for topic in reversed(topics):
                 index = rows.schema.get_field_index("topic")
                 named = pa.DictionaryArray.from_arrays(pa.array([0] * rows.num_rows, pa.int32()), [topic])

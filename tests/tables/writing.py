@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.tables.files import TableFiles
+from lidarcli.tables.files import TableFiles, table_paths
 from lidarcli.tables.metadata import table_metadata
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_000_223_456_789, 1_700_000_000_323_456_789])
@@ -15,8 +15,8 @@ METADATA = table_metadata({"profile": "robust"}, {"name": "run.mcap", "size": 12
 
 
 def write_files(folder: Path, batches: list[tuple[str, pa.RecordBatch]], first: str | None) -> Path:
-    with TableFiles(folder, "run", ("objects",), first) as files:
+    with TableFiles(table_paths(folder, "run", ("objects",)), first) as files:
         for topic, rows in batches:
             files.write("objects", topic, rows)
         files.publish(METADATA)
-    return files.paths[0]
+    return folder / "run.objects.parquet"

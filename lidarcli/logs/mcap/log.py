@@ -117,12 +117,17 @@ class _Wanted:
 
 
 class McapLog:
-    """An MCAP as a `Log`: a file by its path, or a binary stream that is read once, in order."""
+    """An MCAP as a `Log`: a file by its path, or a binary stream.
 
-    def __init__(self, source: str | Path | BinaryIO, name: str | None = None) -> None:
+    A stream of known `size` [bytes] is read here and there, as a file is; any other once, in order.
+    """
+
+    def __init__(
+        self, source: str | Path | BinaryIO, name: str | None = None, size: int | None = None
+    ) -> None:
         self.format = "mcap"
         self.compression = "none"
-        self.size: int | None = None
+        self.size = size
         self._opening = ReadReport()
         self._used = False
         self._unpacking = Unpacking()

@@ -1,15 +1,17 @@
-"""Opening the log that a `Source` stands for."""
+"""Opening the log that a `Source` stands for, wherever it is."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.stores.url import Url, place
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source
@@ -18,22 +20,47 @@ _TRIED = 3
 """A folder may hold a file or two that are no sweep (a README)."""
 
 
-def open_source(source: Source, csv: CsvOptions | None = None) -> Log:
-    """The open log of a source; many CSV files with one sweep each are one log."""
-    if source.files:
-        from lidarcli.logs.csv.log import CsvLog
+@contextmanager
+def open_source(source: Source, csv: CsvOptions | None = None) -> Iterator[Log]:
+    """The open log of a source, closed in the end; many CSV files with one sweep each are one log."""
+    if (url := source.url) is not None:
+        from lidarcli.stores.logs import open_stored
 
-        return CsvLog(source.files, csv)
-    return open_log(source.path, csv=csv)
+        with open_stored(
+            url, [found for file in source.files if isinstance(found := place(file), Url)], csv
+        ) as log:
+            yield log
+        return
+    with _of_files(source.files, csv) if source.files else open_log(source.path, csv=csv) as log:
+        yield log
 
 
-def hold_one_sweep_each(files: Sequence[Path]) -> bool:
+def _of_files(files: Sequence[str], csv: CsvOptions | None) -> Log:
+    from lidarcli.logs.csv.log import CsvLog
+
+    return CsvLog(files, csv)
+
+
+def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
     """Whether several text files are the sweeps of one log, as far as the first readable one shows."""
     from lidarcli.logs.csv.layouts import PER_SWEEP
 
     if len(files) < 2:
         return False
     for file in files[:_TRIED]:
-        with contextlib.suppress(UnreadableError), open_log(file) as log:
+        with contextlib.suppress(UnreadableError), _opened(file) as log:
             return PER_SWEEP in log.format
     return False
+
+
+@contextmanager
+def _opened(file: Path | Url) -> Iterator[Log]:
+    """One file as a log."""
+    if isinstance(file, Url):
+        from lidarcli.stores.logs import open_stored
+
+        with open_stored(file, (), None) as log:
+            yield log
+        return
+    with open_log(file) as log:
+        yield log

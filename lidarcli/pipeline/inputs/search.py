@@ -7,6 +7,7 @@ import os
 import stat
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path, PurePath
 
 from lidarcli.errors import OptionError, UnreadableError
@@ -14,6 +15,7 @@ from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2.folder import is_bag
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
+from lidarcli.stores.url import Place, is_url
 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd")
 """What a search of a folder takes for a log; a file that is named is opened whatever its suffix."""
@@ -23,9 +25,15 @@ _WRAPPER = (".gz", ".zstd", ".active")
 
 
 def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
-    """The logs that `inputs` mean, in their order; a folder is searched and its logs come sorted."""
+    """The logs that `inputs` mean, in their order; a folder, also of a store, is searched and its logs come sorted."""
     found: list[Source | Nothing] = []
     for text in inputs:
+        if is_url(text):
+            # Who reads no store does not wait for this import.
+            from lidarcli.pipeline.inputs.store_search import find_stored
+
+            found.extend(find_stored(text))
+            continue
         path = Path(text)
         if text == STDIN:
             found.append(Source(STDIN, "stdin"))
@@ -35,7 +43,9 @@ def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
             found.extend(_pattern(text))
         elif path.is_dir() and not is_one_log(path):
             below = _search(path)
-            found.extend(below or [Nothing(text, UnreadableError(f"no log in this folder ({_known()})"))])
+            found.extend(
+                below or [Nothing(text, UnreadableError(f"no log in this folder ({known_suffixes()})"))]
+            )
         else:
             found.append(Source(text, log_name(path)))
     return found
@@ -47,6 +57,7 @@ def files_of(sources: Iterable[Source | Nothing]) -> list[str]:
     for source in sources:
         found += source.files if isinstance(source, Source) and source.files else [source.path]
         with suppress(OSError), os.scandir(source.path) as entries:
+            # Of a store nothing is there.
             found += [entry.path for entry in entries]
     return found
 
@@ -72,8 +83,11 @@ def log_name(path: Path) -> str:
     ['run', 'x', 'a', 'b.v2']
     """
     name = path.name or path.resolve().name
-    if path.is_dir():
-        return name
+    return name if path.is_dir() else stem_of(name)
+
+
+def stem_of(name: str) -> str:
+    """The name of a file without container suffixes."""
     known = False
     for suffixes in (_WRAPPER, _CONTAINER):
         stem, suffix = os.path.splitext(name)  # noqa: PTH122 (names, not paths)
@@ -88,6 +102,11 @@ def is_one_log(folder: Path) -> bool:
         names = sorted(item.name for item in folder.iterdir() if item.is_file())
     except OSError:
         return False
+    return are_one_log(folder, names)
+
+
+def are_one_log(folder: Place, names: Sequence[str]) -> bool:
+    """The same of a folder whose files are known."""
     if is_bag(names):
         return True
     if any(name.lower().endswith(BINARY_SUFFIXES) for name in names):
@@ -157,14 +176,36 @@ def _pattern(text: str) -> Iterator[Source | Nothing]:
     if Path(text).is_symlink():
         yield Nothing(text, UnreadableError("the link leads to nothing"))
         return
-    files = sorted(glob.glob(text)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
+    files = sorted(glob.glob(text, recursive=True)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
     if not files:
         yield Nothing(text, UnreadableError("no such file or folder"))
     elif hold_one_sweep_each([Path(file) for file in files]):
         yield Source(text, log_name(Path(files[0]).parent), tuple(files))
     else:
-        yield from find_logs(files)
+        yield from _keyed(text, find_logs(files))
 
 
-def _known() -> str:
+def _keyed(pattern: str, found: Iterable[Source | Nothing]) -> Iterator[Source | Nothing]:
+    """The logs of a pattern, named by their places below its part without signs: equal names in two folders are two."""
+    base = fixed_part(pattern)
+    for source in found:
+        if isinstance(source, Source) and not PurePath(source.name).parent.parts:
+            below = os.path.relpath(source.path, base or ".")
+            name = PurePath(below).with_name(source.name).as_posix()
+            yield source if name.startswith("..") else replace(source, name=name)
+        else:
+            yield source
+
+
+def fixed_part(pattern: str) -> str:
+    """The folder up to which a pattern says what it means.
+
+    >>> fixed_part("bags/2026-*/run.mcap"), fixed_part("*.mcap")
+    ('bags/', '')
+    """
+    first = min(at for sign in "*?[" if (at := pattern.find(sign)) >= 0)
+    return pattern[: pattern.rfind("/", 0, first) + 1]
+
+
+def known_suffixes() -> str:
     return "searched for " + " ".join(f"*{suffix}" for suffix in SUFFIXES)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lidarcli.errors import UnreadableError
+from lidarcli.stores.url import State, Url, is_url, place
 
 STDIN = "-"
 
@@ -17,7 +18,20 @@ class Source:
     path: str
     name: str
     files: tuple[str, ...] = ()
-    """The files of a log that a pattern names, one sweep each."""
+    """The files of a log that a pattern names, one sweep each; in a store, also those of a folder that is one log."""
+    found: State | None = None
+    """What the store said of it when it was found."""
+
+    @property
+    def url(self) -> Url | None:
+        """Where it is, if that is in a store."""
+        found = place(self.path) if is_url(self.path) else None
+        return found if isinstance(found, Url) else None
+
+    @property
+    def file_name(self) -> str:
+        """Name of its file or folder, without what is above."""
+        return Path(self.path).absolute().name if (url := self.url) is None else url.name
 
     @property
     def label(self) -> str:
@@ -32,12 +46,19 @@ class Source:
     @property
     def size(self) -> int:
         """Bytes on disk; 0 where unknown."""
+        return 0 if (state := self.state()) is None else state.size
+
+    def state(self) -> State | None:
+        """Its size and last change; None where nobody can tell."""
+        if self.found is not None or self.is_stdin or is_url(self.path):
+            return self.found
         path = Path(self.path)
         try:
             files = [Path(file) for file in self.files] or ([*path.iterdir()] if path.is_dir() else [path])
-            return sum(file.stat().st_size for file in files if file.is_file())
+            stats = [file.stat() for file in files if file.is_file()]
         except OSError:
-            return 0
+            return None
+        return State(sum(it.st_size for it in stats), max((it.st_mtime_ns for it in stats), default=0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ from lidarcli.formalism.background.subtraction import (
 )
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED
+from lidarcli.stores.url import place
 from lidarcli.sweeps import Int64, Status, SweepBatch
 from lidarcli.tables.background import read_background
 
@@ -50,8 +51,8 @@ class BackgroundOptions:
     @staticmethod
     def of(path: str | Path, **options: Any) -> BackgroundOptions:
         """Read a background table (`UnreadableError` where it is none)."""
-        sensors, _ = read_background(Path(path))
-        return BackgroundOptions(Path(path).name, tuple(sensors), path=str(path), **options)
+        sensors, _ = read_background(place(path))
+        return BackgroundOptions(place(path).name, tuple(sensors), path=str(path), **options)
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for the tables' metadata."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
 
 from lidarcli.choices import MATCH
 from lidarcli.logs.base import CsvOptions, Log, ReadReport
@@ -54,7 +55,8 @@ def reading_as_dict(read: ReadOptions, csv: CsvOptions, poses: PoseOptions) -> d
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
     """What the tables' metadata says of the source: nothing that depends on where it lay."""
-    name = source.name if source.is_stdin or source.files else Path(source.path).absolute().name
+    is_pattern = source.files and ((url := source.url) is None or url.has_magic())
+    name = source.name if source.is_stdin or is_pattern else source.file_name
     return {"name": name, "size": log.size, "format": log.format}
 
 
@@ -76,6 +78,8 @@ class Reading:
         self._choice = choice = TopicChoice(options.topics, topics)
         self.first = choice.first
         """The topic that comes first in the tables, where that is known before reading."""
+        self.date: str | None = None
+        """Day of the first sweep that was read (UTC, YYYY-MM-DD); None before it."""
         self._expected: int | None = None
         self._started = time.perf_counter()
         if topics is not None:
@@ -102,6 +106,8 @@ class Reading:
         """Every batch with its poses."""
         for batch, position in self._read_ahead():
             self._position = position
+            if self.date is None and len(batch):
+                self.date = str(np.datetime64(int(batch.stamp_ns[0]), "ns").astype("datetime64[D]"))
             self.summary.add_sweeps(batch)
             yield batch
             if progress is not None:

@@ -1,0 +1,124 @@
+"""From the URL of an object, a folder or a pattern to the logs of a store that it means."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+
+from lidarcli.errors import UnreadableError
+from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
+from lidarcli.pipeline.inputs.search import SUFFIXES, are_one_log, fixed_part, known_suffixes, stem_of
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.stores.store import head, listing
+from lidarcli.stores.url import State, Url, place
+
+Objects = Mapping[Url, State]
+
+
+def find_stored(text: str) -> list[Source | Nothing]:
+    """The logs that a URL means: an object, all below a folder, or those that match a pattern; sorted by name.
+
+    In a pattern `*` and `?` stop at a slash and `**/` stands for any folders. Where listing fails, one `Nothing` says why.
+    """
+    url = place(text)
+    assert isinstance(url, Url)
+    try:
+        if url.has_magic():
+            return _matching(text, url)
+        # Not asked of what can only be a folder.
+        if url.key and not text.endswith("/") and (state := head(url)) is not None:
+            return [Source(str(url), stem_of(url.name), found=state)]
+        objects = dict(listing(url))
+        found = _below(url, objects)
+        if not found:
+            words = f"no log in this folder ({known_suffixes()})" if objects else "no such object or folder"
+            return [Nothing(text, UnreadableError(words))]
+        return found
+    except UnreadableError as err:
+        return [Nothing(text, UnreadableError(str(err).removeprefix(f"{url}: ")))]
+
+
+def _below(base: Url, objects: Objects) -> list[Source | Nothing]:
+    """All logs below a folder: bags and folders of sweeps, each as one log, and objects by their suffix."""
+    folders: dict[str, list[Url]] = {"": []}
+    for url in objects:
+        below = url.key.removeprefix(base.key).strip("/")
+        if not any(part.startswith(".") for part in below.split("/")):
+            folders.setdefault(below.rpartition("/")[0], []).append(url)
+    found: dict[PurePosixPath, Source] = {}
+    whole: list[str] = []
+    for folder, urls in sorted(folders.items()):
+        if any(folder == one or folder.startswith(f"{one}/") or not one for one in whole):
+            continue
+        here = base / folder if folder else base
+        if are_one_log(here, [url.name for url in urls]):
+            whole.append(folder)
+            found[PurePosixPath(folder)] = _of_objects(str(here), folder or base.name, urls, objects)
+            continue
+        for url in urls:
+            if url.name.lower().endswith(SUFFIXES):
+                key = PurePosixPath(folder) / url.name
+                name = str(key.with_name(stem_of(url.name)))
+                found[key] = Source(str(url), name, found=objects[url])
+    return [found[key] for key in sorted(found)]
+
+
+def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
+    """The logs that a pattern names, by their places below its part without signs."""
+    base = place(fixed_part(text))
+    assert isinstance(base, Url)
+    objects = dict(listing(base))
+    matches = re.compile(_expression(pattern.key)).fullmatch
+    urls = [url for url in objects if matches(url.key)]
+    if hold_one_sweep_each([url for url in urls if url.suffix in (".csv", ".tsv", ".txt")]):
+        return [_of_objects(str(pattern), urls[0].parent.name, urls, objects)]
+    found: list[Source | Nothing] = []
+    for url in urls:
+        below = PurePosixPath(url.key.removeprefix(base.key).strip("/"))
+        found.append(Source(str(url), str(below.with_name(stem_of(url.name))), found=objects[url]))
+    # A pattern may also name folders: bags, or some to search.
+    folders = {parent for url in objects for parent in PurePosixPath(url.key).parents if str(parent) != "."}
+    for folder in sorted(folders):
+        if matches(str(folder)) and str(folder) != base.key:
+            inside = {url: state for url, state in objects.items() if url.key.startswith(f"{folder}/")}
+            here = Url(base.scheme, base.bucket, str(folder), base.options)
+            prefix = str(folder).removeprefix(base.key).strip("/")
+            for source in _below(here, inside):
+                if isinstance(source, Source):
+                    alone = source.path == str(here)
+                    name = prefix if alone else f"{prefix}/{source.name}"
+                    found.append(Source(source.path, name, source.files, source.found))
+    return found or [Nothing(text, UnreadableError("no object matches this pattern"))]
+
+
+def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Source:
+    """Several objects that are one log."""
+    size = sum(objects[url].size for url in urls)
+    state = State(size, max(objects[url].mtime_ns for url in urls))
+    return Source(path, name, tuple(map(str, urls)), state)
+
+
+def _expression(pattern: str) -> str:
+    """A pattern of a shell as a regular expression: `*` and `?` stop at a slash, `**/` does not."""
+    words = []
+    at = 0
+    while at < len(pattern):
+        if pattern.startswith("**/", at):
+            words.append("(?:.*/)?")
+            at += 3
+            continue
+        if pattern.startswith("**", at):
+            words.append(".*")
+            at += 2
+            continue
+        sign = pattern[at]
+        end = pattern.find("]", at + 2)
+        if sign == "[" and end > 0:
+            inside = pattern[at + 1 : end].replace("\\", r"\\")
+            words.append(f"[^{inside[1:]}]" if inside.startswith("!") else f"[{inside}]")
+            at = end + 1
+            continue
+        words.append({"*": "[^/]*", "?": "[^/]"}.get(sign) or re.escape(sign))
+        at += 1
+    return "".join(words)

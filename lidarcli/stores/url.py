@@ -1,0 +1,143 @@
+"""Where a file is: a path of this machine, or the URL of an object. Imports nothing of the stores themselves."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from os import PathLike, fspath
+from pathlib import Path, PurePosixPath
+
+from lidarcli.errors import OptionError
+
+SCHEMES = ("s3", "gs", "az", "abfs", "abfss")
+"""Stores that are read and written; `az` and `abfs` are two spellings of one."""
+
+_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)/?(.*)", re.DOTALL)
+_OPTIONS = re.compile(r"\?((?:(?:endpoint_override|scheme|region)=[^&]*&?)+)$")
+_MAGIC = re.compile(r"[*?[]")
+
+
+@dataclass(frozen=True, slots=True)
+class Url:
+    """An object of a store, or the folder that its name begins with. Names as of `pathlib.Path` do the same."""
+
+    scheme: str
+    """One of `SCHEMES`."""
+    bucket: str
+    """As it was written; with its account for Azure (`container@account.dfs.core.windows.net`)."""
+    key: str
+    """Name of the object in the bucket, without a slash at its ends."""
+    options: str = ""
+    """`endpoint_override`, `scheme` and `region`, as in a query of a URL."""
+
+    def __str__(self) -> str:
+        query = f"?{self.options}" if self.options else ""
+        return f"{self.scheme}://{self.bucket}/{self.key}{query}"
+
+    def __truediv__(self, name: str) -> Url:
+        return replace(self, key=f"{self.key}/{name}".strip("/"))
+
+    @property
+    def name(self) -> str:
+        """Last part of the key; the bucket where there is none."""
+        return self.key.rpartition("/")[2] or self.bucket
+
+    @property
+    def suffix(self) -> str:
+        """End of the name from its last dot on."""
+        return PurePosixPath(self.name).suffix
+
+    @property
+    def parent(self) -> Url:
+        """The folder it is in."""
+        return replace(self, key=self.key.rpartition("/")[0])
+
+    @property
+    def stem(self) -> str:
+        """The name without its suffix."""
+        return PurePosixPath(self.name).stem
+
+    def with_name(self, name: str) -> Url:
+        """The same folder, another name."""
+        return self.parent / name
+
+    def with_suffix(self, suffix: str) -> Url:
+        """The same with another suffix."""
+        return replace(self, key=str(PurePosixPath(self.key).with_suffix(suffix)))
+
+    def has_magic(self) -> bool:
+        """Whether it is a pattern."""
+        return _MAGIC.search(self.key) is not None
+
+    def exists(self) -> bool:
+        """Whether there is an object of this name."""
+        from lidarcli.stores.store import head
+
+        return head(self) is not None
+
+    def is_file(self) -> bool:
+        """The same: a store has no folders."""
+        return self.exists()
+
+    def is_dir(self) -> bool:
+        """Whether there are objects below this name, or may be: it names a whole bucket."""
+        from lidarcli.stores.store import is_folder
+
+        return not self.key or is_folder(self)
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What tells one content of a log from the next, without reading it."""
+
+    size: int
+    """Bytes."""
+    mtime_ns: int
+    """Nanoseconds since 1970."""
+    etag: str = ""
+    """The store's mark of the content, where it is known."""
+
+
+Place = Path | Url
+
+
+def is_url(text: str | PathLike[str]) -> bool:
+    """Whether a name is that of an object in a store.
+
+    >>> is_url("s3://logs/run.mcap"), is_url("run.mcap"), is_url("http://host/run.mcap")
+    (True, False, False)
+    """
+    scheme, mark, _ = fspath(text).partition("://")
+    return bool(mark) and scheme.lower() in SCHEMES
+
+
+def place(text: str | PathLike[str] | Url) -> Place:
+    """The path or the URL that a name stands for.
+
+    >>> place("s3://logs/2026//run.mcap").name
+    'run.mcap'
+
+    Raises
+    ------
+    OptionError
+        A URL names no bucket, or holds credentials, which are not repeated in the message.
+    """
+    if isinstance(text, Url):
+        return text
+    if not is_url(text):
+        return Path(text)
+    found = _URL.fullmatch(fspath(text))
+    assert found is not None
+    scheme, bucket, key = found[1].lower(), found[2], found[3]
+    user, mark, _ = bucket.rpartition("@")
+    if mark and (":" in user or (scheme in ("s3", "gs") and user != "anonymous")):
+        raise OptionError(
+            f"{scheme}://...: credentials do not belong in a URL; the store takes them from its own configuration "
+            "and environment (docs/fleet.md)"
+        )
+    if not bucket:
+        raise OptionError(f"{fspath(text)}: names no bucket, as in {scheme}://BUCKET/NAME")
+    options = _OPTIONS.search(key)
+    key = key[: options.start()] if options else key
+    parts = [part for part in key.split("/") if part]
+    return Url(scheme, bucket, "/".join(parts), options[1].strip("&") if options else "")

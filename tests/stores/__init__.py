@@ -1,0 +1,1 @@
+"""Logs and tables in object stores, against real servers."""
