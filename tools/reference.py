@@ -14,7 +14,7 @@ from lidarcli.cli import cli
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
 from lidarcli.tables import metadata
 from lidarcli.tables.background import GEOMETRY
-from lidarcli.tables.schemas import BACKGROUND, CLOUD, MATCHES, POSES, SCHEMAS
+from lidarcli.tables.schemas import BACKGROUND, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -158,6 +158,11 @@ def tables_page() -> str:
         "the log.",
         "",
         *_schema(POSES),
+        "## runs",
+        "",
+        "`_lidarcli/run-*.parquet`, the manifest of a run over many logs ([fleet.md](fleet.md)). One row per log.",
+        "",
+        *_schema(RUNS),
         "## truth",
         "",
         "`<log>.truth.parquet`, written by `simulate`. One row per sweep and visible entity.",

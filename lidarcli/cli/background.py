@@ -10,9 +10,9 @@ import click
 
 from lidarcli.choices import IMAGES, STATION_DEGREES, STATION_DISTANCE
 from lidarcli.cli.detect import detect
+from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages, one_line
 from lidarcli.cli.options import (
-    LOGS,
     OUTPUT,
     GroupedCommand,
     Number,
@@ -50,7 +50,7 @@ def background() -> None:
   lidarcli background build lap.mcap -o route.parquet --pose /odom \\
     --station-distance 0.5 --station-angle 10""",
 )
-@LOGS
+@many_logs
 @option(
     "-o",
     "--output",
@@ -94,7 +94,8 @@ def background() -> None:
 def build(
     say: Messages,
     /,
-    logs: tuple[str, ...],
+    chosen: Chosen,
+    dry_run: bool,
     output: str,
     figure: str | None,
     overwrite: bool,
@@ -125,12 +126,16 @@ def build(
         refuse_output,
         scene_notes,
     )
-    from lidarcli.pipeline.inputs.search import find_logs
     from lidarcli.pipeline.running.outcomes import exit_code
 
     path = place(output)
-    sources = find_logs(logs)
+    sources = chosen.sources()
     refuse_output(path, sources, overwrite, [place(figure)] if figure else [])
+    if dry_run:
+        code = print_reads(sources)
+        for target in (output, figure) if figure else (output,):
+            click.echo(f"write  {target}")
+        return code
     building = Building(
         BuildOptions(
             read=selection.read(rules),

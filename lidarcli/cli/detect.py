@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.cli.detecting import detection_options, find
+from lidarcli.cli.many_logs import many_logs
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import LOGS, GroupedCommand
+from lidarcli.cli.options import GroupedCommand
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )
-@LOGS
+@many_logs
 @detection_options(tables="<log>.objects.parquet and <log>.sweeps.parquet", memory=False)
 @click.pass_obj
 def detect(say: Messages, /, memory: bool, **asked: Any) -> int:

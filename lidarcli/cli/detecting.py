@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.cli.messages import Messages, standard_output
+from lidarcli.cli.finding import Asked, into_folder, into_one
+from lidarcli.cli.many_logs import MANY, Chosen
+from lidarcli.cli.messages import Messages
 from lidarcli.cli.object_options import OBJECTS, catalogue_option, object_options
 from lidarcli.cli.options import (
     MOST,
@@ -28,11 +29,9 @@ from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
-    from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
-    from lidarcli.pipeline.running.outcomes import Outcome
     from lidarcli.sweeps import RangeRules
 
 BACKGROUND = "Background"
@@ -89,6 +88,29 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                     metavar="N",
                     help="Processors to use at most: threads share a long log, processes many logs.  "
                     "[default: as many as pay]",
+                ),
+                option(
+                    "--resume",
+                    heading=MANY,
+                    is_flag=True,
+                    help="Leave out logs that were done with the same parameters and version, and do again what failed "
+                    "or has changed (docs/fleet.md).",
+                ),
+                option(
+                    "--partition",
+                    "layout",
+                    heading=MANY,
+                    type=click.Choice(["table", "date"]),
+                    default=None,
+                    help="A folder for each table, DIR/objects/<log>.parquet; date: and for each day, "
+                    "DIR/objects/date=YYYY-MM-DD/.  [default: DIR/<log>.objects.parquet]",
+                ),
+                option(
+                    "--cluster",
+                    heading=MANY,
+                    metavar="ADDRESS",
+                    help="Have the workers of this Dask cluster do the work, as tls://host:8786; local:N starts N of "
+                    "them here (docs/fleet.md).",
                 ),
                 reading_options,
                 object_options(
@@ -150,7 +172,11 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
 def find(
     say: Messages,
     /,
-    logs: tuple[str, ...],
+    chosen: Chosen,
+    dry_run: bool,
+    resume: bool,
+    layout: str | None,
+    cluster: str | None,
     output: str,
     kind: str | None,
     beams: bool,
@@ -179,6 +205,10 @@ def find(
         raise click.UsageError("--beams writes a file: give -o DIR")
     if output != STDOUT and kind is not None:
         raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
+    if (output == STDOUT or one_file) and (resume or layout or cluster):
+        raise click.UsageError("--resume, --partition and --cluster are for tables in a folder: give -o DIR")
+    if cluster and jobs:
+        raise click.UsageError("--jobs is for this machine, --cluster for others")
     compared = _background(background, removed, any_frame, distance, angle)
 
     from lidarcli.formalism import Parameters
@@ -198,10 +228,14 @@ def find(
         tracking=None if tracking is None else tracking(),
         beams=beams,
         explain=explain,
-        overwrite=overwrite,
+        overwrite=overwrite or resume,
+        layout=layout,
         jobs=jobs or 0,
     )
-    return _detect(say, logs, output, kind or one_file or ("ndjson" if output == STDOUT else None), options)
+    kind = kind or one_file or ("ndjson" if output == STDOUT else None)
+    if kind is not None:
+        return into_one(say, chosen, output, kind, options, dry_run)
+    return into_folder(say, chosen, output, options, Asked(dry_run, resume, overwrite, cluster))
 
 
 def _background(
@@ -233,39 +267,3 @@ def _one_file(output: str) -> str | None:
             f"{output}: objects are written as {', '.join(FILES)}; a folder of such a name ends with {os.sep}"
         )
     return FILES.get(suffix)
-
-
-def _detect(
-    say: Messages, logs: tuple[str, ...], output: str, kind: str | None, options: DetectOptions
-) -> int:
-    """Tables below the folder `output`, or, of a `kind`, the objects alone as a stream or in one file."""
-    from lidarcli.cli.progress import progress_bar
-    from lidarcli.cli.summary import show, show_total
-    from lidarcli.pipeline.detecting_logs import detect_file, detect_files, detect_stream
-    from lidarcli.pipeline.inputs.search import find_logs, refuse_clashes
-    from lidarcli.pipeline.running.memory import keep_freed_memory
-    from lidarcli.pipeline.running.outcomes import exit_code
-
-    keep_freed_memory()
-    say.of_missing_core()
-    sources = find_logs(logs)
-    if kind is None:
-        refuse_clashes(sources)
-    settings = ", ".join(f"{name}={value}" for name, value in options.as_dict().items())
-    say.detail(f"{len(sources)} log{'' if len(sources) == 1 else 's'}; {settings}")
-    outcomes: list[Outcome] = []
-    # Data that scrolls by on the terminal leaves no place for a bar.
-    bar = nullcontext() if output == STDOUT and standard_output().isatty() else progress_bar(sources, say)
-    with bar as report:
-        results: Iterator[Outcome]
-        if kind is None:
-            results = detect_files(sources, place(output), options, report)
-        elif output == STDOUT:
-            results = detect_stream(sources, standard_output().buffer, kind, options, report)
-        else:
-            results = detect_file(sources, place(output), kind, options, report)
-        for outcome in results:
-            show(outcome, say)
-            outcomes.append(outcome)
-    show_total(outcomes, say)
-    return exit_code(outcome.exit_code for outcome in outcomes)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import (
-    LOGS,
     OUTPUT,
     GroupedCommand,
     csv_options,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
   lidarcli info bags/ --format json | jq '.[].scans[].rate'
   lidarcli info ranges.csv --fov 270 --degrees --range-unit mm""",
 )
-@LOGS
+@many_logs
 @option(
     "--format",
     "kind",
@@ -49,7 +49,8 @@ if TYPE_CHECKING:
 def info(
     say: Messages,
     /,
-    logs: tuple[str, ...],
+    chosen: Chosen,
+    dry_run: bool,
     kind: str,
     poses: PoseOptions,
     rules: RangeRules,
@@ -63,11 +64,12 @@ def info(
     from lidarcli.cli.progress import progress_bar
     from lidarcli.errors import NoScanError
     from lidarcli.logs.choice import no_scan_topic
-    from lidarcli.pipeline.inputs.search import find_logs
     from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
     from lidarcli.pipeline.running.outcomes import Failure, exit_code
 
-    sources = find_logs(logs)
+    sources = chosen.sources()
+    if dry_run:
+        return print_reads(sources)
     found: list[LogInfo] = []
     codes = []
     with progress_bar(sources, say) as report:

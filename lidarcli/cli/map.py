@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.choices import CLOUDS, MAP_RESOLUTION, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
+from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import (
-    LOGS,
     METRES,
     MOST,
     OUTPUT,
@@ -52,7 +52,7 @@ FINEST, COARSEST = 0.001, 10.0
   lidarcli map run.mcap -o room.yaml --without-agents --free-no-return 3
   lidarcli map run.mcap --compare truth.map.yaml --format json""",
 )
-@LOGS
+@many_logs
 @option(
     "-o",
     "--output",
@@ -157,7 +157,8 @@ FINEST, COARSEST = 0.001, 10.0
 def map(
     say: Messages,
     /,
-    logs: tuple[str, ...],
+    chosen: Chosen,
+    dry_run: bool,
     outputs: tuple[str, ...],
     overwrite: bool,
     selection: Selection,
@@ -186,16 +187,20 @@ def map(
 
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
-    from lidarcli.pipeline.inputs.search import find_logs
     from lidarcli.pipeline.map_files import MapRun
     from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.running.outcomes import exit_code
 
     say.of_missing_core()
-    sources = find_logs(logs)
+    sources = chosen.sources()
     told = MapOptions(
         read=selection.read(rules), csv=csv, poses=poses, overwrite=overwrite, jobs=jobs or 0, **options
     )
+    if dry_run:
+        code = print_reads(sources)
+        for output in outputs:
+            click.echo(f"write  {output}")
+        return code
     true = None if compare is None else Path(compare)
     codes = []
     with MapRun(sources, [place(output) for output in outputs], told, true) as run:

@@ -157,7 +157,6 @@ SECONDS = Number("SECONDS", least=0, most=LONGEST_TIME)
 
 # Whether they can be read is found out where they are opened, which says more than a usage error.
 INPUTS = click.Path(allow_dash=True, readable=False)
-LOGS = click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=INPUTS)
 
 RANGES = "Beams without a range"
 CSV = "CSV files without geometry"
@@ -185,7 +184,7 @@ class Selection:
             raise click.UsageError(str(err)) from err
 
 
-def _gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
+def gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
     """A command that gets the values of several options as one, `name`: what `gather` makes of them."""
     names = [*signature(gather).parameters]
 
@@ -235,7 +234,7 @@ def pose_options(*, delay: bool) -> Callable[[F], F]:
     """Where the poses of a log come from: the command gets `poses`; with a `delay`, also how late they are."""
 
     def decorate(command: F) -> F:
-        command = _gathered(command, "poses", _pose_options if delay else _pose_sources)
+        command = gathered(command, "poses", _pose_options if delay else _pose_sources)
         for add in (_NO_DESKEW, *([_POSE_DELAY] if delay else []), _POSES, _POSE):
             command = add(command)
         return command
@@ -259,7 +258,7 @@ def _pose_sources(pose: str | None, trajectory: str | None, no_deskew: bool) -> 
 
 def reading_options(command: F) -> F:
     """Which sweeps of a log to read, and where their poses come from: the command gets a `selection` and `poses`."""
-    command = pose_options(delay=True)(_gathered(command, "selection", Selection))
+    command = pose_options(delay=True)(gathered(command, "selection", Selection))
     for decorate in (
         option(
             "--every",
@@ -292,7 +291,7 @@ def reading_options(command: F) -> F:
 
 def range_options(command: F) -> F:
     """`--range` and `--no-return`: the command gets `rules`."""
-    command = _gathered(command, "rules", _range_rules)
+    command = gathered(command, "rules", _range_rules)
     for decorate in (
         option(
             "--no-return",
@@ -321,7 +320,7 @@ def range_options(command: F) -> F:
 
 def csv_options(command: F) -> F:
     """The geometry that a CSV may lack: the command gets `csv`."""
-    command = _gathered(command, "csv", _csv_geometry)
+    command = gathered(command, "csv", _csv_geometry)
     angle = Number("ANGLE")
     for decorate in (
         option(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from lidarcli.cli.messages import Messages
 
 if TYPE_CHECKING:
+    from lidarcli.pipeline.inputs.sources import Nothing, Source
     from lidarcli.pipeline.reading.summary import RunSummary
     from lidarcli.pipeline.running.outcomes import Outcome
 
@@ -39,20 +40,40 @@ def show_reading(outcome: Outcome, say: Messages) -> None:
             say.info(f"  note     {note}")
 
 
-def show_total(outcomes: Sequence[Outcome], say: Messages) -> None:
-    """One line over several logs."""
-    if len(outcomes) < 2:
-        return
-    from lidarcli.pipeline.reading.summary import RunSummary
+class Total:
+    """What a run over several logs has found, added up log by log: of a hundred thousand none is kept."""
 
-    runs = [outcome.summary for outcome in outcomes if outcome.summary is not None]
-    total = RunSummary()
-    for run in runs:
-        total.sweeps += run.sweeps
-        total.add_found(run)
-    failed = sum(outcome.exit_code != 0 for outcome in outcomes)
-    failures = f", {failed} with errors" if failed else ""
-    say.info(f"{len(outcomes)} logs{failures}: {_counts(total)}")
+    def __init__(self) -> None:
+        from lidarcli.pipeline.reading.summary import RunSummary
+
+        self._found = RunSummary()
+        self._logs = 0
+        self._failed = 0
+        self._skipped = 0
+        self._codes: dict[Source | Nothing | None, int] = {}
+
+    def add(self, outcome: Outcome) -> None:
+        """Take what became of one log."""
+        self._logs += 1
+        self._skipped += outcome.skipped
+        if outcome.exit_code:
+            self._failed += 1
+            self._codes[outcome.source] = outcome.exit_code
+        if outcome.summary is not None:
+            self._found.sweeps += outcome.summary.sweeps
+            self._found.add_found(outcome.summary)
+
+    def show(self, say: Messages) -> None:
+        """One line over several logs."""
+        if self._logs < 2:
+            return
+        failures = f", {self._failed} with errors" if self._failed else ""
+        skipped = f", {self._skipped} done before" if self._skipped else ""
+        say.info(f"{self._logs} logs{failures}{skipped}: {_counts(self._found)}")
+
+    def exit_code(self, sources: Sequence[Source | Nothing]) -> int:
+        """The first exit code that is not zero, in the order of the logs."""
+        return next((code for source in sources if (code := self._codes.get(source, 0))), 0)
 
 
 def _show_run(label: str, run: RunSummary, say: Messages) -> None:

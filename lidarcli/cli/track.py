@@ -8,8 +8,9 @@ import click
 
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.cli.detecting import detection_options, find
+from lidarcli.cli.many_logs import many_logs
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import LOGS, GroupedCommand, Number, option
+from lidarcli.cli.options import GroupedCommand, Number, option
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
@@ -28,7 +29,7 @@ TRACKING = "Tracking"
   lidarcli track run.bag --pose /amcl_pose --significance 1e-7
   cat run.mcap | lidarcli track - -o - | jq -c 'select(.set == "A")'""",
 )
-@LOGS
+@many_logs
 @detection_options(tables="<log>.objects.parquet, <log>.sweeps.parquet and <log>.tracks.parquet", memory=True)
 @option(
     "--significance",

@@ -125,6 +125,7 @@ def detect_to_files(
         options.reading(log) as reading,
         Splitting(reading, options.recipe(source, options.tables), options.threads) as work,
     ):
+        summary = reading.summary
         rows = _rows(source, reading, work, options, progress)
         # The day of a log is that of its first sweep.
         first = next(rows, None)
@@ -134,7 +135,7 @@ def detect_to_files(
         with TableFiles(paths, reading.first, options.overwrite) as files:
             for table, topic, some in chain([first] if first is not None else [], rows):
                 files.write(table, topic, some)
-            summary = reading.summary
+                summary.rows += some.num_rows
             described = reading.describe(source)
             summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
         summary.outputs = [str(path) for path in paths.values()]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from lidarcli.pipeline.inputs.tables import Pair, batches
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.viewer import Choice, Raw, choose_sweeps, pack
+from lidarcli.stores.url import Place
 from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
 from lidarcli.tables.reading import GREATEST_VALUE
 
@@ -153,7 +153,7 @@ def _from_beams(number: int, pair: Pair, topics: dict[str, Int64]) -> dict[tuple
     return found
 
 
-def _table(path: Path, sweep: Int64, beam: Int64, theta: Float64, r: Float64) -> Raw:
+def _table(path: Place, sweep: Int64, beam: Int64, theta: Float64, r: Float64) -> Raw:
     """Rows of the beams table as one row per sweep."""
     indices, row, beams = np.unique(sweep, return_inverse=True, return_counts=True)
     width = int(beam.max()) + 1

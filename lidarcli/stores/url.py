@@ -141,3 +141,9 @@ def place(text: str | PathLike[str] | Url) -> Place:
     key = key[: options.start()] if options else key
     parts = [part for part in key.split("/") if part]
     return Url(scheme, bucket, "/".join(parts), options[1].strip("&") if options else "")
+
+
+def absolute(name: str | PathLike[str] | Url) -> str:
+    """The same place for whoever has another working directory."""
+    where = place(name)
+    return str(where if isinstance(where, Url) else where.absolute())

@@ -78,9 +78,19 @@ def column_names(path: Place, kind: str) -> list[str]:
         return list(file.schema_arrow.names)
 
 
+def file_metadata(path: Place) -> dict[str, str]:
+    """The metadata of a table of which nothing else is read, as text."""
+    with _opened(path, "objects") as file:
+        return _as_text(file.schema_arrow.metadata)
+
+
 def notes_of(table: pa.Table) -> dict[str, str]:
     """The metadata of a table that was read, as text."""
-    notes = table.schema.metadata or {}
+    return _as_text(table.schema.metadata)
+
+
+def _as_text(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
+    notes = metadata or {}
     return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in notes.items()}
 
 

@@ -268,6 +268,26 @@ POSES = pa.schema(
     ]
 )
 
+RUNS = pa.schema(
+    [
+        column("log", pa.string(), "", "name of the log, which its tables carry"),
+        column("url", pa.string(), "", "where it is: an absolute path, or the URL of an object"),
+        column("size", INT64, "byte", "its size; null where unknown"),
+        column("etag", pa.string(), "", "the store's mark of its content; null outside of stores"),
+        column("mtime", STAMP, "ns", "its last change; null where unknown"),
+        column("parameters", pa.string(), "", "hash of all that the tables depend on beside the log"),
+        column("version", pa.string(), "", "version of lidarcli"),
+        column("outcome", TEXT, "", "ok, damaged (read as far as it can be) or failed (no tables)"),
+        column("exit_code", INT32, "1", "that of a run over this log alone"),
+        column("message", pa.string(), "", "why, where the outcome is not ok"),
+        column("outputs", _list(pa.string()), "", "files that were written"),
+        column("sweeps", INT64, "1", "sweeps that were read; null where the log failed"),
+        column("rows", INT64, "1", "rows of all its tables; null where the log failed"),
+        column("seconds", FLOAT, "s", "how long it took; null where the log failed"),
+        column("ended", STAMP, "ns", "when it was done"),
+    ]
+)
+
 SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
@@ -278,6 +298,7 @@ NULLABLE = {
     "beams": frozenset({"object"}),
     "background": frozenset[str](),
     "matches": frozenset[str](),
+    "runs": frozenset({"size", "etag", "mtime", "message", "sweeps", "rows"}),
 }
 """Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
 LATER = {

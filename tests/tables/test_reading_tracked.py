@@ -100,7 +100,7 @@ def test_a_column_that_was_always_there_is_missed(tracked: Path) -> None:
 
 def test_a_tracks_table_names_its_log(tracked: Path) -> None:
     pairs, problems = find_pairs([str(tracked / "room.tracks.parquet"), str(tracked / "*.tracks.parquet")])
-    assert (pairs, problems) == ([Pair(tracked / "room")], [])
+    assert (pairs, problems) == ([Pair(f"{tracked}/room.", ".parquet")], [])
     assert pairs[0].tracks == tracked / "room.tracks.parquet"
     assert pairs[0].tracks in table_files([str(tracked)])
     assert read_table(pairs[0], "tracks", ["track", "set"]).to_pydict() == {

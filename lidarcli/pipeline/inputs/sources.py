@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import LidarcliError
 from lidarcli.stores.url import State, Url, is_url, place
 
 STDIN = "-"
@@ -19,7 +19,7 @@ class Source:
     name: str
     files: tuple[str, ...] = ()
     """The files of a log that a pattern names, one sweep each; in a store, also those of a folder that is one log."""
-    found: State | None = None
+    found: State | None = field(default=None, compare=False)
     """What the store said of it when it was found."""
 
     @property
@@ -66,7 +66,7 @@ class Nothing:
     """An input in which there is no log to open, and why."""
 
     path: str
-    error: UnreadableError
+    error: LidarcliError = field(compare=False)
 
     @property
     def label(self) -> str:

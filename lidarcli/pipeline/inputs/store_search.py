@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import PurePosixPath
 
 from lidarcli.errors import UnreadableError
@@ -66,10 +67,8 @@ def _below(base: Url, objects: Objects) -> list[Source | Nothing]:
 
 def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
     """The logs that a pattern names, by their places below its part without signs."""
-    base = place(fixed_part(text))
-    assert isinstance(base, Url)
-    objects = dict(listing(base))
-    matches = re.compile(_expression(pattern.key)).fullmatch
+    base, objects = _beside(pattern)
+    matches = _matcher(pattern)
     urls = [url for url in objects if matches(url.key)]
     if hold_one_sweep_each([url for url in urls if url.suffix in (".csv", ".tsv", ".txt")]):
         return [_of_objects(str(pattern), urls[0].parent.name, urls, objects)]
@@ -90,6 +89,22 @@ def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
                     name = prefix if alone else f"{prefix}/{source.name}"
                     found.append(Source(source.path, name, source.files, source.found))
     return found or [Nothing(text, UnreadableError("no object matches this pattern"))]
+
+
+def objects_matching(pattern: Url) -> list[Url]:
+    """The objects that a pattern names, by name."""
+    matches = _matcher(pattern)
+    return [url for url in _beside(pattern)[1] if matches(url.key)]
+
+
+def _beside(pattern: Url) -> tuple[Url, Objects]:
+    """The folder up to which a pattern says what it means, and all that is below it."""
+    base = replace(pattern, key=fixed_part(pattern.key).strip("/"))
+    return base, dict(listing(base))
+
+
+def _matcher(pattern: Url) -> Callable[[str], object]:
+    return re.compile(_expression(pattern.key)).fullmatch
 
 
 def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Source:

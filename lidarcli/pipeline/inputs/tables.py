@@ -2,62 +2,73 @@
 
 from __future__ import annotations
 
-import glob
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin
+from lidarcli.stores.url import Place, Url, place
 from lidarcli.tables import metadata
 from lidarcli.tables.files import table_suffix
 from lidarcli.tables.reading import column_names, notes_of, parsed, read_columns, read_pieces
 from lidarcli.tables.schemas import SCHEMAS
 
-_OBJECTS, _SWEEPS, _TRACKS, _BEAMS = map(table_suffix, SCHEMAS)
+_OBJECTS, _SWEEPS = table_suffix("objects"), table_suffix("sweeps")
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
     """The tables of one log."""
 
-    stem: Path
-    """Their common path, without `.objects.parquet`."""
+    before: str
+    """What their paths begin with, up to the name of the table …"""
+    after: str
+    """… and what follows it: `tables/run.` and `.parquet`, or `tables/` and `/run.parquet`."""
 
     @property
-    def objects(self) -> Path:
+    def objects(self) -> Place:
         """The objects table."""
-        return Path(f"{self.stem}{_OBJECTS}")
+        return self._table("objects")
 
     @property
-    def sweeps(self) -> Path:
+    def sweeps(self) -> Place:
         """The sweeps table."""
-        return Path(f"{self.stem}{_SWEEPS}")
+        return self._table("sweeps")
 
     @property
-    def tracks(self) -> Path:
+    def tracks(self) -> Place:
         """The tracks table; it is there where things were followed."""
-        return Path(f"{self.stem}{_TRACKS}")
+        return self._table("tracks")
 
     @property
-    def beams(self) -> Path:
+    def beams(self) -> Place:
         """The beams table; it need not be there."""
-        return Path(f"{self.stem}{_BEAMS}")
+        return self._table("beams")
+
+    @property
+    def log(self) -> str:
+        """The name of the log, as far as the paths tell it."""
+        name = self.objects.name
+        return name.removesuffix(_OBJECTS) if name.endswith(_OBJECTS) else name.removesuffix(".parquet")
+
+    def _table(self, table: str) -> Place:
+        return place(f"{self.before}{table}{self.after}")
 
 
 def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]]:
     """The pairs that files, folders and patterns name, each once, in their order, and what is no table."""
-    stems: dict[Path, None] = {}
+    found: dict[Pair, None] = {}
     problems = []
     for text in inputs:
         try:
-            stems |= dict.fromkeys(_stems(text))
+            found |= dict.fromkeys(_pairs(text))
         except UnreadableError as err:
             problems.append(err)
-    return [Pair(stem) for stem in stems], problems
+    return [*found], problems
 
 
 def one_pair(text: str) -> Pair:
@@ -78,40 +89,50 @@ def one_pair(text: str) -> Pair:
     return pairs[0]
 
 
-def table_files(inputs: Iterable[str]) -> list[Path]:
+def table_files(inputs: Iterable[str]) -> list[Place]:
     """The files of all pairs that `inputs` name."""
     pairs, _ = find_pairs(inputs)
     return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.tracks, pair.beams)]
 
 
-def _stems(text: str) -> list[Path]:
-    path = Path(text)
-    if path.is_dir():
-        # Hidden folders hold what is still being written.
-        there = (file for file in path.rglob(f"*{_OBJECTS}") if not _is_hidden(file.relative_to(path)))
-        found = sorted(map(_stem, there))
-        if not found:
+def _pairs(text: str) -> list[Pair]:
+    named, files = files_named(text)
+    tables = [(file, *known) for file in files if (known := _table_of(file)) is not None]
+    if named is Named.FOLDER:
+        # Others of a log are found beside its objects.
+        tables = [each for each in tables if each[1] == "objects"]
+        if not tables:
             raise UnreadableError(f"{text}: no *{_OBJECTS} in this folder; write some with lidarcli detect")
-        return found
-    if path.exists():
-        return [_stem(path)]
-    files = sorted(glob.glob(text)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
-    tables = [Path(file) for file in files if file.endswith((_OBJECTS, _SWEEPS, _TRACKS, _BEAMS))]
     if not tables:
-        why = "no tables match this pattern" if glob.has_magic(text) else "no such file or folder"
-        raise UnreadableError(f"{text}: {why}")
-    return [_stem(table) for table in tables]
+        if named is Named.FILE:
+            raise UnreadableError(
+                f"{text}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})"
+            )
+        raise UnreadableError(f"{text}: no tables match this pattern")
+    return [pair for _, _, pair in tables]
 
 
-def _is_hidden(path: Path) -> bool:
-    return any(part.startswith(".") for part in path.parts)
+def is_table(file: Place, table: str) -> bool:
+    """Whether a file is such a table, by its name or by a folder above it."""
+    found = _table_of(file)
+    return found is not None and found[0] == table
 
 
-def _stem(path: Path) -> Path:
-    for suffix in (_OBJECTS, _SWEEPS, _TRACKS, _BEAMS):
-        if path.name.endswith(suffix):
-            return path.with_name(path.name.removesuffix(suffix))
-    raise UnreadableError(f"{path}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})")
+def _table_of(file: Place) -> tuple[str, Pair] | None:
+    """Which table a file is, by its name or by a folder above it, and the tables of its log; None where it is none."""
+    query = f"?{file.options}" if isinstance(file, Url) and file.options else ""
+    for table in SCHEMAS:
+        if file.name.endswith(table_suffix(table)):
+            words = str(file).removesuffix(query).removesuffix(f"{table}.parquet")
+            return table, Pair(words, f".parquet{query}")
+    if file.suffix != ".parquet":
+        return None
+    parts = str(file).split("/")
+    for at in range(len(parts) - 2, -1, -1):
+        if parts[at] in SCHEMAS:
+            before = "".join(f"{part}/" for part in parts[:at])
+            return parts[at], Pair(before, "".join(f"/{part}" for part in parts[at + 1 :]))
+    return None
 
 
 def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
@@ -163,7 +184,7 @@ def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
     origin = _value(notes, metadata.SOURCE, dict)
     size = origin.get("size")
     # The name of the log as its rows have it: with its place below the folder that was given.
-    log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else pair.stem.name
+    log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else pair.log
     return Origin(
         label=str(pair.objects),
         log=log,

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import glob
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
+from lidarcli.pipeline.inputs.files import Named, files_named
+from lidarcli.pipeline.inputs.tables import is_table
+from lidarcli.stores.url import Place
 from lidarcli.tables import metadata
 from lidarcli.tables.files import table_suffix
 from lidarcli.tables.reading import notes_of, parsed, read_columns
@@ -27,13 +28,13 @@ COLUMNS = (
 class TracksTable:
     """The things of one log."""
 
-    path: Path
+    path: Place
     rows: pa.Table
     worlds: dict[str, str]
     """Sensor frame → the world frame that its places are in; those of other frames are the sensor's."""
 
 
-def find_tracks(inputs: Iterable[str]) -> list[Path]:
+def find_tracks(inputs: Iterable[str]) -> list[Place]:
     """The tracks tables that files, folders and patterns name, each once, in their order.
 
     Raises
@@ -41,34 +42,25 @@ def find_tracks(inputs: Iterable[str]) -> list[Path]:
     UnreadableError
         There is none where one was named.
     """
-    found: dict[Path, None] = {}
+    found: dict[Place, None] = {}
     for text in inputs:
         found |= dict.fromkeys(_tables(text))
     return list(found)
 
 
-def _tables(text: str) -> list[Path]:
-    path = Path(text)
-    if path.is_dir():
-        # Hidden folders hold what is still being written.
-        there = sorted(path.rglob(f"*{_TRACKS}"))
-        files = [
-            file for file in there if not any(part.startswith(".") for part in file.relative_to(path).parts)
-        ]
-        if not files:
-            raise UnreadableError(f"{text}: no *{_TRACKS} in this folder; write some with lidarcli track")
+def _tables(text: str) -> list[Place]:
+    named, files = files_named(text)
+    if named is Named.FILE:
         return files
-    if path.exists():
-        return [path]
-    matching = sorted(glob.glob(text)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
-    files = [Path(file) for file in matching if file.endswith(_TRACKS)]
-    if not files:
-        why = "no tracks tables match this pattern" if glob.has_magic(text) else "no such file or folder"
-        raise UnreadableError(f"{text}: {why}")
-    return files
+    tables = [file for file in files if is_table(file, "tracks")]
+    if not tables and named is Named.FOLDER:
+        raise UnreadableError(f"{text}: no *{_TRACKS} in this folder; write some with lidarcli track")
+    if not tables:
+        raise UnreadableError(f"{text}: no tracks tables match this pattern")
+    return tables
 
 
-def read_tracks(path: Path) -> TracksTable:
+def read_tracks(path: Place) -> TracksTable:
     """Read a tracks table, or `UnreadableError` with one line."""
     rows = read_columns(path, "tracks", SCHEMAS["tracks"], COLUMNS)
     return TracksTable(path, rows, _worlds(notes_of(rows)))

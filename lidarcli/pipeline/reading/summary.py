@@ -40,6 +40,8 @@ class RunSummary:
     """One line per loss, the dropped messages included."""
     notes: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
+    rows: int = 0
+    """Rows of all tables that were written."""
     seconds: float = 0.0
 
     @property

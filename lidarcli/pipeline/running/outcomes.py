@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from lidarcli.errors import LidarcliError, UnreadableError
@@ -35,6 +35,10 @@ class Outcome:
     """Traceback of an internal error."""
     remark: str | None = None
     """What happened on the way and was mended."""
+    source: Source | Nothing | None = field(default=None, compare=False)
+    """The input it is about."""
+    skipped: bool = False
+    """Whether it was done before, and nothing was read now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +70,8 @@ def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
     """The outcome of the work for one input."""
     result = attempt(source, work)
     if isinstance(result, Failure):
-        return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace)
-    return Outcome(source.label, result.exit_code, summary=result)
+        return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace, source=source)
+    return Outcome(source.label, result.exit_code, summary=result, source=source)
 
 
 def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:

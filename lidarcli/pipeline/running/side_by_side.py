@@ -78,7 +78,7 @@ def _again(work: Work, source: Source | Nothing) -> Outcome:
         error = (
             "its worker process died twice, ended by the system (out of memory?); try it alone with --jobs 1"
         )
-        return Outcome(source.label, INTERNAL_ERROR, error=error)
+        return Outcome(source.label, INTERNAL_ERROR, error=error, source=source)
     except BaseException:
         processes.stop(pool)
         raise

@@ -1,0 +1,1 @@
+"""Runs over many logs: which ones, what was done already, and what became of each."""

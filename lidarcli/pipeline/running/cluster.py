@@ -1,0 +1,345 @@
+"""Many logs on the workers of a Dask cluster: whole logs are the unit, and no loss of a worker costs a result.
+
+The scheduler keeps all results that nobody has fetched, and counts the death of a worker against every task that waits on
+it. Hence only a window of logs is submitted at a time, results are small, fetched and let go at once, and a log that seems
+to kill workers is tried once more alone before that is said of it.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import queue
+import tempfile
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from importlib.util import find_spec
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import urlsplit
+
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.running.build import build
+from lidarcli.pipeline.running.memory import keep_freed_memory
+from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
+from lidarcli.stores.url import absolute, is_url
+
+try:
+    import distributed
+except ImportError as err:
+    raise OptionError(
+        "--cluster needs distributed, which is not installed: pip install 'lidarcli[fleet]'"
+    ) from err
+
+LOCAL = "local"
+"""`local:N` starts N workers on this machine."""
+WINDOW = 2
+"""Logs that are submitted at a time for each thread of the cluster: one at work, one waiting."""
+NO_WORKER_S = 120.0
+"""[s] A cluster without a worker for so long is given up."""
+FIRST_WORKER_S = 30.0
+LOOK_S = 5.0
+"""[s] How often the size of the cluster is looked at."""
+LOST_TIMES = 3
+"""A log whose task the cluster forgets (a restart of it) is submitted again so many times."""
+
+WorkOf = Callable[[Source, Callable[[int], None]], Any]
+"""What is done with one log; its second argument is told of the progress."""
+
+
+class _Stopped(BaseException):
+    """Nobody waits for this log any more: unwinds through the writers, which remove their unfinished files."""
+
+
+class _OtherBuildError(Exception):
+    """A worker that joined later would write other bytes."""
+
+
+class _Setup(distributed.WorkerPlugin):
+    """What every worker is told once: the work, with all its options, and which build is asked for."""
+
+    def __init__(self, name: str, work: Work, told: dict[str, str]) -> None:
+        self.name = name
+        self.work = work
+        self.told = told
+
+    def setup(self, worker: Any) -> None:
+        """Nannies make the allocator give back all that is freed, which takes a tenth of the time."""
+        keep_freed_memory()
+
+
+class Cluster:
+    """A Dask cluster that was there, or one of our own on this machine; leaving ends what is ours.
+
+    Parameters
+    ----------
+    address : of the scheduler (`tcp://HOST:PORT`, `tls://HOST:PORT`), or `local:N`
+
+    Raises
+    ------
+    OptionError
+        No such cluster, no worker, or workers with another lidarcli, Python or core.
+    """
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._stack = ExitStack()
+        self._client: Any = None
+        self._threads = 1
+        self._looked = 0.0
+        self._alone_since: float | None = None
+
+    def __enter__(self) -> Self:
+        try:
+            self._connect()
+        except BaseException:
+            self._stack.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self._stack.close()
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it is one of our own on this machine."""
+        return self._address.partition(":")[0] == LOCAL
+
+    @property
+    def about(self) -> str:
+        """Its address, its size and where its dashboard is."""
+        count = len(self._workers())
+        workers = f"{count} worker{'' if count == 1 else 's'}, {self._threads} thread{'' if self._threads == 1 else 's'}"
+        # Without bokeh there is a server, but no page.
+        board = (
+            ""
+            if self.is_local and find_spec("bokeh") is None
+            else f"; dashboard {self._client.dashboard_link}"
+        )
+        return f"{self._client.scheduler.address}: {workers}{board}"
+
+    @property
+    def warning(self) -> str | None:
+        """What is dangerous about it; None where nothing is."""
+        url = urlsplit(self._client.scheduler.address)
+        if url.scheme != "tcp" or url.hostname in ("127.0.0.1", "::1", "localhost"):
+            return None
+        return (
+            f"{url.geturl()} is neither encrypted nor asks who connects: whoever reaches this port runs code on the "
+            "workers; tls:// does both (docs/fleet.md)"
+        )
+
+    def outcomes(self, sources: Sequence[Source | Nothing], work: Work) -> Iterator[Outcome]:
+        """What becomes of `work` for each of `sources`, in the order in which they come to an end.
+
+        Raises
+        ------
+        OptionError
+            A worker that joined meanwhile has another build, or there are no workers any more.
+        """
+        name = f"lidarcli-{os.urandom(8).hex()}"
+        self._client.register_plugin(_Setup(name, work, build()), name=name)
+        try:
+            yield from _Submitting(self, sources, name).outcomes()
+        finally:
+            with suppress(Exception):
+                self._client.unregister_worker_plugin(name)
+
+    def submit(self, source: Source | Nothing, name: str) -> Any:
+        """One log to whichever worker is free."""
+        return self._client.submit(_do, name, _sent(source), pure=False, key=f"{name}-{os.urandom(8).hex()}")
+
+    def cancel(self, futures: list[Any]) -> None:
+        """Let go of logs that nobody waits for any more, also of those at work."""
+        with suppress(Exception):
+            self._client.cancel(futures, force=True)
+
+    def window(self) -> int:
+        """Logs that may be submitted at a time."""
+        now = time.monotonic()
+        if now - self._looked > LOOK_S:
+            self._looked = now
+            workers = self._workers()
+            if workers:
+                self._alone_since = None
+                self._threads = max(1, sum(worker["nthreads"] for worker in workers.values()))
+            elif self._alone_since is None:
+                self._alone_since = now
+            elif now - self._alone_since > NO_WORKER_S:
+                raise OptionError(
+                    f"--cluster {self._address}: has had no worker for {NO_WORKER_S:.0f} s; start some, then run again "
+                    "with --resume"
+                )
+        return WINDOW * self._threads
+
+    def refuse_other_builds(self) -> None:
+        """Refuse workers whose tables could have other bytes than ours."""
+        told = self._client.run(_by_value(_told), on_error="return")
+        mine = build()
+        others = []
+        for worker, theirs in sorted(told.items()):
+            if not isinstance(theirs, dict):
+                theirs = {"lidarcli": f"cannot be asked ({type(theirs).__name__}: {theirs})"}
+            others += [
+                f"{worker}: {what} {theirs[what]}, here {mine[what]}"
+                for what in mine
+                if what in theirs and theirs[what] != mine[what]
+            ]
+        if others:
+            raise OptionError(
+                f"--cluster {self._address}: workers have to be of the same build: {'; '.join(others)}"
+            )
+
+    def _connect(self) -> None:
+        kind, _, number = self._address.partition(":")
+        # The scheduler and the nannies say on stderr what is said by outcomes.
+        for logger in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(logger).setLevel(logging.CRITICAL)
+        if kind == LOCAL:
+            self._client = self._local(number)
+        else:
+            try:
+                self._client = self._stack.enter_context(
+                    distributed.Client(self._address, set_as_default=False)
+                )
+            except (OSError, ValueError, TypeError) as err:
+                words = str(err).splitlines()[0] if str(err) else type(err).__name__
+                raise OptionError(f"--cluster {self._address}: cannot be reached: {words}") from err
+        try:
+            self._client.wait_for_workers(1, timeout=FIRST_WORKER_S)
+        except TimeoutError as err:
+            raise OptionError(f"--cluster {self._address}: has no worker; start some first") from err
+        self.refuse_other_builds()
+        self.window()
+
+    def _local(self, number: str) -> Any:
+        if not number.isdecimal() or not 0 < int(number) <= 1024:
+            raise OptionError(f"--cluster {self._address}: write local:N with N workers")
+        folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="lidarcli-"))
+        cluster = self._stack.enter_context(
+            distributed.LocalCluster(
+                n_workers=int(number),
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address="127.0.0.1:0",
+                local_directory=folder,
+                silence_logs=logging.CRITICAL,
+            )
+        )
+        return self._stack.enter_context(distributed.Client(cluster, set_as_default=False))
+
+    def _workers(self) -> dict[str, Any]:
+        found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+        return found
+
+
+class _Submitting:
+    """One run over a cluster: what waits, what was submitted, and what seems to kill workers."""
+
+    def __init__(self, cluster: Cluster, sources: Sequence[Source | Nothing], name: str) -> None:
+        self._cluster = cluster
+        self._name = name
+        self._waiting = deque(sources)
+        self._suspects: deque[Source | Nothing] = deque()
+        self._running: dict[Any, tuple[Source | Nothing, int, bool]] = {}
+        """Future → the log, how often it was lost, and whether it is alone."""
+        self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def outcomes(self) -> Iterator[Outcome]:
+        """See `Cluster.outcomes`."""
+        try:
+            while self._waiting or self._running or self._suspects:
+                self._fill()
+                try:
+                    future = self._ended.get(timeout=LOOK_S)
+                except queue.Empty:
+                    continue
+                outcome = self._take(future)
+                if outcome is not None:
+                    yield outcome
+        except BaseException:
+            self._cluster.cancel([*self._running])
+            raise
+
+    def _fill(self) -> None:
+        window = self._cluster.window()
+        while self._waiting and len(self._running) < window:
+            self._submit(self._waiting.popleft())
+        if not self._running and self._suspects:
+            self._submit(self._suspects.popleft(), alone=True)
+
+    def _submit(self, source: Source | Nothing, lost: int = 0, alone: bool = False) -> None:
+        future = self._cluster.submit(source, self._name)
+        self._running[future] = source, lost, alone
+        future.add_done_callback(self._ended.put)
+
+    def _take(self, future: Any) -> Outcome | None:
+        """The outcome of a log that has come to an end; None where it has to be done again."""
+        source, lost, alone = self._running.pop(future)
+        status = future.status
+        if status == "finished":
+            outcome: Outcome = future.result()
+            future.release()
+            return replace(outcome, label=source.label, source=source)
+        error = future.exception() if status == "error" else None
+        future.release()
+        if isinstance(error, distributed.KilledWorker):
+            if not alone:
+                self._suspects.append(source)
+                return None
+            words = "ends every worker that reads it (out of memory?); try it alone, without --cluster"
+            return Outcome(source.label, UnreadableError.exit_code, error=words, source=source)
+        if isinstance(error, _OtherBuildError):
+            self._cluster.refuse_other_builds()
+            raise OptionError(f"--cluster: {error}")
+        if error is not None:
+            words = f"internal error on a worker: {type(error).__name__}: {error}"
+            return Outcome(source.label, INTERNAL_ERROR, error=words, source=source)
+        if lost >= LOST_TIMES:
+            return Outcome(
+                source.label, INTERNAL_ERROR, error=f"the cluster lost it {lost + 1} times", source=source
+            )
+        self._submit(source, lost + 1, alone)
+        return None
+
+
+def _sent(source: Source | Nothing) -> Source | Nothing:
+    """The same log for a worker, whose working directory is another."""
+    if isinstance(source, Nothing) or is_url(source.path):
+        return source
+    return replace(source, path=absolute(source.path), files=tuple(map(absolute, source.files)))
+
+
+def _do(name: str, source: Source | Nothing) -> Outcome:
+    """One log, on a worker."""
+    worker: Any = distributed.get_worker()
+    key, setup = worker.get_current_task(), worker.plugins[name]
+    if setup.told != build():
+        raise _OtherBuildError(f"{worker.address} has another build")
+
+    def watch(position: int) -> None:
+        state = worker.state.tasks.get(key)
+        if state is None or state.state == "cancelled":
+            raise _Stopped
+
+    outcome = outcome_of(source, lambda log: setup.work(log, progress=watch))
+    return replace(outcome, source=None)
+
+
+def _told() -> dict[str, str]:
+    """Which build a worker has; runs where lidarcli may not be installed."""
+    try:
+        from lidarcli.pipeline.running.build import build
+    except ImportError as err:
+        return {"lidarcli": f"cannot be imported ({err})"}
+    return build()
+
+
+def _by_value(function: Callable[[], Any]) -> Callable[[], Any]:
+    """A function that is sent as such and not as the name of one, which a worker without lidarcli could not look up."""
+    function.__module__ = "__main__"
+    return function
