@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import stat
+import tempfile
 import time
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,6 +17,7 @@ from typing import Any, Protocol, Self, cast
 
 from lidarcli.errors import OutputError
 from lidarcli.stores.url import Place, Url
+from lidarcli.threads import Beside
 
 try:
     import fcntl
@@ -140,6 +142,58 @@ class NewFiles:
             raise unwritable(path, err) from err
 
 
+class StoreFiles:
+    """The same for objects of a store: written on this machine, and put there when all of them are whole.
+
+    What may not be replaced was refused before. Of two runs that write the same object the last one stays, as a whole.
+    """
+
+    def __init__(self, paths: Sequence[Url]) -> None:
+        self.paths = tuple(paths)
+        self._stack = ExitStack()
+        self._scratch = Path()
+
+    def part(self, path: Url) -> Path:
+        """Where to write the file that will be `path`."""
+        return self._scratch / path.name
+
+    def open(self) -> None:
+        """Make the folder for the parts."""
+        self._scratch = self._stack.enter_context(scratch_folder(Path(tempfile.gettempdir())))
+
+    def publish(self) -> list[str]:
+        """Put all files into the store; `OutputError` where it refuses one."""
+        # Not in this thread, where an interrupt would come between two files.
+        beside = Beside("put")
+        try:
+            beside.submit(self._put).result()
+        finally:
+            beside.close()
+        return []
+
+    def _put(self) -> None:
+        # Who puts nothing into a store does not wait for this import.
+        from lidarcli.stores.store import put
+
+        for path in self.paths:
+            put(self.part(path), path)
+
+    def close(self) -> None:
+        """Remove the files of this machine."""
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        try:
+            self.open()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()
+
+
 @contextmanager
 def scratch_folder(folder: Path) -> Iterator[Path]:
     """A folder below another one, which is made, that nobody else may enter and that is gone afterwards.
@@ -169,8 +223,6 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
 def new_files(paths: Sequence[Place], overwrite: bool = True) -> WholeFiles:
     """Files of one folder that get their names together, on this machine or in a store."""
     if isinstance(paths[0], Url):
-        from lidarcli.stores.newfiles import StoreFiles
-
         return StoreFiles(cast("Sequence[Url]", paths))
     return NewFiles(cast("Sequence[Path]", paths), overwrite)
 

@@ -19,7 +19,8 @@ MAY_IMPORT = {
     "_version": set[str](),
     "choices": set[str](),
     "interrupts": set[str](),
-    "newfiles": {"errors"},
+    "newfiles": {"errors", "stores", "threads"},
+    "stores": {"errors", "threads"},
     "fields": {"errors"},
     "tomlfiles": {"errors"},
     "compiled": set[str](),
@@ -31,20 +32,21 @@ MAY_IMPORT = {
     "logs": CORE,
     "poses": CORE | {"logs"},
     "formalism": CORE,
-    "tables": CORE | {"formalism", "newfiles", "threads"},
+    "tables": CORE | {"formalism", "newfiles", "stores", "threads"},
     "simulate": CORE | {"fields", "formalism", "maps", "newfiles", "tables", "tomlfiles"},
     "reports": CORE | {"formalism", "tables"},
     "maps": CORE | {"formalism", "newfiles", "tables"},
     "pipeline": CORE
     | {"logs", "poses", "formalism", "tables", "reports", "maps"}
-    | {"fields", "newfiles", "threads", "tomlfiles"},
-    "cli": CORE | {"compiled", "interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline"},
+    | {"compiled", "fields", "newfiles", "stores", "threads", "tomlfiles"},
+    "cli": CORE
+    | {"compiled", "interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline", "stores"},
     "__init__": {"_version", "compiled", "formalism", "pipeline"},
 }
 """Room → the rooms below it that it may import."""
 
 ROOMS = {
-    "pipeline": ("inputs", "reading", "objects", "running"),
+    "pipeline": ("inputs", "reading", "objects", "running", "fleet"),
     "formalism": ("sweep", "surfaces", "description"),
 }
 """Rooms within rooms, each of which may import those before it; the files beside them may import all of them."""
@@ -59,7 +61,8 @@ ROOMS_OF = {
     "mcap": {"logs", "simulate", "maps"},
     "rosbags": {"simulate"},
     "sqlite3": {"logs", "simulate"},
-    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps"},
+    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps", "stores"},
+    "distributed": {"pipeline"},
     "PIL": {"maps"},
     "ruamel": {"maps"},
 }

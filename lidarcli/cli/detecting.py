@@ -110,7 +110,7 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                     heading=MANY,
                     metavar="ADDRESS",
                     help="Have the workers of this Dask cluster do the work, as tls://host:8786; local:N starts N of "
-                    "them here (docs/fleet.md).",
+                    "them here (docs/fleet.md).  [default: this machine]",
                 ),
                 reading_options,
                 object_options(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from lidarcli.pipeline.detecting import DetectOptions
-    from lidarcli.pipeline.fleet.running import FolderRun, Plan
+    from lidarcli.pipeline.folder_run import FolderRun, Plan
     from lidarcli.pipeline.inputs.sources import Nothing, Source
     from lidarcli.pipeline.running.cluster import Cluster
     from lidarcli.pipeline.running.outcomes import Outcome
@@ -37,28 +37,29 @@ class Asked:
     """Whether the user has said so."""
     cluster: str | None
 
-    def keeps_manifest(self, chosen: Chosen, output: str, options: DetectOptions) -> bool:
+    def keeps_manifest(self, chosen: Chosen, several_stored: bool, options: DetectOptions) -> bool:
         """Whether this is one of the runs whose outcomes are written down beside the tables: those of a fleet.
 
-        A run over a few logs here writes its tables and nothing else.
+        A run over logs that are named here, or over one, writes its tables and nothing else.
         """
-        many = chosen.files_from is not None or chosen.shard is not None
-        laid_out = options.layout is not None or is_url(output)
-        return not self.dry_run and (self.resume or self.cluster is not None or many or laid_out)
+        many = chosen.files_from is not None or chosen.shard is not None or several_stored
+        asked = self.resume or self.cluster is not None or options.layout is not None
+        return not self.dry_run and (many or asked)
 
 
 def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptions, asked: Asked) -> int:
     """Tables of every log below the folder `output`; the exit code."""
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import Total, show
-    from lidarcli.pipeline.fleet.running import FolderRun
+    from lidarcli.pipeline.folder_run import FolderRun
     from lidarcli.pipeline.inputs.search import refuse_clashes
 
     folder = place(output)
     sources = _begin(say, chosen, options)
     refuse_clashes(sources)
+    keeps = asked.keeps_manifest(chosen, is_url(output) and len(sources) > 1, options)
     with (
-        FolderRun(folder, options, asked.keeps_manifest(chosen, output, options)) as run,
+        FolderRun(folder, options, keeps) as run,
         ExitStack() as stack,
     ):
         plan = run.plan(sources, asked.resume, asked.overwrite)
@@ -66,6 +67,8 @@ def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptio
             say.info(f"note: {note}")
         if asked.dry_run:
             return _print_plan(run, plan, options)
+        if asked.cluster and not options.overwrite:
+            run.refuse_existing(plan)
         total = Total()
         for outcome in plan.skipped:
             show(outcome, say)
@@ -151,7 +154,7 @@ def _outcomes(
         if file and not is_url(file)
         else options.poses
     )
-    each = replace(options, jobs=1, cores=1, poses=poses)
+    each = replace(options, jobs=1, cores=1, poses=poses, overwrite=True)
     work = partial(detect_to_files, folder=there, options=each)
     for outcome in cluster.outcomes(sources, work):
         if report is not None and isinstance(outcome.source, Source):

@@ -91,7 +91,7 @@ def many_logs(command: F) -> F:
             heading=MANY,
             metavar="FILE",
             type=click.Path(allow_dash=True),
-            help="Also the logs that this file lists, one a line; - for standard input.",
+            help="Also the logs that this file lists, one a line; - for standard input.  [default: none]",
         ),
     ):
         command = decorate(command)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.formalism import Parameters
@@ -118,27 +118,35 @@ def detect_to_files(
     source: Source, folder: Place, options: DetectOptions, progress: Progress | None = None
 ) -> RunSummary:
     """Write the tables of one log below `folder`; they appear when all of them are whole, or not at all."""
-    if options.layout != BY_DATE:
+    known_before = options.layout != BY_DATE
+    if known_before:
         refuse(options.outputs(source, folder).values(), options.overwrite, options.inputs([source]))
     with (
         open_source(source, options.csv) as log,
         options.reading(log) as reading,
-        Splitting(reading, options.recipe(source, options.tables), options.threads) as work,
+        ExitStack() as stack,
     ):
+
+        def opened() -> TableFiles:
+            paths = options.outputs(source, folder, reading.date)
+            if not known_before:
+                refuse(paths.values(), options.overwrite, options.inputs([source]))
+            return stack.enter_context(TableFiles(paths, reading.first, options.overwrite))
+
+        files = opened() if known_before else None
+        work = stack.enter_context(
+            Splitting(reading, options.recipe(source, options.tables), options.threads)
+        )
         summary = reading.summary
-        rows = _rows(source, reading, work, options, progress)
-        # The day of a log is that of its first sweep.
-        first = next(rows, None)
-        paths = options.outputs(source, folder, reading.date)
-        if options.layout == BY_DATE:
-            refuse(paths.values(), options.overwrite, options.inputs([source]))
-        with TableFiles(paths, reading.first, options.overwrite) as files:
-            for table, topic, some in chain([first] if first is not None else [], rows):
-                files.write(table, topic, some)
-                summary.rows += some.num_rows
-            described = reading.describe(source)
-            summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
-        summary.outputs = [str(path) for path in paths.values()]
+        for table, topic, rows in _rows(source, reading, work, options, progress):
+            # The day of a log is that of its first sweep.
+            files = files or opened()
+            files.write(table, topic, rows)
+            summary.rows += rows.num_rows
+        files = files or opened()
+        described = reading.describe(source)
+        summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
+        summary.outputs = [str(path) for path in files.paths]
     return summary
 
 

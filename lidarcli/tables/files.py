@@ -59,6 +59,7 @@ class TableFiles:
     """
 
     def __init__(self, paths: Mapping[str, Place], first_topic: str | None, overwrite: bool = True) -> None:
+        self.paths = tuple(paths.values())
         self._new: dict[Place, WholeFiles] = {}
         self._files: list[TableFile] = []
         self._orders: dict[str, TopicOrder] = {}

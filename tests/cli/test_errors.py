@@ -253,7 +253,7 @@ def test_bug_in_one_log_is_reported_and_the_rest_done(
 
 
 def test_bug_outside_of_any_log(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidarcli.pipeline.inputs.search.find_logs", lambda names: 1 / 0)
+    monkeypatch.setattr("lidarcli.pipeline.fleet.choosing.find_logs", lambda names: 1 / 0)
     ran = lidarcli("info", "x")
     assert ran.code == 70
     assert (
@@ -266,7 +266,7 @@ def test_interrupt(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(names: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lidarcli.pipeline.inputs.search.find_logs", interrupted)
+    monkeypatch.setattr("lidarcli.pipeline.fleet.choosing.find_logs", interrupted)
     ran = lidarcli("detect", "x")
     assert (ran.code, ran.err) == (130, "lidarcli: interrupted\n")
 

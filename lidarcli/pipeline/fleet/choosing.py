@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import blake2b
 from pathlib import Path, PurePosixPath
@@ -52,7 +52,7 @@ def is_in_shard(key: str, shard: Shard) -> bool:
     """Whether a log of this name belongs to a share, whatever others there are.
 
     >>> [key for key in ("run", "trip/run", "hall") if is_in_shard(key, (1, 2))]
-    ['trip/run', 'hall']
+    ['trip/run']
     """
     number, count = shard
     digest = blake2b(os.fsencode(key), digest_size=8).digest()
@@ -110,8 +110,3 @@ def _named_below(source: Source, base: str) -> Source:
     if not inside:
         raise OptionError(f"{source.path}: is not below --base {base}")
     return replace(source, name=str(below.with_name(PurePosixPath(source.name).name)))
-
-
-def sizes_of(sources: Iterable[Source | Nothing]) -> int:
-    """Bytes of all logs, as far as they are known."""
-    return sum(source.size for source in sources if isinstance(source, Source))

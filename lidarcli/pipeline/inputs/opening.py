@@ -24,7 +24,7 @@ _TRIED = 3
 def open_source(source: Source, csv: CsvOptions | None = None) -> Iterator[Log]:
     """The open log of a source, closed in the end; many CSV files with one sweep each are one log."""
     if (url := source.url) is not None:
-        from lidarcli.stores.logs import open_stored
+        from lidarcli.pipeline.inputs.stored import open_stored
 
         with open_stored(
             url, [found for file in source.files if isinstance(found := place(file), Url)], csv
@@ -57,7 +57,7 @@ def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
 def _opened(file: Path | Url) -> Iterator[Log]:
     """One file as a log."""
     if isinstance(file, Url):
-        from lidarcli.stores.logs import open_stored
+        from lidarcli.pipeline.inputs.stored import open_stored
 
         with open_stored(file, (), None) as log:
             yield log

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
@@ -22,6 +23,7 @@ from lidarcli.tables import metadata
 from lidarcli.tables.files import BY_DATE
 from lidarcli.tables.reading import file_metadata, parsed
 
+_DAY = re.compile(r"/date=[^/]*/")
 ASKED_AT_ONCE = 16
 """Requests for what a store knows of an object: each takes tens of milliseconds."""
 
@@ -85,7 +87,7 @@ class FolderRun:
         by_url = newest(entry for entry in entries if self._is_same(entry))
         told_of = {entry.url for entry in entries}
         mine = {output for entry in entries for output in entry.outputs}
-        there = _there(self._folder)
+        there = _There(self._folder)
         plan = Plan([], [f"{problem}; not used" for problem in problems])
         for source in known(sources):
             if isinstance(source, Nothing):
@@ -99,8 +101,9 @@ class FolderRun:
                 done = None
             elif done is None and url_of(source) not in told_of and any(map(there, outputs)):
                 done = self._told_by_tables(source, outputs, there)
-            foreign = [out for out in outputs if done is None and out not in mine and there(out)]
-            if foreign and not overwrite and not _is_of(foreign[0], source):
+            existing = self._existing(source, there) if done is None and not overwrite else []
+            foreign = [out for out in existing if out not in mine and not _is_of(out, source)]
+            if foreign:
                 error = OutputError(
                     f"{foreign[0]} exists and is not of this log; use --overwrite to replace it"
                 )
@@ -109,9 +112,24 @@ class FolderRun:
             plan.steps.append(Step(source, done=done))
         return plan
 
+    def refuse_existing(self, plan: Plan) -> None:
+        """Refuse logs whose tables are there already, as each log does for itself where nobody else works on it.
+
+        On a cluster a log may be done twice: what its first worker has written before it died is no reason to refuse it.
+        """
+        there = _There(self._folder)
+        for index, step in enumerate(plan.steps):
+            if isinstance(step.source, Source) and step.done is None:
+                existing = next(iter(self._existing(step.source, there)), None)
+                if existing is not None:
+                    error = OutputError(
+                        f"{existing} exists; use --overwrite to replace it, or -o to write elsewhere"
+                    )
+                    plan.steps[index] = Step(Nothing(step.source.path, error))
+
     def dry(self, plan: Plan) -> Iterator[Step]:
         """The steps of a plan, with what is in their way."""
-        there = _there(self._folder)
+        there = _There(self._folder)
         for step in plan.steps:
             if isinstance(step.source, Source):
                 outputs = self._outputs(step.source)
@@ -167,12 +185,17 @@ class FolderRun:
             return ()
         return tuple(str(path) for path in self._options.outputs(source, self._folder).values())
 
+    def _existing(self, source: Source, there: _There) -> list[str]:
+        """The tables of a log that are there already."""
+        if self._options.layout == BY_DATE:
+            folders = [self._folder / table for table in self._options.tables]
+            return [found for folder in folders for found in there.of_any_day(folder, source.name)]
+        return [*filter(there, map(absolute, self._outputs(source)))]
+
     def _is_same(self, entry: Entry) -> bool:
         return entry.parameters == self._parameters and entry.version == __version__
 
-    def _told_by_tables(
-        self, source: Source, outputs: tuple[str, ...], there: Callable[[str], bool]
-    ) -> Entry | None:
+    def _told_by_tables(self, source: Source, outputs: tuple[str, ...], there: _There) -> Entry | None:
         """That tables without a manifest are of this log as it is now, and of these parameters."""
         options, state = self._options, source.state()
         notes = _notes(outputs[0])
@@ -290,13 +313,29 @@ def _is_unchanged(source: Source, done: Entry) -> bool:
     return etag == done.etag
 
 
-def _there(folder: Place) -> Callable[[str], bool]:
-    """Whether a file is there; of a store all names below the folder are asked for at once."""
-    if isinstance(folder, Url):
-        from lidarcli.stores.store import listing
+class _There:
+    """Which files are there; of a store all names below the folder are asked for at once."""
 
-        return {str(url) for url, _ in listing(folder)}.__contains__
-    return lambda name: Path(name).exists()
+    def __init__(self, folder: Place) -> None:
+        self._names: set[str] | None = None
+        self._dated: dict[str, str] = {}
+        if isinstance(folder, Url):
+            from lidarcli.stores.store import listing
+
+            self._names = {str(url) for url, _ in listing(folder)}
+            self._dated = {_DAY.sub("/", name): name for name in self._names}
+
+    def __call__(self, name: str) -> bool:
+        """Whether there is a file of this name."""
+        return name in self._names if self._names is not None else Path(name).exists()
+
+    def of_any_day(self, path: Place, log: str) -> list[str]:
+        """Files of a log below the folder of a table, whichever the day is that they are filed under."""
+        if isinstance(path, Url):
+            name = self._dated.get(absolute(path / f"{log}.parquet"))
+            return [name] if name is not None else []
+        days = path.glob("date=*")
+        return [str(found.absolute()) for day in days if (found := day / f"{log}.parquet").exists()]
 
 
 def _state(name: str) -> State | None:
