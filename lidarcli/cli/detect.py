@@ -31,7 +31,7 @@ if TYPE_CHECKING:
   lidarcli detect scan.csv --angle-min -135 --fov 270 --degrees
   lidarcli detect bags/ -o tables --dry-run
   lidarcli detect 's3://robots/2026/*/*.mcap' -o s3://robots/tables/ --resume
-  lidarcli detect --files-from new.txt --base s3://robots/ --shard 3/8 -o tables
+  lidarcli detect --files-from new.txt --base s3://robots/ --shard 3/8
   lidarcli detect bags/ -o tables --cluster local:4 --partition date
   cat run.mcap | lidarcli detect - -o - --format csv | head""",
 )

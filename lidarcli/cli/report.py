@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import click
 
 from lidarcli.cli.messages import Messages, coloured, standard_output
@@ -24,6 +26,7 @@ GATES = "Gates"
   lidarcli report tables/ --check "agents_at_once.max <= 3"
   lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
   lidarcli report 'tables/*.parquet' --format json | jq .figures
+  lidarcli report tables/_lidarcli --check "failed == 0"
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
 @click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=click.Path())
@@ -86,9 +89,11 @@ def report(
     """Sum up what is in one or many runs, and hold it against checks.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
-    found beside it), a folder to search, or a pattern.
+    found beside it), a folder to search, or a pattern. The folder TABLES/_lidarcli of a
+    run over many logs, or manifests in it, tell what became of each log.
     """
     from lidarcli.newfiles import refuse, write_whole
+    from lidarcli.pipeline.fleet.reporting import manifest_files, report_runs, understand_runs
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.reporting import SUFFIXES, ReportOptions, make_report, render, understand
@@ -96,12 +101,17 @@ def report(
     kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
     if len(outputs) > 1 and kind is not None:
         raise click.UsageError("--format is for one output; several take theirs from their suffixes")
+    of_runs = _are_of_runs(tables, baseline, logs)
     options = ReportOptions(tables, checks, baseline, logs)
-    understand(options)
+    if of_runs:
+        understand_runs(checks)
+    else:
+        understand(options)
     files = [place(name) for name in outputs if name != STDOUT]
-    inputs = [*map(str, table_files([*tables, *baseline])), *files_of(find_logs(logs))] if files else []
-    refuse(files, overwrite, inputs)
-    made = make_report(options, viewer="html" in kinds)
+    if files:
+        read = manifest_files(tables)[0] if of_runs else table_files([*tables, *baseline])
+        refuse(files, overwrite, [*map(str, read), *files_of(find_logs(logs))])
+    made = report_runs(tables, checks) if of_runs else make_report(options, viewer="html" in kinds)
     for problem in made.report.problems:
         say.error(problem)
     for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
@@ -118,7 +128,27 @@ def report(
             say.error(
                 f"check does not hold: {verdict.expression}: expected {verdict.expected}, found {verdict.words}"
             )
-    return made.exit_code
+    return made.report.exit_code
+
+
+def _are_of_runs(tables: Sequence[str], baseline: Sequence[str], logs: Sequence[str]) -> bool:
+    """Whether the report is about runs over many logs, not about tables; usage errors where it is half about each."""
+    from lidarcli.pipeline.fleet.reporting import is_of_runs
+
+    manifests = [name for name in tables if is_of_runs(name)]
+    compared = [name for name in baseline if is_of_runs(name)]
+    if compared or (manifests and baseline):
+        raise click.UsageError(
+            f"{(compared or manifests)[0]}: --baseline compares tables, not the manifests of runs"
+        )
+    if manifests and logs:
+        raise click.UsageError(f"{manifests[0]}: --log belongs to tables, not to the manifests of runs")
+    if manifests and len(manifests) < len(tables):
+        other = next(name for name in tables if name not in manifests)
+        raise click.UsageError(
+            f"{manifests[0]} is a manifest of runs and {other} is none; report on one or the other"
+        )
+    return bool(manifests)
 
 
 def _encoded(words: str) -> bytes:

@@ -84,7 +84,8 @@ class FolderRun:
         if not resume:
             return Plan([Step(source) for source in sources])
         entries, problems = read_entries(self._folder)
-        by_url = newest(entry for entry in entries if self._is_same(entry))
+        # What failed later, as for tables that were there, leaves these as they are.
+        by_url = newest(entry for entry in entries if entry.is_done)
         told_of = {entry.url for entry in entries}
         mine = {output for entry in entries for output in entry.outputs}
         there = _There(self._folder)
@@ -96,7 +97,7 @@ class FolderRun:
             outputs = tuple(map(absolute, self._outputs(source)))
             done = by_url.get(url_of(source))
             if done is not None and not (
-                done.is_done and _is_unchanged(source, done) and all(map(there, done.outputs))
+                self._is_same(done) and _is_unchanged(source, done) and all(map(there, done.outputs))
             ):
                 done = None
             elif done is None and url_of(source) not in told_of and any(map(there, outputs)):

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from lidarcli.errors import LidarcliError, OptionError, UnreadableError
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.pipeline.fleet.reporting import MadeRuns, nothing_read, render_runs
 from lidarcli.pipeline.inputs.tables import Pair, find_pairs, origin_of, read_table, read_tracks, require
 from lidarcli.reports.checks import Check, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run
@@ -46,7 +47,6 @@ TRACKED_VIEW = ("vx", "vy", "moving")
 """… and where things were tracked, …"""
 TRACKED_POSES = ("pose_x", "pose_y", "pose_yaw")
 """… with these of the sweeps table."""
-CHECK_FAILED = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +72,6 @@ class Made:
     overview: MapPicture | None = None
     """The run from above, for the HTML; None where nothing tells of poses."""
 
-    @property
-    def exit_code(self) -> int:
-        """3 when tables could not be read, 1 when a check does not hold, else 0."""
-        if self.report.problems:
-            return UnreadableError.exit_code
-        return 0 if self.report.holds else CHECK_FAILED
-
 
 def understand(options: ReportOptions) -> list[Check]:
     """The checks, or a usage error before any work is done."""
@@ -98,7 +91,7 @@ def make_report(options: ReportOptions, viewer: bool = False) -> Made:
     if not options.baseline:
         summary = summarise(run)
         verdicts = tuple(judge(check, summary.figures, run) for check in checks)
-        made = Made(Report(summary, verdicts, None, problems), run, pairs)
+        made = Made(Report(summary, verdicts=verdicts, problems=problems), run, pairs)
         return _with_viewer(made, options.logs) if viewer else made
     base_run, base_pairs, base_problems = _load(options.baseline, (), False)
     if base_problems:
@@ -109,7 +102,7 @@ def make_report(options: ReportOptions, viewer: bool = False) -> Made:
     summary, baseline = summarise(run, edges), summarise(base_run, edges)
     comparison = compare(run, summary, base_run, baseline)
     verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
-    made = Made(Report(summary, verdicts, comparison, problems), run, pairs)
+    made = Made(Report(summary, comparison, verdicts=verdicts, problems=problems), run, pairs)
     return _with_viewer(made, options.logs) if viewer else made
 
 
@@ -165,7 +158,7 @@ def _load(
             tracks[len(read)] = found
         read.append((pair, replace(origin_of(pair, sweeps), tracked=found is not None), sweeps, objects))
     if not read:
-        raise _nothing(problems)
+        raise nothing_read(problems)
     kept, sources, sweep_tables, object_tables = zip(*read, strict=True)
     _refuse_untracked(checks, kept)
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
@@ -184,15 +177,10 @@ def _refuse_untracked(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:
             )
 
 
-def _nothing(problems: Sequence[UnreadableError]) -> LidarcliError:
-    if not problems:
-        return OptionError("no tables to report on")
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return UnreadableError(f"{problems[0]}{more}")
-
-
-def render(made: Made, kind: str, colour: bool = False) -> str:
-    """The report in one of `FORMATS`; for html it was made with `viewer`."""
+def render(made: Made | MadeRuns, kind: str, colour: bool = False) -> str:
+    """The report in one of `FORMATS`; for html, one of tables was made with `viewer`."""
+    if isinstance(made, MadeRuns):
+        return render_runs(made.report, kind, colour)
     if kind == "text":
         from lidarcli.reports import text
 

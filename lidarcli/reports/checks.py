@@ -11,7 +11,7 @@ sign       = "==" | "!=" | "<" | "<=" | ">" | ">="
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from lidarcli.reports import figures
@@ -86,8 +86,13 @@ class Verdict:
         return f"{self.found:,.0f}" if self.found == int(self.found) else f"{self.found:.6g}"
 
 
-def parse_check(expression: str, compared: bool = False) -> Check:
-    """Understand a check; `compared` when there is a baseline.
+def parse_check(expression: str, compared: bool = False, only: Collection[str] | None = None) -> Check:
+    """Understand a check.
+
+    Parameters
+    ----------
+    compared : whether there is a baseline
+    only : the figures that there are, where the report is not about tables and no rows can be counted
 
     Raises
     ------
@@ -103,7 +108,11 @@ def parse_check(expression: str, compared: bool = False) -> Check:
         raise tokens.error("expected a figure such as sweeps or objects_per_sweep.mean")
     tokens.take()
     condition = None
-    if tokens.take_if("where"):
+    if only is not None:
+        if token.text not in only:
+            hint = nearest(token.text, only) or ";"
+            raise tokens.error(f"unknown figure '{token.text}'{hint} available: {', '.join(only)};", token)
+    elif tokens.take_if("where"):
         if token.text not in COUNTED:
             *first, last = COUNTED
             raise tokens.error(f"only {', '.join(first)} and {last} can be counted with where, not", token)
@@ -124,7 +133,13 @@ def parse_check(expression: str, compared: bool = False) -> Check:
 def judge(check: Check, values: Mapping[str, float | None], run: Run) -> Verdict:
     """Hold a check against the figures of a run, or against its rows."""
     # Tracks tables that could not be read leave nothing to measure.
-    found = values.get(check.name) if check.condition is None else _count(check, check.condition, run)
+    return verdict_of(
+        check, values.get(check.name) if check.condition is None else _count(check, check.condition, run)
+    )
+
+
+def verdict_of(check: Check, found: float | None) -> Verdict:
+    """Hold a check against what was found; None where there was nothing to measure."""
     holds = found is not None and check.admits(found)
     return Verdict(check.expression, f"{check.expected}", found, holds)
 

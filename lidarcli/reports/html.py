@@ -13,7 +13,7 @@ from lidarcli._version import __version__
 from lidarcli.reports.charts import charts, overview_chart
 from lidarcli.reports.junit import clean
 from lidarcli.reports.map_picture import MapPicture
-from lidarcli.reports.report import Report
+from lidarcli.reports.report import Judged, Report
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.wording import (
     SHOWN_SPREADS,
@@ -47,25 +47,15 @@ def render(report: Report, viewer: dict[str, Any], overview: MapPicture | None =
     viewer : as `reports.viewer.pack` makes it
     overview : the run from above, where there are poses
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    environment = Environment(
-        loader=PackageLoader("lidarcli.reports"),
-        autoescape=True,
-        finalize=lambda value: clean(value) if type(value) is str else value,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     script = _part("viewer.js")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     summary = report.summary
-    return environment.get_template("report.html").render(
+    return page(
+        "report.html",
         report=report,
         summary=summary,
-        version=__version__,
-        style=Markup(_part("report.css")),
         script=Markup(script),
         script_hash=digest,
         data=Markup(embedded(viewer)),
@@ -73,7 +63,7 @@ def render(report: Report, viewer: dict[str, Any], overview: MapPicture | None =
         has_raw=any("raw" in stream for stream in viewer["streams"]),
         overview=None if overview is None else Markup(overview_chart(overview).svg),
         charts=[(chart.title, Markup(chart.svg)) for chart in charts(report)],
-        cards=[*_cards(report)],
+        cards=[*_cards(report), *check_cards(report), *_damage_cards(report)],
         spreads=[
             (spread_name(name), spread_row(name, summary.spreads[name]))
             for name in SHOWN_SPREADS
@@ -86,11 +76,28 @@ def render(report: Report, viewer: dict[str, Any], overview: MapPicture | None =
         compared=[*_compared(report)],
         right=RIGHT,
         shown=SHOWN,
-        number=number,
         quantity=quantity,
         origin=origin,
         settings=settings,
-        stamp=stamp,
+    )
+
+
+def page(template: str, **values: Any) -> str:
+    """A page from one of the templates, with the style and the functions that all of them use."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    environment = Environment(
+        loader=PackageLoader("lidarcli.reports"),
+        autoescape=True,
+        finalize=lambda value: clean(value) if type(value) is str else value,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    style = Markup(_part("report.css"))
+    return environment.get_template(template).render(
+        **values, version=__version__, style=style, number=number, stamp=stamp
     )
 
 
@@ -145,16 +152,20 @@ def _cards(report: Report) -> Iterator[tuple[str, str, str]]:
         number(faults),
         f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated",
     )
+
+
+def check_cards(report: Judged) -> Iterator[tuple[str, str, str]]:
+    """How many checks hold, where there are any."""
     if report.verdicts:
         held = sum(verdict.holds for verdict in report.verdicts)
         words = "all hold" if report.holds else f"{len(report.verdicts) - held} failed"
         yield "checks", f"{held} of {len(report.verdicts)}", words
-    if figures["damage"]:
-        yield (
-            "damage",
-            number(figures["damage"]),
-            f"part{'s' if figures['damage'] != 1 else ''} of the logs not read",
-        )
+
+
+def _damage_cards(report: Report) -> Iterator[tuple[str, str, str]]:
+    damage = report.summary.figures["damage"]
+    if damage:
+        yield "damage", number(damage), f"part{'s' if damage != 1 else ''} of the logs not read"
 
 
 def _compared(report: Report) -> Iterator[tuple[str, str, str, str]]:

@@ -13,7 +13,7 @@ import numpy as np
 from lidarcli._version import __version__
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.distributions import Density, Histogram
-from lidarcli.reports.report import Report
+from lidarcli.reports.report import Judged, Report
 from lidarcli.reports.standing import Standing
 from lidarcli.reports.streams import Stream, Timeline
 from lidarcli.reports.summary import Summary
@@ -27,14 +27,28 @@ DIGITS = 9
 
 def render(report: Report) -> str:
     """One JSON object; numbers have nine digits, null stands for what cannot be measured."""
-    return json.dumps(as_dict(report), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+    return written(as_dict(report))
+
+
+def written(values: dict[str, Any]) -> str:
+    """Plain values as the text of a file."""
+    return json.dumps(values, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
 def as_dict(report: Report) -> dict[str, Any]:
     """The report as plain values."""
     summary = report.summary
     return {
-        "schema": SCHEMA,
+        **beginning(report, SCHEMA),
+        **_summary(summary),
+        "comparison": None if report.comparison is None else _comparison(report.comparison),
+    }
+
+
+def beginning(report: Judged, schema: str) -> dict[str, Any]:
+    """What reports of every kind begin with."""
+    return {
+        "schema": schema,
         "lidarcli": __version__,
         "holds": report.holds,
         "checks": [
@@ -47,8 +61,6 @@ def as_dict(report: Report) -> dict[str, Any]:
             for verdict in report.verdicts
         ],
         "problems": list(report.problems),
-        **_summary(summary),
-        "comparison": None if report.comparison is None else _comparison(report.comparison),
     }
 
 
@@ -65,7 +77,7 @@ def _summary(summary: Summary) -> dict[str, Any]:
             }
             for source in summary.sources
         ],
-        "figures": _numbers(summary.figures),
+        "figures": numbers(summary.figures),
         "beams": {"status": summary.status, "set": summary.sets},
         "objects": {
             name: {**dict.fromkeys(summary.kinds[name], 0), **summary.kinds[name]} for name in summary.kinds
@@ -97,10 +109,10 @@ def _comparison(comparison: Comparison) -> dict[str, Any]:
     return {
         "baseline": {
             "logs": [source.log for source in baseline.sources],
-            "figures": _numbers(baseline.figures),
+            "figures": numbers(baseline.figures),
             "histograms": {name: _histogram(one) for name, one in baseline.histograms.items()},
         },
-        "figures": _numbers(comparison.figures),
+        "figures": numbers(comparison.figures),
         "parameters": [
             {"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters
         ],
@@ -161,7 +173,8 @@ def _standing(one: Standing) -> dict[str, Any]:
     }
 
 
-def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
+def numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
+    """Figures by their names, with nine digits."""
     return {name: _number(value) for name, value in values.items()}
 
 

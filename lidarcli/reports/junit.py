@@ -4,39 +4,72 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from lidarcli.reports.report import Report
+from lidarcli.reports.report import Judged, Report
 from lidarcli.reports.wording import number
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A test case."""
+
+    name: str
+    classname: str = "lidarcli.report"
+    failure: str | None = None
+    """What is wrong, None where nothing is."""
+    kind: str = "check"
+    """The kind of failure."""
+    seconds: float | None = None
+    """How long it took, where that is known."""
+
+
 def render(report: Report) -> str:
     """One suite: its properties are the figures, its cases the checks, its errors the tables that could not be read."""
-    failed = sum(not verdict.holds for verdict in report.verdicts)
+    figures = dict(report.summary.figures) | (report.comparison.figures if report.comparison else {})
+    return document(report, report.title, figures)
+
+
+def document(
+    report: Judged, title: str, figures: Mapping[str, float | None], cases: Sequence[Case] = ()
+) -> str:
+    """One suite of these cases, those of the checks, and what could not be read."""
+    cases = [*cases, *_checks(report)]
     counts = {
-        "tests": str(len(report.verdicts) + len(report.problems)),
-        "failures": str(failed),
+        "tests": str(len(cases) + len(report.problems)),
+        "failures": str(sum(case.failure is not None for case in cases)),
         "errors": str(len(report.problems)),
     }
     root = ET.Element("testsuites", {"name": "lidarcli report", **counts})
-    suite = _part(root, "testsuite", name=report.title, **counts, skipped="0")
+    suite = _part(root, "testsuite", name=title, **counts, skipped="0")
     properties = _part(suite, "properties")
-    figures = dict(report.summary.figures) | (report.comparison.figures if report.comparison else {})
     for name, value in figures.items():
         if value is not None:
             _part(properties, "property", name=name, value=number(value, 6).replace(",", ""))
-    for verdict in report.verdicts:
-        case = _part(suite, "testcase", classname="lidarcli.report", name=verdict.expression)
-        if not verdict.holds:
-            message = f"expected {verdict.expected}, found {verdict.words}"
-            failure = _part(case, "failure", message=message, type="check")
-            failure.text = clean(f"{verdict.expression}\n{message}")
+    for one in cases:
+        time = {} if one.seconds is None else {"time": f"{one.seconds:.6f}"}
+        case = _part(suite, "testcase", classname=one.classname, name=one.name, **time)
+        if one.failure is not None:
+            failure = _part(case, "failure", message=one.failure, type=one.kind)
+            failure.text = clean(f"{one.name}\n{one.failure}")
     for problem in report.problems:
         case = _part(suite, "testcase", classname="lidarcli.report", name="read the tables")
         _part(case, "error", message=problem, type="unreadable")
     ET.indent(root, " ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _checks(report: Judged) -> list[Case]:
+    return [
+        Case(
+            verdict.expression,
+            failure=None if verdict.holds else f"expected {verdict.expected}, found {verdict.words}",
+        )
+        for verdict in report.verdicts
+    ]
 
 
 def _part(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from lidarcli.reports.bars import resample, spark
-from lidarcli.reports.report import Report
+from lidarcli.reports.report import Judged, Report
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.text import STREAMS
@@ -38,9 +38,7 @@ SPARK = 60
 def render(report: Report) -> str:
     """The verdict and the key figures in sight, the rest folded."""
     summary = report.summary
-    lines = [f"## lidarcli report: {text(report.title)}", ""]
-    lines += [f"**Not read:** {text(problem)}\n" for problem in report.problems]
-    lines += [*_checks(report), *_overview(summary), *_tracked(summary)]
+    lines = [*beginning(report, report.title), *_overview(summary), *_tracked(summary)]
     lines += [*_comparison(report), *_standing(summary)]
     for title, part in (
         ("Figures", _spreads(summary)),
@@ -53,6 +51,15 @@ def render(report: Report) -> str:
         if body:
             lines += ["<details>", f"<summary>{title}</summary>", "", *body, "</details>", ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def beginning(report: Judged, title: str) -> Iterator[str]:
+    """The heading, what could not be read, the checks."""
+    yield f"## lidarcli report: {text(title)}"
+    yield ""
+    for problem in report.problems:
+        yield f"**Not read:** {text(problem)}\n"
+    yield from _checks(report)
 
 
 def text(value: object) -> str:
@@ -74,13 +81,14 @@ def code(value: object) -> str:
     return "`" + plain.replace("|", "\\|") + "`"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]], right: int | None = 1) -> list[str]:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], right: int | None = 1) -> list[str]:
+    """The lines of a table; columns from `right` on are flush right."""
     marks = ["---:" if right is not None and index >= right else "---" for index in range(len(head))]
     lines = [head, marks, *rows]
     return [*("| " + " | ".join(line) + " |" for line in lines), ""]
 
 
-def _checks(report: Report) -> list[str]:
+def _checks(report: Judged) -> list[str]:
     if not report.verdicts:
         return []
     failed = sum(not verdict.holds for verdict in report.verdicts)
@@ -89,14 +97,14 @@ def _checks(report: Report) -> list[str]:
     rows = [
         ["holds" if one.holds else "**fails**", code(one.expression), one.words] for one in report.verdicts
     ]
-    return [f"**{words}.**", "", *_table(["", "check", "found"], rows, 2)]
+    return [f"**{words}.**", "", *table(["", "check", "found"], rows, 2)]
 
 
 def _overview(summary: Summary) -> list[str]:
     names = ("sweeps", "duration", "rate", "gaps", "objects", "objects_per_sweep.mean", "valid_share")
     words = ("sweeps", "duration", "rate", "gaps", "objects", "objects per sweep", "beams with a range")
     values = [quantity(name, summary.figures[name]) for name in names]
-    return _table(words, [values], 0)
+    return table(words, [values], 0)
 
 
 def _comparison(report: Report) -> Iterator[str]:
@@ -106,7 +114,7 @@ def _comparison(report: Report) -> Iterator[str]:
     here, there, delta = report.summary.figures, comparison.baseline.figures, comparison.figures
     yield "### Compared with the baseline"
     yield ""
-    yield from _table(["figure", "baseline", "here", "difference"], [*compared_rows(here, there, delta)])
+    yield from table(["figure", "baseline", "here", "difference"], [*compared_rows(here, there, delta)])
     for name, mine, other in comparison.parameters:
         yield f"- {text(name)}: {code(other)} in the baseline, {code(mine)} here"
     yield (
@@ -119,7 +127,7 @@ def _comparison(report: Report) -> Iterator[str]:
             [text(one.log), text(one.topic), str(one.sweep), str(one.before), str(one.now)]
             for one in comparison.changes
         ]
-        yield from _table(["log", "topic", "sweep", "before", "now"], rows, 2)
+        yield from table(["log", "topic", "sweep", "before", "now"], rows, 2)
 
 
 def _standing(summary: Summary) -> list[str]:
@@ -132,7 +140,7 @@ def _standing(summary: Summary) -> list[str]:
     return [
         "### Sweeps that stand out",
         "",
-        *_table(["", "value", "sweep", "log", "topic", "stamp"], rows, None),
+        *table(["", "value", "sweep", "log", "topic", "stamp"], rows, None),
     ]
 
 
@@ -144,7 +152,7 @@ def _spreads(summary: Summary) -> list[str]:
     ]
     if summary.tracked is not None:
         rows += [[code(name), *cells] for name, cells in track_spreads(summary.tracked)]
-    return _table(["", *SHOWN_STATISTICS], rows) if rows else []
+    return table(["", *SHOWN_STATISTICS], rows) if rows else []
 
 
 def _kinds(summary: Summary) -> Iterator[str]:
@@ -153,11 +161,11 @@ def _kinds(summary: Summary) -> Iterator[str]:
         if counts:
             total = sum(counts.values())
             rows = [[kind, f"{count:,}", share(count, total)] for kind, count in counts.items()]
-            yield from _table([name, "objects", "share"], rows)
+            yield from table([name, "objects", "share"], rows)
     beams = sum(summary.status.values())
     counts = {**summary.status, **{SET_WORDS[name]: count for name, count in summary.sets.items()}}
     rows = [[name.replace("_", " "), f"{count:,}", share(count, beams)] for name, count in counts.items()]
-    yield from _table(["beams", "count", "share"], rows)
+    yield from table(["beams", "count", "share"], rows)
 
 
 def _tracked(summary: Summary) -> list[str]:
@@ -165,10 +173,10 @@ def _tracked(summary: Summary) -> list[str]:
     lines: list[str] = []
     if summary.tracked is not None:
         words = tracked_words(summary.tracked)
-        lines += _table([*words], [[*words.values()]], None)
+        lines += table([*words], [[*words.values()]], None)
     if summary.labels:
         rows = [[text(one.name), number(one.tracks), number(one.objects)] for one in summary.labels]
-        lines += _table(["label", "tracks", "objects"], rows)
+        lines += table(["label", "tracks", "objects"], rows)
     return lines
 
 
@@ -181,14 +189,14 @@ def _tracks(summary: Summary) -> Iterator[str]:
         if counts:
             total = sum(counts.values())
             rows = [[kind, f"{count:,}", share(count, total)] for kind, count in counts.items()]
-            yield from _table([name.removeprefix("tracks."), "tracks", "share"], rows)
+            yield from table([name.removeprefix("tracks."), "tracks", "share"], rows)
     shown = [(one, track_cells(one)) for one in tracked.most(TRACKS)]
     if shown:
         rows = [
             [text(one.log), text(one.topic), *(text(cells[name]) for name in SHOWN_OF_TRACK)]
             for one, cells in shown
         ]
-        yield from _table(["log", "topic", *SHOWN_OF_TRACK], rows, None)
+        yield from table(["log", "topic", *SHOWN_OF_TRACK], rows, None)
         if more := int(tracked.figures["tracks"] or 0) - len(shown):
             yield f"and {more:,} more tracks"
             yield ""
@@ -209,7 +217,7 @@ def _courses(summary: Summary) -> Iterator[str]:
         for one in streams[:STREAMS]
     ]
     if rows:
-        yield from _table(
+        yield from table(
             ["topic", "sweeps", "rate [Hz]", "gaps", "backward", "objects per sweep", "max"], rows
         )
     if len(streams) > STREAMS:
@@ -219,7 +227,7 @@ def _courses(summary: Summary) -> Iterator[str]:
 
 def _sources(summary: Summary) -> Iterator[str]:
     rows = [[text(one.log), text(origin(one)), text(settings(one))] for one in summary.sources[:STREAMS]]
-    yield from _table(["log", "format", "parameters"], rows, None)
+    yield from table(["log", "format", "parameters"], rows, None)
     if len(summary.sources) > STREAMS:
         yield f"and {len(summary.sources) - STREAMS:,} more logs"
         yield ""

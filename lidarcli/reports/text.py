@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lidarcli.reports.bars import resample, shade, spark
 from lidarcli.reports.figures import SPREADS
-from lidarcli.reports.report import Report
+from lidarcli.reports.report import Judged, Report
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
@@ -44,6 +44,11 @@ STREAMS = 12
 
 def render(report: Report, colour: bool = False) -> str:
     """The report as text; `colour` for a terminal."""
+    return printed(_parts(report), colour)
+
+
+def printed(parts: Iterable[RenderableType], colour: bool) -> str:
+    """The parts one below the other, in 80 columns."""
     from rich.console import Console
 
     out = io.StringIO()
@@ -58,7 +63,7 @@ def render(report: Report, colour: bool = False) -> str:
         emoji=False,
         legacy_windows=False,
     )
-    for part in _parts(report):
+    for part in parts:
         console.print(part)
     lines = [line.rstrip() for line in out.getvalue().splitlines()]
     return "\n".join(lines).strip("\n") + "\n"
@@ -66,7 +71,7 @@ def render(report: Report, colour: bool = False) -> str:
 
 def _parts(report: Report) -> Iterator[RenderableType]:
     summary = report.summary
-    yield from _checks(report)
+    yield from check_parts(report)
     yield from _sources(summary)
     yield from _overview(summary)
     yield from _streams(summary)
@@ -79,7 +84,8 @@ def _parts(report: Report) -> Iterator[RenderableType]:
     yield from _comparison(report)
 
 
-def _checks(report: Report) -> Iterator[RenderableType]:
+def check_parts(report: Judged) -> Iterator[RenderableType]:
+    """What could not be read, and a line for each check."""
     from rich.text import Text
 
     for problem in report.problems:

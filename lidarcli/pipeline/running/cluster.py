@@ -30,6 +30,8 @@ from lidarcli.stores.url import absolute, is_url
 
 try:
     import distributed
+    from distributed.comm.addressing import parse_address
+    from distributed.comm.registry import get_backend
 except ImportError as err:
     raise OptionError(
         "--cluster needs distributed, which is not installed: pip install 'lidarcli[fleet]'"
@@ -125,13 +127,7 @@ class Cluster:
     @property
     def warning(self) -> str | None:
         """What is dangerous about it; None where nothing is."""
-        url = urlsplit(self._client.scheduler.address)
-        if url.scheme != "tcp" or url.hostname in ("127.0.0.1", "::1", "localhost"):
-            return None
-        return (
-            f"{url.geturl()} is neither encrypted nor asks who connects: whoever reaches this port runs code on the "
-            "workers; tls:// does both (docs/fleet.md)"
-        )
+        return danger(self._client.scheduler.address)
 
     def outcomes(self, sources: Sequence[Source | Nothing], work: Work) -> Iterator[Outcome]:
         """What becomes of `work` for each of `sources`, in the order in which they come to an end.
@@ -203,6 +199,8 @@ class Cluster:
             self._client = self._local(number)
         else:
             try:
+                # A client of an address that is none would wait for itself when it is let go of.
+                get_backend(parse_address(self._address)[0])
                 self._client = self._stack.enter_context(
                     distributed.Client(self._address, set_as_default=False)
                 )
@@ -235,6 +233,17 @@ class Cluster:
     def _workers(self) -> dict[str, Any]:
         found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
         return found
+
+
+def danger(address: str) -> str | None:
+    """What is dangerous about a scheduler at an address; None where nothing is."""
+    url = urlsplit(address)
+    if url.scheme != "tcp" or url.hostname in ("127.0.0.1", "::1", "localhost"):
+        return None
+    return (
+        f"{address} is neither encrypted nor asks who connects: whoever reaches this port runs code on the workers; "
+        "tls:// does both (docs/fleet.md)"
+    )
 
 
 class _Submitting:

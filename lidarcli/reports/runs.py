@@ -1,0 +1,170 @@
+"""What became of the logs of one or many runs: figures, and why logs failed or are damaged."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from lidarcli.reports.report import Judged
+from lidarcli.reports.wording import number, stamp
+
+OUTCOMES = ("ok", "damaged", "failed")
+"""What may become of a log: read whole, read as far as it can be, without tables."""
+BAD = {"failed": "Failed logs", "damaged": "Damaged logs"}
+"""Outcomes that are told log by log, and the heading."""
+FIGURES: dict[str, tuple[str, str]] = {
+    "logs": ("1", "logs, each as its newest run left it"),
+    "ok": ("1", "logs that were read whole"),
+    "damaged": ("1", "logs that were read as far as they can be"),
+    "failed": ("1", "logs without tables"),
+    "bytes": ("byte", "size of all logs, as far as it is known"),
+    "sweeps": ("1", "sweeps that were read"),
+    "rows": ("1", "rows of all tables"),
+    "seconds": ("s", "time that the logs took, summed over all of them"),
+    "sweeps_per_second": ("1/s", "sweeps by these seconds"),
+    "runs": ("1", "runs: manifests that were read"),
+}
+"""The figures of a report on runs, each with its unit and meaning."""
+MESSAGES, LOGS = 20, 10
+"""Messages that formats for people show of each outcome, and logs of each message; the JSON holds all."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogRun:
+    """What became of a log in one run: the columns of the manifest that a report shows."""
+
+    log: str
+    url: str
+    size: int | None
+    """Bytes."""
+    version: str
+    outcome: str
+    exit_code: int
+    message: str | None
+    sweeps: int | None
+    rows: int | None
+    seconds: float | None
+    ended: int
+    """[ns since 1970]"""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Logs that came to the same end for the same reason."""
+
+    outcome: str
+    exit_code: int
+    message: str
+    logs: tuple[LogRun, ...]
+
+    @property
+    def words(self) -> str:
+        """How many, and why."""
+        count = len(self.logs)
+        return f"{count:,} log{'' if count == 1 else 's'}, exit code {self.exit_code}: {self.message}"
+
+
+@dataclass(frozen=True, slots=True)
+class RunsSummary:
+    """The figures of the runs, and the newest row of each log."""
+
+    figures: dict[str, float | None]
+    logs: tuple[LogRun, ...]
+    """Sorted by URL."""
+    versions: tuple[str, ...]
+
+    def groups(self, outcome: str) -> list[Group]:
+        """The logs of an outcome by their message, the most frequent first."""
+        found: dict[tuple[int, str], list[LogRun]] = defaultdict(list)
+        for log in self.logs:
+            if log.outcome == outcome:
+                found[log.exit_code, log.message or "no message"].append(log)
+        groups = [Group(outcome, code, message, tuple(logs)) for (code, message), logs in found.items()]
+        return sorted(groups, key=lambda group: (-len(group.logs), group.exit_code, group.message))
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """When the first and the last log were done [ns since 1970]; None without logs."""
+        ended = [log.ended for log in self.logs]
+        return (min(ended), max(ended)) if ended else None
+
+
+@dataclass(frozen=True, slots=True)
+class RunsReport(Judged):
+    """One report on runs, whatever its format."""
+
+    summary: RunsSummary
+
+    @property
+    def title(self) -> str:
+        """What the report is about, in a few words."""
+        figures = self.summary.figures
+        return f"{counted(figures['runs'], 'run')} over {counted(figures['logs'], 'log')}"
+
+
+def summarise_runs(rows: Iterable[LogRun], runs: int) -> RunsSummary:
+    """Sum up rows of `runs` manifests; of several rows of a log that which ended last counts."""
+    newest = {row.url: row for row in sorted(rows, key=lambda row: row.ended)}
+    logs = tuple(newest[url] for url in sorted(newest))
+    outcomes = Counter(log.outcome for log in logs)
+    sweeps = sum(log.sweeps or 0 for log in logs)
+    seconds = sum(log.seconds or 0.0 for log in logs)
+    figures: dict[str, float | None] = {
+        "logs": len(logs),
+        **{outcome: outcomes[outcome] for outcome in OUTCOMES},
+        "bytes": sum(log.size or 0 for log in logs),
+        "sweeps": sweeps,
+        "rows": sum(log.rows or 0 for log in logs),
+        "seconds": seconds,
+        "sweeps_per_second": sweeps / seconds if seconds > 0 else None,
+        "runs": runs,
+    }
+    return RunsSummary(figures, logs, tuple(sorted({log.version for log in logs})))
+
+
+def counted(value: float | None, name: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "log"), counted(1200, "log")
+    ('1 log', '1,200 logs')
+    """
+    return f"{number(value)} {name}{'' if value == 1 else 's'}"
+
+
+def overview(summary: RunsSummary) -> dict[str, str]:
+    """What was done, by which version and when: name → words."""
+    figures, span = summary.figures, summary.span
+    words = {
+        "runs": number(figures["runs"]),
+        "lidarcli": ", ".join(summary.versions),
+        "from": stamp(span[0]) if span else "",
+        "to": stamp(span[1]) if span else "",
+        "size": f"{number(figures['bytes'])} bytes",
+        "sweeps": number(figures["sweeps"]),
+        "rows": number(figures["rows"]),
+        "work": f"{number(figures['seconds'])} s",
+        "rate": f"{number(figures['sweeps_per_second'])} sweeps per second of work",
+    }
+    return {name: text for name, text in words.items() if text}
+
+
+def shown(
+    groups: list[Group], messages: int = MESSAGES, logs: int = LOGS
+) -> Iterator[tuple[Group, list[LogRun], str]]:
+    """Groups that people are shown, the logs that are named of each, and how many more there are."""
+    for group in groups[:messages]:
+        named = [*group.logs[:logs]]
+        left = len(group.logs) - len(named)
+        yield group, named, f"and {left:,} more" if left else ""
+
+
+def left_out(groups: list[Group], messages: int = MESSAGES) -> str:
+    """What `shown` does not show; empty where it is all."""
+    rest = groups[messages:]
+    if not rest:
+        return ""
+    logs = sum(len(group.logs) for group in rest)
+    return (
+        f"and {counted(logs, 'log')} more with {counted(len(rest), 'other message')}; --format json has all"
+    )

@@ -1,0 +1,117 @@
+"""Which logs a run is about."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.pipeline.fleet.choosing import choose, is_in_shard
+from lidarcli.pipeline.inputs.sources import Source
+from tests.conftest import Ran
+
+
+def names(found: list[object]) -> list[str]:
+    return [source.name for source in found if isinstance(source, Source)]
+
+
+def test_a_list_adds_to_what_is_named(bags: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    listed = tmp_path / "list.txt"
+    listed.write_bytes(b"# new ones\nbags/two.mcap\r\n\nbags/a\n")
+    assert names(choose([str(bags / "one.mcap")], str(listed))) == ["one", "two", "run"]
+
+
+def test_a_list_comes_from_standard_input(bags: Path, process: Callable[..., object], tmp_path: Path) -> None:
+    ran = process("detect", "--files-from", "-", "-o", tmp_path / "out", input=f"{bags}/one.mcap\n".encode())
+    assert ran.returncode == 0, ran.stderr  # type: ignore[attr-defined]
+    assert (tmp_path / "out" / "one.objects.parquet").exists()
+
+
+def test_a_list_that_is_not_there_is_one_line(lidarcli: Callable[..., Ran], tmp_path: Path) -> None:
+    ran = lidarcli("detect", "--files-from", tmp_path / "none.txt")
+    assert ran.code == 3
+    assert (
+        ran.err
+        == f"lidarcli: {tmp_path}/none.txt: the list of logs cannot be read: No such file or directory\n"
+    )
+
+
+def test_logs_keep_their_place_below_a_base(bags: Path) -> None:
+    found = choose([str(bags / "a" / "run.mcap"), str(bags / "b" / "run.mcap")], base=str(bags))
+    assert names(found) == ["a/run", "b/run"]
+    with pytest.raises(OptionError, match="is not below --base"):
+        choose([str(bags / "one.mcap")], base=str(bags / "a"))
+
+
+def test_logs_keep_their_place_below_a_pattern(bags: Path) -> None:
+    assert names(choose([f"{bags}/*/run.mcap"])) == ["a/run", "b/run"]
+    assert names(choose([f"{bags}/**/*.mcap"])) == ["a/run", "b/run", "four", "one", "three", "two"]
+
+
+def test_shares_are_all_logs_once_and_stay_when_logs_come(bags: Path, small: bytes) -> None:
+    shares = [set(names(choose([str(bags)], shard=(number, 3)))) for number in (1, 2, 3)]
+    assert sorted(name for share in shares for name in share) == sorted(names(choose([str(bags)])))
+    (bags / "five.mcap").write_bytes(small)
+    later = [set(names(choose([str(bags)], shard=(number, 3)))) for number in (1, 2, 3)]
+    assert [share - {"five"} for share in later] == shares
+
+
+def test_shares_are_of_like_size() -> None:
+    counts = [sum(is_in_shard(f"run{k}", (number, 8)) for k in range(8000)) for number in range(1, 9)]
+    assert sum(counts) == 8000
+    assert all(900 < count < 1100 for count in counts)
+
+
+@pytest.mark.parametrize("share", ["0/4", "5/4", "1", "a/b", "1/0"])
+def test_a_share_that_is_none_is_refused(share: str, lidarcli: Callable[..., Ran]) -> None:
+    assert lidarcli("detect", "x.mcap", "--shard", share).code == 2
+
+
+def test_something_has_to_be_named(lidarcli: Callable[..., Ran]) -> None:
+    ran = lidarcli("detect")
+    assert ran.code == 2
+    assert "Missing argument 'LOG...'" in ran.err
+
+
+def test_a_list_of_nothing_is_told(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableError, match=r"cannot be read: Is a directory"):
+        choose([], str(tmp_path))
+
+
+def test_a_dry_run_says_what_it_would_do_and_does_nothing(
+    bags: Path, tmp_path: Path, lidarcli: Callable[..., Ran], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    size = (bags / "one.mcap").stat().st_size
+    ran = lidarcli("detect", "bags/one.mcap", "none.mcap", "-o", "out", "--dry-run")
+    assert ran.out.splitlines() == [
+        f"read   bags/one.mcap ({size:,} bytes)",
+        "write  out/one.objects.parquet",
+        "write  out/one.sweeps.parquet",
+        "fail   none.mcap: no such file or folder",
+    ]
+    assert ran.code == 3
+    assert not (tmp_path / "out").exists()
+    assert lidarcli("detect", "bags/one.mcap", "-o", "out").code == 0
+    again = lidarcli("detect", "bags/one.mcap", "-o", "out", "--dry-run")
+    assert again.code == 5
+    assert "write  out/one.objects.parquet (exists; refused without --overwrite)" in again.out
+    replaced = lidarcli("detect", "bags/one.mcap", "-o", "out", "--dry-run", "--overwrite")
+    assert (replaced.code, replaced.out.count("(is replaced)")) == (0, 2)
+
+
+@pytest.mark.parametrize(
+    "arguments", [("info",), ("map", "-o", "map.yaml"), ("background", "build", "-o", "b.parquet")]
+)
+def test_others_say_what_they_would_read(
+    arguments: tuple[str, ...], bags: Path, lidarcli: Callable[..., Ran], tmp_path: Path
+) -> None:
+    listed = tmp_path / "list.txt"
+    listed.write_text(f"{bags}/one.mcap\n")
+    ran = lidarcli(*arguments, "--files-from", listed, "--dry-run")
+    assert ran.code == 0
+    assert ran.out.startswith(f"read   {bags}/one.mcap")
+    assert ran.err == ""

@@ -1,0 +1,345 @@
+"""Runs on a Dask cluster: the same bytes as here, whatever becomes of the workers."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.x509.oid import NameOID
+
+from lidarcli.pipeline.fleet.manifest import read_entries
+from tests.conftest import Ran
+from tests.descendants import descendants, gone
+from tests.fleet.conftest import tables
+
+distributed = pytest.importorskip("distributed")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc"),
+]
+
+CommandLine = Callable[..., Ran]
+
+KILLER = """
+import os, time
+
+def dask_setup(worker):
+    from lidarcli.pipeline import detecting
+
+    real = detecting.open_source
+
+    def open_source(source, csv=None):
+        if source.name == "killer":
+            os.kill(os.getpid(), 9)
+        if source.name == "forever":
+            open(os.environ["SLEEPING"], "w").close()
+        return real(source, csv)
+
+    detecting.open_source = open_source
+"""
+"""What workers load: a log of a certain name ends them, as one does that takes all memory."""
+
+
+@pytest.fixture
+def preload(tmp_path: Path) -> dict[str, str]:
+    """The environment of a run whose workers die of `killer.mcap`."""
+    path = tmp_path / "killer.py"
+    path.write_text(KILLER)
+    return {**os.environ, "DASK_DISTRIBUTED__WORKER__PRELOAD": repr([str(path)])}
+
+
+def begin(*arguments: object, env: dict[str, str]) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "lidarcli", *map(str, arguments)]
+    return subprocess.Popen(command, env=env, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
+
+
+def workers(pid: int) -> list[int]:
+    """The worker processes of a run with a cluster of its own."""
+    found = []
+    for child in descendants(pid):
+        try:
+            command = Path(f"/proc/{child}/cmdline").read_bytes()
+        except OSError:
+            continue
+        if b"spawn_main" in command:
+            found.append(child)
+    return found
+
+
+def test_a_worker_that_is_killed_and_a_log_that_kills(
+    bags: Path, small: bytes, tmp_path: Path, preload: dict[str, str], lidarcli: CommandLine
+) -> None:
+    for number in range(60):
+        (bags / f"more{number}.mcap").write_bytes(small)
+    assert lidarcli("detect", bags, "-o", tmp_path / "here").code == 0
+    (bags / "killer.mcap").write_bytes(small)
+    out = tmp_path / "there"
+    process = begin("detect", bags, "-o", out, "--cluster", "local:2", env=preload)
+    until = time.monotonic() + 60
+    while len([*out.rglob("*.sweeps.parquet")]) < 5:
+        assert time.monotonic() < until
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    os.kill(workers(process.pid)[0], signal.SIGKILL)
+    _, said = process.communicate(timeout=120)
+    lines = [line for line in said.decode().splitlines() if line.startswith("lidarcli:")]
+    assert lines == [
+        f"lidarcli: {bags}/killer.mcap: ends every worker that reads it (out of memory?); "
+        "try it alone, without --cluster"
+    ]
+    assert process.returncode == 3
+    assert tables(out) == tables(tmp_path / "here")
+    (failed,) = [entry for entry in read_entries(out)[0] if entry.outcome != "ok"]
+    assert (failed.log, failed.outcome, failed.exit_code) == ("killer", "failed", 3)
+    again = lidarcli("detect", bags, "-o", out, "--resume")
+    assert (again.code, "67 logs, 66 done before" in again.err) == (0, True)
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[Callable[..., str]]:
+    """Start a scheduler and a worker as processes of their own; its address."""
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(*workers: dict[str, str], protocol: str = "tcp", **config: str) -> str:
+        file = tmp_path / "scheduler.json"
+        environment = {**os.environ, **config}
+        command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
+        place = ["--host", f"{protocol}://127.0.0.1", "--port", "0", "--scheduler-file", str(file)]
+        started.append(
+            subprocess.Popen(
+                [*command, *place],
+                env=environment,
+                stderr=subprocess.DEVNULL,
+            )
+        )
+        until = time.monotonic() + 30
+        while not file.exists() or not file.read_text():
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        address: str = json.loads(file.read_text())["address"]
+        for extra in workers:
+            started.append(
+                subprocess.Popen(
+                    [
+                        *(sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1"),
+                        *("--no-dashboard", "--local-directory", str(tmp_path / "scratch")),
+                    ],
+                    env={**environment, **extra},
+                    stderr=subprocess.DEVNULL,
+                )
+            )
+        return address
+
+    yield start
+    for process in started:
+        process.terminate()
+    for process in started:
+        process.wait(20)
+
+
+def test_a_cluster_that_was_there(
+    scheduler: Callable[..., str],
+    bags: Path,
+    tmp_path: Path,
+    lidarcli: CommandLine,
+    process: Callable[..., subprocess.CompletedProcess[bytes]],
+) -> None:
+    address = scheduler({}, {})
+    (tmp_path / "elsewhere").mkdir()
+    assert lidarcli("track", bags, "-o", tmp_path / "here").code == 0
+    ran = process("track", "bags", "-o", "there", "--cluster", address, cwd=tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert f"cluster {address}: " in ran.stderr.decode()
+    assert tables(tmp_path / "there") == tables(tmp_path / "here")
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> dict[str, str]:
+    """The environment of a cluster whose members show a certificate, made now."""
+    key, cert = tmp_path / "key.pem", tmp_path / "cert.pem"
+    private = rsa.generate_private_key(public_exponent=65537, key_size=2048)
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "cluster")])
+    now = datetime.datetime.now(datetime.UTC)
+    made = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(private.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(hours=1))
+        .not_valid_after(now + datetime.timedelta(days=1))
+        .add_extension(x509.BasicConstraints(ca=True, path_length=None), critical=True)
+        .sign(private, hashes.SHA256())
+    )
+    pem, form = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+    key.write_bytes(private.private_bytes(pem, form, serialization.NoEncryption()))
+    cert.write_bytes(made.public_bytes(pem))
+    tls = "DASK_DISTRIBUTED__COMM__TLS__"
+    members = {
+        f"{tls}{who}__{what}": str(file)
+        for who in ("SCHEDULER", "WORKER", "CLIENT")
+        for what, file in (("KEY", key), ("CERT", cert))
+    }
+    return {**members, f"{tls}CA_FILE": str(cert), "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "true"}
+
+
+def test_tls_by_the_configuration_of_dask(
+    scheduler: Callable[..., str],
+    certificate: dict[str, str],
+    bags: Path,
+    tmp_path: Path,
+    process: Callable[..., subprocess.CompletedProcess[bytes]],
+) -> None:
+    address = scheduler({}, protocol="tls", **certificate)
+    assert address.startswith("tls://")
+    known = {**os.environ, **certificate}
+    shown = process("detect", bags, "-o", tmp_path / "out", "--cluster", address, env=known)
+    assert shown.returncode == 0, shown.stderr
+    assert len(tables(tmp_path / "out")) == 12
+    stranger = {**os.environ, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "2s"}
+    without = process("detect", bags, "-o", tmp_path / "none", "--cluster", address, env=stranger)
+    assert without.returncode == 2
+    assert b"cannot be reached" in without.stderr
+
+
+def test_a_port_that_anybody_reaches_is_warned_of() -> None:
+    from lidarcli.pipeline.running.cluster import danger
+
+    assert danger("tcp://127.0.0.1:8786") is None
+    assert danger("tls://10.0.0.1:8786") is None
+    assert "whoever reaches this port runs code" in (danger("tcp://10.0.0.1:8786") or "")
+
+
+def test_other_workers_are_refused(
+    scheduler: Callable[..., str],
+    bags: Path,
+    tmp_path: Path,
+    process: Callable[..., subprocess.CompletedProcess[bytes]],
+) -> None:
+    address = scheduler({"LIDARCLI_COMPILED": "no"})
+    ran = process("detect", bags, "-o", tmp_path / "out", "--cluster", address)
+    assert ran.returncode == 2
+    said = ran.stderr.decode()
+    assert "workers have to be of the same build: tcp://" in said
+    assert "core not compiled, here compiled" in said
+    assert len(said.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_ctrl_c_ends_the_tasks(
+    bags: Path, small: bytes, tmp_path: Path, scheduler: Callable[..., str], large_log: Path
+) -> None:
+    address = scheduler({})
+    out = tmp_path / "out"
+    running = begin("detect", large_log, "-o", out, "--cluster", address, env={**os.environ})
+    until = time.monotonic() + 60
+    while not [*out.glob(".lidarcli-*.part/*")]:
+        assert time.monotonic() < until
+        assert running.poll() is None, running.communicate()
+        time.sleep(0.01)
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=30)
+    assert running.returncode == 130
+    assert said.decode().splitlines()[-1] == "lidarcli: interrupted"
+    until = time.monotonic() + 20
+    while [*out.glob(".lidarcli-*")]:
+        assert time.monotonic() < until, "the worker goes on"
+        time.sleep(0.05)
+    assert [*out.glob("*.parquet")] == []
+
+
+def test_ctrl_c_ends_a_cluster_of_our_own(bags: Path, tmp_path: Path, large_log: Path) -> None:
+    out = tmp_path / "out"
+    running = begin("detect", large_log, "-o", out, "--cluster", "local:1", env={**os.environ})
+    until = time.monotonic() + 60
+    while not [*out.glob(".lidarcli-*.part/*")]:
+        assert time.monotonic() < until
+        assert running.poll() is None, running.communicate()
+        time.sleep(0.01)
+    pids = descendants(running.pid)
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=30)
+    assert (running.returncode, said.decode().splitlines()[-1]) == (130, "lidarcli: interrupted")
+    assert gone(pids)
+    assert [*out.glob("*.parquet")] == []
+
+
+@pytest.fixture(scope="session")
+def large_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log whose work takes some seconds."""
+    from lidarcli.simulate.writers import write_log
+    from tests.sweeping import room_sweeps
+
+    path = tmp_path_factory.mktemp("large") / "long.mcap"
+    sweeps = room_sweeps(count=2000)
+    write_log(path, [sweeps] * 40, compression="none", chunk_size=1_000_000)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("address", "cause"),
+    [
+        ("local:none", "write local:N"),
+        ("tcp://127.0.0.1:1", "cannot be reached"),
+        ("nonsense://x", "cannot be reached"),
+    ],
+)
+def test_an_address_that_is_none(
+    address: str, cause: str, bags: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
+) -> None:
+    environment = {**os.environ, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "1s"}
+    ran = process("detect", bags, "-o", bags / "out", "--cluster", address, env=environment)
+    assert ran.returncode == 2
+    (line,) = ran.stderr.decode().splitlines()
+    assert line.startswith(f"lidarcli: --cluster {address}: {cause}")
+
+
+@pytest.mark.parametrize("arguments", [("-o", "-"), ("-o", "all.parquet"), ("-o", "out", "--jobs", "2")])
+def test_what_a_cluster_is_not_for(arguments: tuple[str, ...], lidarcli: CommandLine) -> None:
+    ran = lidarcli("detect", "x.mcap", *arguments, "--cluster", "local:1")
+    assert ran.code == 2
+    assert "--cluster" in ran.err
+
+
+def test_without_the_extra_its_name_is_told(bags: Path, tmp_path: Path) -> None:
+    code = "import sys; sys.modules['distributed'] = None; from lidarcli.cli import run; sys.exit(run(sys.argv[1:]))"
+    ran = subprocess.run(
+        [
+            sys.executable,
+            "-c",
+            code,
+            "detect",
+            str(bags),
+            "-o",
+            str(tmp_path / "out"),
+            "--cluster",
+            "local:1",
+        ],
+        capture_output=True,
+        check=False,
+    )
+    assert ran.returncode == 2
+    assert ran.stderr.decode() == (
+        "lidarcli: --cluster needs distributed, which is not installed: pip install 'lidarcli[fleet]'\n"
+    )
+
+
+def test_who_uses_none_of_it_does_not_wait_for_it(bags: Path, tmp_path: Path) -> None:
+    code = (
+        "import sys; from lidarcli.cli import run; run(sys.argv[1:]); "
+        "print([name for name in ('distributed', 'lidarcli.stores.store') if name in sys.modules])"
+    )
+    command = [sys.executable, "-c", code, "detect", str(bags / "one.mcap"), "-o", str(tmp_path / "out")]
+    ran = subprocess.run(command, capture_output=True, check=True)
+    assert ran.stdout.decode() == "[]\n"

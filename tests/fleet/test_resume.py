@@ -1,0 +1,137 @@
+"""Runs that go on where others have ended."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pyarrow.dataset as ds
+import pytest
+
+from lidarcli import __version__
+from lidarcli.pipeline.fleet.manifest import read_entries
+from tests.conftest import Ran
+from tests.fleet.conftest import tables
+
+CommandLine = Callable[..., Ran]
+
+
+@pytest.fixture
+def done(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> Path:
+    """The tables of a run over all logs, one of which is no log and one of which is cut."""
+    (bags / "bad.mcap").write_text("nothing")
+    data = (bags / "two.mcap").read_bytes()
+    (bags / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
+    assert lidarcli("detect", bags, "-o", tmp_path / "out", "--resume").code == 3
+    return tmp_path / "out"
+
+
+def test_the_manifest_tells_of_every_log(done: Path, bags: Path) -> None:
+    entries, problems = read_entries(done)
+    assert problems == []
+    by_log = {entry.log: entry for entry in entries}
+    assert sorted(by_log) == ["a/run", "b/run", "bad", "cut", "four", "one", "three", "two"]
+    one, bad, cut = by_log["one"], by_log["bad"], by_log["cut"]
+    stat = (bags / "one.mcap").stat()
+    assert (one.url, one.size, one.mtime) == (str(bags / "one.mcap"), stat.st_size, stat.st_mtime_ns)
+    assert (one.outcome, one.exit_code, one.message, one.version) == ("ok", 0, None, __version__)
+    assert one.outputs == [str(done / "one.objects.parquet"), str(done / "one.sweeps.parquet")]
+    assert one.sweeps == 5
+    objects = ds.dataset(done / "one.objects.parquet").count_rows()
+    assert one.rows == objects + 5
+    assert (bad.outcome, bad.exit_code, bad.rows, bad.outputs) == ("failed", 3, None, [])
+    assert bad.message is not None
+    assert "nothing" in bad.message
+    assert (cut.outcome, cut.exit_code) == ("damaged", 3)
+
+
+def test_only_what_failed_is_done_again(done: Path, bags: Path, lidarcli: CommandLine, small: bytes) -> None:
+    before = {path: path.stat().st_mtime_ns for path in done.glob("*.parquet")}
+    ran = lidarcli("-v", "detect", bags, "-o", done, "--resume")
+    assert ran.code == 3
+    assert "8 logs, 2 with errors, 7 done before" in ran.err
+    assert f"{bags}/cut.mcap: " in ran.err
+    (bags / "bad.mcap").write_bytes(small)
+    (bags / "cut.mcap").write_bytes(small)
+    ran = lidarcli("detect", bags, "-o", done, "--resume")
+    assert ran.code == 0
+    assert "8 logs, 6 done before" in ran.err
+    after = {path: path.stat().st_mtime_ns for path in done.glob("*.parquet")}
+    changed = {path.name for path in after if before.get(path) != after[path]}
+    assert changed == {f"{log}.{table}.parquet" for log in ("bad", "cut") for table in ("objects", "sweeps")}
+
+
+def test_other_parameters_are_another_run(done: Path, bags: Path, lidarcli: CommandLine) -> None:
+    ran = lidarcli("detect", bags / "one.mcap", "-o", done, "--resume", "--walls")
+    assert (ran.code, "done before" in ran.err) == (0, False)
+    ran = lidarcli("detect", bags / "one.mcap", bags / "two.mcap", "-o", done, "--resume", "--walls")
+    assert "1 done before" in ran.err
+
+
+def test_tables_that_are_gone_are_written_again(done: Path, bags: Path, lidarcli: CommandLine) -> None:
+    (done / "one.sweeps.parquet").unlink()
+    assert "5 logs" not in lidarcli("detect", bags / "one.mcap", "-o", done, "--resume").err
+    assert (done / "one.sweeps.parquet").exists()
+
+
+def test_without_a_manifest_the_tables_tell(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
+    out = tmp_path / "out"
+    assert lidarcli("detect", bags, "-o", out).code == 0
+    assert not (out / "_lidarcli").exists()
+    ran = lidarcli("detect", bags, "-o", out, "--resume")
+    assert (ran.code, "6 done before" in ran.err) == (0, True)
+    later = (bags / "one.mcap").stat().st_mtime + 1000
+    os.utime(bags / "one.mcap", (later, later))
+    assert "5 done before" in lidarcli("detect", bags, "-o", out, "--resume").err
+
+
+def test_tables_of_another_log_are_not_replaced(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "one.objects.parquet").write_text("mine")
+    ran = lidarcli("detect", bags, "-o", out, "--resume")
+    assert ran.code == 5
+    assert "exists and is not of this log" in ran.err
+    assert (out / "one.objects.parquet").read_text() == "mine"
+    assert (out / "two.objects.parquet").exists()
+
+
+def test_runs_at_the_same_time_have_manifests_of_their_own(
+    bags: Path, tmp_path: Path, lidarcli: CommandLine
+) -> None:
+    for number in (1, 2, 3):
+        assert lidarcli("detect", bags, "-o", tmp_path / "out", "--shard", f"{number}/3").code == 0
+    entries, _ = read_entries(tmp_path / "out")
+    assert sorted(entry.log for entry in entries) == ["a/run", "b/run", "four", "one", "three", "two"]
+    assert "6 done before" in lidarcli("detect", bags, "-o", tmp_path / "out", "--resume").err
+
+
+def test_a_broken_manifest_is_told_of_and_not_used(done: Path, bags: Path, lidarcli: CommandLine) -> None:
+    (done / "_lidarcli" / "run-x.parquet").write_text("nothing")
+    ran = lidarcli("detect", bags / "one.mcap", bags / "two.mcap", "-o", done, "--resume")
+    assert ran.code == 0
+    assert "run-x.parquet: cannot be read as Parquet" in ran.err
+    assert "2 done before" in ran.err
+
+
+@pytest.mark.parametrize("layout", ["table", "date"])
+def test_tables_in_folders(layout: str, bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
+    flat, out = tmp_path / "flat", tmp_path / "out"
+    assert lidarcli("track", bags, "-o", flat).code == 0
+    assert lidarcli("track", bags, "-o", out, "--partition", layout).code == 0
+    day = "date=2023-11-14/" if layout == "date" else ""
+    found = tables(out)
+    assert found == {
+        f"{name.split('.')[1]}/{day}{name.split('.')[0]}.parquet": data for name, data in tables(flat).items()
+    }
+    figures = [
+        json.loads(lidarcli("report", each, "--format", "json").out)["figures"] for each in (flat, out)
+    ]
+    assert figures[0] == figures[1]
+    assert lidarcli("track", bags, "-o", out, "--partition", layout).code == 5
+    assert "6 done before" in lidarcli("track", bags, "-o", out, "--partition", layout, "--resume").err
+    if layout == "date":
+        dataset = ds.dataset(out / "objects", partitioning="hive")
+        assert "date" in dataset.schema.names
