@@ -15,13 +15,14 @@ from typing import Any, Self
 from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OutputError, UnreadableError
 from lidarcli.pipeline.detecting import DetectOptions
-from lidarcli.pipeline.fleet.manifest import DAMAGED, FAILED, OK, Entry, Manifest, newest, read_entries
+from lidarcli.pipeline.fleet.manifest import Manifest, read_entries
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.running.outcomes import Outcome
 from lidarcli.stores.url import Place, State, Url, absolute, place
 from lidarcli.tables import metadata
 from lidarcli.tables.files import BY_DATE
 from lidarcli.tables.reading import file_metadata, parsed
+from lidarcli.tables.runs import DAMAGED, FAILED, OK, Entry, newest
 
 _DAY = re.compile(r"/date=[^/]*/")
 ASKED_AT_ONCE = 16

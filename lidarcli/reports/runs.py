@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 from lidarcli.reports.report import Judged
 from lidarcli.reports.wording import number, stamp
+from lidarcli.tables.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
 
-OUTCOMES = ("ok", "damaged", "failed")
-"""What may become of a log: read whole, read as far as it can be, without tables."""
-BAD = {"failed": "Failed logs", "damaged": "Damaged logs"}
+BAD = {FAILED: "Failed logs", DAMAGED: "Damaged logs"}
 """Outcomes that are told log by log, and the heading."""
 FIGURES: dict[str, tuple[str, str]] = {
     "logs": ("1", "logs, each as its newest run left it"),
@@ -31,32 +30,13 @@ MESSAGES, LOGS = 20, 10
 
 
 @dataclass(frozen=True, slots=True)
-class LogRun:
-    """What became of a log in one run: the columns of the manifest that a report shows."""
-
-    log: str
-    url: str
-    size: int | None
-    """Bytes."""
-    version: str
-    outcome: str
-    exit_code: int
-    message: str | None
-    sweeps: int | None
-    rows: int | None
-    seconds: float | None
-    ended: int
-    """[ns since 1970]"""
-
-
-@dataclass(frozen=True, slots=True)
 class Group:
     """Logs that came to the same end for the same reason."""
 
     outcome: str
     exit_code: int
     message: str
-    logs: tuple[LogRun, ...]
+    logs: tuple[Entry, ...]
 
     @property
     def words(self) -> str:
@@ -70,13 +50,13 @@ class RunsSummary:
     """The figures of the runs, and the newest row of each log."""
 
     figures: dict[str, float | None]
-    logs: tuple[LogRun, ...]
+    logs: tuple[Entry, ...]
     """Sorted by URL."""
     versions: tuple[str, ...]
 
     def groups(self, outcome: str) -> list[Group]:
         """The logs of an outcome by their message, the most frequent first."""
-        found: dict[tuple[int, str], list[LogRun]] = defaultdict(list)
+        found: dict[tuple[int, str], list[Entry]] = defaultdict(list)
         for log in self.logs:
             if log.outcome == outcome:
                 found[log.exit_code, log.message or "no message"].append(log)
@@ -103,10 +83,10 @@ class RunsReport(Judged):
         return f"{counted(figures['runs'], 'run')} over {counted(figures['logs'], 'log')}"
 
 
-def summarise_runs(rows: Iterable[LogRun], runs: int) -> RunsSummary:
+def summarise_runs(rows: Iterable[Entry], runs: int) -> RunsSummary:
     """Sum up rows of `runs` manifests; of several rows of a log that which ended last counts."""
-    newest = {row.url: row for row in sorted(rows, key=lambda row: row.ended)}
-    logs = tuple(newest[url] for url in sorted(newest))
+    last = newest(rows)
+    logs = tuple(last[url] for url in sorted(last))
     outcomes = Counter(log.outcome for log in logs)
     sweeps = sum(log.sweeps or 0 for log in logs)
     seconds = sum(log.seconds or 0.0 for log in logs)
@@ -151,7 +131,7 @@ def overview(summary: RunsSummary) -> dict[str, str]:
 
 def shown(
     groups: list[Group], messages: int = MESSAGES, logs: int = LOGS
-) -> Iterator[tuple[Group, list[LogRun], str]]:
+) -> Iterator[tuple[Group, list[Entry], str]]:
     """Groups that people are shown, the logs that are named of each, and how many more there are."""
     for group in groups[:messages]:
         named = [*group.logs[:logs]]

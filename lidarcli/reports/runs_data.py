@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli.reports import json, junit
-from lidarcli.reports.runs import BAD, LogRun, RunsReport
+from lidarcli.reports.runs import BAD, RunsReport
 from lidarcli.reports.wording import stamp
+from lidarcli.tables.runs import Entry
 
 SCHEMA = "lidarcli.runs/1"
 """The name of the schema; the number changes when a program that reads it may break."""
@@ -28,7 +29,7 @@ def as_json(report: RunsReport) -> str:
     )
 
 
-def _log(log: LogRun) -> dict[str, Any]:
+def _log(log: Entry) -> dict[str, Any]:
     return {
         "url": log.url,
         "log": log.log,
@@ -50,7 +51,7 @@ def as_junit(report: RunsReport) -> str:
     return junit.document(report, report.title, summary.figures, cases)
 
 
-def _failure(log: LogRun) -> str | None:
+def _failure(log: Entry) -> str | None:
     if log.outcome not in BAD:
         return None
     return f"{log.outcome}, exit code {log.exit_code}: {log.message or 'no message'}"

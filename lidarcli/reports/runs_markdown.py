@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lidarcli.reports.markdown import beginning, table, text
-from lidarcli.reports.runs import BAD, OUTCOMES, RunsReport, RunsSummary, left_out, overview, shown
+from lidarcli.reports.runs import BAD, RunsReport, RunsSummary, left_out, overview, shown
 from lidarcli.reports.wording import number
+from lidarcli.tables.runs import OUTCOMES
 
 
 def render(report: RunsReport) -> str:

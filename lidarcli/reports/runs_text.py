@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from lidarcli.reports.runs import BAD, OUTCOMES, RunsReport, RunsSummary, left_out, overview, shown
+from lidarcli.reports.runs import BAD, RunsReport, RunsSummary, left_out, overview, shown
 from lidarcli.reports.text import check_parts, printed
 from lidarcli.reports.text_parts import grid, heading, share_bar
 from lidarcli.reports.wording import visible
+from lidarcli.tables.runs import OUTCOMES
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -3,36 +3,19 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.pipeline.fleet.manifest import FOLDER
 from lidarcli.pipeline.inputs.files import Named, all_files, files_named
 from lidarcli.reports.checks import Check, parse_check, verdict_of
-from lidarcli.reports.runs import FIGURES, OUTCOMES, LogRun, RunsReport, summarise_runs
+from lidarcli.reports.runs import FIGURES, RunsReport, summarise_runs
 from lidarcli.stores.url import Place, absolute, place
-from lidarcli.tables.reading import read_columns
-from lidarcli.tables.schemas import RUNS
+from lidarcli.tables.runs import Entry, read_run
 
 SUFFIX = ".parquet"
-COLUMNS = (
-    "log",
-    "url",
-    "size",
-    "version",
-    "outcome",
-    "exit_code",
-    "message",
-    "sweeps",
-    "rows",
-    "seconds",
-    "ended",
-)
-"""Columns of the manifest that the report reads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +64,11 @@ def report_runs(inputs: Iterable[str], checks: Iterable[str] = ()) -> MadeRuns:
     """
     gates = understand_runs(checks)
     files, problems = manifest_files(inputs)
-    rows: list[LogRun] = []
+    rows: list[Entry] = []
     read = 0
     for file in files:
         try:
-            rows += _rows(file, read_columns(file, "runs", RUNS, COLUMNS))
+            rows += read_run(file)
         except UnreadableError as err:
             problems.append(err)
             continue
@@ -140,15 +123,3 @@ def _manifests(file: Place) -> list[Place]:
     if isinstance(file, Path) and file.is_dir():
         return all_files(file, SUFFIX)
     return [file] if file.suffix == SUFFIX else []
-
-
-def _rows(file: Place, table: pa.Table) -> Iterator[LogRun]:
-    odd = sorted({*table["outcome"].unique().to_pylist()} - {*OUTCOMES})
-    if odd:
-        *first, last = OUTCOMES
-        raise UnreadableError(f"{file}: column outcome holds {odd[0]!r}, not {', '.join(first)} or {last}")
-    columns = [
-        (table[name].cast(pa.int64()) if name == "ended" else table[name]).to_pylist() for name in COLUMNS
-    ]
-    for values in zip(*columns, strict=True):
-        yield LogRun(*values)
