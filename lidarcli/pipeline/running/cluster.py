@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from types import TracebackType
 from typing import Any, Self
@@ -23,12 +23,14 @@ from urllib.parse import urlsplit
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.build import build
 from lidarcli.pipeline.running.memory import keep_freed_memory
 from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
 from lidarcli.stores.url import absolute, is_url
 
 try:
+    import dask
     import distributed
     from distributed.comm.addressing import parse_address
     from distributed.comm.registry import get_backend
@@ -40,7 +42,15 @@ except ImportError as err:
 LOCAL = "local"
 """`local:N` starts N workers on this machine."""
 WINDOW = 2
-"""Logs that are submitted at a time for each thread of the cluster: one at work, one waiting."""
+"""Tasks that are submitted at a time for each thread of the cluster: one at work, one waiting."""
+TOGETHER, TOGETHER_BYTES = 16, 8 << 20
+"""Most logs of one task, and their size: a task takes the scheduler some milliseconds, as a small log takes a worker."""
+HERE = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.log-length": 1000,
+    "distributed.admin.low-level-log-length": 1000,
+}
+"""Settings of a cluster of our own: nobody looks at its profiles and logs, which take time and memory."""
 NO_WORKER_S = 120.0
 """[s] A cluster without a worker for so long is given up."""
 FIRST_WORKER_S = 30.0
@@ -48,9 +58,6 @@ LOOK_S = 5.0
 """[s] How often the size of the cluster is looked at."""
 LOST_TIMES = 3
 """A log whose task the cluster forgets (a restart of it) is submitted again so many times."""
-
-WorkOf = Callable[[Source, Callable[[int], None]], Any]
-"""What is done with one log; its second argument is told of the progress."""
 
 
 class _Stopped(BaseException):
@@ -145,9 +152,10 @@ class Cluster:
             with suppress(Exception):
                 self._client.unregister_worker_plugin(name)
 
-    def submit(self, source: Source | Nothing, name: str) -> Any:
-        """One log to whichever worker is free."""
-        return self._client.submit(_do, name, _sent(source), pure=False, key=f"{name}-{os.urandom(8).hex()}")
+    def submit(self, sources: tuple[Source | Nothing, ...], name: str) -> Any:
+        """Some logs to whichever worker is free."""
+        sent = tuple(map(_sent, sources))
+        return self._client.submit(_do, name, sent, pure=False, key=f"{name}-{os.urandom(8).hex()}")
 
     def cancel(self, futures: list[Any]) -> None:
         """Let go of logs that nobody waits for any more, also of those at work."""
@@ -218,6 +226,7 @@ class Cluster:
         if not number.isdecimal() or not 0 < int(number) <= 1024:
             raise OptionError(f"--cluster {self._address}: write local:N with N workers")
         folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="lidarcli-"))
+        self._stack.enter_context(dask.config.set(HERE))
         cluster = self._stack.enter_context(
             distributed.LocalCluster(
                 n_workers=int(number),
@@ -246,6 +255,17 @@ def danger(address: str) -> str | None:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """Logs that are submitted together: one, or several small ones."""
+
+    sources: tuple[Source | Nothing, ...]
+    lost: int = 0
+    """How often the cluster has forgotten it."""
+    alone: bool = False
+    """Whether nothing else is submitted beside it."""
+
+
 class _Submitting:
     """One run over a cluster: what waits, what was submitted, and what seems to kill workers."""
 
@@ -254,8 +274,8 @@ class _Submitting:
         self._name = name
         self._waiting = deque(sources)
         self._suspects: deque[Source | Nothing] = deque()
-        self._running: dict[Any, tuple[Source | Nothing, int, bool]] = {}
-        """Future → the log, how often it was lost, and whether it is alone."""
+        self._running: dict[Any, _Task] = {}
+        """Future → what it is the result of."""
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def outcomes(self) -> Iterator[Outcome]:
@@ -267,9 +287,7 @@ class _Submitting:
                     future = self._ended.get(timeout=LOOK_S)
                 except queue.Empty:
                     continue
-                outcome = self._take(future)
-                if outcome is not None:
-                    yield outcome
+                yield from self._take(future)
         except BaseException:
             self._cluster.cancel([*self._running])
             raise
@@ -277,43 +295,62 @@ class _Submitting:
     def _fill(self) -> None:
         window = self._cluster.window()
         while self._waiting and len(self._running) < window:
-            self._submit(self._waiting.popleft())
+            self._submit(_Task(self._next(window)))
         if not self._running and self._suspects:
-            self._submit(self._suspects.popleft(), alone=True)
+            self._submit(_Task((self._suspects.popleft(),), alone=True))
 
-    def _submit(self, source: Source | Nothing, lost: int = 0, alone: bool = False) -> None:
-        future = self._cluster.submit(source, self._name)
-        self._running[future] = source, lost, alone
+    def _next(self, window: int) -> tuple[Source | Nothing, ...]:
+        """The next logs for one task: the fewer the less is left, so that all workers end at the same time."""
+        most = min(TOGETHER, len(self._waiting) // (2 * window))
+        found = [self._waiting.popleft()]
+        size = _size(found[0])
+        while len(found) < most and (size := size + _size(self._waiting[0])) <= TOGETHER_BYTES:
+            found.append(self._waiting.popleft())
+        return tuple(found)
+
+    def _submit(self, task: _Task) -> None:
+        future = self._cluster.submit(task.sources, self._name)
+        self._running[future] = task
         future.add_done_callback(self._ended.put)
 
-    def _take(self, future: Any) -> Outcome | None:
-        """The outcome of a log that has come to an end; None where it has to be done again."""
-        source, lost, alone = self._running.pop(future)
+    def _take(self, future: Any) -> list[Outcome]:
+        """The outcomes of logs that have come to an end; none where they have to be done again."""
+        task = self._running.pop(future)
         status = future.status
         if status == "finished":
-            outcome: Outcome = future.result()
+            outcomes: list[Outcome] = future.result()
             future.release()
-            return replace(outcome, label=source.label, source=source)
+            return [
+                replace(outcome, label=source.label, source=source)
+                for source, outcome in zip(task.sources, outcomes, strict=True)
+            ]
         error = future.exception() if status == "error" else None
         future.release()
         if isinstance(error, distributed.KilledWorker):
-            if not alone:
-                self._suspects.append(source)
-                return None
+            if not task.alone:
+                self._suspects += task.sources
+                return []
             words = "ends every worker that reads it (out of memory?); try it alone, without --cluster"
-            return Outcome(source.label, UnreadableError.exit_code, error=words, source=source)
+            return _failed(task, UnreadableError.exit_code, words)
         if isinstance(error, _OtherBuildError):
             self._cluster.refuse_other_builds()
             raise OptionError(f"--cluster: {error}")
         if error is not None:
             words = f"internal error on a worker: {type(error).__name__}: {error}"
-            return Outcome(source.label, INTERNAL_ERROR, error=words, source=source)
-        if lost >= LOST_TIMES:
-            return Outcome(
-                source.label, INTERNAL_ERROR, error=f"the cluster lost it {lost + 1} times", source=source
-            )
-        self._submit(source, lost + 1, alone)
-        return None
+            return _failed(task, INTERNAL_ERROR, words)
+        if task.lost >= LOST_TIMES:
+            return _failed(task, INTERNAL_ERROR, f"the cluster lost it {task.lost + 1} times")
+        self._submit(replace(task, lost=task.lost + 1))
+        return []
+
+
+def _failed(task: _Task, code: int, error: str) -> list[Outcome]:
+    return [Outcome(source.label, code, error=error, source=source) for source in task.sources]
+
+
+def _size(source: Source | Nothing) -> int:
+    """Bytes; as good as endless where nobody knows."""
+    return 0 if isinstance(source, Nothing) else source.size or TOGETHER_BYTES
 
 
 def _sent(source: Source | Nothing) -> Source | Nothing:
@@ -323,8 +360,8 @@ def _sent(source: Source | Nothing) -> Source | Nothing:
     return replace(source, path=absolute(source.path), files=tuple(map(absolute, source.files)))
 
 
-def _do(name: str, source: Source | Nothing) -> Outcome:
-    """One log, on a worker."""
+def _do(name: str, sources: tuple[Source | Nothing, ...]) -> list[Outcome]:
+    """Some logs, on a worker."""
     worker: Any = distributed.get_worker()
     key, setup = worker.get_current_task(), worker.plugins[name]
     if setup.told != build():
@@ -335,8 +372,12 @@ def _do(name: str, source: Source | Nothing) -> Outcome:
         if state is None or state.state == "cancelled":
             raise _Stopped
 
-    outcome = outcome_of(source, lambda log: setup.work(log, progress=watch))
-    return replace(outcome, source=None)
+    def work(source: Source) -> RunSummary:
+        watch(0)
+        done: RunSummary = setup.work(source, progress=watch)
+        return done
+
+    return [replace(outcome_of(source, work), source=None) for source in sources]
 
 
 def _told() -> dict[str, str]:
