@@ -47,8 +47,8 @@ TOGETHER, TOGETHER_BYTES = 16, 8 << 20
 """Most logs of one task, and their size: a task takes the scheduler some milliseconds, as a small log takes a worker."""
 HERE = {
     "distributed.worker.profile.enabled": False,
-    "distributed.admin.log-length": 1000,
-    "distributed.admin.low-level-log-length": 1000,
+    "distributed.admin.log-length": 100,
+    "distributed.admin.low-level-log-length": 100,
 }
 """Settings of a cluster of our own: nobody looks at its profiles and logs, which take time and memory."""
 NO_WORKER_S = 120.0
