@@ -51,6 +51,10 @@ def dask_setup(worker):
 """What the workers of the first measurement load."""
 
 
+REQUEST = re.compile(r'"(?:\x1b\[\d+m)?([A-Z]+) (\S+) HTTP')
+"""What the server writes of a request: its method and path."""
+
+
 @dataclass(frozen=True)
 class Server:
     """An S3 store on this machine."""
@@ -60,12 +64,12 @@ class Server:
 
     def asked(self) -> list[str]:
         """Methods and paths of all requests so far."""
-        return re.findall(r'"(?:\x1b\[\d+m)?([A-Z]+ \S+) HTTP', self.words.read_text())
+        return [" ".join(found) for found in REQUEST.findall(self.words.read_text())]
 
 
 @contextlib.contextmanager
-def store(folder: Path) -> Iterator[Server]:
-    """A store that is gone afterwards, with a bucket `robots`."""
+def s3_server(folder: Path) -> Iterator[tuple[str, Path]]:
+    """A server that is gone afterwards: its address, and the file in which it writes of requests."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -75,17 +79,27 @@ def store(folder: Path) -> Iterator[Server]:
             [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], stdout=out, stderr=out
         )
     try:
+        until = time.monotonic() + 60
         while True:
             with contextlib.suppress(OSError):
                 socket.create_connection(("127.0.0.1", port)).close()
                 break
+            if process.poll() is not None or time.monotonic() > until:
+                raise SystemExit(f"the store does not come up: {words.read_text()}")
             time.sleep(0.05)
-        environment = {**os.environ, **CREDENTIALS, "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}"}
-        _system(environment).create_dir("robots")
-        yield Server(environment, words)
+        yield f"http://127.0.0.1:{port}", words
     finally:
         process.kill()
         process.wait()
+
+
+@contextlib.contextmanager
+def store(folder: Path) -> Iterator[Server]:
+    """A store that is gone afterwards, with a bucket `robots`."""
+    with s3_server(folder) as (endpoint, words):
+        environment = {**os.environ, **CREDENTIALS, "AWS_ENDPOINT_URL": endpoint}
+        _system(environment).create_dir("robots")
+        yield Server(environment, words)
 
 
 def _system(environment: dict[str, str]) -> Any:
@@ -148,7 +162,7 @@ def many(folder: Path, count: int) -> dict[str, Any]:
             if run.poll() is not None:
                 break
             time.sleep(0.2)
-        victims = _workers(run.pid)
+        victims = workers_of(run.pid)
         if victims:
             os.kill(victims[0], signal.SIGKILL)
         said = run.communicate()[1]
@@ -178,7 +192,7 @@ def many(folder: Path, count: int) -> dict[str, Any]:
     }
 
 
-def _workers(pid: int) -> list[int]:
+def workers_of(pid: int) -> list[int]:
     """Worker processes below a run."""
     found = []
     for entry in Path("/proc").glob("[0-9]*"):

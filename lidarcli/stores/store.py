@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,13 @@ def listing(folder: Url) -> Iterator[tuple[Url, State]]:
             yield folder / below, State(info.size or 0, _mtime(info))
 
 
+def has_bucket(url: Url) -> bool:
+    """Whether the bucket of an object is there."""
+    with _errors(url, UnreadableError):
+        root = replace(url, key="")
+        return bool(_system(url).get_file_info(_path(root)).type != fs.FileType.NotFound)
+
+
 def is_folder(url: Url) -> bool:
     """Whether there are objects below this name, and none of this name itself."""
     with _errors(url, UnreadableError):
@@ -103,20 +111,23 @@ def fetch(url: Url, path: Path) -> None:
 def put(path: Path, url: Url) -> None:
     """Put a file of this machine into a store under its final name, where it appears whole or not at all.
 
-    One call of the library, which no interrupt can break off: a stream that is let go of half written would be closed, and
-    what there is of it would appear.
+    No interrupt may come between opening and writing (`newfiles.StoreFiles`): a stream that is let go of is closed, and
+    what there is of it by then would appear.
     """
-    local = fs.LocalFileSystem()
     with _errors(url, OutputError, "cannot write "):
-        fs.copy_files(
-            os.fsdecode(path), _path(url), source_filesystem=local, destination_filesystem=_system(url)
-        )
+        data = _mapped(path)
+        stream = _system(url).open_output_stream(_path(url), compression=None)
+        stream.write(data)
+        # A small object is sent only now, and what is wrong with it comes out here.
+        stream.close()
 
 
-def remove(url: Url) -> None:
-    """Remove an object that is there no more afterwards."""
-    with _errors(url, OutputError, "cannot remove "):
-        _system(url).delete_file(_path(url))
+def _mapped(path: Path) -> pa.Buffer:
+    """The bytes of a file; one write of all of them is sent in parts, of which few are in memory."""
+    if not path.stat().st_size:
+        return pa.py_buffer(b"")
+    with pa.memory_map(os.fsdecode(path)) as file:
+        return file.read_buffer()
 
 
 def _path(url: Url) -> str:

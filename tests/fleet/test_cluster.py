@@ -18,6 +18,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import NameOID
 
+from benchmarks.fleet import KILLER, workers_of
 from lidarcli.pipeline.fleet.manifest import read_entries
 from tests.conftest import Ran
 from tests.descendants import descendants, gone
@@ -31,25 +32,6 @@ pytestmark = [
 
 CommandLine = Callable[..., Ran]
 
-KILLER = """
-import os, time
-
-def dask_setup(worker):
-    from lidarcli.pipeline import detecting
-
-    real = detecting.open_source
-
-    def open_source(source, csv=None):
-        if source.name == "killer":
-            os.kill(os.getpid(), 9)
-        if source.name == "forever":
-            open(os.environ["SLEEPING"], "w").close()
-        return real(source, csv)
-
-    detecting.open_source = open_source
-"""
-"""What workers load: a log of a certain name ends them, as one does that takes all memory."""
-
 
 @pytest.fixture
 def preload(tmp_path: Path) -> dict[str, str]:
@@ -62,19 +44,6 @@ def preload(tmp_path: Path) -> dict[str, str]:
 def begin(*arguments: object, env: dict[str, str]) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "lidarcli", *map(str, arguments)]
     return subprocess.Popen(command, env=env, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
-
-
-def workers(pid: int) -> list[int]:
-    """The worker processes of a run with a cluster of its own."""
-    found = []
-    for child in descendants(pid):
-        try:
-            command = Path(f"/proc/{child}/cmdline").read_bytes()
-        except OSError:
-            continue
-        if b"spawn_main" in command:
-            found.append(child)
-    return found
 
 
 def test_a_worker_that_is_killed_and_a_log_that_kills(
@@ -91,7 +60,7 @@ def test_a_worker_that_is_killed_and_a_log_that_kills(
         assert time.monotonic() < until
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)
-    os.kill(workers(process.pid)[0], signal.SIGKILL)
+    os.kill(workers_of(process.pid)[0], signal.SIGKILL)
     _, said = process.communicate(timeout=120)
     lines = [line for line in said.decode().splitlines() if line.startswith("lidarcli:")]
     assert lines == [

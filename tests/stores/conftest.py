@@ -3,12 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-import signal
-import socket
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +10,9 @@ from pathlib import Path
 import pyarrow.fs as fs
 import pytest
 
+from benchmarks.fleet import REQUEST, s3_server
+
 CREDENTIALS = {"AWS_ACCESS_KEY_ID": "AKIATESTING", "AWS_SECRET_ACCESS_KEY": "a-secret-that-nobody-prints"}
-_REQUEST = re.compile(r'"(?:\x1b\[\d+m)?([A-Z]+) (\S+) HTTP')
 
 
 @dataclass
@@ -66,7 +61,7 @@ class Store:
 
     def asked(self) -> list[tuple[str, str]]:
         """Method and path of every request since the last call."""
-        found = _REQUEST.findall(self.words.read_text())
+        found = REQUEST.findall(self.words.read_text())
         new, self._seen = found[self._seen :], len(found)
         return new
 
@@ -74,28 +69,8 @@ class Store:
 @pytest.fixture(scope="session")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
     """A server for all tests of this process."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    words = tmp_path_factory.mktemp("moto") / "requests.txt"
-    with words.open("wb") as out:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], stdout=out, stderr=out
-        )
-    try:
-        until = time.monotonic() + 60
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", port)).close()
-                break
-            except OSError:
-                assert process.poll() is None, words.read_text()
-                assert time.monotonic() < until
-                time.sleep(0.05)
-        yield Store(f"http://127.0.0.1:{port}", words)
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+    with s3_server(tmp_path_factory.mktemp("moto")) as (endpoint, words):
+        yield Store(endpoint, words)
 
 
 @pytest.fixture

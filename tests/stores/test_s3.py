@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Nothing, Source
 from tests.conftest import Ran
 from tests.stores.conftest import CREDENTIALS, Store
 
@@ -67,3 +73,176 @@ def test_credentials_in_a_url_are_refused_and_not_repeated(url: str, lidarcli: C
     assert ran.code == 2
     assert "credentials do not belong in a URL" in ran.err
     assert "SECRET" not in ran.err
+
+
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("logs/*.mcap", ["one", "two words"]),
+        ("logs/**/*.mcap", ["deep/er/one", "deep/one", "one", "two words"]),
+        ("logs/*/one.mcap", ["deep/one"]),
+        ("logs/[t-z]*", ["two words"]),
+        ("logs/", ["bag", "deep/er/one", "deep/one", "one", "two words"]),
+        ("logs/deep", ["er/one", "one"]),
+        ("logs/b?g", ["bag"]),
+        ("logs/one.mcap", ["one"]),
+    ],
+)
+def test_folders_and_patterns(pattern: str, found: list[str], store: Store) -> None:
+    for key in (
+        "one.mcap",
+        "two words.mcap",
+        "deep/one.mcap",
+        "deep/er/one.mcap",
+        ".hidden.mcap",
+        "notes.txt",
+    ):
+        store.put(f"logs/{key}", b"x")
+    store.put("logs2/other.mcap", b"x")
+    for name in CONTAINERS["hall"]:
+        store.put(f"logs/bag/{name.partition('/')[2]}", (SAMPLES / name).read_bytes())
+    sources = find_logs([f"s3://{store.bucket}/{pattern}"])
+    assert sorted(source.name for source in sources if isinstance(source, Source)) == found
+    assert not any(isinstance(source, Nothing) for source in sources)
+
+
+def test_many_logs_are_found_by_few_requests(store: Store) -> None:
+    for number in range(30):
+        store.put(f"logs/run{number}.mcap", b"x")
+    store.asked()
+    found = find_logs([f"s3://{store.bucket}/logs/*.mcap"])
+    assert len(found) == 30
+    assert len(store.asked()) == 1
+    assert all(isinstance(source, Source) and source.size == 1 for source in found)
+
+
+def test_one_sweep_per_object_is_one_log(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
+    folder = tmp_path / "sweeps"
+    folder.mkdir()
+    for number in range(4):
+        words = "\n".join(f"{angle},{2 + 0.1 * number}" for angle in range(-90, 91))
+        (folder / f"{1700000000 + number}.csv").write_text(f"angle_deg,range\n{words}\n")
+        store.put(f"sweeps/{1700000000 + number}.csv", (folder / f"{1700000000 + number}.csv").read_bytes())
+    here = lidarcli("detect", folder, "-o", tmp_path / "here")
+    assert here.code == 0, here.err
+    for log in (f"s3://{store.bucket}/sweeps", f"s3://{store.bucket}/sweeps/*.csv"):
+        there = lidarcli("detect", log, "-o", tmp_path / "there", "--overwrite")
+        assert there.code == 0, there.err
+        one, other = (tmp_path / where / "sweeps.sweeps.parquet" for where in ("here", "there"))
+        assert pq.read_table(one).equals(pq.read_table(other))
+
+
+def test_resuming_in_a_store_reads_only_what_is_left(store: Store, lidarcli: CommandLine) -> None:
+    data = (SAMPLES / "room.mcap").read_bytes()
+    for name in ("one", "two", "three"):
+        store.put(f"logs/{name}.mcap", data)
+    command = ("detect", f"s3://{store.bucket}/logs/*.mcap", "-o", f"s3://{store.bucket}/tables", "--resume")
+    assert lidarcli(*command).code == 0
+    store.put("logs/two.mcap", data + b" ")
+    store.put("logs/four.mcap", data)
+    store.asked()
+    ran = lidarcli(*command)
+    assert "4 logs" in ran.err
+    assert "2 done before" in ran.err
+    read = {path for method, path in store.asked() if "/logs/" in path}
+    assert read == {"/robots/logs/two.mcap", "/robots/logs/four.mcap"}
+
+
+def test_tables_in_a_store_are_reported(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
+    url = store.put("run.mcap", (SAMPLES / "room.mcap").read_bytes())
+    for layout, where in (((), "flat"), (("--partition", "table"), "by")):
+        assert lidarcli("track", url, "-o", f"s3://{store.bucket}/{where}", *layout).code == 0
+    assert lidarcli("track", SAMPLES / "room.mcap", "-o", tmp_path / "here").code == 0
+    figures = [
+        json.loads(lidarcli("report", tables, "--format", "json").out)["figures"]
+        for tables in (
+            tmp_path / "here",
+            f"s3://{store.bucket}/flat",
+            f"s3://{store.bucket}/flat/run.objects.parquet",
+            f"s3://{store.bucket}/by/",
+            f"s3://{store.bucket}/by/objects/*.parquet",
+        )
+    ]
+    assert all(each == figures[0] for each in figures)
+    out = f"s3://{store.bucket}/report.html"
+    assert lidarcli("report", f"s3://{store.bucket}/flat", "-o", out, "--log", url).code == 0
+    assert store.get("report.html").startswith(b"<!")
+    assert lidarcli("report", f"s3://{store.bucket}/flat", "-o", out).code == 5
+
+
+def test_backgrounds_maps_and_single_files(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
+    for name in ("room.mcap", "room_empty.mcap"):
+        store.put(name, (SAMPLES / name).read_bytes())
+    store.put("drive.db3", (SAMPLES / "drive.db3").read_bytes())
+    base = f"s3://{store.bucket}"
+    background = f"{base}/empty.background.parquet"
+    assert lidarcli("background", "build", f"{base}/room_empty.mcap", "-o", background).code == 0
+    assert lidarcli("background", "info", background).code == 0
+    ran = lidarcli(
+        "background", "subtract", f"{base}/room.mcap", "--background", background, "-o", f"{base}/t/"
+    )
+    assert ran.code == 0, ran.err
+    ran = lidarcli("map", f"{base}/drive.db3", "-o", f"{base}/map.yaml", "-o", f"{base}/cloud.parquet")
+    assert ran.code == 0, ran.err
+    assert lidarcli("detect", f"{base}/room.mcap", "-o", f"{base}/all.csv").code == 0
+    assert lidarcli("map", SAMPLES / "drive.db3", "-o", tmp_path / "map.yaml").code == 0
+    assert store.get("map.pgm") == (tmp_path / "map.pgm").read_bytes()
+    assert store.get("map.yaml") == (tmp_path / "map.yaml").read_bytes()
+    assert {"all.csv", "cloud.parquet", "t/room.objects.parquet"} <= {*store.keys()}
+    info = lidarcli("info", f"{base}/room.mcap", "--format", "json")
+    here = json.loads(lidarcli("info", SAMPLES / "room.mcap", "--format", "json").out)
+    assert json.loads(info.out)[0]["scans"] == here[0]["scans"]
+
+
+def test_an_output_that_exists_is_refused(store: Store, lidarcli: CommandLine) -> None:
+    url = store.put("run.mcap", (SAMPLES / "room.mcap").read_bytes())
+    out = f"s3://{store.bucket}/tables"
+    assert lidarcli("detect", url, "-o", out).code == 0
+    again = lidarcli("detect", url, "-o", out)
+    assert again.code == 5
+    assert f"{out}/run.objects.parquet exists; use --overwrite to replace it" in again.err
+    assert lidarcli("detect", url, "-o", out, "--overwrite").code == 0
+
+
+@pytest.mark.parametrize(
+    ("log", "cause"),
+    [
+        ("s3://robots/none.mcap", "no such object or folder"),
+        ("s3://robots/*.mcap", "no object matches this pattern"),
+        ("s3://nobody-has-this/run.mcap", "there is no such bucket"),
+        ("s3://nobody-has-this/", "there is no such bucket"),
+    ],
+)
+def test_what_is_not_there_is_one_line(log: str, cause: str, store: Store, lidarcli: CommandLine) -> None:
+    ran = lidarcli("detect", log, "-o", f"s3://{store.bucket}/tables")
+    assert ran.code == 3
+    assert ran.err.splitlines()[0] == f"lidarcli: {log}: {cause}"
+
+
+def test_a_bucket_that_is_not_there_takes_no_output(
+    store: Store, lidarcli: CommandLine, tmp_path: Path
+) -> None:
+    ran = lidarcli("detect", SAMPLES / "room.mcap", "-o", "s3://nobody-has-this/tables")
+    assert ran.code == 5
+    assert ran.err.startswith(
+        f"lidarcli: {SAMPLES / 'room.mcap'}: cannot write s3://nobody-has-this/tables/room.objects.parquet: "
+        "there is no such bucket"
+    )
+
+
+def test_a_store_that_is_not_there(
+    store: Store, process: Callable[..., subprocess.CompletedProcess[bytes]]
+) -> None:
+    environment = {**os.environ, "AWS_ENDPOINT_URL": "http://127.0.0.1:1"}
+    ran = process("detect", "s3://robots/run.mcap", env=environment)
+    assert ran.returncode == 3
+    assert ran.stderr.decode() == "lidarcli: s3://robots/run.mcap: the store cannot be reached\n"
+
+
+def test_a_damaged_log_has_tables_and_none_has_none(store: Store, logs: Path, lidarcli: CommandLine) -> None:
+    url = store.put("cut.mcap", (logs / "cut.mcap").read_bytes())
+    assert lidarcli("detect", url, "-o", f"s3://{store.bucket}/tables").code == 3
+    assert store.keys("tables") == ["tables/cut.objects.parquet", "tables/cut.sweeps.parquet"]
+    url = store.put("none.mcap", b"nothing")
+    assert lidarcli("detect", url, "-o", f"s3://{store.bucket}/none").code == 3
+    assert store.keys("none") == []

@@ -11,7 +11,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
 from lidarcli.pipeline.inputs.search import SUFFIXES, are_one_log, fixed_part, known_suffixes, stem_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.stores.store import head, listing
+from lidarcli.stores.store import has_bucket, head, listing
 from lidarcli.stores.url import State, Url, place
 
 Objects = Mapping[Url, State]
@@ -33,11 +33,16 @@ def find_stored(text: str) -> list[Source | Nothing]:
         objects = dict(listing(url))
         found = _below(url, objects)
         if not found:
-            words = f"no log in this folder ({known_suffixes()})" if objects else "no such object or folder"
-            return [Nothing(text, UnreadableError(words))]
+            return [Nothing(text, UnreadableError(_why_none(url, objects)))]
         return found
     except UnreadableError as err:
         return [Nothing(text, UnreadableError(str(err).removeprefix(f"{url}: ")))]
+
+
+def _why_none(url: Url, objects: Objects) -> str:
+    if objects:
+        return f"no log in this folder ({known_suffixes()})"
+    return "no such object or folder" if has_bucket(url) else "there is no such bucket"
 
 
 def _below(base: Url, objects: Objects) -> list[Source | Nothing]:
@@ -88,7 +93,8 @@ def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
                     alone = source.path == str(here)
                     name = prefix if alone else f"{prefix}/{source.name}"
                     found.append(Source(source.path, name, source.files, source.found))
-    return found or [Nothing(text, UnreadableError("no object matches this pattern"))]
+    why = "no object matches this pattern" if objects or has_bucket(pattern) else "there is no such bucket"
+    return found or [Nothing(text, UnreadableError(why))]
 
 
 def objects_matching(pattern: Url) -> list[Url]:
@@ -134,6 +140,8 @@ def _expression(pattern: str) -> str:
             words.append(f"[^{inside[1:]}]" if inside.startswith("!") else f"[{inside}]")
             at = end + 1
             continue
-        words.append({"*": "[^/]*", "?": "[^/]"}.get(sign) or re.escape(sign))
+        # As in a shell, no sign stands for the dot of a hidden name.
+        hidden = r"(?!\.)" if sign in "*?" and (at == 0 or pattern[at - 1] == "/") else ""
+        words.append(hidden + ({"*": "[^/]*", "?": "[^/]"}.get(sign) or re.escape(sign)))
         at += 1
     return "".join(words)
