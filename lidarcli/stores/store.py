@@ -50,8 +50,8 @@ def head(url: Url) -> State | None:
             return None
         etag = about.get(b"etag", about.get("etag", b""))
         words = etag.decode() if isinstance(etag, bytes) else str(etag)
-        info = _system(url).get_file_info(_path(url)) if not about else None
-        mtime = _mtime(info) if info is not None else _http_date(about)
+        # Google's store tells the time only to whoever lists.
+        mtime = _http_date(about) or _mtime(_system(url).get_file_info(_path(url)))
         return State(size, mtime, words.strip('"'))
 
 
