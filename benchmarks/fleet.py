@@ -51,7 +51,7 @@ def dask_setup(worker):
 """What the workers of the first measurement load."""
 
 
-REQUEST = re.compile(r'"(?:\x1b\[\d+m)?([A-Z]+) (\S+) HTTP')
+REQUEST = re.compile(r'"(?:\x1b\[\d+m)*([A-Z]+) (\S+) HTTP')
 """What the server writes of a request: its method and path."""
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import os
+import shutil
 import tempfile
+from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from lidarcli.stores.store import PIECE, open_object
@@ -18,9 +20,7 @@ if TYPE_CHECKING:
 class StoreFile(io.RawIOBase):
     """A read-only file whose bytes are fetched as they are asked for, `PIECE` at a time.
 
-    Who reads piece after piece gets the next one fetched beside. With `keep` pieces stay in a temporary file without a
-    name, so that a log that is read twice, for its poses and for its sweeps, is fetched once; where there is no room for
-    it on the disk they are fetched again.
+    Who reads piece after piece gets the next one fetched beside.
 
     Raises
     ------
@@ -28,18 +28,25 @@ class StoreFile(io.RawIOBase):
         There is no such object, or the store does not hand it out.
     """
 
-    def __init__(self, url: Url, keep: bool = True) -> None:
+    def __init__(self, url: Url) -> None:
         super().__init__()
         self._object = open_object(url)
-        self._url = url
         self.name = str(url)
         self.size: int = self._object.size()
         self._position = 0
-        self._copy: IO[bytes] | None = tempfile.TemporaryFile(buffering=0) if keep else None  # noqa: SIM115
+        self._copy: IO[bytes] | None = None
         self._kept = bytearray(self.size // PIECE + 1)
         self._last: tuple[int, bytes] = (-1, b"")
         self._beside: Beside | None = None
         self._ahead: tuple[int, Future[bytes]] | None = None
+
+    def keep(self) -> None:
+        """From now on pieces stay in a temporary file without a name: a log that is read twice, for its poses and for its
+        sweeps, is fetched once. Where there is no room for it on the disk they are fetched again.
+        """
+        self._copy = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
+        if self._last[0] >= 0:
+            self._keep(*self._last)
 
     def readable(self) -> bool:
         """Always."""
@@ -128,3 +135,9 @@ class StoreFile(io.RawIOBase):
             # No room on the disk: what is there stays there, the rest is fetched whenever it is asked for.
             return
         self._kept[number] = 1
+
+
+def fetch(url: Url, path: Path) -> None:
+    """Copy an object into a file of this machine; errors as of `StoreFile`."""
+    with StoreFile(url) as source, path.open("wb") as copy:
+        shutil.copyfileobj(source, copy, PIECE)

@@ -95,19 +95,6 @@ def read_object(url: Url, most: int | None = None) -> bytes:
         return bytes(file.read_at(file.size() if most is None else min(most, file.size()), 0))
 
 
-def fetch(url: Url, path: Path) -> None:
-    """Copy an object into a file of this machine."""
-    with open_object(url) as source, path.open("wb") as copy:
-        at, size = 0, source.size()
-        while at < size:
-            with _errors(url, UnreadableError):
-                piece = source.read_at(PIECE, at)
-            if not piece:
-                raise UnreadableError(f"{url}: ends at byte {at:,} of {size:,}: it was replaced meanwhile")
-            copy.write(piece)
-            at += len(piece)
-
-
 def put(path: Path, url: Url) -> None:
     """Put a file of this machine into a store under its final name, where it appears whole or not at all.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -13,8 +14,8 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import CsvOptions, Log
 from lidarcli.logs.registry import HEAD, MCAP, ROS1
 from lidarcli.newfiles import scratch_folder
-from lidarcli.stores.reading import StoreFile
-from lidarcli.stores.store import fetch, read_object
+from lidarcli.stores.reading import StoreFile, fetch
+from lidarcli.stores.store import PIECE
 from lidarcli.stores.url import Url
 
 
@@ -35,40 +36,47 @@ def open_stored(url: Url, files: Sequence[Url], csv: CsvOptions | None) -> Itera
 
 def _opened(url: Url, csv: CsvOptions | None, stack: ExitStack) -> Log:
     """An object that is a log by itself."""
-    head = read_object(url, HEAD)
+    file = stack.enter_context(StoreFile(url))
+    stream = cast(BinaryIO, file)
+    head = file.read(HEAD) or b""
+    file.seek(0)
     if head.startswith(MCAP):
         from lidarcli.logs.mcap.log import McapLog
 
-        file = stack.enter_context(StoreFile(url))
-        return McapLog(cast(BinaryIO, file), str(url), file.size)
+        file.keep()
+        return McapLog(stream, str(url), file.size)
     if head.startswith(ROS1):
         # Its reader makes a temporary file of a stream, which has no name: nothing is left of it whatever happens.
         from lidarcli.logs.rosbag1.log import Rosbag1Log
 
-        with _named(url, "-"), StoreFile(url, keep=False) as stream:
-            return cast(Log, Rosbag1Log(cast(BinaryIO, stream)))
-    return _fetched(url, [url], csv, stack)
+        with _named(url, "-"):
+            return cast(Log, Rosbag1Log(stream))
+    copy = _scratch(stack) / url.name
+    with copy.open("wb") as out:
+        shutil.copyfileobj(file, out, PIECE)
+    with _named(url, str(copy)):
+        return open_log(copy, csv=csv)
 
 
 def _fetched(url: Url, files: Sequence[Url], csv: CsvOptions | None, stack: ExitStack) -> Log:
-    """A log whose files are copied to this machine first."""
-    scratch = stack.enter_context(scratch_folder(Path(tempfile.gettempdir())))
+    """A log of several objects, which are copied to this machine first."""
+    folder = _scratch(stack) / "log"
     # The folders below a pattern tell apart files of one name.
-    base = "" if files == [url] else _common_folder(files)
-    copies = [scratch / "log" / file.key.removeprefix(base).strip("/") for file in files]
-    if files == [url]:
-        copies = [scratch / url.name]
+    base = _common_folder(files)
+    copies = [folder / file.key.removeprefix(base) for file in files]
     for file, copy in zip(files, copies, strict=True):
         copy.parent.mkdir(parents=True, exist_ok=True)
         fetch(file, copy)
-    with _named(url, *map(str, [*copies, scratch / "log"])):
-        if files == [url]:
-            return open_log(copies[0], csv=csv)
-        if url.has_magic():
-            from lidarcli.logs.csv.log import CsvLog
+    with _named(url, *map(str, [*copies, folder])):
+        if not url.has_magic():
+            return open_log(folder, csv=csv)
+        from lidarcli.logs.csv.log import CsvLog
 
-            return CsvLog(copies, csv)
-        return open_log(scratch / "log", csv=csv)
+        return CsvLog(copies, csv)
+
+
+def _scratch(stack: ExitStack) -> Path:
+    return stack.enter_context(scratch_folder(Path(tempfile.gettempdir())))
 
 
 def _common_folder(files: Sequence[Url]) -> str:
