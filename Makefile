@@ -17,7 +17,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check quick format samples golden docs bench bench-full bench-compare same accuracy trees tracking maps fuzz bounds clean
+.PHONY: help demo test check quick format samples golden docs bench bench-full bench-compare same accuracy trees tracking fleet maps fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -80,6 +80,9 @@ trees: $(VENV)/installed-dev ## grow the trees that tell things from building, f
 
 tracking: $(VENV)/installed-dev ## how well things are followed; writes docs/tracking.md
 	$(BIN)/python -m benchmarks.tracking $(TRACKING)
+
+fleet: $(VENV)/installed-dev ## what runs over many logs cost: a store, a cluster, workers that are killed (docs/fleet.md)
+	$(BIN)/python -m benchmarks.fleet all $(FLEET)
 
 maps: $(VENV)/installed-dev ## how right maps are; writes docs/maps.md
 	$(BIN)/python -m benchmarks.maps $(MAPS)
