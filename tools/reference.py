@@ -248,7 +248,7 @@ def _schema(schema: pa.Schema) -> list[str]:
 def _column(field: pa.Field) -> tuple[str, str, str, str]:
     notes = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
     meaning = notes["description"]
-    if pa.types.is_list(field.type):
+    if pa.types.is_list(field.type) and pa.types.is_struct(field.type.value_type):
         parts = ", ".join(f"`{part.name}`" for part in field.type.value_type)
         meaning = f"{meaning}, each {parts}"
     return f"`{field.name}`", f"`{_type(field.type)}`", notes.get("unit", ""), meaning
