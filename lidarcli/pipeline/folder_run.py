@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from pathlib import Path
@@ -179,7 +180,10 @@ class FolderRun:
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         """Write the manifest, also of a run that was broken off."""
-        if self._manifest is not None:
+        if self._manifest is None:
+            return
+        # What broke the run off is told, not what that does to the manifest.
+        with suppress(*([LidarcliError] if kind is not None else [])):
             self._manifest.write()
 
     def _outputs(self, source: Source) -> tuple[str, ...]:

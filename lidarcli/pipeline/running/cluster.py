@@ -170,7 +170,7 @@ class Cluster:
             workers = self._workers()
             if workers:
                 self._alone_since = None
-                self._threads = max(1, sum(worker["nthreads"] for worker in workers.values()))
+                self._threads = max(1, sum(workers.values()))
             elif self._alone_since is None:
                 self._alone_since = now
             elif now - self._alone_since > NO_WORKER_S:
@@ -239,8 +239,9 @@ class Cluster:
         )
         return self._stack.enter_context(distributed.Client(cluster, set_as_default=False))
 
-    def _workers(self) -> dict[str, Any]:
-        found: dict[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+    def _workers(self) -> dict[str, int]:
+        """Worker → its threads."""
+        found: dict[str, int] = self._client.nthreads()
         return found
 
 

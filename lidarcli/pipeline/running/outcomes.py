@@ -15,6 +15,9 @@ INTERNAL_ERROR = 70
 WORTH_A_PROCESS = 16 << 20
 """Bytes of logs whose work outweighs the start of processes; beside a large log, small ones are no reason for it."""
 
+STORED = 2 << 20
+"""Bytes of a log here whose work takes as long as a small log in a store waits for its requests."""
+
 LogProgress = Callable[[Source, int], None]
 """Progress: the log, and the position in it [bytes]."""
 
@@ -85,8 +88,8 @@ def logs_at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
     # Standard input belongs to this process and cannot be handed to another.
     if any(source.is_stdin for source in logs):
         return 1
-    # A log of unknown size, a pipe, may be long.
-    sizes = sorted(source.size or WORTH_A_PROCESS for source in logs)
+    # A log of unknown size, a pipe, may be long; one in a store keeps waiting however small it is.
+    sizes = sorted(max(source.size or WORTH_A_PROCESS, STORED * (source.url is not None)) for source in logs)
     return min(jobs, len(logs)) if sum(sizes[:-1]) >= WORTH_A_PROCESS else 1
 
 
