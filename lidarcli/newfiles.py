@@ -9,11 +9,12 @@ import stat
 import tempfile
 import time
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self, cast
+from typing import Self, cast
 
 from lidarcli.errors import OutputError
 from lidarcli.stores.url import Place, Url
@@ -36,46 +37,19 @@ _SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
 Identity = tuple[int, int, int, int]
 
 
-class WholeFiles(Protocol):
-    """Files of one folder, or of one store, that get their names together: `NewFiles`, `StoreFiles`."""
-
-    def part(self, path: Any) -> Path: ...
-
-    def open(self) -> None: ...
-
-    def publish(self) -> list[str]: ...
-
-    def close(self) -> None: ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *exc: Any) -> None: ...
-
-
-class NewFiles:
-    """Files of one folder that get their names together; leaving the context without `publish` leaves none.
-
-    Until then they stand in a folder of their own beside their final places, whose name nobody can foresee and which nobody
-    else may enter: no link that was planted is written through, and no other run writes the same file. What a killed run
-    left behind is cleared away by the next one.
+class WholeFiles(ABC):
+    """Files of one folder, or of a store, that get their names together; leaving the context without `publish` leaves none.
 
     Parameters
     ----------
-    paths : where the files belong, all in one folder, which is made
-    overwrite : whether files that are there may be replaced
-    folders : whether folders may be replaced, too (a ROS 2 bag is one)
+    beside : the folder below which the parts stand until then, in one of their own
     """
 
-    def __init__(self, paths: Sequence[Path], overwrite: bool = True, folders: bool = False) -> None:
-        self.paths = tuple(paths)
-        self._overwrite = overwrite
-        self._folders = folders
-        self._folder = self.paths[0].parent
+    def __init__(self, beside: Path) -> None:
+        self._beside = self._scratch = beside
         self._stack = ExitStack()
-        self._scratch = self._folder
-        self._before: list[Identity | None] = []
 
-    def part(self, path: Path) -> Path:
+    def part(self, path: Place) -> Path:
         """Where to write the file that will be `path`."""
         return self._scratch / path.name
 
@@ -87,10 +61,9 @@ class NewFiles:
         OutputError
             A file is there that may not be replaced, or the folder cannot be written.
         """
-        refuse(self.paths, self._overwrite, folders=self._folders)
-        self._before = [_identity(path) for path in self.paths]
-        self._scratch = self._stack.enter_context(scratch_folder(self._folder))
+        self._scratch = self._stack.enter_context(scratch_folder(self._beside))
 
+    @abstractmethod
     def publish(self) -> list[str]:
         """Give all files their names at once; a line for each that another run has written meanwhile.
 
@@ -99,20 +72,6 @@ class NewFiles:
         OutputError
             Another run has written a file that may not be replaced, or a name cannot be given.
         """
-        notes = []
-        with _locked(self._folder):
-            for path, before in zip(self.paths, self._before, strict=True):
-                now = _identity(path)
-                if now is None or now == before:
-                    continue
-                if not self._overwrite:
-                    raise OutputError(
-                        f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
-                    )
-                notes.append(f"replaced {path}, which another run has written meanwhile")
-            for path in self.paths:
-                self._place(path)
-        return notes
 
     def close(self) -> None:
         """Remove what has not been published."""
@@ -129,6 +88,51 @@ class NewFiles:
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         self.close()
 
+
+class NewFiles(WholeFiles):
+    """Files of one folder of this machine.
+
+    Until they are published they stand in a folder of their own beside their final places, whose name nobody can foresee
+    and which nobody else may enter: no link that was planted is written through, and no other run writes the same file.
+    What a killed run left behind is cleared away by the next one.
+
+    Parameters
+    ----------
+    paths : where the files belong, all in one folder, which is made
+    overwrite : whether files that are there may be replaced
+    folders : whether folders may be replaced, too (a ROS 2 bag is one)
+    """
+
+    def __init__(self, paths: Sequence[Path], overwrite: bool = True, folders: bool = False) -> None:
+        super().__init__(paths[0].parent)
+        self.paths = tuple(paths)
+        self._overwrite = overwrite
+        self._folders = folders
+        self._before: list[Identity | None] = []
+
+    def open(self) -> None:
+        """As `WholeFiles.open`."""
+        refuse(self.paths, self._overwrite, folders=self._folders)
+        self._before = [_identity(path) for path in self.paths]
+        super().open()
+
+    def publish(self) -> list[str]:
+        """As `WholeFiles.publish`."""
+        notes = []
+        with _locked(self._beside):
+            for path, before in zip(self.paths, self._before, strict=True):
+                now = _identity(path)
+                if now is None or now == before:
+                    continue
+                if not self._overwrite:
+                    raise OutputError(
+                        f"{path} exists: another run has written it meanwhile; use --overwrite to replace it"
+                    )
+                notes.append(f"replaced {path}, which another run has written meanwhile")
+            for path in self.paths:
+                self._place(path)
+        return notes
+
     def _place(self, path: Path) -> None:
         part = self.part(path)
         try:
@@ -142,27 +146,18 @@ class NewFiles:
             raise unwritable(path, err) from err
 
 
-class StoreFiles:
-    """The same for objects of a store: written on this machine, and put there when all of them are whole.
+class StoreFiles(WholeFiles):
+    """Objects of a store, which are written on this machine first.
 
     What may not be replaced was refused before. Of two runs that write the same object the last one stays, as a whole.
     """
 
     def __init__(self, paths: Sequence[Url]) -> None:
+        super().__init__(Path(tempfile.gettempdir()))
         self.paths = tuple(paths)
-        self._stack = ExitStack()
-        self._scratch = Path()
-
-    def part(self, path: Url) -> Path:
-        """Where to write the file that will be `path`."""
-        return self._scratch / path.name
-
-    def open(self) -> None:
-        """Make the folder for the parts."""
-        self._scratch = self._stack.enter_context(scratch_folder(Path(tempfile.gettempdir())))
 
     def publish(self) -> list[str]:
-        """Put all files into the store; `OutputError` where it refuses one."""
+        """As `WholeFiles.publish`."""
         # Not in this thread, where an interrupt would come between two files.
         beside = Beside("put")
         try:
@@ -177,21 +172,6 @@ class StoreFiles:
 
         for path in self.paths:
             put(self.part(path), path)
-
-    def close(self) -> None:
-        """Remove the files of this machine."""
-        self._stack.close()
-
-    def __enter__(self) -> Self:
-        try:
-            self.open()
-        except BaseException:
-            self.close()
-            raise
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        self.close()
 
 
 @contextmanager

@@ -72,6 +72,7 @@ def render(report: Report, viewer: dict[str, Any], overview: MapPicture | None =
         + (track_spreads(summary.tracked) if summary.tracked else []),
         statistics=SHOWN_STATISTICS,
         tracks=[(one, track_cells(one)) for one in summary.tracked.tracks] if summary.tracked else [],
+        alarming=(),
         kinds=KINDS,
         compared=[*_compared(report)],
         right=RIGHT,

@@ -21,10 +21,7 @@ def render(report: RunsReport) -> str:
         report=report,
         cards=[*_cards(summary), *check_cards(report)],
         overview=overview(summary),
-        checks=[
-            ("holds" if one.holds else "fails", one.expression, one.expected, one.words)
-            for one in report.verdicts
-        ],
+        alarming=tuple(BAD),
         bad=[(title, [*_rows(summary, outcome)]) for outcome, title in BAD.items()],
     )
 
