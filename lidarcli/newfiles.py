@@ -16,7 +16,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, cast
 
-from lidarcli.errors import OutputError
+from lidarcli.errors import OutputError, UnreadableError
 from lidarcli.stores.url import Place, Url
 from lidarcli.threads import Beside
 
@@ -251,7 +251,11 @@ def _refuse_object(url: Url, overwrite: bool, inputs: Iterable[str | Path]) -> N
     """The same for an output in a store."""
     if str(url) in map(str, inputs):
         raise OutputError(f"{url} is an input of this run; write elsewhere with -o")
-    if not overwrite and url.exists():
+    try:
+        exists = not overwrite and url.exists()
+    except UnreadableError as err:
+        raise OutputError(f"cannot write {err}") from err
+    if exists:
         raise OutputError(f"{url} exists; use --overwrite to replace it, or -o to write elsewhere")
 
 

@@ -205,9 +205,9 @@ def find(
         raise click.UsageError("--beams writes a file: give -o DIR")
     if output != STDOUT and kind is not None:
         raise click.UsageError("--format is for the stream of -o -; tables are Parquet")
-    if (output == STDOUT or one_file) and (resume or layout or cluster):
+    if (output == STDOUT or one_file) and (resume or layout or cluster is not None):
         raise click.UsageError("--resume, --partition and --cluster are for tables in a folder: give -o DIR")
-    if cluster and jobs:
+    if cluster is not None and jobs:
         raise click.UsageError("--jobs is for this machine, --cluster for others")
     compared = _background(background, removed, any_frame, distance, angle)
 

@@ -51,12 +51,17 @@ def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptio
     """Tables of every log below the folder `output`; the exit code."""
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import Total, show
+    from lidarcli.pipeline.fleet.manifest import refuse_folder
     from lidarcli.pipeline.folder_run import FolderRun
     from lidarcli.pipeline.inputs.search import refuse_clashes
+    from lidarcli.pipeline.inputs.sources import Source
 
     folder = place(output)
     sources = _begin(say, chosen, options)
     refuse_clashes(sources)
+    if asked.cluster is not None and any(isinstance(each, Source) and each.is_stdin for each in sources):
+        raise click.UsageError("--cluster reads no standard input: its workers are elsewhere")
+    refuse_folder(folder)
     keeps = asked.keeps_manifest(chosen, is_url(output) and len(sources) > 1, options)
     with (
         FolderRun(folder, options, keeps) as run,
@@ -67,14 +72,14 @@ def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptio
             say.info(f"note: {note}")
         if asked.dry_run:
             return _print_plan(run, plan, options)
-        if asked.cluster and not options.overwrite:
+        if asked.cluster is not None and not options.overwrite:
             run.refuse_existing(plan)
         total = Total()
         for outcome in plan.skipped:
             show(outcome, say)
             total.add(outcome)
         left = plan.left
-        cluster = _cluster(say, asked.cluster, stack) if asked.cluster and left else None
+        cluster = _cluster(say, asked.cluster, stack) if asked.cluster is not None and left else None
         report = stack.enter_context(progress_bar(left, say))
         for outcome in _outcomes(left, folder, options, report, cluster):
             show(outcome, say)

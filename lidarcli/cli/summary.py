@@ -66,8 +66,8 @@ class Total:
     def show(self, say: Messages) -> None:
         """One line over several logs."""
         if self._logs < 2:
-            if self._skipped:
-                say.info("1 log, done before")
+            if self._skipped or not self._logs:
+                say.info("1 log, done before" if self._skipped else "0 logs")
             return
         failures = f", {self._failed} with errors" if self._failed else ""
         skipped = f", {self._skipped} done before" if self._skipped else ""

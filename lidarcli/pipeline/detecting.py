@@ -147,6 +147,7 @@ def detect_to_files(
         described = reading.describe(source)
         summary.notes += files.publish(table_metadata(options.as_dict(), described, summary.damage))
         summary.outputs = [str(path) for path in files.paths]
+        summary.output_sizes = files.sizes
     return summary
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from hashlib import blake2b
 from pathlib import Path
 from types import TracebackType
@@ -17,19 +16,22 @@ from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OutputError, UnreadableError
 from lidarcli.pipeline.detecting import DetectOptions
 from lidarcli.pipeline.fleet.manifest import Manifest, read_entries
+from lidarcli.pipeline.fleet.states import (
+    Sources,
+    There,
+    is_unchanged,
+    known,
+    read_file,
+    remove_file,
+    state_of,
+)
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.running.outcomes import Outcome
-from lidarcli.stores.url import Place, State, Url, absolute, place
+from lidarcli.stores.url import Place, absolute, place
 from lidarcli.tables import metadata
 from lidarcli.tables.files import BY_DATE
 from lidarcli.tables.reading import file_metadata, parsed
 from lidarcli.tables.runs import DAMAGED, FAILED, OK, Entry, newest
-
-_DAY = re.compile(r"/date=[^/]*/")
-ASKED_AT_ONCE = 16
-"""Requests for what a store knows of an object: each takes tens of milliseconds."""
-
-Sources = Sequence[Source | Nothing]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +76,9 @@ class FolderRun:
     def __init__(self, folder: Place, options: DetectOptions, keeps_manifest: bool) -> None:
         self._folder = folder
         self._options = options
-        self._parameters = parameters_hash(options)
         self._manifest = Manifest(folder) if keeps_manifest else None
+        self._days: dict[str, list[str]] = {}
+        """Log → its tables of any day that are to be replaced."""
 
     def plan(self, sources: Sources, resume: bool, overwrite: bool) -> Plan:
         """What to do with each log; with `resume`, those that were done with the same parameters and version are left out.
@@ -83,26 +86,32 @@ class FolderRun:
         Whether a log was done is told by the manifests, or, where these are lost, by the tables themselves. What is done
         again may replace its own tables, and others only with `overwrite`.
         """
-        if not resume:
+        if resume or self._manifest is not None:
+            sources = known(sources)
+        there = There(self._folder) if resume or self._options.layout == BY_DATE else None
+        if there is not None and self._options.layout == BY_DATE:
+            self._days = {
+                _url(source): self._existing(source, there)
+                for source in sources
+                if isinstance(source, Source)
+            }
+        if not resume or there is None:
             return Plan([Step(source) for source in sources])
         entries, problems = read_entries(self._folder)
         # What failed later, as for tables that were there, leaves these as they are.
         by_url = newest(entry for entry in entries if entry.is_done)
         told_of = {entry.url for entry in entries}
         mine = {output for entry in entries for output in entry.outputs}
-        there = _There(self._folder)
         plan = Plan([], [f"{problem}; not used" for problem in problems])
-        for source in known(sources):
+        for source in sources:
             if isinstance(source, Nothing):
                 plan.steps.append(Step(source))
                 continue
             outputs = tuple(map(absolute, self._outputs(source)))
-            done = by_url.get(url_of(source))
-            if done is not None and not (
-                self._is_same(done) and _is_unchanged(source, done) and all(map(there, done.outputs))
-            ):
+            done = by_url.get(_url(source))
+            if done is not None and not self._counts(done, source, there):
                 done = None
-            elif done is None and url_of(source) not in told_of and any(map(there, outputs)):
+            elif done is None and _url(source) not in told_of and any(map(there, outputs)):
                 done = self._told_by_tables(source, outputs, there)
             existing = self._existing(source, there) if done is None and not overwrite else []
             foreign = [out for out in existing if out not in mine and not _is_of(out, source)]
@@ -120,7 +129,7 @@ class FolderRun:
 
         On a cluster a log may be done twice: what its first worker has written before it died is no reason to refuse it.
         """
-        there = _There(self._folder)
+        there = There(self._folder)
         for index, step in enumerate(plan.steps):
             if isinstance(step.source, Source) and step.done is None:
                 existing = next(iter(self._existing(step.source, there)), None)
@@ -132,7 +141,7 @@ class FolderRun:
 
     def dry(self, plan: Plan) -> Iterator[Step]:
         """The steps of a plan, with what is in their way."""
-        there = _There(self._folder)
+        there = There(self._folder)
         for step in plan.steps:
             if isinstance(step.source, Source):
                 outputs = self._outputs(step.source)
@@ -150,11 +159,14 @@ class FolderRun:
         words = outcome.error or (
             "; ".join(summary.damage) if summary is not None and summary.damage else None
         )
+        outputs = [absolute(output) for output in summary.outputs] if summary else []
+        if outputs and isinstance(source, Source):
+            self._remove_other_days(source, outputs)
         result = FAILED if summary is None else DAMAGED if summary.damage else OK
         self._manifest.add(
             Entry(
                 log=source.name if isinstance(source, Source) else source.path,
-                url=url_of(source),
+                url=_url(source),
                 size=state.size if state else None,
                 etag=(state.etag or None) if state else None,
                 mtime=(state.mtime_ns or None) if state else None,
@@ -163,12 +175,21 @@ class FolderRun:
                 outcome=result,
                 exit_code=outcome.exit_code,
                 message=words,
-                outputs=[absolute(output) for output in summary.outputs] if summary else [],
+                outputs=outputs,
+                output_sizes=summary.output_sizes if summary else [],
                 sweeps=summary.sweeps if summary else None,
                 rows=summary.rows if summary else None,
                 seconds=summary.seconds if summary else None,
             )
         )
+
+    def _remove_other_days(self, source: Source, outputs: Sequence[str]) -> None:
+        """Remove the tables of a log that has another day now: a reader of the folder would find it twice."""
+        if self._options.layout != BY_DATE:
+            return
+        for old in self._days.pop(_url(source), ()):
+            if old not in outputs:
+                remove_file(old)
 
     @property
     def manifest(self) -> Place | None:
@@ -191,41 +212,61 @@ class FolderRun:
             return ()
         return tuple(str(path) for path in self._options.outputs(source, self._folder).values())
 
-    def _existing(self, source: Source, there: _There) -> list[str]:
+    def _existing(self, source: Source, there: There) -> list[str]:
         """The tables of a log that are there already."""
         if self._options.layout == BY_DATE:
             folders = [self._folder / table for table in self._options.tables]
             return [found for folder in folders for found in there.of_any_day(folder, source.name)]
         return [*filter(there, map(absolute, self._outputs(source)))]
 
-    def _is_same(self, entry: Entry) -> bool:
-        return entry.parameters == self._parameters and entry.version == __version__
+    @cached_property
+    def _parameters(self) -> str:
+        return parameters_hash(self._options)
 
-    def _told_by_tables(self, source: Source, outputs: tuple[str, ...], there: _There) -> Entry | None:
-        """That tables without a manifest are of this log as it is now, and of these parameters."""
-        options, state = self._options, source.state()
-        notes = _notes(outputs[0])
-        if state is None or not all(map(there, outputs)) or notes.get(metadata.VERSION) != __version__:
-            return None
-        told = _parsed(notes, metadata.SOURCE)
-        told_options = _parsed(notes, metadata.PARAMETERS)
-        if not isinstance(told, dict) or (told.get("name"), told.get("size")) != (
-            source.file_name,
-            state.size,
+    def _counts(self, done: Entry, source: Source, there: There) -> bool:
+        """Whether what was done is what would be done now, and is still there."""
+        if (
+            done.parameters != self._parameters
+            or done.version != __version__
+            or not is_unchanged(source, done)
         ):
+            return False
+        states = [there.state(output) for output in done.outputs]
+        if [state.size if state is not None else None for state in states] != done.output_sizes:
+            return False
+        if all(state is not None and state.mtime_ns <= done.ended for state in states):
+            return True
+        # A run that wrote no manifest may have been here since, with other parameters.
+        return self._is_by_parameters(_notes(done.outputs[0]))
+
+    def _is_by_parameters(self, notes: dict[str, str]) -> bool:
+        """Whether a table was written with the same parameters and version, as far as its metadata tell."""
+        told = _parsed(notes, metadata.PARAMETERS)
+        same = told == json.loads(json.dumps(self._options.as_dict())) and not self._options.explain
+        return same and notes.get(metadata.VERSION) == __version__
+
+    def _told_by_tables(self, source: Source, outputs: tuple[str, ...], there: There) -> Entry | None:
+        """That tables without a manifest are of this log as it is now, and of these parameters."""
+        notes, state = _notes(outputs[0]), source.state()
+        told = _parsed(notes, metadata.SOURCE)
+        if state is None or not isinstance(told, dict) or not self._is_by_parameters(notes):
             return None
-        if told_options != json.loads(json.dumps(options.as_dict())) or options.explain:
+        # The reader of a folder counts some of its files alone.
+        is_one_file = not source.files and (source.url is not None or not Path(source.path).is_dir())
+        if told.get("name") != source.file_name or (is_one_file and told.get("size") != state.size):
             return None
         # As make does it: what the tables depend on is older than they are.
-        written = [found.mtime_ns for output in outputs if (found := _state(output)) is not None]
-        depends = [found.mtime_ns for file in options.inputs([]) if (found := _state(file)) is not None]
+        written = [found.mtime_ns for output in outputs if (found := there.state(output)) is not None]
+        depends = [
+            found.mtime_ns for file in self._options.inputs([]) if (found := state_of(file)) is not None
+        ]
         if len(written) < len(outputs) or min(written) < max([state.mtime_ns, *depends]):
             return None
         damage = _parsed(notes, metadata.DAMAGE)
         lines = [str(line) for line in damage] if isinstance(damage, list) else []
         return Entry(
             source.name,
-            url_of(source),
+            _url(source),
             state.size,
             state.etag or None,
             state.mtime_ns,
@@ -238,37 +279,7 @@ class FolderRun:
         )
 
 
-def keyed_states(sources: Sequence[Source]) -> list[Source]:
-    """The same logs with what their stores know of them, asked for several at the same time."""
-    from lidarcli.stores.store import head
-
-    def asked(source: Source) -> Source:
-        url = source.url
-        try:
-            found = head(url) if url is not None else None
-        except LidarcliError:
-            # Reading it says what is wrong.
-            return source
-        return replace(source, found=found)
-
-    with ThreadPoolExecutor(ASKED_AT_ONCE, "ask") as pool:
-        return [*pool.map(asked, sources)]
-
-
-def known(sources: Sources) -> Sources:
-    """The same inputs; of objects that were only listed it is known now what their stores know."""
-    unknown = [
-        source
-        for source in sources
-        if isinstance(source, Source) and source.url is not None and source.found is None
-    ]
-    if not unknown:
-        return sources
-    found = dict(zip(unknown, keyed_states(unknown), strict=True))
-    return [found.get(source, source) if isinstance(source, Source) else source for source in sources]
-
-
-def url_of(source: Source | Nothing) -> str:
+def _url(source: Source | Nothing) -> str:
     """Where an input is, whatever the working directory."""
     return absolute(source.path)
 
@@ -285,13 +296,7 @@ def parameters_hash(options: DetectOptions) -> str:
     digest.update(json.dumps(told, sort_keys=True, default=str).encode())
     # Of files only names stand there.
     for file in options.inputs([]):
-        where = place(file)
-        if isinstance(where, Url):
-            from lidarcli.stores.store import read_object
-
-            digest.update(read_object(where))
-        else:
-            digest.update(where.read_bytes())
+        digest.update(read_file(file))
     return digest.hexdigest()
 
 
@@ -304,53 +309,6 @@ def _as_before(source: Source | Nothing, done: Entry) -> Outcome:
         source=source,
         skipped=True,
     )
-
-
-def _is_unchanged(source: Source, done: Entry) -> bool:
-    """Whether a log is what it was: of the same size, and of the same time or the same mark of its content."""
-    state = source.state()
-    if state is None or state.size != done.size:
-        return False
-    if state.mtime_ns == done.mtime:
-        return True
-    if not done.etag or source.url is None or source.files:
-        return False
-    etag = state.etag or next((it.found.etag for it in keyed_states([source]) if it.found is not None), "")
-    return etag == done.etag
-
-
-class _There:
-    """Which files are there; of a store all names below the folder are asked for at once."""
-
-    def __init__(self, folder: Place) -> None:
-        self._names: set[str] | None = None
-        self._dated: dict[str, str] = {}
-        if isinstance(folder, Url):
-            from lidarcli.stores.store import listing
-
-            self._names = {str(url) for url, _ in listing(folder)}
-            self._dated = {_DAY.sub("/", name): name for name in self._names}
-
-    def __call__(self, name: str) -> bool:
-        """Whether there is a file of this name."""
-        return name in self._names if self._names is not None else Path(name).exists()
-
-    def of_any_day(self, path: Place, log: str) -> list[str]:
-        """Files of a log below the folder of a table, whichever the day is that they are filed under."""
-        if isinstance(path, Url):
-            name = self._dated.get(absolute(path / f"{log}.parquet"))
-            return [name] if name is not None else []
-        days = path.glob("date=*")
-        return [str(found.absolute()) for day in days if (found := day / f"{log}.parquet").exists()]
-
-
-def _state(name: str) -> State | None:
-    where = place(name)
-    if isinstance(where, Url):
-        from lidarcli.stores.store import head
-
-        return head(where)
-    return Source(name, "").state()
 
 
 def _notes(name: str) -> dict[str, str]:

@@ -5,6 +5,7 @@ The file systems are those of pyarrow, so are the ways in which they find creden
 
 from __future__ import annotations
 
+import base64
 import os
 import re
 from collections.abc import Iterator
@@ -27,6 +28,9 @@ REQUEST_S = 60.0
 ATTEMPTS = 4
 PIECE = 8 << 20
 """Bytes that are asked for, and put, at once: one request each."""
+
+ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
+"""Environment variables that name another store than Amazon's."""
 
 _AWS = re.compile(r"AWS Error ([A-Z_]+)")
 _CAUSES = {
@@ -109,6 +113,12 @@ def put(path: Path, url: Url) -> None:
         stream.close()
 
 
+def remove(url: Url) -> None:
+    """Remove an object."""
+    with _errors(url, OutputError, "cannot remove "):
+        _system(url).delete_file(_path(url))
+
+
 def _mapped(path: Path) -> pa.Buffer:
     """The bytes of a file; one write of all of them is sent in parts, of which few are in memory."""
     if not path.stat().st_size:
@@ -138,7 +148,7 @@ def _made(scheme: str, bucket: str, options: str) -> fs.FileSystem:
 
 
 def _s3(bucket: str, asked: dict[str, str]) -> Any:
-    endpoint = asked.get("endpoint_override") or _env("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
+    endpoint = asked.get("endpoint_override") or _env(*ENDPOINTS)
     name = bucket.rpartition("@")[2]
     settings: dict[str, Any] = {
         "allow_delayed_open": True,
@@ -199,6 +209,12 @@ def _azure(bucket: str) -> Any:
             "abfs://CONTAINER@ACCOUNT.dfs.core.windows.net/NAME"
         )
     key = told.get("AccountKey") or _env("AZURE_STORAGE_KEY", "AZURE_STORAGE_ACCOUNT_KEY")
+    if key:
+        try:
+            base64.b64decode(key, validate=True)
+        except ValueError as err:
+            # The library would end the process.
+            raise OptionError(f"az://{bucket}: the key of the account is not one: it is no Base64") from err
     settings: dict[str, Any] = {"account_key": key} if key else {}
     if sas := told.get("SharedAccessSignature") or _env("AZURE_STORAGE_SAS_TOKEN"):
         settings = {"sas_token": sas}
@@ -246,6 +262,8 @@ def _named(url: Url, err: Exception, kind: type[LidarcliError], before: str) -> 
     words = str(err).splitlines()[0] if str(err) else type(err).__name__
     code = _AWS.search(words)
     cause = _CAUSES.get(code[1]) if code else None
+    if code and code[1] == "NETWORK_CONNECTION" and (endpoint := _env(*ENDPOINTS)):
+        cause = f"{cause}: nobody answers at {endpoint.rpartition('@')[2]} ({' or '.join(ENDPOINTS)})"
     if cause is None:
         cause = _SECRET.sub(r"\1=...", words.partition(" (Request ID")[0])
     return kind(f"{before}{url}: {cause}")

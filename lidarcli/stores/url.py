@@ -14,6 +14,9 @@ SCHEMES = ("s3", "gs", "az", "abfs", "abfss")
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)/?(.*)", re.DOTALL)
 _OPTIONS = re.compile(r"\?((?:(?:endpoint_override|scheme|region)=[^&]*&?)+)$")
+_SECRETS = re.compile(
+    r"(?i)[?&](access_key|secret_key|session_token|sig|signature|x-amz-[a-z-]+|token|password)="
+)
 _MAGIC = re.compile(r"[*?[]")
 
 
@@ -35,6 +38,7 @@ class Url:
         return f"{self.scheme}://{self.bucket}/{self.key}{query}"
 
     def __truediv__(self, name: str) -> Url:
+        _refuse_bytes(name)
         return replace(self, key=f"{self.key}/{name}".strip("/"))
 
     @property
@@ -114,23 +118,24 @@ def is_url(text: str | PathLike[str]) -> bool:
 def place(text: str | PathLike[str] | Url) -> Place:
     """The path or the URL that a name stands for.
 
-    >>> place("s3://logs/2026//run.mcap").name
+    >>> place("s3://logs/2026/run.mcap").name
     'run.mcap'
 
     Raises
     ------
     OptionError
-        A URL names no bucket, or holds credentials, which are not repeated in the message.
+        A URL names no bucket, no object that could be read, or holds credentials, which are not repeated in the message.
     """
     if isinstance(text, Url):
         return text
     if not is_url(text):
         return Path(text)
+    _refuse_bytes(fspath(text))
     found = _URL.fullmatch(fspath(text))
     assert found is not None
     scheme, bucket, key = found[1].lower(), found[2], found[3]
     user, mark, _ = bucket.rpartition("@")
-    if mark and (":" in user or (scheme in ("s3", "gs") and user != "anonymous")):
+    if (mark and (":" in user or (scheme in ("s3", "gs") and user != "anonymous"))) or _SECRETS.search(key):
         raise OptionError(
             f"{scheme}://...: credentials do not belong in a URL; the store takes them from its own configuration "
             "and environment (docs/fleet.md)"
@@ -139,8 +144,21 @@ def place(text: str | PathLike[str] | Url) -> Place:
         raise OptionError(f"{fspath(text)}: names no bucket, as in {scheme}://BUCKET/NAME")
     options = _OPTIONS.search(key)
     key = key[: options.start()] if options else key
-    parts = [part for part in key.split("/") if part]
-    return Url(scheme, bucket, "/".join(parts), options[1].strip("&") if options else "")
+    asked = options[1].strip("&") if options else ""
+    if "@" in asked:
+        raise OptionError(f"{scheme}://{bucket}/...: an endpoint is named without credentials")
+    key = key.strip("/") if not key.startswith("/") else key
+    if key.startswith("/") or "//" in key:
+        raise OptionError(
+            f"{scheme}://{bucket}/{key}: names with an empty part (//) cannot be read or written"
+        )
+    return Url(scheme, bucket, key, asked)
+
+
+def _refuse_bytes(name: str) -> None:
+    """Refuse names that no store has: they are UTF-8 there."""
+    if any("\ud800" <= char <= "\udfff" for char in name):
+        raise OptionError(f"{name}: is not UTF-8, as names in a store have to be")
 
 
 def absolute(name: str | PathLike[str] | Url) -> str:

@@ -60,6 +60,8 @@ class TableFiles:
 
     def __init__(self, paths: Mapping[str, Place], first_topic: str | None, overwrite: bool = True) -> None:
         self.paths = tuple(paths.values())
+        self.sizes: list[int] = []
+        """Bytes of each file, once it is published."""
         self._new: dict[Place, WholeFiles] = {}
         self._files: list[TableFile] = []
         self._orders: dict[str, TopicOrder] = {}
@@ -90,6 +92,7 @@ class TableFiles:
             file.hand_over()
         for file in self._files:
             file.finish(metadata)
+        self.sizes = [self._new[path.parent].part(path).stat().st_size for path in self.paths]
         return [note for new in self._new.values() for note in new.publish()]
 
     def __enter__(self) -> Self:

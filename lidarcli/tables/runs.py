@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +19,10 @@ from lidarcli.tables.schemas import RUNS
 OK, DAMAGED, FAILED = OUTCOMES = ("ok", "damaged", "failed")
 """What may become of a log: read whole, read as far as it can be, without tables."""
 _STAMPS = frozenset({"mtime", "ended"})
+_BYTES = re.compile(r"\\x([89a-f][0-9a-f])")
+_TEXTS = frozenset({"log", "url", "message"})
+_CODES = {OK: {0, 4}, DAMAGED: {3}, FAILED: {2, 3, 4, 5, 70}}
+"""Outcome → exit codes that it can have; 4 with tables: one of several topics was not there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +46,8 @@ class Entry:
     exit_code: int
     message: str | None
     outputs: list[str] = field(default_factory=list)
+    output_sizes: list[int] = field(default_factory=list)
+    """Bytes of each of them."""
     sweeps: int | None = None
     rows: int | None = None
     """Rows of all its tables."""
@@ -59,20 +67,51 @@ def newest(entries: Iterable[Entry]) -> dict[str, Entry]:
 
 
 def run_rows(entries: Sequence[Entry]) -> pa.RecordBatch:
-    """The rows of entries."""
-    columns = {name: [getattr(entry, name) for entry in entries] for name in RUNS.names}
+    """The rows of entries. Bytes of a name that are no UTF-8 stand as `\\xe9`."""
+    columns: dict[str, list[Any]] = {name: [getattr(entry, name) for entry in entries] for name in RUNS.names}
+    for name in _TEXTS:
+        columns[name] = [value if value is None else _escaped(value) for value in columns[name]]
+    columns["outputs"] = [[*map(_escaped, names)] for names in columns["outputs"]]
     return pa.RecordBatch.from_pydict(columns, RUNS)
 
 
 def read_run(file: Place) -> list[Entry]:
     """The entries of a manifest, or `UnreadableError` with one line."""
     table = read_columns(file, "runs", RUNS)
-    odd = sorted({*table["outcome"].unique().to_pylist()} - {*OUTCOMES})
-    if odd:
-        *first, last = OUTCOMES
-        raise UnreadableError(f"{file}: column outcome holds {odd[0]!r}, not {', '.join(first)} or {last}")
     columns: list[list[Any]] = [
         (table[name].cast(pa.int64()) if name in _STAMPS else table[name]).to_pylist() for name in RUNS.names
     ]
     rows = (dict(zip(RUNS.names, values, strict=True)) for values in zip(*columns, strict=True))
-    return [Entry(**{**row, "outputs": row["outputs"] or []}) for row in rows]
+    return [_entry(file, row) for row in rows]
+
+
+def _entry(file: Place, row: dict[str, Any]) -> Entry:
+    outcome, code = row["outcome"], row["exit_code"]
+    if outcome not in OUTCOMES:
+        *first, last = OUTCOMES
+        raise UnreadableError(f"{file}: column outcome holds {outcome!r}, not {', '.join(first)} or {last}")
+    if code not in _CODES[outcome]:
+        raise UnreadableError(f"{file}: column exit_code holds {code}, which a log that is {outcome} has not")
+    if None in (row["outputs"] or []) or None in (row["output_sizes"] or []):
+        raise UnreadableError(f"{file}: column outputs holds an empty name")
+    names = [_unescaped(name) for name in row["outputs"] or []]
+    texts = {name: row[name] if row[name] is None else _unescaped(row[name]) for name in _TEXTS}
+    return Entry(**{**row, **texts, "outputs": names, "output_sizes": row["output_sizes"] or []})
+
+
+def _escaped(name: str) -> str:
+    """A name of a file as text.
+
+    >>> _escaped("caf\\udce9.mcap")
+    'caf\\\\xe9.mcap'
+    """
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return os.fsencode(name).decode("utf-8", "backslashreplace")
+    return name
+
+
+def _unescaped(text: str) -> str:
+    """The name that stands as this text."""
+    return _BYTES.sub(lambda found: os.fsdecode(bytes.fromhex(found[1])), text)

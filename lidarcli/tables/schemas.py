@@ -281,6 +281,7 @@ RUNS = pa.schema(
         column("exit_code", INT32, "1", "that of a run over this log alone"),
         column("message", pa.string(), "", "why, where the outcome is not ok"),
         column("outputs", _list(pa.string()), "", "files that were written"),
+        column("output_sizes", _list(INT64), "byte", "size of each of them"),
         column("sweeps", INT64, "1", "sweeps that were read; null where the log failed"),
         column("rows", INT64, "1", "rows of all its tables; null where the log failed"),
         column("seconds", FLOAT, "s", "how long it took; null where the log failed"),
@@ -298,7 +299,7 @@ NULLABLE = {
     "beams": frozenset({"object"}),
     "background": frozenset[str](),
     "matches": frozenset[str](),
-    "runs": frozenset({"size", "etag", "mtime", "message", "sweeps", "rows"}),
+    "runs": frozenset({"size", "etag", "mtime", "message", "outputs", "output_sizes", "sweeps", "rows"}),
 }
 """Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
 LATER = {

@@ -33,10 +33,7 @@ def test_a_list_comes_from_standard_input(bags: Path, process: Callable[..., obj
 def test_a_list_that_is_not_there_is_one_line(lidarcli: Callable[..., Ran], tmp_path: Path) -> None:
     ran = lidarcli("detect", "--files-from", tmp_path / "none.txt")
     assert ran.code == 3
-    assert (
-        ran.err
-        == f"lidarcli: {tmp_path}/none.txt: the list of logs cannot be read: No such file or directory\n"
-    )
+    assert ran.err == f"lidarcli: {tmp_path}/none.txt: cannot be read: No such file or directory\n"
 
 
 def test_logs_keep_their_place_below_a_base(bags: Path) -> None:

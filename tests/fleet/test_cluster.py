@@ -179,7 +179,7 @@ def test_tls_by_the_configuration_of_dask(
     stranger = {**os.environ, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "2s"}
     without = process("detect", bags, "-o", tmp_path / "none", "--cluster", address, env=stranger)
     assert without.returncode == 2
-    assert b"cannot be reached" in without.stderr
+    assert b"names no certificates for tls://" in without.stderr
 
 
 def test_a_port_that_anybody_reaches_is_warned_of() -> None:
@@ -261,7 +261,9 @@ def large_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("local:none", "write local:N"),
         ("tcp://127.0.0.1:1", "cannot be reached"),
-        ("nonsense://x", "cannot be reached"),
+        ("nonsense://x:1", "write tls://HOST:PORT"),
+        ("tcp://127.0.0.1", "write tls://HOST:PORT"),
+        ("", "write tls://HOST:PORT"),
     ],
 )
 def test_an_address_that_is_none(

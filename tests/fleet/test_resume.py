@@ -135,3 +135,29 @@ def test_tables_in_folders(layout: str, bags: Path, tmp_path: Path, lidarcli: Co
     if layout == "date":
         dataset = ds.dataset(out / "objects", partitioning="hive")
         assert "date" in dataset.schema.names
+
+
+def test_tables_that_another_run_has_replaced_are_not_taken_for_those(
+    done: Path, bags: Path, lidarcli: CommandLine
+) -> None:
+    log = bags / "one.mcap"
+    wanted = (done / "one.objects.parquet").read_bytes()
+    assert lidarcli("detect", log, "-o", done, "--overwrite", "--walls").code == 0
+    assert (done / "one.objects.parquet").read_bytes() != wanted
+    assert "done before" not in lidarcli("detect", log, "-o", done, "--resume").err
+    assert (done / "one.objects.parquet").read_bytes() == wanted
+    assert lidarcli("detect", log, "-o", done, "--overwrite").code == 0
+    assert "1 log, done before" in lidarcli("detect", log, "-o", done, "--resume").err
+
+
+def test_files_that_parameters_name_count_by_their_content(
+    bags: Path, tmp_path: Path, lidarcli: CommandLine
+) -> None:
+    catalogue = tmp_path / "things.toml"
+    catalogue.write_text('[[thing]]\nname = "post"\ndiameter = 0.2\n')
+    command = ("detect", bags, "-o", tmp_path / "out", "--resume", "--catalogue", catalogue)
+    assert lidarcli(*command).code == 0
+    os.utime(catalogue, (1, 1))
+    assert "6 done before" in lidarcli(*command).err
+    catalogue.write_text('[[thing]]\nname = "post"\ndiameter = 0.3\n')
+    assert "done before" not in lidarcli(*command).err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import sys
 from collections.abc import Sequence
@@ -11,6 +12,7 @@ from pathlib import Path, PurePosixPath
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
+from lidarcli.pipeline.fleet.states import read_file
 from lidarcli.pipeline.inputs.search import find_logs, stem_of
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
 from lidarcli.stores.url import Url, is_url, place
@@ -39,8 +41,10 @@ def choose(
     """
     found = find_logs(logs)
     if listed is not None:
-        for line in _lines(listed):
-            found += [_object(line)] if _is_object(line) else find_logs([line])
+        for number, line in _lines(listed):
+            for source in [_object(line)] if _is_object(line) else find_logs([line]):
+                place_in_list = f"{listed}: line {number}: {source.path}"
+                found.append(replace(source, path=place_in_list) if isinstance(source, Nothing) else source)
     if base is not None:
         found = [_named_below(source, base) if isinstance(source, Source) else source for source in found]
     if shard is not None:
@@ -63,20 +67,16 @@ def _key(source: Source | Nothing) -> str:
     return source.name if isinstance(source, Source) else source.path
 
 
-def _lines(listed: str) -> list[str]:
-    try:
-        if listed == STDIN:
-            data = sys.stdin.buffer.read()
-        elif isinstance(where := place(listed), Url):
-            from lidarcli.stores.store import read_object
-
-            data = read_object(where)
-        else:
-            data = where.read_bytes()
-    except OSError as err:
-        raise UnreadableError(f"{listed}: the list of logs cannot be read: {err.strerror or err}") from err
-    lines = [os.fsdecode(line).strip() for line in data.split(b"\n")]
-    return [line for line in lines if line and not line.startswith("#")]
+def _lines(listed: str) -> list[tuple[int, str]]:
+    """The lines of a list that name something, with their numbers."""
+    data = sys.stdin.buffer.read() if listed == STDIN else read_file(listed)
+    data = data.removeprefix(codecs.BOM_UTF8)
+    if b"\0" in data:
+        raise UnreadableError(
+            f"{listed}: is no list of logs: it holds NUL bytes; write one name a line, in UTF-8"
+        )
+    lines = [(number, os.fsdecode(line).strip()) for number, line in enumerate(data.split(b"\n"), 1)]
+    return [(number, line) for number, line in lines if line and not line.startswith("#")]
 
 
 def _is_object(line: str) -> bool:
@@ -104,9 +104,9 @@ def _named_below(source: Source, base: str) -> Source:
         below = PurePosixPath(where.key.removeprefix(top.key).strip("/"))
     elif isinstance(where, Path) and isinstance(top, Path):
         relative = os.path.relpath(where.absolute(), top.absolute())
-        inside, below = not relative.startswith(".."), PurePosixPath(Path(relative).as_posix())
+        inside, below = Path(relative).parts[:1] != ("..",), PurePosixPath(Path(relative).as_posix())
     else:
         inside, below = False, PurePosixPath()
-    if not inside:
+    if not inside or not below.name:
         raise OptionError(f"{source.path}: is not below --base {base}")
     return replace(source, name=str(below.with_name(PurePosixPath(source.name).name)))

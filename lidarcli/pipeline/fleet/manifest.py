@@ -12,10 +12,10 @@ from datetime import UTC, datetime
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import OutputError, UnreadableError
 from lidarcli.newfiles import write_whole
 from lidarcli.pipeline.inputs.files import all_files
-from lidarcli.stores.url import Place
+from lidarcli.stores.url import Place, Url
 from lidarcli.tables.runs import Entry, read_run, run_rows
 from lidarcli.tables.schemas import RUNS
 
@@ -65,6 +65,23 @@ class Manifest:
         write_whole(self.path, out.getvalue().to_pybytes())
         ended = time.monotonic()
         self._due = ended + max(EVERY_S, (ended - started) / SHARE)
+
+
+def refuse_folder(folder: Place) -> None:
+    """Refuse a folder of tables that cannot have manifests, before any log is read (`OutputError`)."""
+    if isinstance(folder, Url):
+        from lidarcli.stores.store import has_bucket
+
+        try:
+            there = has_bucket(folder)
+        except UnreadableError as err:
+            raise OutputError(f"cannot write {err}") from err
+        if not there:
+            raise OutputError(f"cannot write {folder}: there is no such bucket")
+    elif (folder / FOLDER).exists() and not (folder / FOLDER).is_dir():
+        raise OutputError(
+            f"{folder / FOLDER}: is no folder, and manifests of runs belong there; write elsewhere with -o"
+        )
 
 
 def read_entries(folder: Place) -> tuple[list[Entry], list[str]]:

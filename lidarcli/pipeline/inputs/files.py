@@ -50,7 +50,7 @@ def all_files(folder: Place, suffix: str) -> list[Place]:
 
 def _stored(url: Url) -> tuple[Named, list[Place]]:
     from lidarcli.pipeline.inputs.store_search import objects_matching
-    from lidarcli.stores.store import listing
+    from lidarcli.stores.store import has_bucket, listing
 
     if url.has_magic():
         return Named.PATTERN, [*objects_matching(url)]
@@ -58,7 +58,9 @@ def _stored(url: Url) -> tuple[Named, list[Place]]:
         return Named.FILE, [url]
     below = [found for found, _ in listing(url)]
     if not below:
-        raise UnreadableError(f"{url}: no such object or folder")
+        raise UnreadableError(
+            f"{url}: {'no such object or folder' if has_bucket(url) else 'there is no such bucket'}"
+        )
     return Named.FOLDER, [
         found for found in below if _is_shown(PurePosixPath(found.key.removeprefix(url.key).strip("/")))
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 import stat
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -178,7 +179,8 @@ def _pattern(text: str) -> Iterator[Source | Nothing]:
         return
     files = sorted(glob.glob(text, recursive=True)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
     if not files:
-        yield Nothing(text, UnreadableError("no such file or folder"))
+        hint = "; URLs of stores begin with s3://, gs:// or az://" if re.match(r"[a-z0-9]+:/", text) else ""
+        yield Nothing(text, UnreadableError(f"no such file or folder{hint}"))
     elif hold_one_sweep_each([Path(file) for file in files]):
         yield Source(text, log_name(Path(files[0]).parent), tuple(files))
     else:
@@ -192,7 +194,7 @@ def _keyed(pattern: str, found: Iterable[Source | Nothing]) -> Iterator[Source |
         if isinstance(source, Source) and not PurePath(source.name).parent.parts:
             below = os.path.relpath(source.path, base or ".")
             name = PurePath(below).with_name(source.name).as_posix()
-            yield source if name.startswith("..") else replace(source, name=name)
+            yield source if name.split("/")[0] == ".." else replace(source, name=name)
         else:
             yield source
 

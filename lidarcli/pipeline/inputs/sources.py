@@ -20,13 +20,20 @@ class Source:
     files: tuple[str, ...] = ()
     """The files of a log that a pattern names, one sweep each; in a store, also those of a folder that is one log."""
     found: State | None = field(default=None, compare=False)
-    """What the store said of it when it was found."""
+    """Its state when the store listed it, or before a run began."""
 
     @property
     def url(self) -> Url | None:
         """Where it is, if that is in a store."""
         found = place(self.path) if is_url(self.path) else None
         return found if isinstance(found, Url) else None
+
+    @property
+    def is_pattern(self) -> bool:
+        """Whether it was named by a pattern, which is no file or folder."""
+        if not self.files or (url := self.url) is None:
+            return bool(self.files)
+        return not all(file.startswith(f"{url}/") for file in self.files)
 
     @property
     def file_name(self) -> str:
@@ -57,6 +64,8 @@ class Source:
             files = [Path(file) for file in self.files] or ([*path.iterdir()] if path.is_dir() else [path])
             stats = [file.stat() for file in files if file.is_file()]
         except OSError:
+            return None
+        if not stats and not path.is_dir():
             return None
         return State(sum(it.st_size for it in stats), max((it.st_mtime_ns for it in stats), default=0))
 

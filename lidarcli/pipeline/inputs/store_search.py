@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 
 from lidarcli.errors import UnreadableError
@@ -25,11 +25,11 @@ def find_stored(text: str) -> list[Source | Nothing]:
     url = place(text)
     assert isinstance(url, Url)
     try:
+        # Not asked of what can only be a folder or a pattern; names may hold brackets.
+        if url.key and not text.endswith("/") and "*" not in url.key and (state := head(url)) is not None:
+            return [Source(str(url), stem_of(url.name), found=state)]
         if url.has_magic():
             return _matching(text, url)
-        # Not asked of what can only be a folder.
-        if url.key and not text.endswith("/") and (state := head(url)) is not None:
-            return [Source(str(url), stem_of(url.name), found=state)]
         objects = dict(listing(url))
         found = _below(url, objects)
         if not found:
@@ -52,7 +52,7 @@ def _below(base: Url, objects: Objects) -> list[Source | Nothing]:
         below = url.key.removeprefix(base.key).strip("/")
         if not any(part.startswith(".") for part in below.split("/")):
             folders.setdefault(below.rpartition("/")[0], []).append(url)
-    found: dict[PurePosixPath, Source] = {}
+    found: dict[PurePosixPath, Source | Nothing] = {}
     whole: list[str] = []
     for folder, urls in sorted(folders.items()):
         if any(folder == one or folder.startswith(f"{one}/") or not one for one in whole):
@@ -66,7 +66,7 @@ def _below(base: Url, objects: Objects) -> list[Source | Nothing]:
             if url.name.lower().endswith(SUFFIXES):
                 key = PurePosixPath(folder) / url.name
                 name = str(key.with_name(stem_of(url.name)))
-                found[key] = Source(str(url), name, found=objects[url])
+                found[key] = _source(url, name, objects)
     return [found[key] for key in sorted(found)]
 
 
@@ -80,7 +80,7 @@ def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
     found: list[Source | Nothing] = []
     for url in urls:
         below = PurePosixPath(url.key.removeprefix(base.key).strip("/"))
-        found.append(Source(str(url), str(below.with_name(stem_of(url.name))), found=objects[url]))
+        found.append(_source(url, str(below.with_name(stem_of(url.name))), objects))
     # A pattern may also name folders: bags, or some to search.
     folders = {parent for url in objects for parent in PurePosixPath(url.key).parents if str(parent) != "."}
     for folder in sorted(folders):
@@ -89,7 +89,9 @@ def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
             here = Url(base.scheme, base.bucket, str(folder), base.options)
             prefix = str(folder).removeprefix(base.key).strip("/")
             for source in _below(here, inside):
-                if isinstance(source, Source):
+                if isinstance(source, Nothing):
+                    found.append(source)
+                else:
                     alone = source.path == str(here)
                     name = prefix if alone else f"{prefix}/{source.name}"
                     found.append(Source(source.path, name, source.files, source.found))
@@ -109,8 +111,31 @@ def _beside(pattern: Url) -> tuple[Url, Objects]:
     return base, dict(listing(base))
 
 
-def _matcher(pattern: Url) -> Callable[[str], object]:
-    return re.compile(_expression(pattern.key)).fullmatch
+def _matcher(pattern: Url) -> Callable[[str], bool]:
+    parts = pattern.key.split("/")
+    return lambda key: _matches(parts, key.split("/"))
+
+
+def _matches(pattern: Sequence[str], key: Sequence[str]) -> bool:
+    """Whether a name is meant by a pattern, part by part as in a shell; no sign stands for the dot of a hidden name."""
+    if not pattern:
+        return not key
+    first, rest = pattern[0], pattern[1:]
+    if first == "**":
+        more = bool(key) and not key[0].startswith(".") and _matches(pattern, key[1:])
+        return more or _matches(rest, key)
+    if not key or (key[0].startswith(".") and not first.startswith(".")):
+        return False
+    return fnmatchcase(key[0], first) and _matches(rest, key[1:])
+
+
+def _source(url: Url, name: str, objects: Objects) -> Source | Nothing:
+    """An object that is a log, if its URL is told from a URL with options."""
+    if place(str(url)) != url:
+        return Nothing(
+            str(url), UnreadableError("its name reads like the options of a URL; rename the object")
+        )
+    return Source(str(url), name, found=objects[url])
 
 
 def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Source:
@@ -118,30 +143,3 @@ def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Sour
     size = sum(objects[url].size for url in urls)
     state = State(size, max(objects[url].mtime_ns for url in urls))
     return Source(path, name, tuple(map(str, urls)), state)
-
-
-def _expression(pattern: str) -> str:
-    """A pattern of a shell as a regular expression: `*` and `?` stop at a slash, `**/` does not."""
-    words = []
-    at = 0
-    while at < len(pattern):
-        if pattern.startswith("**/", at):
-            words.append("(?:.*/)?")
-            at += 3
-            continue
-        if pattern.startswith("**", at):
-            words.append(".*")
-            at += 2
-            continue
-        sign = pattern[at]
-        end = pattern.find("]", at + 2)
-        if sign == "[" and end > 0:
-            inside = pattern[at + 1 : end].replace("\\", r"\\")
-            words.append(f"[^{inside[1:]}]" if inside.startswith("!") else f"[{inside}]")
-            at = end + 1
-            continue
-        # As in a shell, no sign stands for the dot of a hidden name.
-        hidden = r"(?!\.)" if sign in "*?" and (at == 0 or pattern[at - 1] == "/") else ""
-        words.append(hidden + ({"*": "[^/]*", "?": "[^/]"}.get(sign) or re.escape(sign)))
-        at += 1
-    return "".join(words)

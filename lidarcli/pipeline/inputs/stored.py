@@ -68,7 +68,7 @@ def _fetched(url: Url, files: Sequence[Url], csv: CsvOptions | None, stack: Exit
         copy.parent.mkdir(parents=True, exist_ok=True)
         fetch(file, copy)
     with _named(url, *map(str, [*copies, folder])):
-        if not url.has_magic():
+        if all(file.key.startswith(f"{url.key}/") for file in files):
             return open_log(folder, csv=csv)
         from lidarcli.logs.csv.log import CsvLog
 

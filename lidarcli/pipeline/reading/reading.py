@@ -55,8 +55,7 @@ def reading_as_dict(read: ReadOptions, csv: CsvOptions, poses: PoseOptions) -> d
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
     """What the tables' metadata says of the source: nothing that depends on where it lay."""
-    is_pattern = source.files and ((url := source.url) is None or url.has_magic())
-    name = source.name if source.is_stdin or is_pattern else source.file_name
+    name = source.name if source.is_stdin or source.is_pattern else source.file_name
     return {"name": name, "size": log.size, "format": log.format}
 
 

@@ -40,6 +40,8 @@ class RunSummary:
     """One line per loss, the dropped messages included."""
     notes: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
+    output_sizes: list[int] = field(default_factory=list)
+    """Bytes of each output."""
     rows: int = 0
     """Rows of all tables that were written."""
     seconds: float = 0.0

@@ -27,13 +27,12 @@ from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.build import build
 from lidarcli.pipeline.running.memory import keep_freed_memory
 from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
+from lidarcli.pipeline.running.processes import signals_held
 from lidarcli.stores.url import absolute, is_url
 
 try:
     import dask
     import distributed
-    from distributed.comm.addressing import parse_address
-    from distributed.comm.registry import get_backend
 except ImportError as err:
     raise OptionError(
         "--cluster needs distributed, which is not installed: pip install 'lidarcli[fleet]'"
@@ -54,6 +53,9 @@ HERE = {
 NO_WORKER_S = 120.0
 """[s] A cluster without a worker for so long is given up."""
 FIRST_WORKER_S = 30.0
+CONNECT_S = 10.0
+UNWIND_S = 5.0
+"""[s] So long logs at work may take to remove their unfinished files, before their workers are ended."""
 LOOK_S = 5.0
 """[s] How often the size of the cluster is looked at."""
 LOST_TIMES = 3
@@ -161,6 +163,9 @@ class Cluster:
         """Let go of logs that nobody waits for any more, also of those at work."""
         with suppress(Exception):
             self._client.cancel(futures, force=True)
+            until = time.monotonic() + UNWIND_S
+            while any(self._client.run(_by_value(_at_work)).values()) and time.monotonic() < until:
+                time.sleep(0.05)
 
     def window(self) -> int:
         """Logs that may be submitted at a time."""
@@ -207,10 +212,9 @@ class Cluster:
             self._client = self._local(number)
         else:
             try:
-                # A client of an address that is none would wait for itself when it is let go of.
-                get_backend(parse_address(self._address)[0])
+                refuse_address(self._address)
                 self._client = self._stack.enter_context(
-                    distributed.Client(self._address, set_as_default=False)
+                    distributed.Client(self._address, set_as_default=False, timeout=CONNECT_S)
                 )
             except (OSError, ValueError, TypeError) as err:
                 words = str(err).splitlines()[0] if str(err) else type(err).__name__
@@ -227,22 +231,52 @@ class Cluster:
             raise OptionError(f"--cluster {self._address}: write local:N with N workers")
         folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="lidarcli-"))
         self._stack.enter_context(dask.config.set(HERE))
-        cluster = self._stack.enter_context(
-            distributed.LocalCluster(
-                n_workers=int(number),
-                threads_per_worker=1,
-                processes=True,
-                dashboard_address="127.0.0.1:0",
-                local_directory=folder,
-                silence_logs=logging.CRITICAL,
+        # Ctrl-C is for this process, which ends the workers.
+        with signals_held():
+            cluster = self._stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=int(number),
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address="127.0.0.1:0",
+                    local_directory=folder,
+                    silence_logs=logging.CRITICAL,
+                )
             )
-        )
         return self._stack.enter_context(distributed.Client(cluster, set_as_default=False))
 
     def _workers(self) -> dict[str, int]:
         """Worker → its threads."""
         found: dict[str, int] = self._client.nthreads()
         return found
+
+
+def refuse_address(address: str) -> None:
+    """Refuse what is no address of a scheduler: a client of it would wait for a minute, and say more than one line.
+
+    Raises
+    ------
+    OptionError
+        It is none, or holds credentials, which are not repeated in the message.
+    """
+    url = urlsplit(address)
+    try:
+        port = url.port
+    except ValueError:
+        port = None
+    if "@" in url.netloc:
+        raise OptionError(
+            "--cluster: an address holds no credentials; tls:// takes certificates (docs/fleet.md)"
+        )
+    if url.scheme not in ("tcp", "tls") or not url.hostname or not port:
+        raise OptionError(f"--cluster {address}: write tls://HOST:PORT, tcp://HOST:PORT or local:N")
+    if (
+        url.scheme == "tls"
+        and distributed.Security().get_connection_args("client").get("ssl_context") is None
+    ):
+        raise OptionError(
+            f"--cluster {address}: Dask's configuration names no certificates for tls:// (docs/fleet.md)"
+        )
 
 
 def danger(address: str) -> str | None:
@@ -390,7 +424,12 @@ def _told() -> dict[str, str]:
     return build()
 
 
-def _by_value(function: Callable[[], Any]) -> Callable[[], Any]:
+def _at_work(dask_worker: Any) -> int:
+    """Logs that a worker is busy with."""
+    return len(dask_worker.active_threads)
+
+
+def _by_value(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function that is sent as such and not as the name of one, which a worker without lidarcli could not look up."""
     function.__module__ = "__main__"
     return function

@@ -19,7 +19,7 @@ def start(count: int, initializer: Callable[[], object]) -> ProcessPoolExecutor:
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer)
     try:
-        with _signals_held():
+        with signals_held():
             for _ in range(count):
                 pool.submit(_up)
         return pool
@@ -62,7 +62,7 @@ def _follow() -> None:
 
 
 @contextmanager
-def _signals_held() -> Iterator[None]:
+def signals_held() -> Iterator[None]:
     """Keep ctrl-C and SIGTERM waiting: half a start leaves a child that complains, and so does a child that they meet
     half started."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
