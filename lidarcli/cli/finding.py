@@ -83,7 +83,8 @@ def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptio
         report = stack.enter_context(progress_bar(left, say))
         for outcome in _outcomes(left, folder, options, report, cluster):
             show(outcome, say)
-            run.record(outcome)
+            for note in run.record(outcome):
+                say.info(f"  note     {note}")
             total.add(outcome)
             if cluster is not None and not cluster.is_local:
                 _refuse_elsewhere(outcome)

@@ -79,6 +79,8 @@ class FolderRun:
         self._manifest = Manifest(folder) if keeps_manifest else None
         self._days: dict[str, list[str]] = {}
         """Log → its tables of any day that are to be replaced."""
+        self._before: dict[str, list[str]] = {}
+        """Log → what an earlier run has written of it."""
 
     def plan(self, sources: Sources, resume: bool, overwrite: bool) -> Plan:
         """What to do with each log; with `resume`, those that were done with the same parameters and version are left out.
@@ -88,6 +90,8 @@ class FolderRun:
         """
         if resume or self._manifest is not None:
             sources = known(sources)
+            # What its files lack is told before any work, once.
+            _ = self._parameters
         there = There(self._folder) if resume or self._options.layout == BY_DATE else None
         if there is not None and self._options.layout == BY_DATE:
             self._days = {
@@ -100,6 +104,7 @@ class FolderRun:
         entries, problems = read_entries(self._folder)
         # What failed later, as for tables that were there, leaves these as they are.
         by_url = newest(entry for entry in entries if entry.is_done)
+        self._before = {url: entry.outputs for url, entry in by_url.items()}
         told_of = {entry.url for entry in entries}
         mine = {output for entry in entries for output in entry.outputs}
         plan = Plan([], [f"{problem}; not used" for problem in problems])
@@ -149,11 +154,11 @@ class FolderRun:
             else:
                 yield step
 
-    def record(self, outcome: Outcome) -> None:
-        """Write down what became of one log."""
+    def record(self, outcome: Outcome) -> list[str]:
+        """Write down what became of one log; a line for each of its earlier tables that this run does not write."""
         source = outcome.source
         if self._manifest is None or outcome.skipped or source is None:
-            return
+            return []
         state = source.state() if isinstance(source, Source) else None
         summary = outcome.summary
         words = outcome.error or (
@@ -182,6 +187,12 @@ class FolderRun:
                 seconds=summary.seconds if summary else None,
             )
         )
+        stale = [old for old in self._before.get(_url(source), ()) if outputs and old not in outputs]
+        return [
+            f"{old} is of an earlier run with other options, and is left as it was"
+            for old in stale
+            if state_of(old) is not None
+        ]
 
     def _remove_other_days(self, source: Source, outputs: Sequence[str]) -> None:
         """Remove the tables of a log that has another day now: a reader of the folder would find it twice."""

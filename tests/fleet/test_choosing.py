@@ -112,3 +112,42 @@ def test_others_say_what_they_would_read(
     assert ran.code == 0
     assert ran.out.startswith(f"read   {bags}/one.mcap")
     assert ran.err == ""
+
+
+@pytest.mark.parametrize(
+    ("data", "cause"),
+    [
+        (b"one.mcap\0two.mcap\0", "it holds NUL bytes"),
+        ("one.mcap\n".encode("utf-16"), "it holds NUL bytes"),
+    ],
+)
+def test_a_list_that_is_none(data: bytes, cause: str, tmp_path: Path, lidarcli: Callable[..., Ran]) -> None:
+    (tmp_path / "list").write_bytes(data)
+    ran = lidarcli("detect", "--files-from", tmp_path / "list", "-o", tmp_path / "out")
+    assert (ran.code, len(ran.err.splitlines())) == (3, 1)
+    assert cause in ran.err
+
+
+def test_what_a_list_names_in_vain_is_told_with_its_line(
+    bags: Path, tmp_path: Path, lidarcli: Callable[..., Ran]
+) -> None:
+    listed = tmp_path / "list.txt"
+    listed.write_bytes(b"\xef\xbb\xbf" + f"{bags}/one.mcap\n\nnone.mcap\n".encode())
+    ran = lidarcli("detect", "--files-from", listed, "-o", tmp_path / "out")
+    assert ran.code == 3
+    assert f"lidarcli: {listed}: line 3: none.mcap: no such file or folder\n" in ran.err
+    assert (tmp_path / "out" / "one.objects.parquet").exists()
+
+
+def test_nothing_to_do_is_told(tmp_path: Path, lidarcli: Callable[..., Ran]) -> None:
+    (tmp_path / "list").touch()
+    ran = lidarcli("detect", "--files-from", tmp_path / "list", "-o", tmp_path / "out")
+    assert (ran.code, ran.err) == (0, "0 logs\n")
+
+
+def test_a_log_is_not_below_itself(bags: Path) -> None:
+    with pytest.raises(OptionError, match="is not below --base"):
+        choose([str(bags / "one.mcap")], base=str(bags / "one.mcap"))
+    (bags / "..odd").mkdir()
+    (bags / "one.mcap").rename(bags / "..odd" / "one.mcap")
+    assert names(choose([str(bags / "..odd" / "one.mcap")], base=str(bags))) == ["..odd/one"]

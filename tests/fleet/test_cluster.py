@@ -314,3 +314,44 @@ def test_who_uses_none_of_it_does_not_wait_for_it(bags: Path, tmp_path: Path) ->
     command = [sys.executable, "-c", code, "detect", str(bags / "one.mcap"), "-o", str(tmp_path / "out")]
     ran = subprocess.run(command, capture_output=True, check=True)
     assert ran.stdout.decode() == "[]\n"
+
+
+def test_standard_input_is_for_no_cluster(lidarcli: CommandLine, tmp_path: Path) -> None:
+    ran = lidarcli("detect", "-", "-o", tmp_path / "out", "--cluster", "local:1")
+    assert ran.code == 2
+    assert "reads no standard input" in ran.err
+
+
+def test_an_address_with_credentials_is_not_repeated(
+    bags: Path, lidarcli: CommandLine, tmp_path: Path
+) -> None:
+    ran = lidarcli("detect", bags, "-o", tmp_path / "out", "--cluster", "tcp://user:SECRET@host:1")
+    assert ran.code == 2
+    assert "SECRET" not in ran.err
+
+
+def test_ctrl_c_of_a_terminal_reaches_the_workers_too(tmp_path: Path, large_log: Path) -> None:
+    out = tmp_path / "out"
+    command = [
+        sys.executable,
+        "-m",
+        "lidarcli",
+        "detect",
+        str(large_log),
+        "-o",
+        str(out),
+        "--cluster",
+        "local:2",
+    ]
+    running = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
+    until = time.monotonic() + 60
+    while not [*out.glob(".lidarcli-*.part/*")]:
+        assert time.monotonic() < until
+        assert running.poll() is None, running.communicate()
+        time.sleep(0.01)
+    os.killpg(running.pid, signal.SIGINT)
+    _, said = running.communicate(timeout=30)
+    lines = [line for line in said.decode().splitlines() if not line.startswith("cluster ")]
+    assert (running.returncode, lines) == (130, ["lidarcli: interrupted"])
+    assert [*out.glob("**/*.parquet")] == []
+    assert [*out.glob(".lidarcli-*")] == []

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
 import pyarrow.dataset as ds
+import pyarrow.parquet as pq
 import pytest
 
 from lidarcli import __version__
 from lidarcli.pipeline.fleet.manifest import read_entries
+from lidarcli.simulate.writers import write_log
+from lidarcli.tables.schemas import RUNS
 from tests.conftest import Ran
 from tests.fleet.conftest import tables
+from tests.places import SAMPLES
+from tests.sweeping import room_sweeps
 
 CommandLine = Callable[..., Ran]
 
@@ -161,3 +170,95 @@ def test_files_that_parameters_name_count_by_their_content(
     assert "6 done before" in lidarcli(*command).err
     catalogue.write_text('[[thing]]\nname = "post"\ndiameter = 0.3\n')
     assert "done before" not in lidarcli(*command).err
+
+
+def test_tables_that_were_destroyed_are_written_again(done: Path, bags: Path, lidarcli: CommandLine) -> None:
+    table = done / "one.objects.parquet"
+    wanted = table.read_bytes()
+    table.write_bytes(b"")
+    ran = lidarcli("detect", bags / "one.mcap", "-o", done, "--resume")
+    assert (ran.code, "done before" in ran.err) == (0, False)
+    assert table.read_bytes() == wanted
+
+
+def test_names_that_are_no_text_are_done_once(bags: Path, tmp_path: Path, lidarcli: CommandLine) -> None:
+    (bags / "one.mcap").rename(bags / "caf\udce9.mcap")
+    assert lidarcli("detect", bags, "-o", tmp_path / "out", "--resume").code == 0
+    entries, _ = read_entries(tmp_path / "out")
+    assert f"{bags}/caf\udce9.mcap" in {entry.url for entry in entries}
+    assert "6 done before" in lidarcli("detect", bags, "-o", tmp_path / "out", "--resume").err
+
+
+def test_a_log_that_has_another_day_now_is_there_once(tmp_path: Path, lidarcli: CommandLine) -> None:
+    def log(first: int) -> None:
+        sweeps = replace(room_sweeps(count=5), stamp_ns=np.arange(5) * 10**8 + first * 10**9)
+        (tmp_path / "run.mcap").unlink(missing_ok=True)
+        write_log(tmp_path / "run.mcap", [sweeps])
+
+    command = ("detect", tmp_path / "run.mcap", "-o", tmp_path / "out", "--partition", "date", "--resume")
+    log(1_700_000_000)
+    assert lidarcli(*command).code == 0
+    log(1_710_000_000)
+    assert lidarcli(*command).code == 0
+    days = {path.parent.name for path in (tmp_path / "out").rglob("run.parquet")}
+    assert days == {"date=2024-03-09"}
+
+
+def test_a_bag_in_a_folder_is_told_by_its_tables(tmp_path: Path, lidarcli: CommandLine) -> None:
+    bag = tmp_path / "hall"
+    shutil.copytree(SAMPLES / "hall", bag)
+    assert lidarcli("detect", bag, "-o", tmp_path / "out").code == 0
+    assert "1 log, done before" in lidarcli("detect", bag, "-o", tmp_path / "out", "--resume").err
+
+
+def test_a_file_that_parameters_name_and_is_not_there_is_one_line(
+    bags: Path, tmp_path: Path, lidarcli: CommandLine
+) -> None:
+    for more in ((), ("--resume",)):
+        ran = lidarcli(
+            "detect", bags / "one.mcap", "-o", tmp_path / "out", "--poses", tmp_path / "none", *more
+        )
+        assert ran.code == 3
+        assert "none: " in ran.err
+        assert len(ran.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        ({"outputs": [None], "output_sizes": [1]}, "column outputs holds an empty name"),
+        ({"exit_code": 300}, "column exit_code holds 300, which a log that is ok has not"),
+        ({"outcome": "fine"}, "column outcome holds 'fine'"),
+    ],
+)
+def test_a_manifest_with_odd_values_is_not_used(
+    change: dict[str, object], cause: str, done: Path, bags: Path, lidarcli: CommandLine
+) -> None:
+    (file,) = (done / "_lidarcli").iterdir()
+    rows = [{**row, **change} for row in pq.read_table(file).to_pylist()]
+    pq.write_table(pa.Table.from_pylist(rows, RUNS), file)
+    ran = lidarcli("detect", bags / "one.mcap", "-o", done, "--resume")
+    assert ran.code == 0, ran.err
+    assert f"{file}: {cause}" in ran.err
+    assert "1 log, done before" in ran.err
+
+
+def test_a_place_where_no_manifest_can_be_is_told_before_the_work(
+    bags: Path, tmp_path: Path, lidarcli: CommandLine
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "_lidarcli").touch()
+    ran = lidarcli("detect", bags, "-o", tmp_path / "out", "--resume")
+    assert (ran.code, len(ran.err.splitlines())) == (5, 1)
+    assert [*(tmp_path / "out").glob("*.parquet")] == []
+
+
+def test_tables_of_other_options_that_stay_are_told_of(
+    bags: Path, tmp_path: Path, lidarcli: CommandLine
+) -> None:
+    log, out = bags / "one.mcap", tmp_path / "out"
+    assert lidarcli("track", log, "-o", out, "--resume").code == 0
+    ran = lidarcli("detect", log, "-o", out, "--resume")
+    assert ran.code == 0
+    assert f"note     {out}/one.tracks.parquet is of an earlier run with other options" in ran.err
+    assert lidarcli("detect", log, "-o", out, "--resume").err == "1 log, done before\n"

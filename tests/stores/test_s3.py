@@ -249,3 +249,55 @@ def test_a_damaged_log_has_tables_and_none_has_none(store: Store, logs: Path, li
     url = store.put("none.mcap", b"nothing")
     assert lidarcli("detect", url, "-o", f"s3://{store.bucket}/none").code == 3
     assert store.keys("none") == []
+
+
+@pytest.mark.parametrize(
+    ("url", "cause"),
+    [
+        ("s3://robots/a//b.mcap", "names with an empty part (//) cannot be read or written"),
+        ("s3://robots//b.mcap", "names with an empty part (//) cannot be read or written"),
+        ("s3:///b.mcap", "names no bucket"),
+        ("s3://robots/caf\udce9.mcap", "is not UTF-8"),
+        ("s3://robots/a.mcap?access_key=A&secret_key=SECRET", "credentials do not belong in a URL"),
+        (
+            "s3://robots/a.mcap?endpoint_override=http://k:SECRET@h",
+            "an endpoint is named without credentials",
+        ),
+    ],
+)
+def test_urls_that_are_refused(url: str, cause: str, store: Store, lidarcli: CommandLine) -> None:
+    for arguments in ((url,), (SAMPLES / "room.mcap", "-o", url)):
+        ran = lidarcli("detect", *arguments)
+        assert (ran.code, len(ran.err.splitlines())) == (2, 1), ran.err
+        assert cause in ran.err
+        assert "SECRET" not in ran.err
+
+
+def test_odd_names_are_read_or_told(store: Store, lidarcli: CommandLine, tmp_path: Path) -> None:
+    data = (SAMPLES / "room.mcap").read_bytes()
+    for key in ("odd/br[1].mcap", "odd/50%.mcap", "odd/a b#c.mcap", "odd/x.mcap?region=eu"):
+        store.put(key, data)
+    for name in CONTAINERS["hall"]:
+        store.put(f"odd/hall[1]/{name.partition('/')[2]}", (SAMPLES / name).read_bytes())
+    store.put("odd/y.mcap?region=x.mcap", data)
+    ran = lidarcli("detect", f"s3://{store.bucket}/odd/", "-o", tmp_path / "out")
+    assert ran.code == 3
+    assert "odd/y.mcap?region=x.mcap: its name reads like the options of a URL" in ran.err
+    found = {path.name for path in (tmp_path / "out").glob("*.objects.parquet")}
+    assert found == {f"{log}.objects.parquet" for log in ("br[1]", "50%", "a b#c", "hall[1]")}
+    for name in ("br[1].mcap", "hall[1]"):
+        ran = lidarcli("detect", f"s3://{store.bucket}/odd/{name}", "-o", tmp_path / name)
+        assert (ran.code, name) == (0, name), ran.err
+    for pattern in ("[z-a]*", "[[]*", "[!]*", "[", "**", "a**b"):
+        ran = lidarcli("detect", f"s3://{store.bucket}/none/{pattern}", "-o", tmp_path / "p")
+        assert (ran.code, len(ran.err.splitlines())) == (3, 1), ran.err
+
+
+def test_a_key_that_is_none_does_not_end_the_process(
+    process: Callable[..., subprocess.CompletedProcess[bytes]],
+) -> None:
+    told = {"AZURE_STORAGE_CONNECTION_STRING": "AccountName=a;AccountKey=not-base64-SECRET"}
+    ran = process("detect", "az://container/run.mcap", env={**os.environ, **told})
+    assert ran.returncode == 2
+    assert b"it is no Base64" in ran.stderr
+    assert b"SECRET" not in ran.stderr

@@ -11,7 +11,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
 from lidarcli.pipeline.inputs.search import SUFFIXES, are_one_log, fixed_part, known_suffixes, stem_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.stores.store import has_bucket, head, listing
+from lidarcli.stores.store import has_bucket, head, is_folder, listing
 from lidarcli.stores.url import State, Url, place
 
 Objects = Mapping[Url, State]
@@ -28,7 +28,7 @@ def find_stored(text: str) -> list[Source | Nothing]:
         # Not asked of what can only be a folder or a pattern; names may hold brackets.
         if url.key and not text.endswith("/") and "*" not in url.key and (state := head(url)) is not None:
             return [Source(str(url), stem_of(url.name), found=state)]
-        if url.has_magic():
+        if url.has_magic() and ("*" in url.key or not is_folder(url)):
             return _matching(text, url)
         objects = dict(listing(url))
         found = _below(url, objects)
