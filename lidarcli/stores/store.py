@@ -27,8 +27,7 @@ REQUEST_S = 60.0
 """[s] A store that does not answer for so long is asked again, `ATTEMPTS` times in all."""
 ATTEMPTS = 4
 PIECE = 8 << 20
-"""Bytes that are asked for, and put, at once: one request each."""
-
+"""Bytes that are asked for at once: one request each."""
 ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 """Environment variables that name another store than Amazon's."""
 
@@ -72,10 +71,16 @@ def listing(folder: Url) -> Iterator[tuple[Url, State]]:
 
 
 def has_bucket(url: Url) -> bool:
-    """Whether the bucket of an object is there."""
-    with _errors(url, UnreadableError):
-        root = replace(url, key="")
+    """Whether the bucket of an object is there; taken for granted where the store does not say so to everybody."""
+    root = replace(url, key="")
+    try:
         return bool(_system(url).get_file_info(_path(root)).type != fs.FileType.NotFound)
+    except PermissionError:
+        return True
+    except (OSError, pa.ArrowException) as err:
+        if (code := _AWS.search(str(err))) is not None and code[1] == "ACCESS_DENIED":
+            return True
+        raise _named(url, err, UnreadableError, "") from None
 
 
 def is_folder(url: Url) -> bool:
@@ -93,10 +98,10 @@ def open_object(url: Url) -> pa.NativeFile:
             raise UnreadableError(f"{url}: no such object") from err
 
 
-def read_object(url: Url, most: int | None = None) -> bytes:
-    """An object, or its first bytes, in memory."""
+def read_object(url: Url) -> bytes:
+    """A small object, in memory."""
     with open_object(url) as file, _errors(url, UnreadableError):
-        return bytes(file.read_at(file.size() if most is None else min(most, file.size()), 0))
+        return bytes(file.read_at(file.size(), 0))
 
 
 def put(path: Path, url: Url) -> None:

@@ -301,3 +301,16 @@ def test_a_key_that_is_none_does_not_end_the_process(
     assert ran.returncode == 2
     assert b"it is no Base64" in ran.stderr
     assert b"SECRET" not in ran.stderr
+
+
+def test_from_python(store: Store, tmp_path: Path) -> None:
+    import lidarcli as package
+
+    url = store.put("run.mcap", (SAMPLES / "room.mcap").read_bytes())
+    here = package.detect(SAMPLES / "room.mcap")
+    there = package.detect(url)
+    assert there.drop_columns(["log"]).equals(here.drop_columns(["log"]))
+    package.learn(url, f"s3://{store.bucket}/run.background.parquet")
+    assert (
+        store.keys("run.background") == ["run.background.parquet"] or "run.background.parquet" in store.keys()
+    )

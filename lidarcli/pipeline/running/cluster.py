@@ -163,8 +163,9 @@ class Cluster:
         """Let go of logs that nobody waits for any more, also of those at work."""
         with suppress(Exception):
             self._client.cancel(futures, force=True)
-            until = time.monotonic() + UNWIND_S
-            while any(self._client.run(_by_value(_at_work)).values()) and time.monotonic() < until:
+            # Workers of our own are ended soon, and should not be in the middle of a file then.
+            until = time.monotonic() + UNWIND_S if self.is_local else 0.0
+            while time.monotonic() < until and any(self._client.run(_by_value(_at_work)).values()):
                 time.sleep(0.05)
 
     def window(self) -> int:
