@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.fleet.choosing import choose, is_in_shard
 from lidarcli.pipeline.inputs.sources import Source
 from tests.conftest import Ran
+from tests.places import SAMPLES
 
 
 def names(found: list[object]) -> list[str]:
@@ -151,3 +153,10 @@ def test_a_log_is_not_below_itself(bags: Path) -> None:
     (bags / "..odd").mkdir()
     (bags / "one.mcap").rename(bags / "..odd" / "one.mcap")
     assert names(choose([str(bags / "..odd" / "one.mcap")], base=str(bags))) == ["..odd/one"]
+
+
+def test_a_log_that_a_pattern_names_twice_is_one(bags: Path) -> None:
+    shutil.copytree(SAMPLES / "hall", bags / "hall")
+    found = choose([f"{bags}/**"])
+    assert sorted(names(found)) == ["a/run", "b/run", "four", "hall", "one", "three", "two"]
+    assert len(found) == 7

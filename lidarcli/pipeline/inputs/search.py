@@ -190,7 +190,13 @@ def _pattern(text: str) -> Iterator[Source | Nothing]:
 def _keyed(pattern: str, found: Iterable[Source | Nothing]) -> Iterator[Source | Nothing]:
     """The logs of a pattern, named by their places below its part without signs: equal names in two folders are two."""
     base = fixed_part(pattern)
+    seen: set[str] = set()
     for source in found:
+        # `**` names a folder and what is in it.
+        above = {str(parent) for parent in PurePath(source.path).parents}
+        if source.path in seen or any(path in seen and Path(path).is_dir() for path in above):
+            continue
+        seen.add(source.path)
         if isinstance(source, Source) and not PurePath(source.name).parent.parts:
             below = os.path.relpath(source.path, base or ".")
             name = PurePath(below).with_name(source.name).as_posix()

@@ -7,7 +7,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 
-from lidarcli.errors import UnreadableError
+from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
 from lidarcli.pipeline.inputs.search import SUFFIXES, are_one_log, fixed_part, known_suffixes, stem_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -77,26 +77,28 @@ def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
     urls = [url for url in objects if matches(url.key)]
     if hold_one_sweep_each([url for url in urls if url.suffix in (".csv", ".tsv", ".txt")]):
         return [_of_objects(str(pattern), urls[0].parent.name, urls, objects)]
-    found: list[Source | Nothing] = []
+    found: dict[str, Source | Nothing] = {}
+    # A pattern may also name folders: bags, or some to search; what is in a bag is no log of its own.
+    folders = {str(parent) for url in objects for parent in PurePosixPath(url.key).parents} - {".", base.key}
+    for folder in sorted(filter(matches, folders)):
+        inside = {url: state for url, state in objects.items() if url.key.startswith(f"{folder}/")}
+        here = replace(base, key=folder)
+        prefix = folder.removeprefix(base.key).strip("/")
+        for source in _below(here, inside):
+            if isinstance(source, Source):
+                name = prefix if source.path == str(here) else f"{prefix}/{source.name}"
+                found[source.path] = replace(source, name=name)
+            else:
+                found[source.path] = source
+    in_bags = {file for source in found.values() if isinstance(source, Source) for file in source.files}
     for url in urls:
         below = PurePosixPath(url.key.removeprefix(base.key).strip("/"))
-        found.append(_source(url, str(below.with_name(stem_of(url.name))), objects))
-    # A pattern may also name folders: bags, or some to search.
-    folders = {parent for url in objects for parent in PurePosixPath(url.key).parents if str(parent) != "."}
-    for folder in sorted(folders):
-        if matches(str(folder)) and str(folder) != base.key:
-            inside = {url: state for url, state in objects.items() if url.key.startswith(f"{folder}/")}
-            here = Url(base.scheme, base.bucket, str(folder), base.options)
-            prefix = str(folder).removeprefix(base.key).strip("/")
-            for source in _below(here, inside):
-                if isinstance(source, Nothing):
-                    found.append(source)
-                else:
-                    alone = source.path == str(here)
-                    name = prefix if alone else f"{prefix}/{source.name}"
-                    found.append(Source(source.path, name, source.files, source.found))
+        if str(url) not in found and str(url) not in in_bags:
+            found[str(url)] = _source(url, str(below.with_name(stem_of(url.name))), objects)
+    if found:
+        return [found[path] for path in sorted(found)]
     why = "no object matches this pattern" if objects or has_bucket(pattern) else "there is no such bucket"
-    return found or [Nothing(text, UnreadableError(why))]
+    return [Nothing(text, UnreadableError(why))]
 
 
 def objects_matching(pattern: Url) -> list[Url]:
@@ -131,7 +133,11 @@ def _matches(pattern: Sequence[str], key: Sequence[str]) -> bool:
 
 def _source(url: Url, name: str, objects: Objects) -> Source | Nothing:
     """An object that is a log, if its URL is told from a URL with options."""
-    if place(str(url)) != url:
+    try:
+        is_told = place(str(url)) == url
+    except OptionError:
+        is_told = False
+    if not is_told:
         return Nothing(
             str(url), UnreadableError("its name reads like the options of a URL; rename the object")
         )
