@@ -23,6 +23,7 @@ from lidarcli.pipeline.fleet.manifest import read_entries
 from tests.conftest import Ran
 from tests.descendants import descendants, gone
 from tests.fleet.conftest import tables
+from tests.places import SAMPLES
 
 distributed = pytest.importorskip("distributed")
 pytestmark = [
@@ -355,3 +356,12 @@ def test_ctrl_c_of_a_terminal_reaches_the_workers_too(tmp_path: Path, large_log:
     assert (running.returncode, lines) == (130, ["lidarcli: interrupted"])
     assert [*out.glob("**/*.parquet")] == []
     assert [*out.glob(".lidarcli-*")] == []
+
+
+def test_what_is_compared_with_a_background_is_sent_along(tmp_path: Path, lidarcli: CommandLine) -> None:
+    background = tmp_path / "empty.background.parquet"
+    assert lidarcli("background", "build", SAMPLES / "room_empty.mcap", "-o", background).code == 0
+    command = ("background", "subtract", SAMPLES / "room.mcap", "--background", background)
+    assert lidarcli(*command, "-o", tmp_path / "here").code == 0
+    assert lidarcli(*command, "-o", tmp_path / "there", "--cluster", "local:1").code == 0
+    assert tables(tmp_path / "there") == tables(tmp_path / "here")
