@@ -87,7 +87,7 @@ def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptio
                 say.info(f"  note     {note}")
             total.add(outcome)
             if cluster is not None and not cluster.is_local:
-                _refuse_elsewhere(outcome)
+                refuse_elsewhere(outcome)
         total.show(say)
         if run.manifest is not None:
             say.detail(f"  manifest {run.manifest}")
@@ -179,7 +179,7 @@ def _cluster(say: Messages, address: str, stack: ExitStack) -> Cluster:
     return cluster
 
 
-def _refuse_elsewhere(outcome: Outcome) -> None:
+def refuse_elsewhere(outcome: Outcome) -> None:
     """Refuse tables that only the machine of a worker has."""
     from lidarcli.errors import OutputError
 

@@ -19,7 +19,11 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import NameOID
 
 from benchmarks.fleet import KILLER, workers_of
+from lidarcli.cli.finding import refuse_elsewhere
+from lidarcli.errors import OutputError
 from lidarcli.pipeline.fleet.manifest import read_entries
+from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running.outcomes import Outcome
 from tests.conftest import Ran
 from tests.descendants import descendants, gone
 from tests.fleet.conftest import tables
@@ -365,3 +369,11 @@ def test_what_is_compared_with_a_background_is_sent_along(tmp_path: Path, lidarc
     assert lidarcli(*command, "-o", tmp_path / "here").code == 0
     assert lidarcli(*command, "-o", tmp_path / "there", "--cluster", "local:1").code == 0
     assert tables(tmp_path / "there") == tables(tmp_path / "here")
+
+
+def test_tables_that_only_a_worker_has_end_the_run(tmp_path: Path) -> None:
+    elsewhere = Outcome("run.mcap", 0, RunSummary(outputs=[str(tmp_path / "run.objects.parquet")]))
+    with pytest.raises(OutputError, match="a worker has written it, and it is not here"):
+        refuse_elsewhere(elsewhere)
+    refuse_elsewhere(Outcome("run.mcap", 0, RunSummary(outputs=["s3://robots/run.objects.parquet"])))
+    refuse_elsewhere(Outcome("run.mcap", 3, error="cut off"))
