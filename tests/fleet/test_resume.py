@@ -19,6 +19,7 @@ from lidarcli import __version__
 from lidarcli.pipeline.fleet.manifest import read_entries
 from lidarcli.simulate.writers import write_log
 from lidarcli.tables.schemas import RUNS
+from tests import unprivileged
 from tests.conftest import Ran
 from tests.fleet.conftest import tables
 from tests.places import SAMPLES
@@ -262,3 +263,19 @@ def test_tables_of_other_options_that_stay_are_told_of(
     assert ran.code == 0
     assert f"note     {out}/one.tracks.parquet is of an earlier run with other options" in ran.err
     assert lidarcli("detect", log, "-o", out, "--resume").err == "1 log, done before\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [("--resume",), ("--resume", "--partition", "date"), ("--dry-run",)])
+def test_a_folder_that_may_not_be_looked_into_is_one_line(
+    more: tuple[str, ...], bags: Path, tmp_path: Path
+) -> None:
+    shut = tmp_path / "shut"
+    shut.mkdir()
+    shut.chmod(0o000)
+    code, err = unprivileged.lidarcli("detect", bags / "one.mcap", "-o", shut, *more)
+    shut.chmod(0o700)
+    assert "Traceback" not in err
+    assert code == (0 if more == ("--dry-run",) else 3)
+    assert len(err.splitlines()) == (0 if more == ("--dry-run",) else 1)
+    assert [*shut.iterdir()] == []

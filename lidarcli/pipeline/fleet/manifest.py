@@ -78,7 +78,7 @@ def refuse_folder(folder: Place) -> None:
             raise OutputError(f"cannot write {err}") from err
         if not there:
             raise OutputError(f"cannot write {folder}: there is no such bucket")
-    elif (folder / FOLDER).exists() and not (folder / FOLDER).is_dir():
+    elif os.path.lexists(folder / FOLDER) and not os.path.isdir(folder / FOLDER):  # noqa: PTH112 (never raises)
         raise OutputError(
             f"{folder / FOLDER}: is no folder, and manifests of runs belong there; write elsewhere with -o"
         )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 from lidarcli.errors import LidarcliError, OutputError, UnreadableError
+from lidarcli.pipeline.inputs.files import all_files
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.stores.url import Place, State, Url, absolute, place
 from lidarcli.tables.runs import Entry
@@ -101,7 +102,7 @@ class There:
 
     def __call__(self, name: str) -> bool:
         """Whether there is a file of this name."""
-        return name in self._states if self._states is not None else Path(name).exists()
+        return name in self._states if self._states is not None else os.path.exists(name)  # noqa: PTH110 (never raises)
 
     def state(self, name: str) -> State | None:
         """What is known of a file; None where there is none of this name."""
@@ -112,5 +113,7 @@ class There:
         if isinstance(path, Url):
             name = self._dated.get(absolute(path / f"{log}.parquet"))
             return [name] if name is not None else []
-        days = path.glob("date=*")
-        return [str(found.absolute()) for day in days if (found := day / f"{log}.parquet").exists()]
+        days = all_files(path, "")
+        return [
+            *filter(self, (absolute(day / f"{log}.parquet") for day in days if day.name.startswith("date=")))
+        ]

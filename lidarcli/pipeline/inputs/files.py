@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 from enum import Enum
 from pathlib import Path, PurePosixPath
 
@@ -40,12 +41,17 @@ def files_named(text: str) -> tuple[Named, list[Place]]:
 
 
 def all_files(folder: Place, suffix: str) -> list[Place]:
-    """The files of a folder, by name; none where there is no such folder."""
+    """The files of a folder, by name; none where there is no such folder, `UnreadableError` where nobody may look."""
     if isinstance(folder, Url):
         from lidarcli.stores.store import listing
 
         return [found for found, _ in listing(folder) if found.name.endswith(suffix)]
-    return [*sorted(folder.glob(f"*{suffix}"))]
+    try:
+        return [folder / name for name in sorted(os.listdir(folder)) if name.endswith(suffix)]  # noqa: PTH208
+    except FileNotFoundError:
+        return []
+    except OSError as err:
+        raise UnreadableError(f"{folder}: cannot be searched: {err.strerror or err}") from err
 
 
 def _stored(url: Url) -> tuple[Named, list[Place]]:
