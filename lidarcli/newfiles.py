@@ -239,7 +239,7 @@ def refuse(
             source = sources[found.st_dev, found.st_ino]
             raise OutputError(f"{path} is an input of this run ({source}); write elsewhere with -o")
         if os.path.lexists(path) and not overwrite:
-            raise OutputError(f"{path} exists; use --overwrite to replace it, or -o to write elsewhere")
+            raise exists_already(path)
         if found is not None and stat.S_ISDIR(found.st_mode) and not folders:
             raise OutputError(f"{path} is a folder; it is not replaced")
         if found is not None and not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
@@ -256,7 +256,12 @@ def _refuse_object(url: Url, overwrite: bool, inputs: Iterable[str | Path]) -> N
     except UnreadableError as err:
         raise OutputError(f"cannot write {err}") from err
     if exists:
-        raise OutputError(f"{url} exists; use --overwrite to replace it, or -o to write elsewhere")
+        raise exists_already(url)
+
+
+def exists_already(path: Place | str) -> OutputError:
+    """The error of an output that may not be replaced."""
+    return OutputError(f"{path} exists; use --overwrite to replace it, or -o to write elsewhere")
 
 
 def unwritable(path: Place | str, err: OSError) -> OutputError:

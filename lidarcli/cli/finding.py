@@ -198,9 +198,9 @@ def _print_plan(run: FolderRun, plan: Plan, options: DetectOptions) -> int:
     from lidarcli.pipeline.running.outcomes import exit_code
 
     codes = []
-    for step in run.dry(plan):
+    for step, outputs in run.dry(plan):
         code = print_read(step.source, "read" if step.done is None else "skip")
-        for output, is_there in step.outputs if step.done is None else ():
+        for output, is_there in outputs:
             refused = is_there and not options.overwrite
             code = code or (OutputError.exit_code if refused else 0)
             state = (

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +13,7 @@ from typing import Any, Self
 
 from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OutputError, UnreadableError
+from lidarcli.newfiles import exists_already
 from lidarcli.pipeline.detecting import DetectOptions
 from lidarcli.pipeline.fleet.manifest import Manifest, read_entries
 from lidarcli.pipeline.fleet.states import (
@@ -39,8 +39,6 @@ class Step:
     """What a run does with one input."""
 
     source: Source | Nothing
-    outputs: tuple[tuple[str, bool], ...] = ()
-    """Files that are written, as far as they are known before reading, and whether they are there."""
     done: Entry | None = None
     """What says that it was done already; then nothing is read."""
 
@@ -77,6 +75,8 @@ class FolderRun:
         self._folder = folder
         self._options = options
         self._manifest = Manifest(folder) if keeps_manifest else None
+        self._parameters = ""
+        """As of `parameters_hash`, once there is a plan."""
         self._days: dict[str, list[str]] = {}
         """Log → its tables of any day that are to be replaced."""
         self._before: dict[str, list[str]] = {}
@@ -91,7 +91,7 @@ class FolderRun:
         if resume or self._manifest is not None:
             sources = known(sources)
             # What its files lack is told before any work, once.
-            _ = self._parameters
+            self._parameters = parameters_hash(self._options)
         there = There(self._folder) if resume or self._options.layout == BY_DATE else None
         if there is not None and self._options.layout == BY_DATE:
             self._days = {
@@ -139,23 +139,19 @@ class FolderRun:
             if isinstance(step.source, Source) and step.done is None:
                 existing = next(iter(self._existing(step.source, there)), None)
                 if existing is not None:
-                    error = OutputError(
-                        f"{existing} exists; use --overwrite to replace it, or -o to write elsewhere"
-                    )
-                    plan.steps[index] = Step(Nothing(step.source.path, error))
+                    plan.steps[index] = Step(Nothing(step.source.path, exists_already(existing)))
 
-    def dry(self, plan: Plan) -> Iterator[Step]:
-        """The steps of a plan, with what is in their way."""
+    def dry(self, plan: Plan) -> Iterator[tuple[Step, list[tuple[str, bool]]]]:
+        """The steps of a plan, each with its files as far as they are known before reading, and whether these exist."""
         there = There(self._folder)
         for step in plan.steps:
-            if isinstance(step.source, Source):
-                outputs = self._outputs(step.source)
-                yield replace(step, outputs=tuple((output, there(absolute(output))) for output in outputs))
-            else:
-                yield step
+            outputs = (
+                self._outputs(step.source) if isinstance(step.source, Source) and step.done is None else ()
+            )
+            yield step, [(output, there(absolute(output))) for output in outputs]
 
     def record(self, outcome: Outcome) -> list[str]:
-        """Write down what became of one log; a line for each of its earlier tables that this run does not write."""
+        """Write down what became of one log; a line for each of its earlier tables that stays and is not of this run."""
         source = outcome.source
         if self._manifest is None or outcome.skipped or source is None:
             return []
@@ -165,8 +161,6 @@ class FolderRun:
             "; ".join(summary.damage) if summary is not None and summary.damage else None
         )
         outputs = [absolute(output) for output in summary.outputs] if summary else []
-        if outputs and isinstance(source, Source):
-            self._remove_other_days(source, outputs)
         result = FAILED if summary is None else DAMAGED if summary.damage else OK
         self._manifest.add(
             Entry(
@@ -187,20 +181,26 @@ class FolderRun:
                 seconds=summary.seconds if summary else None,
             )
         )
-        stale = [old for old in self._before.get(_url(source), ()) if outputs and old not in outputs]
-        return [
+        if not outputs:
+            return []
+        notes = self._remove_other_days(source, outputs)
+        stale = [old for old in self._before.get(_url(source), ()) if old not in outputs]
+        return notes + [
             f"{old} is of an earlier run with other options, and is left as it was"
             for old in stale
             if state_of(old) is not None
         ]
 
-    def _remove_other_days(self, source: Source, outputs: Sequence[str]) -> None:
+    def _remove_other_days(self, source: Source | Nothing, outputs: Sequence[str]) -> list[str]:
         """Remove the tables of a log that has another day now: a reader of the folder would find it twice."""
-        if self._options.layout != BY_DATE:
-            return
+        notes = []
         for old in self._days.pop(_url(source), ()):
             if old not in outputs:
-                remove_file(old)
+                try:
+                    remove_file(old)
+                except OutputError as err:
+                    notes.append(f"{err}; the log has another day now, and is there twice")
+        return notes
 
     @property
     def manifest(self) -> Place | None:
@@ -229,10 +229,6 @@ class FolderRun:
             folders = [self._folder / table for table in self._options.tables]
             return [found for folder in folders for found in there.of_any_day(folder, source.name)]
         return [*filter(there, map(absolute, self._outputs(source)))]
-
-    @cached_property
-    def _parameters(self) -> str:
-        return parameters_hash(self._options)
 
     def _counts(self, done: Entry, source: Source, there: There) -> bool:
         """Whether what was done is what would be done now, and is still there."""
