@@ -24,9 +24,11 @@ def is_there() -> bool:
     return any((_PACKAGE / "formalism" / f"core{suffix}").exists() for suffix in EXTENSION_SUFFIXES)
 
 
-def about_version() -> str:
-    """What `--version` says of it after the number."""
-    return "" if is_wanted() and is_there() else " (the detection is not compiled)"
+def about_core() -> str:
+    """What `--version` says of it."""
+    if is_wanted():
+        return "compiled" if is_there() else "not compiled, a hundred times as slow (docs/performance.md)"
+    return "not compiled, as LIDARCLI_COMPILED asks for"
 
 
 def use_source() -> None:

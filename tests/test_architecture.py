@@ -40,7 +40,17 @@ MAY_IMPORT = {
     | {"logs", "poses", "formalism", "tables", "reports", "maps"}
     | {"compiled", "fields", "newfiles", "stores", "threads", "tomlfiles"},
     "cli": CORE
-    | {"compiled", "interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline", "stores"},
+    | {
+        "compiled",
+        "interrupts",
+        "logs",
+        "newfiles",
+        "formalism",
+        "simulate",
+        "pipeline",
+        "stores",
+        "tomlfiles",
+    },
     "__init__": {"_version", "compiled", "formalism", "pipeline"},
 }
 """Room → the rooms below it that it may import."""

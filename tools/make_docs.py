@@ -21,6 +21,7 @@ WITH_EXAMPLES = (
     "docs/paper.md",
     "docs/reports.md",
     "docs/ci.md",
+    "docs/settings.md",
 )
 
 

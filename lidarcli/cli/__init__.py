@@ -10,19 +10,35 @@ from importlib import import_module
 
 import click
 
-from lidarcli import compiled
-from lidarcli._version import __version__
+from lidarcli.cli.grouped import Commands, option
 from lidarcli.cli.messages import Messages
+from lidarcli.cli.settings import PREFIX
+from lidarcli.cli.version import print_version
 from lidarcli.errors import LidarcliError, OutputError
 from lidarcli.interrupts import Terminated
 
-COMMANDS = ("info", "detect", "track", "background", "match", "map", "poses", "report", "plot", "simulate")
+COMMANDS = (
+    *(
+        "info",
+        "detect",
+        "track",
+        "background",
+        "match",
+        "map",
+        "poses",
+        "report",
+        "plot",
+        "export",
+        "simulate",
+    ),
+    *("config", "completion"),
+)
 """Each is a file of this package with a command of its name."""
 
 INTERRUPTED = 130
 
 
-class LazyCommands(click.Group):
+class LazyCommands(Commands):
     """A group that imports a command only when somebody asks for it."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -39,25 +55,29 @@ class LazyCommands(click.Group):
 
 @click.group(
     cls=LazyCommands,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 80},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 80,
+        "auto_envvar_prefix": PREFIX,
+    },
     epilog="Exit codes: 0 done, 1 a check does not hold, 2 usage, 3 some input unreadable, 4 no LaserScan, "
     "5 output refused, 70 internal error, 130 interrupted.",
 )
-@click.option("-v", "--verbose", is_flag=True, help="Say more on stderr.")
-@click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr.")
-@click.version_option(
-    __version__ + compiled.about_version(), prog_name="lidarcli", message="%(prog)s %(version)s"
+@option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    allow_from_autoenv=False,
+    callback=print_version,
+    help="Show the version of lidarcli and of what it stands on, and exit.",
 )
-@click.pass_context
-def cli(ctx: click.Context, verbose: bool, quiet: bool) -> None:
+def cli() -> None:
     """From a 2D LiDAR log to a table of objects, without a running ROS system.
 
     LOG is an MCAP file, a ROS 1 or ROS 2 bag, a CSV file, a folder to search,
     or - for standard input.
     """
-    if verbose and quiet:
-        raise click.UsageError("--verbose and --quiet exclude each other")
-    ctx.obj = Messages(quiet=quiet, verbose=verbose)
 
 
 def run(arguments: Sequence[str] | None = None) -> int:

@@ -10,18 +10,10 @@ import click
 
 from lidarcli.choices import IMAGES, STATION_DEGREES, STATION_DISTANCE
 from lidarcli.cli.detect import detect
+from lidarcli.cli.grouped import OUTPUT, Commands, GroupedCommand, option, own_parameters
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages, one_line
-from lidarcli.cli.options import (
-    OUTPUT,
-    GroupedCommand,
-    Number,
-    Selection,
-    csv_options,
-    option,
-    range_options,
-    reading_options,
-)
+from lidarcli.cli.options import Number, Selection, csv_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -32,7 +24,7 @@ if TYPE_CHECKING:
 STATIONS = "Stations of a moving sensor"
 
 
-@click.group()
+@click.group(cls=Commands)
 def background() -> None:
     """Learn a scene without objects of interest, and find what differs from it.
 
@@ -203,7 +195,7 @@ def info(file: str, kind: str) -> int:
 
 def _subtract() -> click.Command:
     """`detect` with a background that has to be there: the same options, the same work."""
-    params = [copy.copy(parameter) for parameter in detect.params]
+    params = [copy.copy(parameter) for parameter in own_parameters(detect)]
     for parameter in params:
         if parameter.name == "background":
             parameter.required = True

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.cli.detecting import detection_options, find
+from lidarcli.cli.grouped import GroupedCommand
 from lidarcli.cli.many_logs import many_logs
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import GroupedCommand
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions

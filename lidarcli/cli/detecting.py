@@ -10,21 +10,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.cli.finding import Asked, into_folder, into_one
+from lidarcli.cli.grouped import OUTPUT, F, option
 from lidarcli.cli.many_logs import MANY, Chosen
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.object_options import OBJECTS, catalogue_option, object_options
-from lidarcli.cli.options import (
-    MOST,
-    OUTPUT,
-    STDOUT,
-    F,
-    Number,
-    Selection,
-    csv_options,
-    option,
-    range_options,
-    reading_options,
-)
+from lidarcli.cli.options import MOST, STDOUT, Number, Selection, csv_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:

@@ -6,16 +6,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import (
-    OUTPUT,
-    GroupedCommand,
-    csv_options,
-    option,
-    pose_options,
-    range_options,
-)
+from lidarcli.cli.options import csv_options, pose_options, range_options
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions

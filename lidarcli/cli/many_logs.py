@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.cli.options import INPUTS, F, gathered, option
+from lidarcli.cli.grouped import F, option
+from lidarcli.cli.options import INPUTS, gathered
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Nothing, Source

@@ -11,20 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.choices import CLOUDS, MAP_RESOLUTION, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
+from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import (
-    METRES,
-    MOST,
-    OUTPUT,
-    GroupedCommand,
-    Number,
-    Selection,
-    csv_options,
-    option,
-    range_options,
-    reading_options,
-)
+from lidarcli.cli.options import METRES, MOST, Number, Selection, csv_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ import click
 
 from lidarcli.choices import MATCH_BY
 from lidarcli.cli.detecting import FILES
+from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import OUTPUT, GroupedCommand, option
 from lidarcli.stores.url import place
 
 

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import click
 
 from lidarcli.choices import MIN_THING
-from lidarcli.cli.options import METRES, MOST, F, Number, Threshold, option
+from lidarcli.cli.grouped import F, option
+from lidarcli.cli.options import METRES, MOST, Number, Threshold
 
 OBJECTS = "Objects"
 THINGS = "Things of interest"

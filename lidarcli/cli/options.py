@@ -7,9 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from inspect import signature
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import click
+
+from lidarcli.cli.grouped import F, option
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
@@ -18,8 +20,6 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
-OTHER = "Other"
-OUTPUT = "Output"
 STDOUT = "-"
 """As the name of an output."""
 GREATEST_NUMBER = 1e6
@@ -30,39 +30,6 @@ WIDEST = 4 * math.pi
 """An angle of a sensor is no wider [rad]: two turns, as in a scene file."""
 MOST = 1_000_000
 """A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-class GroupedOption(click.Option):
-    """An option that is listed under a heading of its command's help."""
-
-    def __init__(self, *arguments: Any, heading: str = "Options", **settings: Any) -> None:
-        super().__init__(*arguments, **settings)
-        self.heading = heading
-
-
-class GroupedCommand(click.Command):
-    """A command whose help lists its options by heading."""
-
-    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write one section per heading, in the order in which they appear."""
-        sections: dict[str, list[tuple[str, str]]] = {}
-        for parameter in self.get_params(ctx):
-            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
-            if record is not None:
-                sections.setdefault(getattr(parameter, "heading", OTHER), []).append(record)
-        # click puts its own --help first.
-        if OTHER in sections:
-            sections[OTHER] = sections.pop(OTHER)
-        for heading, records in sections.items():
-            with formatter.section(heading):
-                formatter.write_dl(records, col_max=26)
-
-
-def option(*names: str, **settings: Any) -> Callable[[F], F]:
-    """`click.option` with a `heading`."""
-    return click.option(*names, cls=GroupedOption, **settings)
 
 
 class Number(click.ParamType):  # type: ignore[type-arg]
@@ -137,6 +104,9 @@ class NoReturn(click.ParamType):  # type: ignore[type-arg]
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Words and markers as `sweeps.RangeRules` wants them."""
+        if ctx is not None and ctx.resilient_parsing:
+            # A shell that completes a line has no time for this import.
+            return value
         from lidarcli.errors import OptionError
         from lidarcli.sweeps import parse_no_return
 
@@ -150,6 +120,13 @@ class NoReturn(click.ParamType):  # type: ignore[type-arg]
         if wrong:
             self.fail(f"{wrong[0]:g} is no range.", param, ctx)
         return words, markers
+
+
+class Line(click.ParamType):  # type: ignore[type-arg]
+    """A text that may hold blanks: in the environment, several of them stand on lines of their own."""
+
+    name = "text"
+    envvar_list_splitter = "\n"
 
 
 METRES = Number("METRES", least=0)

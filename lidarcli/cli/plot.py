@@ -8,19 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from lidarcli.choices import ANIMATIONS, IMAGES, VIEWS
+from lidarcli.cli.grouped import GroupedCommand, option
 from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
-from lidarcli.cli.options import (
-    INPUTS,
-    MOST,
-    STDOUT,
-    GroupedCommand,
-    csv_options,
-    one_log,
-    option,
-    pose_options,
-    range_options,
-)
+from lidarcli.cli.options import INPUTS, MOST, STDOUT, csv_options, one_log, pose_options, range_options
 from lidarcli.stores.url import Place, place
 
 if TYPE_CHECKING:

@@ -6,18 +6,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import (
-    INPUTS,
-    OUTPUT,
-    GroupedCommand,
-    Selection,
-    csv_options,
-    one_log,
-    option,
-    range_options,
-    reading_options,
-)
+from lidarcli.cli.options import INPUTS, Selection, csv_options, one_log, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:

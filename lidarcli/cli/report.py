@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import click
 
+from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.messages import Messages, coloured, standard_output
-from lidarcli.cli.options import INPUTS, OUTPUT, STDOUT, GroupedCommand, option
+from lidarcli.cli.options import INPUTS, STDOUT, Line
 from lidarcli.stores.url import place
 
 GATES = "Gates"
@@ -63,6 +64,7 @@ GATES = "Gates"
     heading=GATES,
     metavar="EXPR",
     multiple=True,
+    type=Line(),
     help="What has to hold, or the exit code is 1; may be repeated (docs/reports.md).  [default: none]",
 )
 @option(

@@ -7,8 +7,9 @@ import math
 import click
 
 from lidarcli.choices import MAP_RESOLUTION
+from lidarcli.cli.grouped import GroupedCommand, option
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import GroupedCommand, Number, option
+from lidarcli.cli.options import Number
 
 RUN, LOG = "Run", "Log"
 

@@ -8,9 +8,10 @@ import click
 
 from lidarcli.choices import SIGNIFICANCE
 from lidarcli.cli.detecting import detection_options, find
+from lidarcli.cli.grouped import GroupedCommand, option
 from lidarcli.cli.many_logs import many_logs
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import GroupedCommand, Number, option
+from lidarcli.cli.options import Number
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -24,6 +24,8 @@ GREATEST_VALUE = 1e12
 """A number of a table is no larger [m], [rad]: no place on Earth is farther, whatever the origin."""
 DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
+ANY = "any"
+"""The kind of a table whose columns nobody judges."""
 MOST_WHOLE = 1 << 53
 """A count or an index is no larger: up to here a double holds every whole number."""
 
@@ -78,9 +80,22 @@ def column_names(path: Place, kind: str) -> list[str]:
         return list(file.schema_arrow.names)
 
 
+def schema_of(path: Place) -> pa.Schema:
+    """The columns of any table, of whatever kind it is, with the metadata of the file."""
+    with _opened(path, ANY) as file:
+        return file.schema_arrow
+
+
+def read_as_is(path: Place, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+    """Columns of any table piece by piece, as they are."""
+    with _opened(path, ANY) as file:
+        for rows in file.iter_batches(columns=list(names), use_threads=False):
+            yield rows.select(list(names))
+
+
 def file_metadata(path: Place) -> dict[str, str]:
     """The metadata of a table of which nothing else is read, as text."""
-    with _opened(path, "objects") as file:
+    with _opened(path, ANY) as file:
         return _as_text(file.schema_arrow.metadata)
 
 

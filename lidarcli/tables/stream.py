@@ -14,8 +14,6 @@ import pyarrow as pa
 from lidarcli.errors import OutputError
 from lidarcli.tables.parquet import Output, ParquetSink
 
-NESTED = ("vertices", "faces")
-
 
 class RowStream(Protocol):
     """A stream of rows of one schema; `finish` completes it."""
@@ -48,7 +46,7 @@ class CsvStream:
 
     def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:
         self._out = out
-        self._nested = [schema.get_field_index(name) for name in NESTED if name in schema.names]
+        self._nested = [index for index, field in enumerate(schema) if pa.types.is_nested(field.type)]
         self._lines([schema.names])
 
     def write(self, rows: pa.RecordBatch) -> None:
@@ -56,7 +54,7 @@ class CsvStream:
         lines = [list(values) for values in _python_rows(rows)]
         for line in lines:
             for index in self._nested:
-                line[index] = _compact(line[index])
+                line[index] = "" if line[index] is None else _compact(line[index])
         self._lines(lines)
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
@@ -165,7 +163,9 @@ def _python_rows(rows: pa.RecordBatch) -> Any:
     for field, values in zip(rows.schema, rows.columns, strict=True):
         if pa.types.is_timestamp(field.type):
             stamps = values.view(pa.int64()).to_numpy(zero_copy_only=False).astype("datetime64[ns]")
-            columns.append([f"{text}Z" for text in np.datetime_as_string(stamps, unit="ns")])
+            texts = np.datetime_as_string(stamps, unit="ns")
+            there = values.is_valid().to_pylist()
+            columns.append([f"{text}Z" if known else None for text, known in zip(texts, there, strict=True)])
         else:
             columns.append(values.to_pylist())
     return zip(*columns, strict=True)

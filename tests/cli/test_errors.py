@@ -16,9 +16,8 @@ from typing import Any
 
 import pytest
 
-import lidarcli.cli
 from lidarcli.cli.messages import one_line
-from lidarcli.compiled import about_version
+from lidarcli.cli.version import version_text
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting
@@ -224,7 +223,9 @@ def test_options_that_do_not_fit(lidarcli: Run, arguments: tuple[str, ...], mess
 def test_no_input_and_no_command(lidarcli: Run) -> None:
     assert lidarcli("detect").err.splitlines()[-1] == "Error: Missing argument 'LOG...'."
     assert lidarcli("detect").code == 2
-    assert lidarcli("explode").err.splitlines()[-1] == "Error: No such command 'explode'."
+    assert (
+        lidarcli("explode").err.splitlines()[-1] == "Error: No such command 'explode'. Did you mean 'export'?"
+    )
     assert lidarcli("-v", "-q", "info", "x").err.splitlines()[-1] == (
         "Error: --verbose and --quiet exclude each other"
     )
@@ -332,7 +333,7 @@ def test_full_disk_is_one_line_and_leaves_no_file(logs: Path, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "code", "out", "err"),
     [
-        (["--version"], 0, f"lidarcli {lidarcli.__version__}{about_version()}\n", ""),
+        (["--version"], 0, f"{version_text()}\n", ""),
         (["info", "nothing.mcap"], 3, "", "lidarcli: nothing.mcap: no such file or folder\n"),
         (["--nothing"], 2, "", None),
     ],

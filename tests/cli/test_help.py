@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import platform
 import subprocess
 import sys
 from collections.abc import Callable
 from typing import Any
 
 import click
+import numpy as np
+import pyarrow as pa
 import pytest
 
 import lidarcli as package
 from lidarcli.cli import COMMANDS, cli
-from lidarcli.compiled import about_version
+from lidarcli.compiled import about_core
 from lidarcli.formalism import Parameters
 from lidarcli.sweeps import RangeRules, parse_no_return
 
@@ -81,7 +84,16 @@ def test_commands_and_version(lidarcli: Run) -> None:
     assert [line.split()[0] for line in ran.out.split("Commands:\n")[1].split("\n\n")[0].splitlines()] == [
         *COMMANDS
     ]
-    assert lidarcli("--version").out == f"lidarcli {package.__version__}{about_version()}\n"
+
+
+def test_version_tells_what_a_report_of_a_bug_needs(lidarcli: Run) -> None:
+    first, *rest = lidarcli("--version").out.splitlines()
+    assert first == f"lidarcli {package.__version__}"
+    told = {line.split()[0]: line.split(maxsplit=1)[1] for line in rest}
+    assert told["core"] == about_core()
+    assert told["system"].startswith(f"Python {platform.python_version()}, ")
+    assert f"numpy {np.__version__}" in told["libraries"].split(", ")
+    assert f"pyarrow {pa.__version__}" in told["libraries"].split(", ")
 
 
 HEAVY = ("numpy", "pandas", "pyarrow", "mcap", "rosbags", "rich")

@@ -1,0 +1,224 @@
+"""Settings from `lidarcli.toml` and from the environment, for the options that the command line leaves out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import click
+
+from lidarcli.cli.grouped import ORIGINS, OUTPUT, GroupedOption
+from lidarcli.cli.messages import Messages
+from lidarcli.errors import OptionError
+
+NAME = "lidarcli.toml"
+PREFIX = "LIDARCLI"
+NOT_OPTIONS = frozenset({"LIDARCLI_COMPILED", "LIDARCLI_BUILD", "LIDARCLI_REAL_LOGS", "LIDARCLI_CONFIG"})
+"""Variables that do not stand for an option of a command."""
+
+
+def find_settings(folder: Path) -> Path | None:
+    """The nearest `lidarcli.toml` in a folder or one above it."""
+    return next((path for each in (folder, *folder.parents) if (path := each / NAME).is_file()), None)
+
+
+def use_settings(ctx: click.Context, named: str | None) -> None:
+    """Let the options of this command, or of those below it, have their defaults from a settings file.
+
+    `named` is the file that was asked for; without one, the whole program uses the nearest `lidarcli.toml`.
+
+    Raises
+    ------
+    UnreadableError
+        The file cannot be read, or is no TOML.
+    OptionError
+        A key is no option, or its value is of the wrong kind.
+    """
+    root = ctx.find_root()
+    if named is None:
+        if ctx is not root:
+            return
+        try:
+            found = find_settings(Path.cwd())
+        except OSError:
+            # The working directory is gone, or nobody may look into it.
+            return
+        if found is None:
+            return
+        named = str(found)
+    ctx.meta[ORIGINS] = named
+    tree: Any = _default_maps(ctx, named)
+    root.default_map = tree
+    for word in _words(ctx):
+        tree = tree.get(word, {})
+    ctx.default_map = tree
+
+
+def commands(ctx: click.Context) -> Iterator[tuple[tuple[str, ...], click.Command, click.Context]]:
+    """Every command with the words that call it and a context of its own; groups are left out."""
+    root = ctx.find_root()
+    yield from _commands(root.command, root, ())
+
+
+def options(command: click.Command) -> list[GroupedOption]:
+    """The options of a command that may be set elsewhere."""
+    return [each for each in command.params if isinstance(each, GroupedOption) and each.key != "config"]
+
+
+def unknown_variables(ctx: click.Context) -> list[str]:
+    """Words for the variables of the environment that look like an option of this command and are none."""
+    prefix = f"{ctx.auto_envvar_prefix}_"
+    known = [name.removeprefix(prefix) for each in options(ctx.command) if (name := each.variable(ctx))]
+    command = " ".join(_words(ctx))
+    words = []
+    for variable in sorted(os.environ):
+        name = variable.removeprefix(prefix)
+        if name != variable and name not in known:
+            near = get_close_matches(name, known, 1)
+            hint = f"did you mean {prefix}{near[0]}?" if near else f"see lidarcli {command} --help"
+            words.append(f"{variable}: {command} has no such option; {hint}")
+    return words
+
+
+def strange_variables(ctx: click.Context) -> list[str]:
+    """Words for the variables of the environment that look like an option of some command, and of which there is none."""
+    root = ctx.find_root()
+    known = [PREFIX + "".join(f"_{word.upper()}" for word in words) for words, _, _ in commands(ctx)]
+    own = [name for each in options(root.command) if (name := each.variable(root))]
+    strange = [
+        name
+        for name in sorted(os.environ)
+        if name.startswith(f"{PREFIX}_")
+        and name not in {*NOT_OPTIONS, *own}
+        and not any(name.startswith(f"{prefix}_") for prefix in known)
+    ]
+    return [f"{name}: lidarcli has no such command or option" for name in strange]
+
+
+def tell_settings(ctx: click.Context) -> None:
+    """Tell of settings that are in force, where somebody wants to know, and of variables that do nothing, always."""
+    say = ctx.ensure_object(Messages)
+    if file := ctx.meta.get(ORIGINS):
+        say.detail(f"settings: {file}")
+    for line in unknown_variables(ctx):
+        say.error(line)
+
+
+def _words(ctx: click.Context) -> list[str]:
+    return ctx.command_path.split()[1:]
+
+
+def _commands(
+    command: click.Command, ctx: click.Context, words: tuple[str, ...]
+) -> Iterator[tuple[tuple[str, ...], click.Command, click.Context]]:
+    if not isinstance(command, click.Group):
+        yield words, command, ctx
+        return
+    for name in command.list_commands(ctx):
+        below = command.get_command(ctx, name)
+        if below is not None:
+            yield from _commands(below, click.Context(below, ctx, name), (*words, name))
+
+
+def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
+    """The file's values as the default maps of all commands, as a tree; all of the file is checked."""
+    from lidarcli.tomlfiles import read_toml
+
+    settings = read_toml(file, "settings file")
+    shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}
+    found: dict[tuple[str, ...], dict[str, Any]] = {}
+    every: set[str] = set()
+    for words, command, _ in commands(ctx):
+        table = _table(file, settings, words)
+        known = {each.key: each for each in options(command)}
+        every |= known.keys()
+        for key in table:
+            if _spelled(key) not in known and not isinstance(table[key], Mapping):
+                _refuse(file, f"[{'.'.join(words)}]", key, known)
+        own = {_spelled(key): value for key, value in table.items()}
+        common = {_spelled(key): value for key, value in shared.items() if _spelled(key) in known}
+        found[words] = {
+            str(known[key].name): _typed(file, words if key in own else (), known[key], value)
+            for key, value in (common | own).items()
+            if key in known
+        }
+    for key in shared:
+        if _spelled(key) not in every:
+            _refuse(file, "", key, every)
+    _refuse_tables(file, settings, set(found))
+    tree: dict[str, Any] = {}
+    for words, values in found.items():
+        place = tree
+        for word in words:
+            place = place.setdefault(word, {})
+        place.update(values)
+    return tree
+
+
+def _table(file: str, settings: Mapping[str, Any], words: tuple[str, ...]) -> Mapping[str, Any]:
+    """The table of a command; an empty one where the file has none."""
+    table: Any = settings
+    for word in words:
+        table = table.get(word, {})
+        # A key such as `background = "room.parquet"` is an option, not the table of the command.
+        if not isinstance(table, Mapping):
+            return {}
+    return dict(table)
+
+
+def _refuse_tables(file: str, settings: Mapping[str, Any], known: set[tuple[str, ...]]) -> None:
+    """Refuse tables that are no command's."""
+    groups = {words[:length] for words in known for length in range(1, len(words))}
+    names = [".".join(words) for words in sorted(known)]
+
+    def check(table: Mapping[str, Any], words: tuple[str, ...]) -> None:
+        for key, value in table.items():
+            here = (*words, key)
+            if here in groups and isinstance(value, Mapping):
+                check(value, here)
+            elif here not in known or not isinstance(value, Mapping):
+                near = get_close_matches(".".join(here), names, 1)
+                hint = f"; did you mean [{near[0]}]?" if near else ""
+                raise OptionError(f"{file}: [{'.'.join(here)}]: no such command{hint}")
+
+    check({key: value for key, value in settings.items() if isinstance(value, Mapping)}, ())
+
+
+def _refuse(file: str, place: str, key: str, known: Any) -> None:
+    near = get_close_matches(_spelled(key), sorted(known), 1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise OptionError(f"{': '.join(filter(None, (file, place)))}: no option '{key}'{hint}")
+
+
+def _spelled(key: str) -> str:
+    """A key as options are spelled: `max_width`, as in Python, is `max-width`."""
+    return key.replace("_", "-")
+
+
+def _typed(file: str, words: tuple[str, ...], option: GroupedOption, value: Any) -> Any:
+    """A value of the file as click takes it: texts as they would be typed, lists of them, or true and false."""
+    place = f"{file}: {f'[{chr(46).join(words)}]: ' if words else ''}'{option.key}'"
+    if option.is_flag:
+        if not isinstance(value, bool):
+            raise OptionError(f"{place} must be true or false")
+        return value
+    items = value if isinstance(value, list) else [value]
+    if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
+        raise OptionError(f"{place} must be a text, a number or a list of them")
+    typed = [_text(file, option, item) for item in items]
+    if option.multiple or option.nargs != 1:
+        return typed
+    if isinstance(value, list) and getattr(option.type, "name", "") != "list":
+        raise OptionError(f"{place} takes one value, not a list")
+    return ",".join(typed)
+
+
+def _text(file: str, option: GroupedOption, item: str | float) -> str:
+    """One value as it would be typed; the path of an input is meant from the folder of the file."""
+    is_input = isinstance(option.type, click.Path) and option.heading != OUTPUT
+    if not isinstance(item, str) or not is_input or item == "-" or "://" in item:
+        return str(item)
+    return os.path.join(os.path.dirname(file), item)  # noqa: PTH118, PTH120 (keeps what Path would tidy away)

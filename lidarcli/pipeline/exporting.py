@@ -1,0 +1,100 @@
+"""The work of `lidarcli export`: tables that are there, as one file or stream of another format."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import pyarrow as pa
+
+from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.newfiles import new_files, refuse
+from lidarcli.pipeline.inputs.files import files_named
+from lidarcli.stores.url import Place
+from lidarcli.tables.parquet import Output
+from lidarcli.tables.reading import read_as_is, schema_of
+from lidarcli.tables.stream import FORMATS, CountingOutput
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """Tables with the same columns, one after the other."""
+
+    files: tuple[Place, ...]
+    schema: pa.Schema
+    """The columns that are written, with the metadata of the first table."""
+
+    def pieces(self) -> Iterator[pa.RecordBatch]:
+        """All rows."""
+        for file in self.files:
+            for rows in read_as_is(file, self.schema.names):
+                yield rows.cast(self.schema.remove_metadata())
+
+
+def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
+    """What is to be written: of all tables that files, folders and patterns name, these columns, or all.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such table, or one cannot be read.
+    OptionError
+        The tables are of several kinds, or have no such column.
+    """
+    files = [file for text in tables for file in _tables(text)]
+    schemas = [schema_of(file) for file in files]
+    first = schemas[0]
+    names = [_column(name, files[0], first) for name in columns] or first.names
+    for file, schema in zip(files[1:], schemas[1:], strict=True):
+        if missing := [name for name in names if name not in schema.names]:
+            raise OptionError(
+                f"{file}: no column {', '.join(missing)}, which {files[0]} has; export each kind of table by itself"
+            )
+        if not columns and (more := [name for name in schema.names if name not in names]):
+            raise OptionError(
+                f"{files[0]}: no column {', '.join(more)}, which {file} has; export each kind of table by itself"
+            )
+        for name in names:
+            if schema.field(name).type != first.field(name).type:
+                raise OptionError(
+                    f"{file}: column {name} is {schema.field(name).type}, in {files[0]} {first.field(name).type}"
+                )
+    return Export(tuple(files), pa.schema([first.field(name) for name in names], metadata=first.metadata))
+
+
+def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
+    """Write a file of `kind` (parquet, csv, ndjson, arrow); how many rows, and what a user should know of it."""
+    refuse([path], overwrite, [str(file) for file in export.files])
+    with new_files([path], overwrite) as new:
+        with new.part(path).open("wb") as out:
+            rows = export_stream(export, out, kind, str(path))
+        return rows, new.publish()
+
+
+def export_stream(export: Export, out: Output, kind: str, name: str = "standard output") -> int:
+    """The same to a stream; how many rows."""
+    metadata = dict(export.schema.metadata or {})
+    stream = FORMATS[kind](CountingOutput(out, name), export.schema, metadata)
+    count = 0
+    for rows in export.pieces():
+        stream.write(rows)
+        count += rows.num_rows
+    stream.finish(metadata)
+    return count
+
+
+def _tables(text: str) -> list[Place]:
+    """The Parquet files that a name stands for."""
+    _, files = files_named(text)
+    if not files:
+        raise UnreadableError(f"{text}: no Parquet table there")
+    return files
+
+
+def _column(name: str, file: Place, schema: pa.Schema) -> str:
+    if name in schema.names:
+        return name
+    near = get_close_matches(name, schema.names, 1)
+    hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(schema.names)}"
+    raise OptionError(f"{file}: no column {name}; {hint}")

@@ -1,0 +1,87 @@
+"""`lidarcli export`: the same rows in another format."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def tables(lidarcli: Run, logs: Path, tmp_path: Path) -> Path:
+    assert lidarcli("-q", "detect", str(logs / "run.mcap"), "-o", str(tmp_path / "tables")).code == 0
+    return tmp_path / "tables"
+
+
+def test_every_format_holds_the_rows_of_the_table(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    source = tables / "run.objects.parquet"
+    expected = pq.read_table(source)
+    for suffix in ("csv", "ndjson", "arrow", "parquet"):
+        ran = lidarcli("export", str(source), "-o", str(tmp_path / f"x.{suffix}"))
+        assert ran.code == 0, ran.err
+        assert ran.err == f"  wrote    {tmp_path / f'x.{suffix}'} ({expected.num_rows:,} rows)\n"
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "x.csv").read_text())))
+    assert [row["width"] for row in rows] == [repr(value) for value in expected["width"].to_pylist()]
+    assert [json.loads(row["faces"]) for row in rows] == expected["faces"].to_pylist()
+    lines = [json.loads(line) for line in (tmp_path / "x.ndjson").read_text().splitlines()]
+    assert [line["vertices"] for line in lines] == expected["vertices"].to_pylist()
+    assert lines[0]["stamp"].endswith("Z")
+    assert pa.ipc.open_stream(tmp_path / "x.arrow").read_all().equals(expected)
+    assert pq.read_table(tmp_path / "x.parquet").equals(expected)
+    assert pq.read_schema(tmp_path / "x.parquet").metadata == pq.read_schema(source).metadata
+
+
+def test_the_stream_of_detect_and_an_export_of_its_table_are_the_same(
+    lidarcli: Run, tables: Path, logs: Path
+) -> None:
+    streamed = lidarcli("-q", "detect", str(logs / "run.mcap"), "-o", "-", "--format", "csv")
+    assert lidarcli("export", str(tables / "run.objects.parquet"), "-o", "-").out == streamed.out
+
+
+def test_columns_in_the_order_asked_for(lidarcli: Run, tables: Path) -> None:
+    ran = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", "-", "--columns", "objects, sweep")
+    assert ran.out.splitlines()[0] == "objects,sweep"
+    wrong = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", "-", "--columns", "objcts")
+    assert wrong.code == 2
+    assert wrong.err.endswith("run.sweeps.parquet: no column objcts; did you mean objects?\n")
+
+
+def test_several_tables_of_one_kind(lidarcli: Run, tables: Path) -> None:
+    one = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", "-").out.splitlines()
+    two = lidarcli(
+        "export", str(tables / "run.sweeps.parquet"), str(tables / "*.sweeps.parquet"), "-o", "-"
+    ).out.splitlines()
+    assert two == one + one[1:]
+    mixed = lidarcli("export", str(tables), "-o", "-")
+    assert mixed.code == 2
+    assert "export each kind of table by itself" in mixed.err
+
+
+def test_what_is_refused(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    source = str(tables / "run.sweeps.parquet")
+    assert "is none of .parquet, .csv" in lidarcli("export", source, "-o", "x.xlsx").err
+    assert "--format is for the stream" in lidarcli("export", source, "-o", "x.csv", "--format", "csv").err
+    (tmp_path / "there.csv").write_text("mine")
+    ran = lidarcli("export", source, "-o", str(tmp_path / "there.csv"))
+    assert (ran.code, (tmp_path / "there.csv").read_text()) == (5, "mine")
+    assert lidarcli("export", source, "-o", source, "--overwrite").code != 0
+    (tmp_path / "text.parquet").write_text("no table")
+    ran = lidarcli("export", str(tmp_path / "text.parquet"), "-o", "-")
+    assert (ran.code, ran.out) == (3, "")
+    assert "text.parquet: cannot be read as Parquet" in ran.err
+
+
+def test_an_undefined_stamp_is_empty(lidarcli: Run, tmp_path: Path) -> None:
+    stamps = pa.array([1_700_000_000_000_000_000, None], pa.timestamp("ns", "UTC"))
+    pq.write_table(pa.table({"moved_at": stamps}), tmp_path / "x.parquet")
+    ran = lidarcli("export", str(tmp_path / "x.parquet"), "-o", "-")
+    assert ran.out == 'moved_at\n2023-11-14T22:13:20.000000000Z\n""\n'

@@ -1,0 +1,190 @@
+"""Settings from `lidarcli.toml` and the environment: which one counts, and clear words for what is wrong with them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory of its own, with nothing set in the environment."""
+    folder = tmp_path / "lab" / "today"
+    folder.mkdir(parents=True)
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def origins(lidarcli: Run, *words: str) -> dict[str, tuple[str | None, str]]:
+    ran = lidarcli("config", *words, "--format", "json")
+    assert ran.code == 0, ran.err
+    return {f"{row['command']} {row['option']}": (row["value"], row["origin"]) for row in json.loads(ran.out)}
+
+
+def test_flag_before_environment_before_file_before_default(
+    lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def parameters(*arguments: str) -> str:
+        ran = lidarcli("-v", "detect", str(logs / "run.mcap"), "-o", "out", "--overwrite", *arguments)
+        assert ran.code == 0, ran.err
+        return str(next(line for line in ran.err.splitlines() if line.startswith("1 log;")))
+
+    assert "min_beams=3, max_width=2.0," in parameters()
+    (lab.parent / "lidarcli.toml").write_text("[detect]\nmin-beams = 4\nmax-width = 1.5\n")
+    assert "min_beams=4, max_width=1.5," in parameters()
+    monkeypatch.setenv("LIDARCLI_DETECT_MIN_BEAMS", "5")
+    assert "min_beams=5, max_width=1.5," in parameters()
+    assert "min_beams=6, max_width=1.5," in parameters("--min-beams", "6")
+
+
+def test_the_nearest_file_above_counts_and_config_names_another(lidarcli: Run, lab: Path) -> None:
+    (lab.parent / "lidarcli.toml").write_text("[detect]\njobs = 2\n")
+    above = str(lab.parent / "lidarcli.toml")
+    assert origins(lidarcli) == {"detect jobs": ("2", above)}
+    (lab / "lidarcli.toml").write_text("[track]\njobs = 3\n")
+    here = str(lab / "lidarcli.toml")
+    assert origins(lidarcli) == {"track jobs": ("3", here)}
+    assert origins(lidarcli, "--config", above) == {"detect jobs": ("2", above)}
+    before = lidarcli("--config", above, "config", "--format", "json")
+    assert [row["origin"] for row in json.loads(before.out)] == [above]
+
+
+def test_the_environment_names_a_file(lidarcli: Run, lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (lab / "robot.toml").write_text("[detect]\njobs = 2\n")
+    monkeypatch.setenv("LIDARCLI_CONFIG", "robot.toml")
+    assert origins(lidarcli) == {"detect jobs": ("2", "robot.toml")}
+
+
+def test_what_stands_before_the_tables_is_for_every_command_that_has_it(lidarcli: Run, lab: Path) -> None:
+    (lab / "lidarcli.toml").write_text(
+        'range = [0.1, 20]\nno_return = ["inf", 81.91]\nverbose = false\n'
+        '[background.build]\nrange = [0.2, 30]\nplot = "scene.png"\n[detect]\ntopic = "/front"\n'
+    )
+    found = {name: value for name, (value, _) in origins(lidarcli).items()}
+    assert found["detect range"] == found["track range"] == found["map range"] == "0.1 20"
+    assert found["background build range"] == "0.2 30"
+    assert found["detect no-return"] == "inf,81.91"
+    assert found["detect topic"] == "/front"
+    assert "report range" not in found
+
+
+def test_paths_of_inputs_are_meant_from_the_folder_of_the_file(lidarcli: Run, lab: Path, logs: Path) -> None:
+    (lab.parent / "lidarcli.toml").write_text('[detect]\ncatalogue = "things.toml"\noutput = "tables"\n')
+    ran = lidarcli("detect", str(logs / "run.mcap"))
+    assert ran.code == 3
+    assert ran.err.startswith(f"lidarcli: {lab.parent / 'things.toml'}: cannot read the catalogue")
+    (lab.parent / "things.toml").write_text('[[thing]]\nname = "box"\nlength = 1.0\nwidth = 1.0\n')
+    assert lidarcli("detect", str(logs / "run.mcap")).code == 0
+    assert (lab / "tables" / "run.objects.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[detect]\nmax-widht = 1\n", "[detect]: no option 'max-widht'; did you mean 'max-width'?"),
+        ("jbos = 1\n", "no option 'jbos'; did you mean 'jobs'?"),
+        ("[detekt]\njobs = 1\n", "[detekt]: no such command; did you mean [detect]?"),
+        ("[background]\njobs = 1\n", "[background.jobs]: no such command"),
+        ("[background.biuld]\n", "[background.biuld]: no such command; did you mean [background.build]?"),
+        ("[detect]\nbeams = 1\n", "[detect]: 'beams' must be true or false"),
+        ("[detect]\njobs = [1, 2]\n", "[detect]: 'jobs' takes one value, not a list"),
+        ("[detect]\njobs = true\n", "[detect]: 'jobs' must be a text, a number or a list of them"),
+        ("[detect]\nconfig = 'x'\n", "[detect]: no option 'config'"),
+        ("jobs 2\n", "not valid TOML"),
+    ],
+)
+def test_whatever_is_wrong_with_a_file_is_one_line(lidarcli: Run, lab: Path, text: str, words: str) -> None:
+    (lab / "lidarcli.toml").write_text(text)
+    # Also where another command is meant: a wrong file is never in force in part.
+    ran = lidarcli("info", "run.mcap")
+    assert ran.code in (2, 3)
+    (line,) = ran.err.splitlines()
+    assert line.startswith(f"lidarcli: {lab / 'lidarcli.toml'}: {words}")
+
+
+def test_a_wrong_value_says_where_it_comes_from(
+    lidarcli: Run, lab: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (lab / "lidarcli.toml").write_text("[detect]\nmin-beams = 0\n")
+    ran = lidarcli("detect", "run.mcap")
+    assert ran.code == 2
+    assert f"(set in {lab / 'lidarcli.toml'})." in ran.err
+    monkeypatch.setenv("LIDARCLI_DETECT_MIN_BEAMS", "many")
+    ran = lidarcli("detect", "run.mcap")
+    assert ran.code == 2
+    assert "Invalid value for '--min-beams': 'many'" in ran.err
+    assert "(set in LIDARCLI_DETECT_MIN_BEAMS)." in ran.err
+
+
+def test_a_named_file_that_is_not_there_is_refused(lidarcli: Run, lab: Path) -> None:
+    ran = lidarcli("--config", "nothing.toml", "info", "run.mcap")
+    assert (ran.code, ran.err) == (
+        3,
+        "lidarcli: nothing.toml: cannot read the settings file: No such file or directory\n",
+    )
+
+
+def test_variables_that_do_nothing_are_told(
+    lidarcli: Run, lab: Path, logs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LIDARCLI_DETECT_TOPICS", "/scan")
+    monkeypatch.setenv("LIDARCLI_DETCT_JOBS", "2")
+    monkeypatch.setenv("LIDARCLI_HELP", "1")
+    ran = lidarcli("-q", "detect", str(logs / "run.mcap"))
+    assert ran.code == 0
+    hint = "did you mean LIDARCLI_DETECT_TOPIC?"
+    assert ran.err == f"lidarcli: LIDARCLI_DETECT_TOPICS: detect has no such option; {hint}\n"
+    told = lidarcli("-q", "config").err
+    assert "lidarcli: LIDARCLI_DETCT_JOBS: lidarcli has no such command or option\n" in told
+
+
+def test_lists_in_the_environment(lidarcli: Run, lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIDARCLI_DETECT_RANGE", "0.1 20")
+    monkeypatch.setenv("LIDARCLI_DETECT_TOPIC", "/front /rear")
+    monkeypatch.setenv("LIDARCLI_REPORT_CHECK", "sweeps >= 10\nobjects == 0")
+    found = {name: value for name, (value, _) in origins(lidarcli).items()}
+    assert found == {
+        "detect range": "0.1 20",
+        "detect topic": "/front /rear",
+        "report check": "sweeps >= 10 objects == 0",
+    }
+
+
+def test_config_of_a_command_shows_every_option_of_it(lidarcli: Run, lab: Path) -> None:
+    ran = lidarcli("config", "detect")
+    lines = {line.split()[1]: line for line in ran.out.splitlines()}
+    assert {"--jobs", "--range", "--memory", "--overwrite"} <= lines.keys()
+    assert all(line.endswith("default") for line in lines.values())
+    assert "robust" in lines["--profile"]
+    assert "0.3" in lines["--min-thing"]
+    assert "required" in lidarcli("config", "background", "build").out
+    assert lidarcli("config", "nothing").code == 2
+    assert lidarcli("config").err.splitlines()[0].startswith("settings file: none")
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_verbose_and_quiet_are_taken_before_and_after_the_command(
+    lidarcli: Run, lab: Path, logs: Path, before: bool
+) -> None:
+    def run(flag: str) -> Any:
+        call = ["detect", str(logs / "run.mcap"), "-o", "out", "--overwrite"]
+        return lidarcli(*([flag, *call] if before else [*call, flag]))
+
+    assert run("-q").err == ""
+    assert run("-v").err.startswith("1 log; profile=robust")
+    assert lidarcli("-q", "background", "-v", "build", "x", "-o", "y").code == 2
+    assert "exclude each other" in lidarcli("-q", "info", "-v", "x").err
+
+
+def test_a_mistyped_command_has_a_suggestion(lidarcli: Run) -> None:
+    ran = lidarcli("detetc", "run.mcap")
+    assert ran.code == 2
+    assert "No such command 'detetc'. Did you mean 'detect'?" in ran.err
+    assert "Did you mean 'subtract'?" in lidarcli("background", "substract").err
+    assert "There are info, detect," in lidarcli("xyzzy").err
