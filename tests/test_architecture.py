@@ -13,7 +13,7 @@ PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
 GROUND = {"_version", "choices", "errors", "native"}
-CORE = GROUND | {"records", "sweeps"}
+CORE = GROUND | {"records", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -26,6 +26,7 @@ MAY_IMPORT = {
     "compiled": set[str](),
     "threads": set[str](),
     "records": set[str](),
+    "times": {"errors"},
     "native": set[str](),
     "ranges": {"native"},
     "sweeps": {"errors", "ranges", "records"},

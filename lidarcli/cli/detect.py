@@ -23,6 +23,7 @@ if TYPE_CHECKING:
   lidarcli detect run.mcap
   lidarcli detect bags/ -o tables --jobs 4 --overwrite
   lidarcli detect run.bag --topic /front_scan --start 10 --end 20 --beams
+  lidarcli detect run.bag --topic '/scan*' --start 2026-11-22T10:00:00Z
   lidarcli detect run.mcap --profile paper --range 0.1 12 -o -
   lidarcli detect run.mcap --pose /amcl_pose
   lidarcli detect run.mcap --background empty.background.parquet --removed

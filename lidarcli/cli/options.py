@@ -19,13 +19,12 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
+    from lidarcli.times import Instant
 
 STDOUT = "-"
 """As the name of an output."""
 GREATEST_NUMBER = 1e6
 """A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`sweeps.FARTHEST`)."""
-LONGEST_TIME = 1e9
-"""A time of an option is no longer [s]: thirty years."""
 WIDEST = 4 * math.pi
 """An angle of a sensor is no wider [rad]: two turns, as in a scene file."""
 MOST = 1_000_000
@@ -129,8 +128,33 @@ class Line(click.ParamType):  # type: ignore[type-arg]
     envvar_list_splitter = "\n"
 
 
+class Time(click.ParamType):  # type: ignore[type-arg]
+    """Seconds after the first sweep, or date and time."""
+
+    name = "time"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """What help shows."""
+        return "TIME"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Seconds or an `Instant`, or a usage error."""
+        from lidarcli.errors import OptionError
+        from lidarcli.times import parse_time
+
+        if not isinstance(value, str):
+            return value
+        try:
+            found = parse_time(value)
+        except OptionError as err:
+            self.fail(f"{err}.", param, ctx)
+        if isinstance(found, float) and found < 0:
+            self.fail(f"{value} is below 0.", param, ctx)
+        return found
+
+
 METRES = Number("METRES", least=0)
-SECONDS = Number("SECONDS", least=0, most=LONGEST_TIME)
+TIME = Time()
 
 # Whether they can be read is found out where they are opened, which says more than a usage error.
 INPUTS = click.Path(allow_dash=True, readable=False)
@@ -146,8 +170,8 @@ class Selection:
     """Which sweeps of a log to read."""
 
     topics: tuple[str, ...]
-    start: float | None
-    end: float | None
+    start: float | Instant | None
+    end: float | Instant | None
     every: int
 
     def read(self, rules: RangeRules) -> ReadOptions:
@@ -246,12 +270,18 @@ def reading_options(command: F) -> F:
             metavar="N",
             help="Take every N-th sweep.",
         ),
-        option("--end", heading=SELECT, type=SECONDS, help="Skip what is after.  [default: the end]"),
+        option(
+            "--end",
+            heading=SELECT,
+            type=TIME,
+            help="End before this time, given like --start.  [default: the end]",
+        ),
         option(
             "--start",
             heading=SELECT,
-            type=SECONDS,
-            help="Skip what is before, from the first sweep.  [default: 0]",
+            type=TIME,
+            help="Start at this time: seconds after the first sweep (10, 2min), or date and time "
+            "(2026-11-22T10:00:00Z).  [default: 0]",
         ),
         option(
             "--topic",
@@ -259,7 +289,7 @@ def reading_options(command: F) -> F:
             heading=SELECT,
             metavar="NAME",
             multiple=True,
-            help="LaserScan topic to read; may be repeated.  [default: all]",
+            help="LaserScan topic to read, or a pattern such as '/scan*'; may be repeated.  [default: all]",
         ),
     ):
         command = decorate(command)

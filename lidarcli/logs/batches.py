@@ -14,6 +14,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.choice import TopicChoice
 from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
+from lidarcli.times import Instant, parse_time
 
 MOST_EVERY = 1_000_000
 """`every` is no larger."""
@@ -29,10 +30,10 @@ class ReadOptions:
 
     topics: Collection[str] | None = None
     """Names of LaserScan topics, with or without the leading slash; none means all."""
-    start: float | None = None
-    """Seconds from the first sweep of the same topic and frame; sweeps before are left out."""
-    end: float | None = None
-    """Sweeps from here on are left out [s]."""
+    start: float | Instant | None = None
+    """Seconds from the first sweep of the same topic and frame, or a moment, or its text; what is before is left out."""
+    end: float | Instant | None = None
+    """Sweeps from here on are left out."""
     every: int = 1
     """Of each topic's sweeps only those whose index is a multiple of this."""
     batch_size: int = 768
@@ -44,10 +45,24 @@ class ReadOptions:
             raise OptionError(f"--every: {self.every} is no whole number from 1 to {MOST_EVERY:,}")
         for name in ("start", "end"):
             value = getattr(self, name)
-            if value is not None and not math.isfinite(value):
+            if isinstance(value, str):
+                try:
+                    object.__setattr__(self, name, parse_time(value))
+                except OptionError as err:
+                    raise OptionError(f"--{name}: {err}") from None
+            elif isinstance(value, int | float) and not math.isfinite(value):
                 raise OptionError(f"--{name}: {value} is no number of seconds")
-        if self.start is not None and self.end is not None and not self.start < self.end:
-            raise OptionError(f"--start {self.start:g} is not before --end {self.end:g}")
+        if not _in_order(self.start, self.end):
+            raise OptionError(f"--start {_words(self.start, '')} is not before --end {_words(self.end, '')}")
+
+
+def _in_order(start: float | Instant | None, end: float | Instant | None) -> bool:
+    """Whether a window can hold anything; of seconds and a moment only the log can tell."""
+    if isinstance(start, Instant) and isinstance(end, Instant):
+        return start < end
+    if isinstance(start, int | float) and isinstance(end, int | float):
+        return start < end
+    return True
 
 
 def read_batches(
@@ -98,6 +113,33 @@ def read_batches(
         raise error
 
 
+@dataclass(slots=True)
+class _Span:
+    """When the first and the last of all sweeps of a topic were taken."""
+
+    _least: list[int] = field(default_factory=list)
+    _most: list[int] = field(default_factory=list)
+    """By date, and counted from the first sweep of their frame [ns]."""
+
+    def widen(self, *times_ns: Int64) -> None:
+        """Take the times of more sweeps, of which there is one at least."""
+        least, most = [int(each.min()) for each in times_ns], [int(each.max()) for each in times_ns]
+        self._least = [*map(min, self._least or least, least)]
+        self._most = [*map(max, self._most or most, most)]
+
+    def moments(self) -> str:
+        """The first and the last by date."""
+        return f"{Instant(self._least[0])} and {Instant(self._most[0])}"
+
+    def seconds(self) -> str:
+        """The first and the last in seconds."""
+        return f"{self._least[1] / 1e9:.1f} and {self._most[1] / 1e9:.1f} s, counted from the first one"
+
+
+def _words(time: float | Instant | None, unit: str = " s") -> str:
+    return f"{time:g}{unit}" if isinstance(time, int | float) else str(time)
+
+
 class _Line:
     """The sweeps of one topic that wait for their batch."""
 
@@ -107,8 +149,7 @@ class _Line:
         self._begin_ns: int | None = None
         """Stamp of the topic's first sweep, also of one that is left out."""
         self._first_ns: dict[str, int] = {}
-        self._seconds = (np.inf, -np.inf)
-        """When the first and the last of all sweeps were taken, counted from the first sweep of their frame."""
+        self._span = _Span()
         self._taken = 0
         self._blocks: list[RawSweeps] = []
         self._sweeps: list[Int64] = []
@@ -138,13 +179,12 @@ class _Line:
         codes, rows = np.unique(block.frame, return_index=True)
         for code, row in zip(codes.tolist(), rows.tolist(), strict=True):
             first[code] = self._first_ns.setdefault(block.frame_ids[code], int(time_ns[row]))
-        seconds = (time_ns - first[block.frame]) / 1e9
-        low, high = self._seconds
-        self._seconds = min(low, float(seconds.min())), max(high, float(seconds.max()))
-        if start is not None:
-            keep &= seconds >= start
-        if end is not None:
-            keep &= seconds < end
+        since_ns = time_ns - first[block.frame]
+        self._span.widen(time_ns, since_ns)
+        for time, is_start in ((start, True), (end, False)):
+            if time is not None:
+                late = time_ns >= time.ns if isinstance(time, Instant) else since_ns / 1e9 >= time
+                keep &= late if is_start else ~late
         return keep
 
     def empty_window(self, topic: str) -> str | None:
@@ -152,13 +192,10 @@ class _Line:
         start, end = self._options.start, self._options.end
         if self._taken or (start is None and end is None) or not self._count:
             return None
-        window = [*([f"from {start:g} s on"] if start is not None else [])]
-        window += [f"before {end:g} s"] if end is not None else []
-        low, high = self._seconds
-        return (
-            f"no sweep of {topic} {' and '.join(window)}: its sweeps lie between {low:.1f} and {high:.1f} s, counted "
-            "from the first one"
-        )
+        window = [*([f"from {_words(start)} on"] if start is not None else [])]
+        window += [f"before {_words(end)}"] if end is not None else []
+        there = self._span.moments() if isinstance(start or end, Instant) else self._span.seconds()
+        return f"no sweep of {topic} {' and '.join(window)}: its sweeps lie between {there}"
 
     def batches(self, final: bool = False) -> Iterator[SweepBatch]:
         """The full batches of what waits; in the end, all of it."""

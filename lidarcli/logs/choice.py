@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from fnmatch import fnmatchcase
 
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, SCAN_TYPES, Topic
@@ -24,6 +25,22 @@ def bare(name: str) -> str:
     return name.lstrip("/")
 
 
+def is_pattern(name: str) -> bool:
+    """Whether a name stands for several: `*` for any text, `?` for any character, `[ab]` for one of these."""
+    return any(mark in name for mark in "*?[")
+
+
+def means(wanted: str, topic: str) -> bool:
+    """Whether a name or a pattern that was asked for means a topic.
+
+    >>> means("scan", "/scan"), means("/scan*", "/scan_front"), means("/scan", "/scan_front")
+    (True, True, False)
+    """
+    if bare(wanted) == bare(topic):
+        return True
+    return is_pattern(wanted) and fnmatchcase(bare(topic), bare(wanted))
+
+
 def no_scan_topic(names: Sequence[str] = ()) -> str:
     """Words for topics that are not there: those that were asked for, or any."""
     return f"no LaserScan topic{_named(names)} in this log"
@@ -32,8 +49,8 @@ def no_scan_topic(names: Sequence[str] = ()) -> str:
 class TopicChoice:
     """The LaserScan topics that are wanted of a log, those that are there, and those that reading has seen.
 
-    A leading slash counts only where a log has both names. A log without an index shows its topics while it is read:
-    `takes` remembers them.
+    A wanted name may be a pattern. A leading slash counts only where a log has both names. A log without an index shows its
+    topics while it is read: `takes` remembers them.
     """
 
     def __init__(self, wanted: Collection[str] | None, topics: Sequence[Topic] | None) -> None:
@@ -54,9 +71,8 @@ class TopicChoice:
         if not self.wanted:
             return self.there
         if not self.is_listed:
-            wanted = set(map(bare, self.wanted))
-            return [name for name in self.there if bare(name) in wanted]
-        return sorted({name for wanted in self.wanted if (name := self._find(wanted)) is not None})
+            return [name for name in self.there if any(means(wanted, name) for wanted in self.wanted)]
+        return sorted({name for wanted in self.wanted for name in self._found(wanted)})
 
     @property
     def asked(self) -> frozenset[str] | None:
@@ -67,17 +83,19 @@ class TopicChoice:
     def first(self) -> str | None:
         """The topic that comes first in the tables, where that is known before reading."""
         known = self.chosen if self.is_listed else self.wanted if len(self.wanted) == 1 else ()
+        if not self.is_listed and any(map(is_pattern, known)):
+            return None
         return next(iter(known), None)
 
     @property
     def missing(self) -> tuple[str, ...]:
         """Those of the wanted that are not there."""
-        return tuple(name for name in self.wanted if self._find(name) is None)
+        return tuple(name for name in self.wanted if not self._found(name))
 
     def takes(self, topic: str) -> bool:
         """Whether the sweeps of a topic that reading has come to are wanted."""
         self._there.add(topic)
-        return not self.wanted or self.is_listed or bare(topic) in map(bare, self.wanted)
+        return not self.wanted or self.is_listed or any(means(wanted, topic) for wanted in self.wanted)
 
     def error(self, every: bool = False) -> NoScanError | None:
         """Why there is nothing to read; where `every` wanted topic has to be there, also why one cannot be read."""
@@ -88,11 +106,12 @@ class TopicChoice:
             return None
         return NoScanError(f"{no_scan_topic()} ({self._list()})" if self.is_listed else "no LaserScan in it")
 
-    def _find(self, name: str) -> str | None:
-        """The topic that a name means."""
+    def _found(self, name: str) -> list[str]:
+        """The topics that a name or a pattern means: the very one where it is there."""
         if name in self._there:
-            return name
-        return next((there for there in self.there if bare(there) == bare(name)), None)
+            return [name]
+        there = [each for each in self.there if means(name, each)]
+        return there if is_pattern(name) else there[:1]
 
     def _absent(self, missing: Sequence[str]) -> str:
         types = {bare(topic.name): topic.type for topic in self._topics}

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -241,3 +242,18 @@ def test_no_output_replaces_the_catalogue(lidarcli: Run, tmp_path: Path) -> None
     ran = lidarcli("detect", SAMPLES / "room.mcap", "--catalogue", path, "-o", path, "--overwrite")
     assert ran.code == 5
     assert path.read_bytes() == (SAMPLES / "room.catalogue.toml").read_bytes()
+
+
+def test_patterns_of_topics_and_times_by_date(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    call = ("detect", logs / "two.mcap", "-o", tmp_path, "--overwrite", "--topic", "/r*")
+    assert lidarcli(*call).code == 0
+    first = pq.read_table(tmp_path / "two.sweeps.parquet")
+    assert set(first["topic"].to_pylist()) == {"/rear"}
+    moment = str(np.datetime_as_string(first["stamp"].to_numpy()[5])) + "Z"
+    assert lidarcli(*call, "--start", moment, "--end", "1.2s").code == 0
+    table = pq.read_table(tmp_path / "two.sweeps.parquet")
+    assert table["sweep"].to_pylist()[0] == 5
+    assert max(table["t"].to_pylist()) < 1.2
+    parameters = json.loads(table.schema.metadata[b"lidarcli.parameters"])
+    assert (parameters["topics"], parameters["end"]) == (["/r*"], 1.2)
+    assert np.datetime64(parameters["start"][:-1], "ns") == np.datetime64(moment[:-1], "ns")

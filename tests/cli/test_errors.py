@@ -174,7 +174,13 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
         ("--group-gap", "1e7", "1e7 is above 1e+06."),
         ("--station-distance", "1e308", "1e308 is above 1e+06."),
         ("--range-max", "1e308", "1e308 is above 1e+06."),
-        ("--start", "1e300", "1e300 is above 1e+09."),
+        ("--start", "1e300", "'1e300' is more than 1e+09 seconds."),
+        (
+            "--end",
+            "soon",
+            "'soon' is no time: give seconds after the first sweep (12.5, 500ms, 2min) or date and time "
+            "(2026-11-22T10:00:00Z).",
+        ),
         ("--no-return", "zero,1e308", "1e+308 is no range."),
         ("--no-return", "nan,1e999", "inf is no range."),
         ("--fov", "1e9", "1e9 is above 1e+06."),
@@ -182,7 +188,6 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
         ("--angle-increment", "1e300", "1e300 is above 1e+06."),
         ("--angle-min", "-13", "-13 radians are more than two turns."),
         ("--angle-min", "-1e300", "-1e300 is below -1e+06."),
-        ("--end", "soon", "'soon' is not a number."),
         (
             "--no-return",
             "zero,naught",

@@ -231,3 +231,45 @@ def test_a_damaged_or_refused_log_is_not_called_one_without_scans() -> None:
     log = FakeLog([])
     log.met.refused[("/scan", "angle_min is not finite")] += 1
     assert list(read_batches(log, ReadOptions(), ReadReport())) == []
+
+
+def test_a_window_by_date_and_time() -> None:
+    log = [block([3] * 20)]
+    # The stamps begin 100 s after 1970, 10 Hz.
+    assert sweeps(run(log, start="1970-01-01T00:01:40.5Z", end="1970-01-01T00:01:40.8Z")) == [5, 6, 7]
+    assert sweeps(run(log, start="500ms", end="1970-01-01T00:01:40.8Z")) == [5, 6, 7]
+    assert sweeps(run(log, start="1970-01-01T01:01:41.8+01:00")) == [18, 19]
+
+
+def test_a_window_by_date_that_holds_nothing_is_told() -> None:
+    report = ReadReport()
+    options = ReadOptions(start="2026-01-01")
+    assert list(read_batches(FakeLog([block([3] * 20)]), options, report)) == []
+    assert report.notes == [
+        "no sweep of /scan from 2026-01-01T00:00:00Z on: its sweeps lie between 1970-01-01T00:01:40Z and "
+        "1970-01-01T00:01:41.9Z"
+    ]
+
+
+@pytest.mark.parametrize("listed", [True, False])
+@pytest.mark.parametrize(
+    ("wanted", "read"),
+    [
+        (("/scan*",), ["/scan_front", "/scan_rear"]),
+        (("scan_?ear",), ["/scan_rear"]),
+        (("*",), ["/odd[1]", "/scan_front", "/scan_rear"]),
+        (("/odd[1]", "/scan_[f]*"), ["/odd[1]", "/scan_front"]),
+    ],
+)
+def test_topics_by_pattern(listed: bool, wanted: tuple[str, ...], read: list[str]) -> None:
+    names = ("/scan_front", "/scan_rear", "/odd[1]")
+    blocks = [block([3] * 5, topic=name) for name in names]
+    topics = [Topic(name, LASERSCAN, "cdr", 5) for name in names] if listed else None
+    log = FakeLog(blocks, topics)
+    found = read_batches(log, ReadOptions(topics=wanted), ReadReport())
+    assert sorted({batch.topic for batch in found}) == read
+
+
+def test_a_pattern_that_means_nothing_is_a_topic_that_is_not_there() -> None:
+    with pytest.raises(NoScanError, match=r"no LaserScan topic /front\*"):
+        run([block([3] * 5)], topics=["/front*"])

@@ -21,6 +21,7 @@ from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
 from lidarcli.sweeps import Int64, SweepBatch
 from lidarcli.threads import Beside
+from lidarcli.times import Instant
 
 if TYPE_CHECKING:
     from lidarcli.poses.motion import Motion
@@ -43,14 +44,18 @@ def reading_as_dict(read: ReadOptions, csv: CsvOptions, poses: PoseOptions) -> d
         told["range_scale"] = csv.range_scale
     return {
         "topics": sorted(read.topics) if read.topics else None,
-        "start": read.start,
-        "end": read.end,
+        "start": _plain(read.start),
+        "end": _plain(read.end),
         "every": read.every,
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
         **({"csv": told} if told else {}),
         **poses.as_dict(),
     }
+
+
+def _plain(time: float | Instant | None) -> float | str | None:
+    return str(time) if isinstance(time, Instant) else time
 
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
