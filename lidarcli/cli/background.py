@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
-STATIONS = "Stations of a moving sensor"
+STATIONS = "Viewpoints (stations) of a moving sensor"
 
 
 @click.group(cls=Commands)
@@ -69,7 +69,7 @@ def background() -> None:
     type=Number("METRES", above=0),
     default=STATION_DISTANCE,
     show_default=True,
-    help="Sweeps up to this far from a station belong to it.",
+    help="Sweeps up to this far from a viewpoint belong to it.",
 )
 @option(
     "--station-angle",
@@ -78,7 +78,7 @@ def background() -> None:
     type=Number("DEGREES", above=0),
     default=STATION_DEGREES,
     show_default=True,
-    help="And whose heading differs by no more than this.",
+    help="Sweeps belong to a viewpoint if their heading differs by no more than this.",
 )
 @range_options
 @csv_options
@@ -100,9 +100,9 @@ def build(
 ) -> int:
     """Learn r_e, the range of the background, from logs of the scene.
 
-    For every beam the farthest surface that enough sweeps agree on, so that people may
+    For every beam this is the farthest surface that enough sweeps agree on: people may
     walk through the scene in up to 30 % of the sweeps. Several logs make one background.
-    Where a log has poses, every place gets a background of its own.
+    Where a log has poses, every viewpoint gets a background of its own.
     """
     if figure and place(figure).suffix.lower() not in IMAGES:
         raise click.BadParameter(f"'{figure}' is none of {', '.join(IMAGES)}.", param_hint="'--plot'")
@@ -206,7 +206,7 @@ def _subtract() -> click.Command:
         help="""Find what differs from a background: r_w - r_e, sweep by sweep.
 
         The same as `lidarcli detect --background FILE`, and the same tables, with `difference` and
-        `change` filled in. Everything that is background is in set S.""",
+        `change` filled in. Everything else counts as walls and rest (set S).""",
         epilog="""Examples:
 
 \b

@@ -43,7 +43,7 @@ def detect(say: Messages, /, memory: bool, **asked: Any) -> int:
     """Find the objects of every sweep of every LaserScan topic.
 
     Writes one row per object to DIR/<log>.objects.parquet and one per sweep to
-    DIR/<log>.sweeps.parquet. A log found below a folder keeps its place below DIR.
+    DIR/<log>.sweeps.parquet. Sub-folders of LOG are mirrored below DIR.
     """
 
     def remembering() -> TrackOptions:

@@ -76,15 +76,15 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                     heading=OUTPUT,
                     type=click.IntRange(min=1, max=MOST),
                     metavar="N",
-                    help="Processors to use at most: threads share a long log, processes many logs.  "
-                    "[default: as many as pay]",
+                    help="Most processors to use: threads share a long log, processes share many logs.  "
+                    "[default: automatic]",
                 ),
                 option(
                     "--resume",
                     heading=MANY,
                     is_flag=True,
-                    help="Leave out logs that were done with the same parameters and version, and do again what failed "
-                    "or has changed (docs/fleet.md).",
+                    help="Skip logs that were done with the same parameters and version; repeat what failed or has changed "
+                    "(docs/fleet.md).",
                 ),
                 option(
                     "--partition",
@@ -99,19 +99,19 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                     "--cluster",
                     heading=MANY,
                     metavar="ADDRESS",
-                    help="Have the workers of this Dask cluster do the work, as tls://host:8786; local:N starts N of "
-                    "them here (docs/fleet.md).  [default: this machine]",
+                    help="Send the logs to the workers of this Dask cluster, such as tls://host:8786; local:N starts N "
+                    "workers here (docs/fleet.md).  [default: this machine]",
                 ),
                 reading_options,
                 object_options(
-                    walls="Also rows for walls, with the corners of the room.",
+                    walls="Also write rows for walls, with the corners of the room.",
                     no_limit="paper or --background",
                 ),
                 option(
                     "--memory/--no-memory",
                     heading=OBJECTS,
                     default=memory,
-                    help="Whether what is a thing, and its shape, is decided by all sweeps that saw it, or anew in each.  "
+                    help="Decide what is a thing, and its shape, by all sweeps that saw it, or by each sweep alone.  "
                     f"[default: {'memory' if memory else 'no-memory'}]",
                 ),
                 option(
@@ -119,34 +119,34 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                     heading=BACKGROUND,
                     metavar="FILE",
                     type=click.Path(),
-                    help="Only what differs from this background is an object (docs/background.md); --threshold METRES "
-                    "is then the least difference.",
+                    help="Find only what differs from this background (docs/background.md); --threshold METRES is then the "
+                    "smallest difference.  [default: none]",
                 ),
                 option(
                     "--removed",
                     heading=BACKGROUND,
                     is_flag=True,
-                    help="Also what has gone, as rows of change removed.",
+                    help="Also report objects that have disappeared, as rows whose change is removed.",
                 ),
                 option(
                     "--any-frame",
                     heading=BACKGROUND,
                     is_flag=True,
-                    help="Take it for a sensor of another name, too.",
+                    help="Accept a background that was recorded under another frame_id.",
                 ),
                 option(
                     "--station-distance",
                     "distance",
                     heading=BACKGROUND,
                     type=Number("METRES", above=0),
-                    help="How far a sweep may be from a station.  [default: as it was built]",
+                    help="How far a sweep may be from a viewpoint of the background.  [default: as it was built]",
                 ),
                 option(
                     "--station-angle",
                     "angle",
                     heading=BACKGROUND,
                     type=Number("DEGREES", above=0),
-                    help="How far it may be turned away from it.  [default: as it was built]",
+                    help="How far a sweep may be turned away from that viewpoint.  [default: as it was built]",
                 ),
                 catalogue_option,
                 range_options,

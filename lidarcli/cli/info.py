@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     type=click.Choice(["text", "json"]),
     default="text",
     show_default=True,
-    help="For people, or a JSON list with one object per log.",
+    help="Text for people, or JSON for programs: a list with one object per log.",
 )
 @pose_options(delay=False)
 @range_options
@@ -50,7 +50,7 @@ def info(
     rules: RangeRules,
     csv: CsvOptions,
 ) -> int:
-    """Show what is in a log: topics, sweeps, geometry, clocks, beams, poses, damage.
+    """Show what is in a log: topics, sweeps, geometry, time, poses, damage.
 
     Reads every log from end to end.
     """

@@ -23,7 +23,7 @@ _FRAMES = 2
 _CLOSURES = {
     "open": "partial view",
     "closed": "full turn",
-    "shared": "full turn, first and last beam share a bearing",
+    "shared": "full turn; first and last beam point the same way",
 }
 
 
@@ -107,14 +107,14 @@ def _scan_lines(scan: ScanInfo) -> list[str]:
             f"deg, step {_span(scan.increment, '{:.4f}', math.degrees)} deg",
             4,
         ),
-        _line("closure", "; ".join(_CLOSURES[name] for name in scan.closure), 4),
+        _line("coverage", ", ".join(_CLOSURES[name] for name in scan.closure), 4),
         _line("limits", _limits(scan.range_min, scan.range_max), 4),
         _line("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
     ]
     if clock.start_ns is not None and clock.end_ns is not None:
         lines.append(_line("time", f"{_stamp(clock.start_ns)} to {_stamp(clock.end_ns)}", 4))
         lines.append(_line("span", f"{clock.span:.3f} s", 4))
-    lines.append(_line("clock", _clock(clock, scan.sweeps), 4))
+    lines.append(_line("stamps", _stamps(clock, scan.sweeps), 4))
     if scan.pose:
         lines.append(_line("pose", scan.pose, 4))
     for name, count in scan.by_status.items():
@@ -131,15 +131,17 @@ def _limits(least: Span, greatest: Span) -> str:
     return f"{told} to {_span(greatest, '{:g}')} m"
 
 
-def _clock(clock: ClockInfo, sweeps: int) -> str:
-    parts = ["monotonic"]
+def _stamps(clock: ClockInfo, sweeps: int) -> str:
+    parts = ["increasing"]
     if not clock.monotonic:
-        parts = [f"jumps back {clock.backward}x (at most {clock.largest_backward:.3f} s)"]
+        times = "once" if clock.backward == 1 else f"{clock.backward} times"
+        parts = [f"go back {times}, by at most {clock.largest_backward:.3f} s"]
     if clock.zero_stamps:
-        parts.append(f"{clock.zero_stamps:,} of {sweeps:,} stamps zero")
+        parts.append(f"{clock.zero_stamps:,} of {sweeps:,} are zero")
     if clock.offset is not None:
-        parts.append(f"record - header {clock.offset:+.3f} s")
-    return ", ".join(parts)
+        side = "before" if clock.offset < 0 else "after"
+        parts.append(f"recorded {abs(clock.offset):.3f} s {side} the header stamp")
+    return "; ".join(parts)
 
 
 def _log_json(info: LogInfo) -> dict[str, Any]:

@@ -76,7 +76,7 @@ def many_logs(command: F) -> F:
             heading=MANY,
             metavar="I/N",
             type=Shard(),
-            help="Only the I-th of N shares of the logs. To which one a log belongs depends on its name alone.  "
+            help="Process only the I-th of N shares of the logs. The name of a log alone decides which share it is in.  "
             "[default: all]",
         ),
         option(
@@ -84,15 +84,14 @@ def many_logs(command: F) -> F:
             heading=MANY,
             metavar="DIR",
             type=click.Path(),
-            help="Logs below this folder or URL keep their place in their names.  [default: the folder or pattern "
-            "that was given]",
+            help="Mirror the sub-folders of this folder or URL below DIR.  [default: the folder or pattern that was given]",
         ),
         option(
             "--files-from",
             heading=MANY,
             metavar="FILE",
             type=click.Path(allow_dash=True),
-            help="Also the logs that this file lists, one a line; - for standard input.  [default: none]",
+            help="Also read the logs that this file lists, one per line; - for standard input.  [default: none]",
         ),
     ):
         command = decorate(command)

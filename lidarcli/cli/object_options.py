@@ -38,13 +38,14 @@ def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:
                     type=click.Choice(["robust", "paper"]),
                     default="robust",
                     show_default=True,
-                    help="Estimates for real sensors, or the paper's formulas to the letter.",
+                    help="robust: tuned for real sensors; paper: the published formulas, unchanged.",
                 ),
                 option(
                     "--threshold",
                     heading=OBJECTS,
                     type=Threshold(),
-                    help="Discontinuity: by noise and range, the mean of |s| (Def. 3), or fixed.  "
+                    help="Jump in range that separates two surfaces: adaptive (by noise and range), mean (of |s|, the "
+                    "paper's Def. 3), or metres.  "
                     "[default: adaptive; paper: mean]",
                 ),
                 option(
@@ -52,32 +53,34 @@ def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:
                     heading=OBJECTS,
                     type=click.IntRange(min=1, max=MOST),
                     metavar="N",
-                    help="Fewer valid beams are noise.  [default: 3; paper: 1]",
+                    help="Smallest number of valid beams that an object may have.  [default: 3; paper: 1]",
                 ),
                 option(
                     "--max-width",
                     heading=OBJECTS,
                     type=Number("METRES", above=0),
-                    help=f"What extends further is background.  [default: 2; {no_limit}: no limit]",
+                    help=f"Largest object; anything wider counts as wall.  [default: 2; {no_limit}: no limit]",
                 ),
                 option(
                     "--max-gap",
                     heading=OBJECTS,
                     type=click.IntRange(min=0, max=MOST),
                     metavar="N",
-                    help="Lost beams bridged inside one surface.  [default: 2; paper: 0]",
+                    help="How many missing beams in a row may be bridged within one surface.  [default: 2; paper: 0]",
                 ),
                 option(
                     "--group-gap",
                     heading=OBJECTS,
                     type=METRES,
-                    help="Slim objects closer than this are one, as the legs of a chair.  [default: 0, never]",
+                    help="Join narrow objects (up to 0.2 m) that are closer than this: the legs of a person or chair.  "
+                    "[default: 0, never]",
                 ),
                 option(
                     "--min-thing",
                     heading=OBJECTS,
                     type=Number("P", least=0.0, most=1.0),
-                    help="What is less likely a thing, and not a piece of building, is wall: 0 to 1.  "
+                    help="Least probability, 0 to 1, that an object is a thing and not a piece of building; what has less "
+                    "counts as wall.  "
                     f"[default: {MIN_THING}]",
                 ),
                 option("--walls", heading=OBJECTS, is_flag=True, help=walls),

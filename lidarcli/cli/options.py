@@ -201,8 +201,8 @@ _POSE = option(
     "--pose",
     heading=POSES,
     metavar="TOPIC",
-    help="Topic that tells where the sensor was (docs/poses.md); none for no poses; match to find its path from "
-    "the sweeps themselves.  [default: the best there is]",
+    help="Topic with the poses of the sensor (docs/poses.md); none: no poses; match: find the path from the "
+    "sweeps themselves.  [default: the best there is]",
 )
 _POSES = option(
     "--poses",
@@ -210,8 +210,8 @@ _POSES = option(
     heading=POSES,
     metavar="FILE.tum",
     type=click.Path(),
-    help="Path of the sensor from a file: lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo write "
-    "them.  [default: the log's own poses]",
+    help="Path of the sensor from a file with lines of timestamp x y z qx qy qz qw, as `lidarcli poses` and evo "
+    "write it.  [default: the poses in the log]",
 )
 _POSE_DELAY = option(
     "--pose-delay",
@@ -219,15 +219,15 @@ _POSE_DELAY = option(
     type=Number("SECONDS"),
     default=None,
     show_default="0; for tracks and maps what fits best",
-    help="Take the pose of a sweep this much after its header stamp; negative: before. `info` tells where another "
-    "than 0 fits better.",
+    help="Use the pose from this long after the header stamp of a sweep; negative: before it. `info` tells where "
+    "another value than 0 fits better.",
 )
 _NO_DESKEW = option(
     "--no-deskew",
     heading=POSES,
     is_flag=True,
-    help="Take all beams of a sweep as seen from one place; by default each is seen from where the sensor was at "
-    "its own time, where poses and time_increment are known.",
+    help="Place all beams of a sweep as seen from one place. By default each beam is placed from where the sensor "
+    "was at its own time, if poses and time_increment are known.",
 )
 
 
@@ -307,8 +307,8 @@ def range_options(command: F) -> F:
             metavar="LIST",
             default="inf,zero,max,above",
             show_default=True,
-            help="What a driver writes for 'no return', comma separated: inf, zero, max, above, nan, negative, "
-            "below, or metres such as 81.91.",
+            help="Values that mean 'no return', comma separated: inf, zero, max, above, nan, negative, below, or metres "
+            "such as 81.91.",
         ),
         option(
             "--range",

@@ -12,7 +12,16 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.reading.summary import RunSummary
     from lidarcli.pipeline.running.outcomes import Outcome
 
-_WORDS = {"no_return": "no return", "too_close": "too close"}
+_WORDS = {
+    "no_return": "no return",
+    "too_close": "too close",
+    "O": "objects",
+    "A": "agents",
+    "S": "walls and rest",
+}
+_COLUMNS = 80
+TELLING_SECONDS = 1.0
+"""What took less time [s] tells how long a program takes to start, not how fast it reads."""
 
 
 def show(outcome: Outcome, say: Messages) -> None:
@@ -82,8 +91,11 @@ def _show_run(label: str, run: RunSummary, say: Messages) -> None:
     _show_losses(label, run, say)
     say.info(f"{label}: {_counts(run)}{_speed(run)}")
     if run.sweeps:
-        say.info(f"  beams    {run.beams:,}: {_parts(run.by_status, run.beams)}")
-        say.info(f"  sets     {_parts(run.by_set, run.beams)}")
+        # Agents are there only where things are followed.
+        _say_parts(say, f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
+        _say_parts(
+            say, "  on       ", run.by_set, run.beams, ("O", "S", *(["A"] if run.things is not None else []))
+        )
     say.detail(f"  topics   {', '.join(sorted(run.topics)) or 'none'}")
     say.detail(f"  time     {run.seconds:.3f} s")
     for note in run.notes:
@@ -112,17 +124,30 @@ def _counts(run: RunSummary) -> str:
 
 
 def _speed(run: RunSummary) -> str:
-    speed = f", {run.sweeps / run.seconds:,.0f} sweeps/s" if run.seconds > 0 and run.sweeps else ""
+    is_told = run.seconds >= TELLING_SECONDS and run.sweeps
+    speed = f", {run.sweeps / run.seconds:,.0f} sweeps/s" if is_told else ""
     return speed + (", source damaged" if run.damage else "")
 
 
-def _parts(counts: Mapping[str, int], total: int) -> str:
-    return ", ".join(
+def _say_parts(
+    say: Messages, head: str, counts: Mapping[str, int], total: int, always: Sequence[str]
+) -> None:
+    """How many beams are of each kind; kinds that do not occur are left out but for those that `always` matter."""
+    parts = [
         f"{_WORDS.get(name, name)} {count:,} ({count / total:.1%})"
         if total
         else f"{_WORDS.get(name, name)} 0"
         for name, count in counts.items()
-    )
+        if count or name in always
+    ]
+    line = head + parts[0]
+    for part in parts[1:]:
+        if len(line) + 2 + len(part) > _COLUMNS - 1:
+            say.info(f"{line},")
+            line = " " * 11 + part
+        else:
+            line += f", {part}"
+    say.info(line)
 
 
 def _count(number: int, noun: str) -> str:

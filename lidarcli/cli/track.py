@@ -38,16 +38,16 @@ TRACKING = "Tracking"
     type=Number("P", least=1e-12, most=0.1),
     default=SIGNIFICANCE,
     show_default=True,
-    help="Share of the standing things that may pass for moving by chance; the smaller, the later a slow one is told.",
+    help="Share of standing things that may be taken for moving by chance. A smaller share finds slow things later.",
 )
 @click.pass_obj
 def track(say: Messages, /, significance: float, memory: bool, **asked: Any) -> int:
     """Find the objects of every sweep, and follow things from sweep to sweep.
 
-    Does everything that `lidarcli detect` does, with the same options, and in the same
-    pass tells which objects are one thing, how fast it is, and which things are agents
-    (set A). Writes one row per thing to DIR/<log>.tracks.parquet, beside the tables of
-    objects and sweeps.
+    Does everything that `lidarcli detect` does, with the same options. In the same pass
+    it finds which objects are one thing, how fast it is, and which things move by
+    themselves (agents, set A). Writes one row per thing to DIR/<log>.tracks.parquet,
+    beside the tables of objects and sweeps.
     """
 
     def tracking() -> TrackOptions:

@@ -53,7 +53,7 @@ def test_build_says_what_it_learned(scene: Path, tmp_path: Path, lidarcli: Run) 
     ran = lidarcli("background", "build", scene / "empty.mcap", "-o", file)
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
-    assert lines[0].startswith(f"{scene / 'empty.mcap'}: 20 sweeps, ")
+    assert lines[0].startswith(f"{scene / 'empty.mcap'}: 20 sweeps")
     assert lines[1:] == [
         "  /scan (frame laser): 1 station of 360 beams, 20 sweeps",
         "  beams    surface 359 (99.7%), open 1 (0.3%), unknown 0 (0.0%); spread 0.000 m, support 100.0%",

@@ -26,12 +26,12 @@ TEXT = """\
     sweeps    20
     beams     360
     view      360.00 deg from -180.00 deg, step 1.0000 deg
-    closure   full turn
+    coverage  full turn
     limits    0.1 m to 12 m
     rate      10.00 Hz (median step)
     time      2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z
     span      1.900 s
-    clock     monotonic, record - header +0.050 s
+    stamps    increasing; recorded 0.050 s after the header stamp
     valid     7,180 beams (99.72%)
     no return 20 beams (0.28%)
     too close 0 beams (0.00%)

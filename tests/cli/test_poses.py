@@ -56,7 +56,7 @@ def test_tum(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     ran = lidarcli("poses", DRIVE, "-o", out)
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
-    assert lines[0].startswith(f"{DRIVE}: 150 sweeps, ")
+    assert lines[0].startswith(f"{DRIVE}: 150 sweeps")
     assert lines[1:] == [POSES_NOTE, "  note     150 poses", f"  wrote    {out}"]
     assert out.read_text().splitlines()[1] == (
         "1700000000.200000000 2.603073 0.100326 0.000000 0.000000000 0.000000000 0.706726729 0.707486629"
