@@ -21,12 +21,13 @@ GATES = "Gates"
   lidarcli report tables/
   lidarcli report run.objects.parquet -o run.html --log run.mcap
   lidarcli report tables/ -o out.md -o out.xml --check "sweeps >= 100"
-  lidarcli report tables/ --check "objects_per_sweep.p95 <= 12"
+  lidarcli report tables/ --check "objects_per_sweep.p95 <= 12" --brief
   lidarcli report tables/ --check "objects where width > 1.5 == 0"
   lidarcli report tables/ --check "agents_at_once.max <= 3"
   lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
   lidarcli report 'tables/*.parquet' --format json | jq .figures
   lidarcli report tables/_lidarcli --check "failed == 0"
+  lidarcli report tables/ --check "sweeps >= 100" --format github
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
 @click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=click.Path())
@@ -43,8 +44,14 @@ GATES = "Gates"
     "--format",
     "kind",
     heading=OUTPUT,
-    type=click.Choice(["text", "markdown", "html", "json", "junit"]),
+    type=click.Choice(["text", "markdown", "html", "json", "junit", "github"]),
     help="Format, where the suffix does not say it.  [default: by suffix, else text]",
+)
+@option(
+    "--brief",
+    heading=OUTPUT,
+    is_flag=True,
+    help="Only the checks and a summary of one line: text, markdown or github.",
 )
 @option(
     "--log",
@@ -81,12 +88,13 @@ def report(
     tables: tuple[str, ...],
     outputs: tuple[str, ...],
     kind: str | None,
+    brief: bool,
     logs: tuple[str, ...],
     overwrite: bool,
     checks: tuple[str, ...],
     baseline: tuple[str, ...],
 ) -> int:
-    """Sum up what is in one or many runs, and hold it against checks.
+    """Summarise one or many runs, and test them against thresholds.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
     found beside it), a folder to search, or a pattern. The folder TABLES/_lidarcli of a
@@ -96,11 +104,21 @@ def report(
     from lidarcli.pipeline.fleet.reporting import manifest_files, report_runs, understand_runs
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
-    from lidarcli.pipeline.reporting import SUFFIXES, ReportOptions, make_report, render, understand
+    from lidarcli.pipeline.reporting import (
+        SHORT_FORMATS,
+        SUFFIXES,
+        ReportOptions,
+        make_report,
+        render,
+        understand,
+    )
 
     kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
     if len(outputs) > 1 and kind is not None:
         raise click.UsageError("--format is for one output; several take theirs from their suffixes")
+    long = [form for form in kinds if brief and form not in SHORT_FORMATS]
+    if long:
+        raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {long[0]}")
     of_runs = _are_of_runs(tables, baseline, logs)
     options = ReportOptions(tables, checks, baseline, logs)
     if of_runs:
@@ -116,10 +134,10 @@ def report(
         say.error(problem)
     for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
         if name == STDOUT:
-            words = render(made, form, colour=coloured(standard_output()))
+            words = render(made, form, colour=coloured(standard_output()), brief=brief)
             standard_output().buffer.write(_encoded(words))
         else:
-            notes = write_whole(place(name), _encoded(render(made, form)), overwrite)
+            notes = write_whole(place(name), _encoded(render(made, form, brief=brief)), overwrite)
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")

@@ -31,7 +31,9 @@ from lidarcli.tables.schemas import LATER
 if TYPE_CHECKING:
     from lidarcli.reports.map_picture import MapPicture
 
-FORMATS = ("text", "markdown", "html", "json", "junit")
+FORMATS = ("text", "markdown", "html", "json", "junit", "github")
+SHORT_FORMATS = ("text", "markdown", "github")
+"""Those of which there is a short form."""
 SUFFIXES = {
     ".txt": "text",
     ".md": "markdown",
@@ -177,8 +179,16 @@ def _refuse_untracked(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:
             )
 
 
-def render(made: Made | MadeRuns, kind: str, colour: bool = False) -> str:
-    """The report in one of `FORMATS`; for html, one of tables was made with `viewer`."""
+def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool = False) -> str:
+    """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
+    if kind == "github":
+        from lidarcli.reports import github
+
+        return github.render(made.report, "" if brief else render(made, "text"))
+    if brief:
+        from lidarcli.reports import markdown, text
+
+        return markdown.brief(made.report) if kind == "markdown" else text.brief(made.report, colour)
     if isinstance(made, MadeRuns):
         return render_runs(made.report, kind, colour)
     if kind == "text":

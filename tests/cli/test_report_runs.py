@@ -72,9 +72,9 @@ def test_text_on_standard_output(lidarcli: Run, fleet: Path) -> None:
     lines = ran.out.splitlines()
     assert lines[0] == "2 runs over 5 logs"
     assert [line.split()[::2] for line in lines[1:4]] == [
-        ["ok", "60.0%"],
-        ["damaged", "20.0%"],
-        ["failed", "20.0%"],
+        ["ok", "60.0", "3"],
+        ["damaged", "20.0", "1"],
+        ["failed", "20.0", "1"],
     ]
     assert lines[4:] == [
         "runs      2",
