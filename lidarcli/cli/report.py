@@ -100,6 +100,7 @@ def report(
     found beside it), a folder to search, or a pattern. The folder TABLES/_lidarcli of a
     run over many logs, or manifests in it, tell what became of each log.
     """
+    from lidarcli.cli.progress import counted_bar
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.fleet.reporting import manifest_files, report_runs, understand_runs
     from lidarcli.pipeline.inputs.search import files_of, find_logs
@@ -129,7 +130,12 @@ def report(
     if files:
         read = manifest_files(tables)[0] if of_runs else table_files([*tables, *baseline])
         refuse(files, overwrite, [*map(str, read), *files_of(find_logs(logs))])
-    made = report_runs(tables, checks) if of_runs else make_report(options, viewer="html" in kinds)
+    with counted_bar("report", None, "steps", say) as progress:
+        made = (
+            report_runs(tables, checks, progress)
+            if of_runs
+            else make_report(options, viewer="html" in kinds, progress=progress)
+        )
     for problem in made.report.problems:
         say.error(problem)
     for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
