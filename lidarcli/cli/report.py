@@ -51,7 +51,7 @@ GATES = "Gates"
     "--brief",
     heading=OUTPUT,
     is_flag=True,
-    help="Only the checks and a summary of one line: text, markdown or github.",
+    help="Only the checks and a summary in a line: text, markdown or github.",
 )
 @option(
     "--log",
@@ -70,7 +70,7 @@ GATES = "Gates"
     heading=GATES,
     metavar="EXPR",
     multiple=True,
-    help="What has to hold, or the exit code is 1; may be repeated (docs/reports.md).  [default: none]",
+    help="Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md).  [default: none]",
 )
 @option(
     "--baseline",
@@ -114,12 +114,9 @@ def report(
         understand,
     )
 
-    kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
-    if len(outputs) > 1 and kind is not None:
-        raise click.UsageError("--format is for one output; several take theirs from their suffixes")
-    long = [form for form in kinds if brief and form not in SHORT_FORMATS]
-    if long:
-        raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {long[0]}")
+    kinds = _kinds(outputs or (STDOUT,), kind, SUFFIXES)
+    if brief and not {*kinds} & {*SHORT_FORMATS}:
+        raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
     of_runs = _are_of_runs(tables, baseline, logs)
     options = ReportOptions(tables, checks, baseline, logs)
     if of_runs:
@@ -139,11 +136,12 @@ def report(
     for problem in made.report.problems:
         say.error(problem)
     for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
+        short = brief and form in SHORT_FORMATS
         if name == STDOUT:
-            words = render(made, form, colour=coloured(standard_output()), brief=brief)
+            words = render(made, form, colour=coloured(standard_output()), brief=short)
             standard_output().buffer.write(_encoded(words))
         else:
-            notes = write_whole(place(name), _encoded(render(made, form, brief=brief)), overwrite)
+            notes = write_whole(place(name), _encoded(render(made, form, brief=short)), overwrite)
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")
@@ -184,15 +182,18 @@ def _encoded(words: str) -> bytes:
     return words.encode("utf-8", "backslashreplace")
 
 
-def _kind(name: str, kind: str | None, suffixes: dict[str, str]) -> str:
-    """The format of one output."""
-    if kind is not None:
-        return kind
-    if name == STDOUT:
-        return "text"
-    suffix = place(name).suffix.lower()
-    if suffix not in suffixes:
+def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:
+    """The format of each output: of one that of --format, of several that of --format where the suffix names none."""
+    if len(outputs) == 1 and kind is not None:
+        return [kind]
+    found = [None if name == STDOUT else suffixes.get(place(name).suffix.lower()) for name in outputs]
+    if kind is not None and None not in found:
         raise click.UsageError(
-            f"{name}: the suffix names no format ({' '.join(suffixes)}); say which with --format"
+            "--format is for an output whose suffix does not say its format, and all of these do"
         )
-    return suffixes[suffix]
+    odd = [name for name, one in zip(outputs, found, strict=True) if one is None and name != STDOUT]
+    if kind is None and odd:
+        raise click.UsageError(
+            f"{odd[0]}: the suffix names no format ({' '.join(suffixes)}); say which with --format"
+        )
+    return [one or kind or "text" for one in found]
