@@ -205,6 +205,7 @@ def _courses(summary: Summary) -> Iterator[str]:
             text(one.name),
             f"{one.sweeps:,}",
             number(one.rate),
+            number(one.beams),
             number(one.gaps),
             number(one.backward),
             code(spark(resample(one.course.objects_mean, SPARK))),
@@ -214,7 +215,17 @@ def _courses(summary: Summary) -> Iterator[str]:
     ]
     if rows:
         yield from table(
-            ["topic", "sweeps", "rate [Hz]", "gaps", "backward", "objects per sweep", "max"], rows
+            [
+                "log and topic",
+                "sweeps",
+                "rate [Hz]",
+                "beams",
+                "gaps",
+                "backward stamps",
+                "objects per sweep",
+                "most",
+            ],
+            rows,
         )
     if len(streams) > STREAMS:
         yield f"and {len(streams) - STREAMS:,} more topics"

@@ -8,7 +8,8 @@ from lidarcli.errors import UnreadableError
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import counted, number, pooled, quantity, rate
+from lidarcli.reports.unlike import unlike_of
+from lidarcli.reports.wording import counted, differences, number, quantity, rate
 
 CHECK_FAILED = 1
 
@@ -90,5 +91,18 @@ class Report(Judged):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Whether sensors are pooled that should not be."""
-        return (words,) if (words := pooled(self.summary)) else ()
+        """Whether sensors are pooled, or compared, that should not be."""
+        found = []
+        if unlike := differences(self.summary.unlike):
+            found.append(
+                f"unlike sensors ({unlike}): the figures pool all of them, and no map in the sensor frame is drawn; for "
+                "figures of one sensor report its tables alone"
+            )
+        if self.comparison is not None:
+            baseline = self.comparison.baseline
+            both = unlike_of([*self.summary.streams.all, *baseline.streams.all])
+            if both and not (self.summary.unlike or baseline.unlike):
+                found.append(
+                    f"the baseline is of another sensor ({differences(both)}): what differs need not be in the scene"
+                )
+        return tuple(found)

@@ -20,6 +20,7 @@ from lidarcli.reports.text_tracks import track_parts
 from lidarcli.reports.wording import (
     COMPARED,
     SHOWN_STATISTICS,
+    agents,
     beams_by_set,
     clock,
     compared_rows,
@@ -158,7 +159,7 @@ def _overview(summary: Summary) -> Iterator[RenderableType]:
             "objects",
             f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'], 3)} per sweep",
         ],
-        *([["agents", number(figures["agents"])]] if has_agents(summary) else []),
+        *([["agents", agents(summary)]] if has_agents(summary) else []),
         ["clock", f"{rate(summary)}, {clock(figures)}"],
     ]
     total = sum(summary.status.values())

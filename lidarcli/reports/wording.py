@@ -12,6 +12,7 @@ from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, TRACK_
 from lidarcli.reports.spread import Spread
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.tracks import Track, Tracked
+from lidarcli.reports.unlike import Unlike
 
 NONE = "-"
 SET_WORDS = {"O": "on objects", "A": "on agents", "S": "walls and rest"}
@@ -145,21 +146,15 @@ def clock(figures: Mapping[str, float | None]) -> str:
     return ", ".join(faults) or "no gaps, all stamps increasing"
 
 
-def pooled(summary: Summary) -> str:
-    """What to know before reading figures of unlike sensors; empty where all are alike."""
-    unlike = summary.unlike
+def differences(unlike: Unlike) -> str:
+    """In what sensors are unlike; empty where they are not."""
     parts = [f"{span(unlike.rates)} Hz"] if unlike.rates else []
     parts += [f"{span(unlike.beams)} beams"] if unlike.beams else []
     if unlike.frames:
         more = f" and {len(unlike.frames) - NAMED:,} more" if len(unlike.frames) > NAMED else ""
         named = ", ".join(name or "(no name)" for name in unlike.frames[:NAMED])
         parts.append(f"frames {named}{more}")
-    if not parts:
-        return ""
-    return (
-        f"unlike sensors ({'; '.join(parts)}): the figures pool all of them, and no map in the sensor frame is drawn; "
-        "for figures of one sensor report its tables alone"
-    )
+    return "; ".join(parts)
 
 
 def stamp(stamp_ns: int) -> str:
@@ -197,6 +192,12 @@ def origins(sources: Sequence[Origin]) -> str:
 def has_agents(summary: Summary) -> bool:
     """Whether there is anything to say of agents: something was tracked, or they came with the tables."""
     return summary.tracked is not None or bool(summary.figures["agents"])
+
+
+def agents(summary: Summary) -> str:
+    """How many agents, which are tracks where there are any, else objects of single sweeps."""
+    count = summary.figures["agents"]
+    return number(count) if summary.tracked is None else counted(count, "moving thing")
 
 
 def beams_by_set(summary: Summary) -> dict[str, int]:

@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from lidarcli.pipeline.reporting import FORMATS
 from tests.reports.runs import crossing, sweep, thing, write_run
 
 Run = Callable[..., Any]
@@ -189,13 +190,13 @@ def test_damage_of_the_log_is_told(lidarcli: Run, tmp_path: Path) -> None:
 
 def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path) -> None:
     run = write_run(tmp_path, [])
-    for kind in ("text", "markdown", "json", "junit"):
+    for kind in FORMATS:
         assert lidarcli("report", run, "--format", kind).code == 0
 
 
 def test_a_run_in_which_nothing_could_be_followed(lidarcli: Run, tmp_path: Path) -> None:
     run = write_run(tmp_path, [sweep(0)], tracks=[])
-    for kind in ("text", "markdown", "html", "json", "junit"):
+    for kind in FORMATS:
         ran = lidarcli(
             "report", run, "--format", kind, "--check", "tracks == 0", "--check", "agents_at_once.max == 0"
         )
@@ -237,7 +238,7 @@ def test_colour(
     assert ran.err == "lidarcli: check does not hold: objects == 0: expected == 0, found 30\n"
 
 
-@pytest.mark.parametrize("form", ["text", "markdown"])
+@pytest.mark.parametrize("form", ["text", "markdown", "github"])
 def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path, form: str) -> None:
     odd = {"topic": "/a\x1b[2J\x07\u202e", "log": "l\x1b]0;x\x07", "frame_id": "f\x9b2J"}
     run = write_run(tmp_path, [sweep(0, 1, **odd)], [thing(0, 1)], damage=["\x1bc"])
@@ -383,6 +384,6 @@ def test_a_baseline_with_and_without_tracks(lidarcli: Run, run: Path, tracked: P
     ran = lidarcli("report", tracked, "--baseline", tracked, "--check", "delta.tracks == 0")
     assert (ran.code, "agents_at_once.max             2        2           0" in ran.out) == (0, True)
     for here, there in ((run, tracked), (tracked, run)):
-        for kind in ("text", "markdown", "json"):
+        for kind in FORMATS:
             ran = lidarcli("report", here, "--baseline", there, "--format", kind)
             assert (ran.code, ran.err) == (0, "")

@@ -197,6 +197,14 @@ def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> 
     assert [stream["beams"] for stream in found["streams"]] == [100, 100, 360]
 
 
+def test_a_baseline_of_another_sensor(lidarcli: Run, run: Path, unlike: Path) -> None:
+    text = lidarcli("report", run, "--baseline", unlike / "slow.objects.parquet", "--brief").out
+    assert " ".join(text.split()).startswith(
+        "warning: the baseline is of another sensor (5 to 10 Hz): what differs need not be in the scene run: 20 sweeps"
+    )
+    assert "warning" not in lidarcli("report", run, "--baseline", run, "--brief").out
+
+
 def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
     for name, beams, step in (("a", 100, 1.0), ("b", 101, 1.1)):
         sweeps = [sweep(k, 1, log=name, beams=beams, stamp=START + int(step * TENTH) * k) for k in range(5)]

@@ -18,7 +18,7 @@ from tests.places import ROOT
 from tests.reports.runs import START, table
 
 Run = Callable[..., Any]
-FORMATS = ("text", "markdown", "html", "json", "junit")
+FORMATS = ("text", "markdown", "html", "json", "junit", "github")
 
 
 def row(name: str, outcome: str = "ok", message: str | None = None, **other: Any) -> dict[str, Any]:
