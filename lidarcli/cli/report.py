@@ -135,7 +135,11 @@ def report(
         )
     for problem in made.report.problems:
         say.error(problem)
-    for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
+    written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
+    if not any(name == STDOUT and form in SHORT_FORMATS for name, form in written):
+        for warning in made.report.warnings:
+            say.info(f"warning: {warning}")
+    for name, form in written:
         short = brief and form in SHORT_FORMATS
         if name == STDOUT:
             words = render(made, form, colour=coloured(standard_output()), brief=short)

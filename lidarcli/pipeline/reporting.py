@@ -89,7 +89,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     Parameters
     ----------
     viewer : also read what the viewer of the HTML shows
-    progress : called with the number of steps that are done, and of all: tables read, and the figures
+    progress : called with the number of steps that are done, and of all: tables read, the figures, the viewer
 
     Raises
     ------
@@ -98,12 +98,13 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     """
     checks = understand(options)
     found, base_found = find_pairs(options.tables), find_pairs(options.baseline)
-    step = _steps(2 * len(found[0]) + 2 * len(base_found[0]) + 1, progress)
+    step = _steps(2 * len(found[0]) + 2 * len(base_found[0]) + 1 + viewer, progress)
     run, pairs, problems = _load(*found, checks, viewer, step)
     if not options.baseline:
         summary = summarise(run)
         verdicts = tuple(judge(check, summary.figures, run) for check in checks)
         made = Made(Report(summary, verdicts=verdicts, problems=problems), run, pairs)
+        step()
         return _with_viewer(made, options.logs) if viewer else made
     base_run, base_pairs, base_problems = _load(*base_found, (), False, step)
     if base_problems:
@@ -115,6 +116,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     comparison = compare(run, summary, base_run, baseline)
     verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
     made = Made(Report(summary, comparison, verdicts=verdicts, problems=problems), run, pairs)
+    step()
     return _with_viewer(made, options.logs) if viewer else made
 
 

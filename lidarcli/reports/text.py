@@ -242,8 +242,10 @@ def _maps(summary: Summary) -> Iterator[RenderableType]:
         lines = shade(one, WIDTH - 4, 20)
         nx, ny = one.counts.shape
         span = f"x {number(one.x0)} to {number(one.x0 + nx * one.cell)} m, y {number(one.y0)} to "
+        logs = len(summary.sources)
+        several = f", {logs:,} logs over each other" if logs > 1 else ""
         yield heading(
-            f"Where objects were ({one.frame} frame, {span}{number(one.y0 + ny * one.cell)} m, y up)"
+            f"Where objects were{several} ({one.frame} frame, {span}{number(one.y0 + ny * one.cell)} m, y up)"
         )
         for line in lines:
             yield Text(f"  {line}", no_wrap=True)

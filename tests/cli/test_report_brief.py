@@ -192,7 +192,9 @@ def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> 
     markdown = lidarcli("report", unlike, "--format", "markdown").out
     assert markdown.splitlines()[2].startswith("**Warning:** unlike sensors (5 to 20 Hz; ")
     assert "| 5 to 20 Hz |" in markdown
-    found = json.loads(lidarcli("report", unlike, "--format", "json").out)
+    ran = lidarcli("report", unlike, "--format", "json")
+    assert ran.err == f"warning: {warning}\n"
+    found = json.loads(ran.out)
     assert (found["warnings"], found["maps"]) == ([warning], [])
     assert [stream["beams"] for stream in found["streams"]] == [100, 100, 360]
 
@@ -211,7 +213,7 @@ def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
         write_run(tmp_path, sweeps, [thing(k, 1, log=name) for k in range(5)], name=name)
     text = lidarcli("report", tmp_path).out
     assert "warning" not in text
-    for words in ("Where objects were (sensor frame", "step [s]", "beams_per_object"):
+    for words in ("Where objects were, 2 logs over each other (sensor", "step [s]", "beams_per_object"):
         assert words in text
     assert json.loads(lidarcli("report", tmp_path, "--format", "json").out)["warnings"] == []
 
