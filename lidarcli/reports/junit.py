@@ -56,6 +56,8 @@ def document(report: Judged, figures: Mapping[str, float | None], cases: Sequenc
     for problem in report.problems:
         case = _part(suite, "testcase", classname="lidarcli.report", name="read the tables")
         _part(case, "error", message=problem, type="unreadable")
+    if report.warnings:
+        _part(suite, "system-out").text = clean("\n".join(f"warning: {line}" for line in report.warnings))
     ET.indent(root, " ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 

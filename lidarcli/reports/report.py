@@ -76,11 +76,12 @@ class Report(Judged):
     def lines(self) -> tuple[str, ...]:
         """Sweeps and objects, and with a baseline in how many sweeps they are others."""
         figures = self.summary.figures
-        parts = [
-            f"{counted(figures['sweeps'], 'sweep')} in {quantity('duration', figures['duration'])}",
-            rate(self.summary),
-            f"{counted(figures['objects'], 'object')} ({number(figures['objects_per_sweep.mean'], 3)} per sweep)",
-        ]
+        parts = [f"{counted(figures['sweeps'], 'sweep')} in {quantity('duration', figures['duration'])}"]
+        if figures["rate"] is not None:
+            parts.append(rate(self.summary))
+        parts.append(counted(figures["objects"], "object"))
+        if figures["sweeps"]:
+            parts[-1] += f" ({number(figures['objects_per_sweep.mean'], 3)} per sweep)"
         if self.summary.tracked is not None:
             agents = counted(figures["agents"], "agent")
             parts.append(f"{counted(figures['tracks'], 'track')} ({agents})")

@@ -31,7 +31,6 @@ from lidarcli.reports.wording import (
     origins,
     percent,
     quantity,
-    rate,
     settings,
     spreads,
     stamp,
@@ -160,7 +159,7 @@ def _overview(summary: Summary) -> Iterator[RenderableType]:
             f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'], 3)} per sweep",
         ],
         *([["agents", agents(summary)]] if has_agents(summary) else []),
-        ["clock", f"{rate(summary)}, {clock(figures)}"],
+        ["clock", clock(summary)],
     ]
     total = sum(summary.status.values())
     rows.append(["beams", f"{total:,}"])

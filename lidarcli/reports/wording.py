@@ -132,8 +132,9 @@ def rate(summary: Summary) -> str:
     return quantity("rate", summary.figures["rate"])
 
 
-def clock(figures: Mapping[str, float | None]) -> str:
-    """What is wrong with the stamps of the sweeps."""
+def clock(summary: Summary) -> str:
+    """The rate, and what is wrong with the stamps of the sweeps."""
+    figures = summary.figures
     faults = []
     if figures["gaps"]:
         longest = quantity("longest_gap", figures["longest_gap"])
@@ -143,7 +144,9 @@ def clock(figures: Mapping[str, float | None]) -> str:
         faults.append(f"{counted(figures['backward'], 'stamp')} before the previous one")
     if figures["repeated"]:
         faults.append(f"{counted(figures['repeated'], 'stamp')} repeated")
-    return ", ".join(faults) or "no gaps, all stamps increasing"
+    if figures["rate"] is None:
+        return ", ".join(faults) or "too few sweeps to tell"
+    return ", ".join([rate(summary), *(faults or ["no gaps", "all stamps increasing"])])
 
 
 def differences(unlike: Unlike) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -195,6 +196,9 @@ def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> 
     ran = lidarcli("report", unlike, "--format", "json")
     assert ran.err == f"warning: {warning}\n"
     found = json.loads(ran.out)
+    suite = ET.fromstring(lidarcli("report", unlike, "--format", "junit").out.encode())[0]
+    assert suite.findtext("system-out") == f"warning: {warning}"
+    assert f"Warning: {warning}</p>" in lidarcli("report", unlike, "--format", "html").out
     assert (found["warnings"], found["maps"]) == ([warning], [])
     assert [stream["beams"] for stream in found["streams"]] == [100, 100, 360]
 
@@ -218,11 +222,22 @@ def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
     assert json.loads(lidarcli("report", tmp_path, "--format", "json").out)["warnings"] == []
 
 
+@pytest.mark.parametrize(
+    ("sweeps", "words"),
+    [(0, "run: 0 sweeps in 0 s, 0 objects"), (1, "run: 1 sweep in 0 s, 1 object (1 per sweep)")],
+)
+def test_too_little_to_tell(lidarcli: Run, tmp_path: Path, sweeps: int, words: str) -> None:
+    run = write_run(tmp_path, [sweep(0, 1)] * sweeps, [thing(0, 1)] * sweeps)
+    assert lidarcli("report", run, "--brief").out == f"{words}\n"
+    assert "clock             too few sweeps to tell" in lidarcli("report", run).out
+
+
 def test_faults_of_the_clock_in_words(lidarcli: Run, tmp_path: Path) -> None:
     for steps, words in (
         ([1, 1, 3, 1], "10 Hz, 1 gap (2 sweeps missing, the longest gap 0.3 s)"),
         ([1, 1, 1, 0, 1, -2, 1], "10 Hz, 1 stamp before the previous one, 1 stamp repeated"),
         ([1, 1, 1], "10 Hz, no gaps, all stamps increasing"),
+        ([0, 0, 0], "3 stamps repeated"),
     ):
         stamps = [START + TENTH * sum(steps[:k]) for k in range(len(steps) + 1)]
         run = write_run(tmp_path / words[:9], [sweep(k, stamp=stamp) for k, stamp in enumerate(stamps)])
