@@ -22,12 +22,13 @@ GATES = "Gates"
   lidarcli report tables/
   lidarcli report run.objects.parquet -o run.html --log run.mcap
   lidarcli report tables/ -o out.md -o out.xml --check "sweeps >= 100"
-  lidarcli report tables/ --check "objects_per_sweep.p95 <= 12"
+  lidarcli report tables/ --check "objects_per_sweep.p95 <= 12" --brief
   lidarcli report tables/ --check "objects where width > 1.5 == 0"
   lidarcli report tables/ --check "agents_at_once.max <= 3"
   lidarcli report new/ --baseline old/ --check "changed_sweeps == 0"
   lidarcli report 'tables/*.parquet' --format json | jq .figures
   lidarcli report tables/_lidarcli --check "failed == 0"
+  lidarcli report tables/ --check "sweeps >= 100" --format github
   lidarcli report tables/ --format junit -o report.xml --overwrite""",
 )
 @click.argument("tables", metavar="TABLE...", nargs=-1, required=True, type=click.Path())
@@ -44,8 +45,14 @@ GATES = "Gates"
     "--format",
     "kind",
     heading=OUTPUT,
-    type=click.Choice(["text", "markdown", "html", "json", "junit"]),
+    type=click.Choice(["text", "markdown", "html", "json", "junit", "github"]),
     help="Format, where the suffix does not say it.  [default: by suffix, else text]",
+)
+@option(
+    "--brief",
+    heading=OUTPUT,
+    is_flag=True,
+    help="Only the checks and a summary in a line: text, markdown or github.",
 )
 @option(
     "--log",
@@ -65,7 +72,7 @@ GATES = "Gates"
     metavar="EXPR",
     multiple=True,
     type=Line(),
-    help="What has to hold, or the exit code is 1; may be repeated (docs/reports.md).  [default: none]",
+    help="Condition that must hold, else the exit code is 1; may be repeated (docs/reports.md).  [default: none]",
 )
 @option(
     "--baseline",
@@ -83,26 +90,35 @@ def report(
     tables: tuple[str, ...],
     outputs: tuple[str, ...],
     kind: str | None,
+    brief: bool,
     logs: tuple[str, ...],
     overwrite: bool,
     checks: tuple[str, ...],
     baseline: tuple[str, ...],
 ) -> int:
-    """Sum up what is in one or many runs, and hold it against checks.
+    """Summarise one or many runs, and test them against thresholds.
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
     found beside it), a folder to search, or a pattern. The folder TABLES/_lidarcli of a
     run over many logs, or manifests in it, tell what became of each log.
     """
+    from lidarcli.cli.progress import counted_bar
     from lidarcli.newfiles import refuse, write_whole
     from lidarcli.pipeline.fleet.reporting import manifest_files, report_runs, understand_runs
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
-    from lidarcli.pipeline.reporting import SUFFIXES, ReportOptions, make_report, render, understand
+    from lidarcli.pipeline.reporting import (
+        SHORT_FORMATS,
+        SUFFIXES,
+        ReportOptions,
+        make_report,
+        render,
+        understand,
+    )
 
-    kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
-    if len(outputs) > 1 and kind is not None:
-        raise click.UsageError("--format is for one output; several take theirs from their suffixes")
+    kinds = _kinds(outputs or (STDOUT,), kind, SUFFIXES)
+    if brief and not {*kinds} & {*SHORT_FORMATS}:
+        raise click.UsageError(f"--brief is for {', '.join(SHORT_FORMATS)}; leave it out for {kinds[0]}")
     of_runs = _are_of_runs(tables, baseline, logs)
     options = ReportOptions(tables, checks, baseline, logs)
     if of_runs:
@@ -113,15 +129,25 @@ def report(
     if files:
         read = manifest_files(tables)[0] if of_runs else table_files([*tables, *baseline])
         refuse(files, overwrite, [*map(str, read), *files_of(find_logs(logs))])
-    made = report_runs(tables, checks) if of_runs else make_report(options, viewer="html" in kinds)
+    with counted_bar("report", None, "steps", say) as progress:
+        made = (
+            report_runs(tables, checks, progress)
+            if of_runs
+            else make_report(options, viewer="html" in kinds, progress=progress)
+        )
     for problem in made.report.problems:
         say.error(problem)
-    for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
+    written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
+    if not any(name == STDOUT and form in SHORT_FORMATS for name, form in written):
+        for warning in made.report.warnings:
+            say.info(f"warning: {warning}")
+    for name, form in written:
+        short = brief and form in SHORT_FORMATS
         if name == STDOUT:
-            words = render(made, form, colour=coloured(standard_output()))
+            words = render(made, form, colour=coloured(standard_output()), brief=short)
             standard_output().buffer.write(_encoded(words))
         else:
-            notes = write_whole(place(name), _encoded(render(made, form)), overwrite)
+            notes = write_whole(place(name), _encoded(render(made, form, brief=short)), overwrite)
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")
@@ -162,15 +188,18 @@ def _encoded(words: str) -> bytes:
     return words.encode("utf-8", "backslashreplace")
 
 
-def _kind(name: str, kind: str | None, suffixes: dict[str, str]) -> str:
-    """The format of one output."""
-    if kind is not None:
-        return kind
-    if name == STDOUT:
-        return "text"
-    suffix = place(name).suffix.lower()
-    if suffix not in suffixes:
+def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:
+    """The format of each output: of one that of --format, of several that of --format where the suffix names none."""
+    if len(outputs) == 1 and kind is not None:
+        return [kind]
+    found = [None if name == STDOUT else suffixes.get(place(name).suffix.lower()) for name in outputs]
+    if kind is not None and None not in found:
         raise click.UsageError(
-            f"{name}: the suffix names no format ({' '.join(suffixes)}); say which with --format"
+            "--format is for an output whose suffix does not say its format, and all of these do"
         )
-    return suffixes[suffix]
+    odd = [name for name, one in zip(outputs, found, strict=True) if one is None and name != STDOUT]
+    if kind is None and odd:
+        raise click.UsageError(
+            f"{odd[0]}: the suffix names no format ({' '.join(suffixes)}); say which with --format"
+        )
+    return [one or kind or "text" for one in found]

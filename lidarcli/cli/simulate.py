@@ -122,22 +122,25 @@ def simulate(
     if map_file is None and map_resolution is not None:
         raise click.UsageError("--map-resolution is that of --map: name its file, too")
 
+    from lidarcli.cli.progress import counted_bar
     from lidarcli.simulate import simulate as run
 
-    result = run(
-        scene,
-        output,
-        sweeps=sweeps,
-        duration=duration,
-        seed=seed,
-        container=container,
-        compression=compression,
-        encoding=encoding,
-        layout=layout,
-        overwrite=overwrite,
-        map_file=map_file,
-        map_resolution=MAP_RESOLUTION if map_resolution is None else map_resolution,
-    )
+    with counted_bar(scene, None, "sweeps", say) as progress:
+        result = run(
+            scene,
+            output,
+            sweeps=sweeps,
+            duration=duration,
+            seed=seed,
+            container=container,
+            compression=compression,
+            encoding=encoding,
+            layout=layout,
+            overwrite=overwrite,
+            map_file=map_file,
+            map_resolution=MAP_RESOLUTION if map_resolution is None else map_resolution,
+            progress=progress,
+        )
     say.info(f"{scene}: {result.sweeps:,} sweep{'' if result.sweeps == 1 else 's'}")
     written = (result.log, result.truth, result.truth_beams, result.true_map)
     for path in filter(None, written):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
@@ -31,7 +32,11 @@ from lidarcli.tables.schemas import LATER
 if TYPE_CHECKING:
     from lidarcli.reports.map_picture import MapPicture
 
-FORMATS = ("text", "markdown", "html", "json", "junit")
+Progress = Callable[[int, int], None] | None
+"""Takes the number of steps that are done, and of all."""
+FORMATS = ("text", "markdown", "html", "json", "junit", "github")
+SHORT_FORMATS = ("text", "markdown", "github")
+"""Those of which there is a short form."""
 SUFFIXES = {
     ".txt": "text",
     ".md": "markdown",
@@ -78,8 +83,13 @@ def understand(options: ReportOptions) -> list[Check]:
     return [parse_check(text, bool(options.baseline)) for text in options.checks]
 
 
-def make_report(options: ReportOptions, viewer: bool = False) -> Made:
-    """Read the tables and make the report; `viewer` also reads what the viewer of the HTML shows.
+def make_report(options: ReportOptions, viewer: bool = False, progress: Progress = None) -> Made:
+    """Read the tables and make the report.
+
+    Parameters
+    ----------
+    viewer : also read what the viewer of the HTML shows
+    progress : called with the number of steps that are done, and of all: tables read, the figures, the viewer
 
     Raises
     ------
@@ -87,13 +97,16 @@ def make_report(options: ReportOptions, viewer: bool = False) -> Made:
         None of the tables can be read, or the baseline cannot.
     """
     checks = understand(options)
-    run, pairs, problems = _load(options.tables, checks, viewer)
+    found, base_found = find_pairs(options.tables), find_pairs(options.baseline)
+    step = _steps(2 * len(found[0]) + 2 * len(base_found[0]) + 1 + viewer, progress)
+    run, pairs, problems = _load(*found, checks, viewer, step)
     if not options.baseline:
         summary = summarise(run)
         verdicts = tuple(judge(check, summary.figures, run) for check in checks)
         made = Made(Report(summary, verdicts=verdicts, problems=problems), run, pairs)
+        step()
         return _with_viewer(made, options.logs) if viewer else made
-    base_run, base_pairs, base_problems = _load(options.baseline, (), False)
+    base_run, base_pairs, base_problems = _load(*base_found, (), False, step)
     if base_problems:
         raise UnreadableError(f"baseline: {base_problems[0]}")
     _refuse_untracked([check for check in checks if check.name.startswith(DELTA)], base_pairs)
@@ -103,6 +116,7 @@ def make_report(options: ReportOptions, viewer: bool = False) -> Made:
     comparison = compare(run, summary, base_run, baseline)
     verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
     made = Made(Report(summary, comparison, verdicts=verdicts, problems=problems), run, pairs)
+    step()
     return _with_viewer(made, options.logs) if viewer else made
 
 
@@ -119,11 +133,21 @@ def _with_viewer(made: Made, logs: Sequence[str]) -> Made:
     return replace(made, report=report, viewer=data, overview=seen)
 
 
+def _steps(total: int, progress: Progress) -> Callable[[], None]:
+    """What is called once after each of `total` steps."""
+    done = count(1)
+    return lambda: None if progress is None else progress(next(done), total)
+
+
 def _load(
-    inputs: Sequence[str], checks: Sequence[Check], viewer: bool
+    pairs: Sequence[Pair],
+    problems: Sequence[UnreadableError],
+    checks: Sequence[Check],
+    viewer: bool,
+    step: Callable[[], None],
 ) -> tuple[Run, tuple[Pair, ...], tuple[str, ...]]:
-    """The rows of all tables that can be read, and one line for each that cannot."""
-    pairs, problems = find_pairs(inputs)
+    """The rows of all tables that can be read, and one line for each that cannot, after those that are known."""
+    problems = [*problems]
     columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
     sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps")}
     # Who does not track does not read what belongs to it.
@@ -142,7 +166,9 @@ def _load(
     for pair in pairs:
         try:
             sweeps = read_table(pair, "sweeps", sweep_columns)
+            step()
             objects = read_table(pair, "objects", columns)
+            step()
             # Of a column that is not there a check would hold, whatever it asks.
             for kind in LATER:
                 require(pair, kind, columns_needed(checks, kind) & LATER[kind])
@@ -177,8 +203,16 @@ def _refuse_untracked(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:
             )
 
 
-def render(made: Made | MadeRuns, kind: str, colour: bool = False) -> str:
-    """The report in one of `FORMATS`; for html, one of tables was made with `viewer`."""
+def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool = False) -> str:
+    """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
+    if kind == "github":
+        from lidarcli.reports import github
+
+        return github.render(made.report, "" if brief else render(made, "text"))
+    if brief:
+        from lidarcli.reports import markdown, text
+
+        return markdown.brief(made.report) if kind == "markdown" else text.brief(made.report, colour)
     if isinstance(made, MadeRuns):
         return render_runs(made.report, kind, colour)
     if kind == "text":

@@ -114,8 +114,9 @@ def parse_check(expression: str, compared: bool = False, only: Collection[str] |
             raise tokens.error(f"unknown figure '{token.text}'{hint} available: {', '.join(only)};", token)
     elif tokens.take_if("where"):
         if token.text not in COUNTED:
-            *first, last = COUNTED
-            raise tokens.error(f"only {', '.join(first)} and {last} can be counted with where, not", token)
+            hint = nearest(token.text, COUNTED) or ";"
+            there = ", ".join(COUNTED)
+            raise tokens.error(f"unknown table '{token.text}' before where{hint} available: {there};", token)
         condition = parse_condition(tokens, token.text)
     else:
         _known(tokens, token.text, compared)
@@ -172,7 +173,10 @@ def _known(tokens: Tokens, name: str, compared: bool) -> None:
         return
     if plain in spreads:
         raise tokens.error(f"{name} has several values, choose one of .{', .'.join(STATISTICS)};")
-    hint = nearest(plain, [*names, *spreads, *figures.COMPARED])
+    known = [*names, *spreads]
+    hint = nearest(
+        name, [*known, *figures.COMPARED, *(figures.DELTA + other for other in known if name != plain)]
+    )
     categories = figures.CATEGORIES | figures.TRACK_CATEGORIES
     kinds = [f"{name}.{kind}" for name, values in categories.items() for kind in values]
     several = f"{{{', '.join(spreads)}}}.{{{', '.join(STATISTICS)}}}"

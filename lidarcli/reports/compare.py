@@ -10,6 +10,7 @@ import numpy as np
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.figures import DELTA
 from lidarcli.reports.summary import Summary
+from lidarcli.reports.wording import number
 from lidarcli.sweeps import Int64
 
 SHOWN = 10
@@ -42,6 +43,18 @@ class Comparison:
     """(name, here, in the baseline) of the parameters that differ."""
     changes: tuple[Change, ...]
     """The greatest first, at most `SHOWN`."""
+
+    @property
+    def words(self) -> str:
+        """In how many sweeps the two runs differ."""
+        compared, changed, added, removed = (
+            self.figures[name]
+            for name in ("compared_sweeps", "changed_sweeps", "added_sweeps", "removed_sweeps")
+        )
+        return (
+            f"Sweeps in both runs: {number(compared)}, {number(changed)} of them with another number of objects; "
+            f"only here: {number(added)}; only in the baseline: {number(removed)}"
+        )
 
 
 def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Comparison:

@@ -129,11 +129,12 @@ def _column(tokens: Tokens, table: str) -> str:
     aliases = ALIASES[table]
     known = column_names(COUNTED[table])
     name = aliases.get(token.text, token.text)
+    names = [*known, *aliases]
     if token.kind != "name" or token.text in KEYWORDS:
-        raise tokens.error(f"expected a column of {table} ({', '.join([*known, *aliases])})")
+        raise tokens.error(f"expected a column of {table}: {', '.join(names)};")
     if name not in known:
-        names = [*known, *aliases]
-        raise tokens.error(f"unknown column of {table} ({', '.join(names)}){nearest(token.text, names)}")
+        hint = nearest(token.text, names) or ";"
+        raise tokens.error(f"unknown column '{token.text}' of {table}{hint} available: {', '.join(names)};")
     tokens.take()
     return name
 

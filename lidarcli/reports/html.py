@@ -16,15 +16,14 @@ from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.report import Judged, Report
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.wording import (
-    SHOWN_SPREADS,
     SHOWN_STATISTICS,
     compared_rows,
     number,
     origin,
     quantity,
+    rate,
     settings,
-    spread_name,
-    spread_row,
+    spreads,
     stamp,
     track_cells,
     track_spreads,
@@ -64,12 +63,7 @@ def render(report: Report, viewer: dict[str, Any], overview: MapPicture | None =
         overview=None if overview is None else Markup(overview_chart(overview).svg),
         charts=[(chart.title, Markup(chart.svg)) for chart in charts(report)],
         cards=[*_cards(report), *check_cards(report), *_damage_cards(report)],
-        spreads=[
-            (spread_name(name), spread_row(name, summary.spreads[name]))
-            for name in SHOWN_SPREADS
-            if summary.spreads[name].count
-        ]
-        + (track_spreads(summary.tracked) if summary.tracked else []),
+        spreads=spreads(summary) + (track_spreads(summary.tracked) if summary.tracked else []),
         statistics=SHOWN_STATISTICS,
         tracks=[(one, track_cells(one)) for one in summary.tracked.tracks] if summary.tracked else [],
         alarming=(),
@@ -126,7 +120,7 @@ def _cards(report: Report) -> Iterator[tuple[str, str, str]]:
         number(figures["sweeps"]),
         f"{logs} log{'s' if figures['logs'] != 1 else ''}, {topics} topic{plural}",
     )
-    yield "duration", quantity("duration", figures["duration"]), quantity("rate", figures["rate"])
+    yield "duration", quantity("duration", figures["duration"]), rate(report.summary)
     per = spreads["objects_per_sweep"]
     yield "objects", number(figures["objects"]), f"{number(per.mean, 3)} per sweep, most {number(per.max)}"
     lost = figures["valid_share"]

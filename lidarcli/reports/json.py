@@ -61,6 +61,7 @@ def beginning(report: Judged, schema: str) -> dict[str, Any]:
             for verdict in report.verdicts
         ],
         "problems": list(report.problems),
+        "warnings": list(report.warnings),
     }
 
 
@@ -140,6 +141,7 @@ def _stream(one: Stream) -> dict[str, Any]:
         "topic": one.topic,
         "frame_id": one.frame_id,
         "sweeps": one.sweeps,
+        "beams": one.beams,
         "objects": one.objects,
         "start": stamp(one.start_ns),
         "start_ns": one.start_ns,

@@ -30,12 +30,10 @@ class Case:
 def render(report: Report) -> str:
     """One suite: its properties are the figures, its cases the checks, its errors the tables that could not be read."""
     figures = dict(report.summary.figures) | (report.comparison.figures if report.comparison else {})
-    return document(report, report.title, figures)
+    return document(report, figures)
 
 
-def document(
-    report: Judged, title: str, figures: Mapping[str, float | None], cases: Sequence[Case] = ()
-) -> str:
+def document(report: Judged, figures: Mapping[str, float | None], cases: Sequence[Case] = ()) -> str:
     """One suite of these cases, those of the checks, and what could not be read."""
     cases = [*cases, *_checks(report)]
     counts = {
@@ -44,7 +42,7 @@ def document(
         "errors": str(len(report.problems)),
     }
     root = ET.Element("testsuites", {"name": "lidarcli report", **counts})
-    suite = _part(root, "testsuite", name=title, **counts, skipped="0")
+    suite = _part(root, "testsuite", name=report.title, **counts, skipped="0")
     properties = _part(suite, "properties")
     for name, value in figures.items():
         if value is not None:
@@ -58,6 +56,8 @@ def document(
     for problem in report.problems:
         case = _part(suite, "testcase", classname="lidarcli.report", name="read the tables")
         _part(case, "error", message=problem, type="unreadable")
+    if report.warnings:
+        _part(suite, "system-out").text = clean("\n".join(f"warning: {line}" for line in report.warnings))
     ET.indent(root, " ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 

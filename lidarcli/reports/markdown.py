@@ -12,18 +12,17 @@ from lidarcli.reports.summary import Summary
 from lidarcli.reports.text import STREAMS
 from lidarcli.reports.text_tracks import SHOWN_OF_TRACK, TRACKS
 from lidarcli.reports.wording import (
-    SET_WORDS,
-    SHOWN_SPREADS,
     SHOWN_STATISTICS,
+    beams_by_set,
     compared_rows,
     kind_counts,
     number,
     origin,
     quantity,
+    rate,
     settings,
     share,
-    spread_name,
-    spread_row,
+    spreads,
     stamp,
     track_cells,
     track_kinds,
@@ -38,8 +37,8 @@ SPARK = 60
 def render(report: Report) -> str:
     """The verdict and the key figures in sight, the rest folded."""
     summary = report.summary
-    lines = [*beginning(report, report.title), *_overview(summary), *_tracked(summary)]
-    lines += [*_comparison(report), *_standing(summary)]
+    lines = [*beginning(report), *_comparison(report), *_overview(summary), *_tracked(summary)]
+    lines += _standing(summary)
     for title, part in (
         ("Figures", _spreads(summary)),
         ("Objects and beams by kind", _kinds(summary)),
@@ -53,12 +52,20 @@ def render(report: Report) -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def beginning(report: Judged, title: str) -> Iterator[str]:
-    """The heading, what could not be read, the checks."""
-    yield f"## lidarcli report: {text(title)}"
+def brief(report: Judged) -> str:
+    """The checks and what the report says in a line, of reports of every kind."""
+    lines = [*beginning(report), *(f"{text(line)}\n" for line in report.lines)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def beginning(report: Judged) -> Iterator[str]:
+    """The heading, what could not be read, what to know before the figures are believed, the checks."""
+    yield f"## lidarcli report: {text(report.title)}"
     yield ""
     for problem in report.problems:
         yield f"**Not read:** {text(problem)}\n"
+    for warning in report.warnings:
+        yield f"**Warning:** {text(warning)}\n"
     yield from _checks(report)
 
 
@@ -91,19 +98,16 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], right: int | None 
 def _checks(report: Judged) -> list[str]:
     if not report.verdicts:
         return []
-    failed = sum(not verdict.holds for verdict in report.verdicts)
-    total = len(report.verdicts)
-    words = f"Checks: {failed} of {total} failed" if failed else f"Checks: {total} of {total} hold"
     rows = [
-        ["holds" if one.holds else "**fails**", code(one.expression), one.words] for one in report.verdicts
+        ["passed" if one.holds else "**failed**", code(one.expression), one.words] for one in report.verdicts
     ]
-    return [f"**{words}.**", "", *table(["", "check", "found"], rows, 2)]
+    return [f"**{report.judgement}.**", "", *table(["", "check", "found"], rows, 2)]
 
 
 def _overview(summary: Summary) -> list[str]:
     names = ("sweeps", "duration", "rate", "gaps", "objects", "objects_per_sweep.mean", "valid_share")
     words = ("sweeps", "duration", "rate", "gaps", "objects", "objects per sweep", "beams with a range")
-    values = [quantity(name, summary.figures[name]) for name in names]
+    values = [rate(summary) if name == "rate" else quantity(name, summary.figures[name]) for name in names]
     return table(words, [values], 0)
 
 
@@ -117,10 +121,7 @@ def _comparison(report: Report) -> Iterator[str]:
     yield from table(["figure", "baseline", "here", "difference"], [*compared_rows(here, there, delta)])
     for name, mine, other in comparison.parameters:
         yield f"- {text(name)}: {code(other)} in the baseline, {code(mine)} here"
-    yield (
-        f"- {number(delta['changed_sweeps'])} of {number(delta['compared_sweeps'])} common sweeps have another number of "
-        f"objects; {number(delta['added_sweeps'])} only here, {number(delta['removed_sweeps'])} only in the baseline"
-    )
+    yield f"- {comparison.words}"
     yield ""
     if comparison.changes:
         rows = [
@@ -145,13 +146,8 @@ def _standing(summary: Summary) -> list[str]:
 
 
 def _spreads(summary: Summary) -> list[str]:
-    rows = [
-        [code(spread_name(name)), *spread_row(name, summary.spreads[name])]
-        for name in SHOWN_SPREADS
-        if summary.spreads[name].count
-    ]
-    if summary.tracked is not None:
-        rows += [[code(name), *cells] for name, cells in track_spreads(summary.tracked)]
+    found = [*spreads(summary), *(track_spreads(summary.tracked) if summary.tracked is not None else [])]
+    rows = [[code(name), *cells] for name, cells in found]
     return table(["", *SHOWN_STATISTICS], rows) if rows else []
 
 
@@ -163,9 +159,9 @@ def _kinds(summary: Summary) -> Iterator[str]:
             rows = [[kind, f"{count:,}", share(count, total)] for kind, count in counts.items()]
             yield from table([name, "objects", "share"], rows)
     beams = sum(summary.status.values())
-    counts = {**summary.status, **{SET_WORDS[name]: count for name, count in summary.sets.items()}}
+    counts = {**summary.status, **beams_by_set(summary)}
     rows = [[name.replace("_", " "), f"{count:,}", share(count, beams)] for name, count in counts.items()]
-    yield from table(["beams", "count", "share"], rows)
+    yield from table(["beams", "number", "share"], rows)
 
 
 def _tracked(summary: Summary) -> list[str]:
@@ -209,6 +205,7 @@ def _courses(summary: Summary) -> Iterator[str]:
             text(one.name),
             f"{one.sweeps:,}",
             number(one.rate),
+            number(one.beams),
             number(one.gaps),
             number(one.backward),
             code(spark(resample(one.course.objects_mean, SPARK))),
@@ -218,7 +215,17 @@ def _courses(summary: Summary) -> Iterator[str]:
     ]
     if rows:
         yield from table(
-            ["topic", "sweeps", "rate [Hz]", "gaps", "backward", "objects per sweep", "max"], rows
+            [
+                "log and topic",
+                "sweeps",
+                "rate [Hz]",
+                "beams",
+                "gaps",
+                "backward stamps",
+                "objects per sweep",
+                "most",
+            ],
+            rows,
         )
     if len(streams) > STREAMS:
         yield f"and {len(streams) - STREAMS:,} more topics"

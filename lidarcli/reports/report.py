@@ -8,6 +8,8 @@ from lidarcli.errors import UnreadableError
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.summary import Summary
+from lidarcli.reports.unlike import unlike_of
+from lidarcli.reports.wording import counted, differences, number, quantity, rate
 
 CHECK_FAILED = 1
 
@@ -19,6 +21,30 @@ class Judged:
     verdicts: tuple[Verdict, ...] = ()
     problems: tuple[str, ...] = ()
     """Tables that could not be read, one line each."""
+
+    @property
+    def title(self) -> str:
+        """What the report is about, in a few words."""
+        raise NotImplementedError
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What it says, in a line or two."""
+        raise NotImplementedError
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to know before its figures are believed, one line each."""
+        return ()
+
+    @property
+    def judgement(self) -> str:
+        """How many checks failed, in a few words; empty without checks."""
+        failed = sum(not verdict.holds for verdict in self.verdicts)
+        total = len(self.verdicts)
+        if not total:
+            return ""
+        return f"Checks: {failed} of {total} failed" if failed else f"Checks: {total} of {total} passed"
 
     @property
     def holds(self) -> bool:
@@ -44,4 +70,40 @@ class Report(Judged):
     def title(self) -> str:
         """What the report is about, in a few words."""
         names = [source.log for source in self.summary.sources]
-        return names[0] if len(names) == 1 else f"{len(names)} logs"
+        return names[0] if len(names) == 1 else counted(len(names), "log")
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Sweeps and objects, and with a baseline in how many sweeps they are others."""
+        figures = self.summary.figures
+        parts = [f"{counted(figures['sweeps'], 'sweep')} in {quantity('duration', figures['duration'])}"]
+        if figures["rate"] is not None:
+            parts.append(rate(self.summary))
+        parts.append(counted(figures["objects"], "object"))
+        if figures["sweeps"]:
+            parts[-1] += f" ({number(figures['objects_per_sweep.mean'], 3)} per sweep)"
+        if self.summary.tracked is not None:
+            agents = counted(figures["agents"], "agent")
+            parts.append(f"{counted(figures['tracks'], 'track')} ({agents})")
+        if figures["damage"]:
+            parts.append(f"damage in {counted(figures['damage'], 'place')} of the logs")
+        line = f"{self.title}: {', '.join(parts)}"
+        return (line,) if self.comparison is None else (line, self.comparison.words)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Whether sensors are pooled, or compared, that should not be."""
+        found = []
+        if unlike := differences(self.summary.unlike):
+            found.append(
+                f"unlike sensors ({unlike}): the figures pool all of them, and no map in the sensor frame is drawn; for "
+                "figures of one sensor report its tables alone"
+            )
+        if self.comparison is not None:
+            baseline = self.comparison.baseline
+            both = unlike_of([*self.summary.streams.all, *baseline.streams.all])
+            if both and not (self.summary.unlike or baseline.unlike):
+                found.append(
+                    f"the baseline is of another sensor ({differences(both)}): what differs need not be in the scene"
+                )
+        return tuple(found)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from lidarcli.reports.report import Judged
-from lidarcli.reports.wording import number, stamp
+from lidarcli.reports.wording import counted, number, stamp
 from lidarcli.tables.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
 
 BAD = {FAILED: "Failed logs", DAMAGED: "Damaged logs"}
@@ -41,8 +41,7 @@ class Group:
     @property
     def words(self) -> str:
         """How many, and why."""
-        count = len(self.logs)
-        return f"{count:,} log{'' if count == 1 else 's'}, exit code {self.exit_code}: {self.message}"
+        return f"{counted(len(self.logs), 'log')}, exit code {self.exit_code}: {self.message}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +81,13 @@ class RunsReport(Judged):
         figures = self.summary.figures
         return f"{counted(figures['runs'], 'run')} over {counted(figures['logs'], 'log')}"
 
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """How many logs came to which end."""
+        figures = self.summary.figures
+        ends = ", ".join(f"{number(figures[name])} {name}" for name in OUTCOMES)
+        return (f"{self.title}: {ends}, {counted(figures['sweeps'], 'sweep')}",)
+
 
 def summarise_runs(rows: Iterable[Entry], runs: int) -> RunsSummary:
     """Sum up rows of `runs` manifests; of several rows of a log that which ended last counts."""
@@ -101,15 +107,6 @@ def summarise_runs(rows: Iterable[Entry], runs: int) -> RunsSummary:
         "runs": runs,
     }
     return RunsSummary(figures, logs, tuple(sorted({log.version for log in logs})))
-
-
-def counted(value: float | None, name: str) -> str:
-    """A number of things.
-
-    >>> counted(1, "log"), counted(1200, "log")
-    ('1 log', '1,200 logs')
-    """
-    return f"{number(value)} {name}{'' if value == 1 else 's'}"
 
 
 def overview(summary: RunsSummary) -> dict[str, str]:

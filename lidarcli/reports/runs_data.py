@@ -48,7 +48,7 @@ def as_junit(report: RunsReport) -> str:
     cases = [
         junit.Case(log.url, "lidarcli.runs", _failure(log), log.outcome, log.seconds) for log in summary.logs
     ]
-    return junit.document(report, report.title, summary.figures, cases)
+    return junit.document(report, summary.figures, cases)
 
 
 def _failure(log: Entry) -> str | None:

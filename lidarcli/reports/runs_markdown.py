@@ -15,7 +15,7 @@ def render(report: RunsReport) -> str:
     summary = report.summary
     names = ("logs", *OUTCOMES)
     words = overview(summary)
-    lines = [*beginning(report, report.title)]
+    lines = [*beginning(report)]
     lines += table(names, [[number(summary.figures[name]) for name in names]], 0)
     lines += table([*words], [[text(value) for value in words.values()]], None)
     for outcome, title in BAD.items():

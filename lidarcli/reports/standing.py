@@ -38,7 +38,7 @@ class Standing:
     def words(self) -> str:
         """The value for people."""
         if self.kind == "most_lost":
-            return f"{self.value:.1%}"
+            return f"{100 * self.value:.1f} %"
         return f"{self.value:.3g} s" if self.kind == "longest_gap" else f"{self.value:,.0f}"
 
 

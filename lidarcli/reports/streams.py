@@ -45,6 +45,8 @@ class Stream:
     topic: str
     frame_id: str
     sweeps: int
+    beams: int
+    """Of a sweep, the median."""
     objects: int
     start_ns: int
     end_ns: int
@@ -110,12 +112,13 @@ class _Columns:
         rows = run.sweeps
         self.stamp = rows.integers("stamp")
         self.sweep = rows.integers("sweep")
+        self.beams = rows.numbers("beams")
         self.objects = rows.numbers("objects")
         self.d_th = rows.numbers("d_th")
         self.noise = rows.numbers("noise")
         self.agents = run.agents_at_once
-        beams = rows.numbers("beams")
-        self.lost = np.divide(beams - rows.numbers("valid"), beams, out=np.zeros(len(rows)), where=beams > 0)
+        lost = self.beams - rows.numbers("valid")
+        self.lost = np.divide(lost, self.beams, out=np.zeros(len(rows)), where=self.beams > 0)
 
 
 def _stream(
@@ -138,6 +141,7 @@ def _stream(
         topic=names[0],
         frame_id=names[1],
         sweeps=len(mine),
+        beams=int(np.median(columns.beams[mine])),
         objects=int(columns.objects[mine].sum()),
         start_ns=int(stamp.min()),
         end_ns=int(stamp.max()),

@@ -21,6 +21,7 @@ from lidarcli.reports.spread import STATISTICS, Spread
 from lidarcli.reports.standing import Standing, standing_out
 from lidarcli.reports.streams import Streams, streams_of
 from lidarcli.reports.tracks import Label, Tracked, labels_of, tracked_of
+from lidarcli.reports.unlike import Unlike, unlike_of
 from lidarcli.sweeps import STATUSES, Float64
 
 SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}
@@ -64,6 +65,8 @@ class Summary:
 
     sources: tuple[Origin, ...]
     streams: Streams
+    unlike: Unlike
+    """In what the sensors are unlike, whose sweeps the figures pool."""
     figures: dict[str, float | None]
     """Every name of `figures.names()` → value, with tracks tables also those of `figures.track_names()`; None where
     there is nothing to measure."""
@@ -128,19 +131,21 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     status = {name: int(run.sweeps.numbers(name).sum()) for name in STATUSES}
     sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SET_COLUMNS.items()}
     tracked = tracked_of(run, streams)
+    differences = unlike_of(streams.all)
     figures = _figures(run, streams, spreads, kinds, status, sets)
     if tracked is not None:
         figures |= {**tracked.figures, "agents": tracked.agents}
     return Summary(
         sources=run.sources,
         streams=streams,
+        unlike=differences,
         figures=figures,
         spreads=spreads,
         histograms={name: histogram(name, SPREADS[name][0], values[name], edges[name]) for name in DRAWN},
         kinds=kinds,
         status=status,
         sets=sets,
-        densities=_densities(run),
+        densities=_densities(run, alike=not differences),
         standing=standing_out(run, streams),
         tracked=tracked,
         labels=labels_of(run),
@@ -189,12 +194,14 @@ def _figures(
     return figures
 
 
-def _densities(run: Run) -> tuple[Density, ...]:
+def _densities(run: Run, alike: bool) -> tuple[Density, ...]:
+    """Where objects were: from the sensor, if all of them are `alike`, and in the world."""
     mine = run.is_object
     maps = []
     for frame, x, y in (("sensor", "x", "y"), ("world", "world_x", "world_y")):
-        # Every log has a world of its own.
-        if run.objects.has_any(x) and (frame == "sensor" or len(run.sources) == 1):
+        # Every log has a world of its own, and unlike sensors have no place in common.
+        pooled = alike if frame == "sensor" else len(run.sources) == 1
+        if pooled and run.objects.has_any(x):
             found = density(frame, run.objects.numbers(x)[mine], run.objects.numbers(y)[mine])
             maps += [found] if found is not None else []
     return tuple(maps)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,17 +19,20 @@ from lidarcli.reports.text_parts import WIDTH, grid, heading, share_bar
 from lidarcli.reports.text_tracks import track_parts
 from lidarcli.reports.wording import (
     COMPARED,
-    SET_WORDS,
-    SHOWN_SPREADS,
     SHOWN_STATISTICS,
+    agents,
+    beams_by_set,
+    clock,
     compared_rows,
+    has_agents,
     kind_counts,
     number,
     origin,
+    origins,
+    percent,
     quantity,
     settings,
-    spread_name,
-    spread_row,
+    spreads,
     stamp,
     visible,
 )
@@ -45,6 +48,14 @@ STREAMS = 12
 def render(report: Report, colour: bool = False) -> str:
     """The report as text; `colour` for a terminal."""
     return printed(_parts(report), colour)
+
+
+def brief(report: Judged, colour: bool = False) -> str:
+    """The checks and what the report says in a line, of reports of every kind."""
+    from rich.text import Text
+
+    lines = [Text(visible(line)) for line in report.lines]
+    return printed([*check_parts(report), *([Text()] if report.verdicts else []), *lines], colour)
 
 
 def printed(parts: Iterable[RenderableType], colour: bool) -> str:
@@ -72,6 +83,7 @@ def printed(parts: Iterable[RenderableType], colour: bool) -> str:
 def _parts(report: Report) -> Iterator[RenderableType]:
     summary = report.summary
     yield from check_parts(report)
+    yield from _comparison(report)
     yield from _sources(summary)
     yield from _overview(summary)
     yield from _streams(summary)
@@ -81,21 +93,19 @@ def _parts(report: Report) -> Iterator[RenderableType]:
     yield from _histograms(summary)
     yield from _maps(summary)
     yield from _standing(summary)
-    yield from _comparison(report)
 
 
 def check_parts(report: Judged) -> Iterator[RenderableType]:
-    """What could not be read, and a line for each check."""
+    """What could not be read, what to know before the figures are believed, and a line for each check."""
     from rich.text import Text
 
     for problem in report.problems:
         yield Text(visible(f"not read: {problem}"), style="red")
+    for warning in report.warnings:
+        yield Text(visible(f"warning: {warning}"), style="yellow")
     if not report.verdicts:
         return
-    failed = sum(not verdict.holds for verdict in report.verdicts)
-    total = len(report.verdicts)
-    words = f"Checks: {total} of {total} hold" if not failed else f"Checks: {failed} of {total} failed"
-    yield heading(words)
+    yield heading(report.judgement)
     for verdict in report.verdicts:
         mark = "ok  " if verdict.holds else "FAIL"
         line = Text(mark, style="green" if verdict.holds else "bold red")
@@ -104,17 +114,39 @@ def check_parts(report: Judged) -> Iterator[RenderableType]:
 
 
 def _sources(summary: Summary) -> Iterator[RenderableType]:
-    yield heading("Logs" if len(summary.sources) > 1 else "Log")
-    shown = summary.sources[:STREAMS]
-    rows = [[source.log, origin(source)] for source in shown]
-    if len(summary.sources) > STREAMS:
-        rows.append([f"and {len(summary.sources) - STREAMS:,} more", ""])
-    yield grid(rows)
-    for text in dict.fromkeys(settings(source) for source in summary.sources):
+    sources, streams = summary.sources, summary.streams.all
+    yield heading("Logs" if len(sources) > 1 else "Log")
+    if len(streams) > 1:
+        yield from _one_by_one(streams)
+    if len(sources) > 1:
+        yield grid([["formats", origins(sources)]])
+    else:
+        yield grid([[source.log, origin(source)] for source in sources])
+    for text in dict.fromkeys(settings(source) for source in sources):
         yield grid([["parameters", text]])
-    for source in summary.sources:
+    for source in sources:
         for line in source.damage:
             yield grid([["damage", f"{source.log}: {line}"]])
+
+
+def _one_by_one(streams: Sequence[Stream]) -> Iterator[RenderableType]:
+    """A line for each log and topic, whose figures are pooled below."""
+    rows = [
+        [
+            f"{one.log} {one.topic}",
+            f"{one.sweeps:,}",
+            quantity("duration", one.duration),
+            quantity("rate", one.rate),
+            number(one.beams),
+            number(one.gaps),
+            number(one.objects),
+        ]
+        for one in streams[:STREAMS]
+    ]
+    head = ["log and topic", "sweeps", "duration", "rate", "beams", "gaps", "objects"]
+    yield grid(rows, right=range(1, 7), head=head)
+    if len(streams) > STREAMS:
+        yield grid([[f"and {len(streams) - STREAMS:,} more, all of them in --format json"]])
 
 
 def _overview(summary: Summary) -> Iterator[RenderableType]:
@@ -124,23 +156,17 @@ def _overview(summary: Summary) -> Iterator[RenderableType]:
         ["sweeps", f"{number(figures['sweeps'])} in {quantity('duration', figures['duration'])}"],
         [
             "objects",
-            f"{number(figures['objects'])}, {number(figures['objects_per_sweep.mean'], 3)} per sweep",
+            f"{number(figures['objects'])}, on average {number(figures['objects_per_sweep.mean'], 3)} per sweep",
         ],
-        ["agents", number(figures["agents"])],
-        [
-            "clock",
-            f"{quantity('rate', figures['rate'])}, {number(figures['gaps'])} gaps "
-            f"(longest {quantity('longest_gap', figures['longest_gap'])}, "
-            f"{number(figures['missing_sweeps'])} sweeps missing), "
-            f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated",
-        ],
+        *([["agents", agents(summary)]] if has_agents(summary) else []),
+        ["clock", clock(summary)],
     ]
     total = sum(summary.status.values())
     rows.append(["beams", f"{total:,}"])
     rows += [
         [f"  {name.replace('_', ' ')}", share_bar(count, total)] for name, count in summary.status.items()
     ]
-    rows += [[f"  {SET_WORDS[name]}", share_bar(count, total)] for name, count in summary.sets.items()]
+    rows += [[f"  {name}", share_bar(count, total)] for name, count in beams_by_set(summary).items()]
     yield grid(rows)
 
 
@@ -166,7 +192,7 @@ def _course(stream: Stream) -> Iterator[RenderableType]:
         *([("agents", course.agents_mean, "")] if np.nansum(course.agents_max) else []),
     ):
         top = max((value for value in values.tolist() if math.isfinite(value)), default=None)
-        most = f"{top:.1%}" if name == "lost" and top is not None else f"{number(top, 3)}{unit}"
+        most = percent(top) if name == "lost" and top is not None else f"{number(top, 3)}{unit}"
         line = spark(resample(values, SPARK))
         from rich.text import Text
 
@@ -174,11 +200,7 @@ def _course(stream: Stream) -> Iterator[RenderableType]:
 
 
 def _spreads(summary: Summary) -> Iterator[RenderableType]:
-    rows = [
-        [spread_name(name), *spread_row(name, summary.spreads[name])]
-        for name in SHOWN_SPREADS
-        if summary.spreads[name].count
-    ]
+    rows = [[name, *cells] for name, cells in spreads(summary)]
     if rows:
         yield heading("Figures")
         yield grid(rows, right=range(1, 7), head=["", *SHOWN_STATISTICS])
@@ -219,17 +241,21 @@ def _maps(summary: Summary) -> Iterator[RenderableType]:
         lines = shade(one, WIDTH - 4, 20)
         nx, ny = one.counts.shape
         span = f"x {number(one.x0)} to {number(one.x0 + nx * one.cell)} m, y {number(one.y0)} to "
+        logs = len(summary.sources)
+        several = f", {logs:,} logs over each other" if logs > 1 else ""
         yield heading(
-            f"Where objects were ({one.frame} frame, {span}{number(one.y0 + ny * one.cell)} m, y up)"
+            f"Where objects were{several} ({one.frame} frame, {span}{number(one.y0 + ny * one.cell)} m, y up)"
         )
         for line in lines:
             yield Text(f"  {line}", no_wrap=True)
 
 
 def _standing(summary: Summary) -> Iterator[RenderableType]:
+    from rich.text import Text
+
     if not summary.standing:
         return
-    yield heading("Sweeps that stand out (lidarcli plot LOG --topic TOPIC --sweep N)")
+    yield heading("Sweeps that stand out")
     several = len(summary.sources) > 1
     rows = [
         [
@@ -244,34 +270,27 @@ def _standing(summary: Summary) -> Iterator[RenderableType]:
     ]
     head = ["", "value", "sweep", *(["log"] if several else []), "topic", "stamp"]
     yield grid(rows, right=(1, 2), head=head)
+    yield Text("To see one: lidarcli plot LOG --topic TOPIC --sweep N -o sweep.png")
 
 
 def _comparison(report: Report) -> Iterator[RenderableType]:
+    from rich.text import Text
+
     comparison = report.comparison
     if comparison is None:
         return
     here, there, delta = report.summary.figures, comparison.baseline.figures, comparison.figures
     yield heading("Compared with the baseline")
     kinds = [name for name in here if name.split(".")[0] in ("shape", "visibility") and name not in SPREADS]
-    names = [*COMPARED, *(name for name in kinds if here[name] or there[name])]
-    rows = [list(row) for row in compared_rows(here, there, delta, names)]
+    rows = [list(row) for row in compared_rows(here, there, delta, [*COMPARED, *kinds])]
     yield grid(rows, right=(1, 2, 3), head=["", "baseline", "here", "difference"])
     for name, mine, other in comparison.parameters:
-        yield grid([["differs", f"{name}: {other} in the baseline, {mine} here"]])
-    yield grid(
-        [
-            [
-                "sweeps",
-                f"{number(delta['compared_sweeps'])} in both, {number(delta['changed_sweeps'])} with another number of "
-                f"objects, {number(delta['added_sweeps'])} only here, {number(delta['removed_sweeps'])} only in the "
-                "baseline",
-            ]
-        ]
-    )
+        yield grid([["parameter", f"{name}: {other} in the baseline, {mine} here"]])
+    yield Text(comparison.words)
     if comparison.changes:
         rows = [
             [one.log, one.topic, str(one.sweep), str(one.before), str(one.now), f"{one.difference:+d}"]
             for one in comparison.changes
         ]
-        yield heading("Sweeps whose objects changed most")
+        yield heading("Sweeps whose number of objects changed most")
         yield grid(rows, right=(2, 3, 4, 5), head=["log", "topic", "sweep", "before", "now", "change"])

@@ -45,4 +45,4 @@ def grid(rows: Sequence[Sequence[str]], right: Sequence[int] = (), head: Sequenc
 def share_bar(count: int, total: int) -> str:
     """A bar, the share in per cent, and the count."""
     part = count / total if total else 0.0
-    return f"{bar(part, BAR)} {share(count, total):>6} {count:>13,}"
+    return f"{bar(part, BAR)} {share(count, total):>7} {count:>12,}"

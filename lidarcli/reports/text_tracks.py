@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 TRACKS = 12
 """Tracks shown one by one."""
-SHOWN_OF_TRACK = ("track", "set", "shape", "label", "duration", "distance", "top speed", "end")
-LONGEST_LABEL = 14
+SHOWN_OF_TRACK = ("track", "kind", "shape", "label", "duration", "distance", "top speed", "end")
+LONGEST_LABEL = 11
 """Characters of a label in 80 columns."""
 
 
@@ -78,7 +78,7 @@ def _short(label: str) -> str:
     """A label that leaves room for the other columns.
 
     >>> _short("a pallet of the long kind")
-    'a pallet of...'
+    'a pallet...'
     """
     return label if len(label) <= LONGEST_LABEL else f"{label[: LONGEST_LABEL - 3].rstrip()}..."
 

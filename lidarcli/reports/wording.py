@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 
@@ -11,9 +12,13 @@ from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, TRACK_
 from lidarcli.reports.spread import Spread
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.tracks import Track, Tracked
+from lidarcli.reports.unlike import Unlike
 
 NONE = "-"
-SET_WORDS = {"O": "objects (O)", "A": "agents (A)", "S": "noise (S)"}
+SET_WORDS = {"O": "on objects", "A": "on agents", "S": "walls and rest"}
+"""Beams by set."""
+NAMED = 3
+"""Most frames that are named."""
 SHOWN_SPREADS = (
     "objects_per_sweep",
     "range",
@@ -71,7 +76,7 @@ def number(value: float | None, digits: int = 4, sign: bool = False) -> str:
     """
     if value is None or not math.isfinite(value):
         return NONE
-    mark = "+" if sign else ""
+    mark = "+" if sign and value else ""
     if value == int(value) or abs(value) >= 10**digits:
         return f"{value:{mark},.0f}"
     return f"{value:{mark}.{digits}g}"
@@ -83,14 +88,76 @@ def quantity(name: str, value: float | None, sign: bool = False) -> str:
         return NONE
     plain = name.removeprefix(DELTA)
     if plain.endswith("_share") or plain.startswith("lost_share."):
-        return f"{100 * value:{'+' if sign else ''}.2f} %"
+        return f"{100 * value:{'+' if sign and value else ''}.2f} %"
     unit = unit_of(name)
     return number(value, sign=sign) + ("" if unit == "1" else f" {unit}")
 
 
 def share(count: float, total: float) -> str:
     """A part of a whole in per cent."""
-    return f"{count / total:.1%}" if total else NONE
+    return percent(count / total) if total else NONE
+
+
+def percent(part: float) -> str:
+    """A part of one in per cent.
+
+    >>> percent(0.0625)
+    '6.2 %'
+    """
+    return f"{100 * part:.1f} %"
+
+
+def counted(value: float | None, name: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "log"), counted(1200, "log")
+    ('1 log', '1,200 logs')
+    """
+    return f"{number(value)} {name}{'' if value == 1 else 's'}"
+
+
+def span(values: Sequence[float]) -> str:
+    """The least and the greatest value, one number where people would read the same twice.
+
+    >>> span([20.0, 5.0, 10.0]), span([10.0, 10.0000001])
+    ('5 to 20', '10')
+    """
+    return " to ".join(dict.fromkeys(number(value) for value in (min(values), max(values))))
+
+
+def rate(summary: Summary) -> str:
+    """How many sweeps there are in a second; from the least to the greatest where sensors are unlike."""
+    if summary.unlike.rates:
+        return f"{span(summary.unlike.rates)} Hz"
+    return quantity("rate", summary.figures["rate"])
+
+
+def clock(summary: Summary) -> str:
+    """The rate, and what is wrong with the stamps of the sweeps."""
+    figures = summary.figures
+    faults = []
+    if figures["gaps"]:
+        longest = quantity("longest_gap", figures["longest_gap"])
+        missing = counted(figures["missing_sweeps"], "sweep")
+        faults.append(f"{counted(figures['gaps'], 'gap')} ({missing} missing, the longest gap {longest})")
+    if figures["backward"]:
+        faults.append(f"{counted(figures['backward'], 'stamp')} before the previous one")
+    if figures["repeated"]:
+        faults.append(f"{counted(figures['repeated'], 'stamp')} repeated")
+    if figures["rate"] is None:
+        return ", ".join(faults) or "too few sweeps to tell"
+    return ", ".join([rate(summary), *(faults or ["no gaps", "all stamps increasing"])])
+
+
+def differences(unlike: Unlike) -> str:
+    """In what sensors are unlike; empty where they are not."""
+    parts = [f"{span(unlike.rates)} Hz"] if unlike.rates else []
+    parts += [f"{span(unlike.beams)} beams"] if unlike.beams else []
+    if unlike.frames:
+        more = f" and {len(unlike.frames) - NAMED:,} more" if len(unlike.frames) > NAMED else ""
+        named = ", ".join(name or "(no name)" for name in unlike.frames[:NAMED])
+        parts.append(f"frames {named}{more}")
+    return "; ".join(parts)
 
 
 def stamp(stamp_ns: int) -> str:
@@ -118,6 +185,30 @@ def origin(source: Origin) -> str:
     return f"{source.format or 'unknown format'}{size}"
 
 
+def origins(sources: Sequence[Origin]) -> str:
+    """Formats of several logs, and the size of all of them."""
+    formats = Counter(source.format or "unknown format" for source in sources)
+    size = sum(source.size or 0 for source in sources)
+    return f"{', '.join(f'{count:,} {name}' for name, count in formats.items())}; {size:,} bytes"
+
+
+def has_agents(summary: Summary) -> bool:
+    """Whether there is anything to say of agents: something was tracked, or they came with the tables."""
+    return summary.tracked is not None or bool(summary.figures["agents"])
+
+
+def agents(summary: Summary) -> str:
+    """How many agents, which are tracks where there are any, else objects of single sweeps."""
+    count = summary.figures["agents"]
+    return number(count) if summary.tracked is None else counted(count, "moving thing")
+
+
+def beams_by_set(summary: Summary) -> dict[str, int]:
+    """What the beams fell on; without agents where nobody looked for them."""
+    sets = summary.sets
+    return {SET_WORDS[name]: sets[name] for name in sets if name != "A" or sets[name] or has_agents(summary)}
+
+
 def kind_counts(summary: Summary, name: str) -> dict[str, int]:
     """Objects by kind, in the order of the declaration."""
     counts = summary.kinds[name]
@@ -130,7 +221,7 @@ def tracked_words(tracked: Tracked) -> dict[str, str]:
     at_once = tracked.spreads["agents_at_once"]
     words = {
         "things": f"{number(count)}, {number(agents)} of them {'an agent' if agents == 1 else 'agents'}",
-        "agents at once": f"{number(at_once.mean, 3)} in the mean, most {number(at_once.max)}",
+        "agents at once": f"{number(at_once.mean, 3)} on average, at most {number(at_once.max)}",
     }
     if tracked.scene is not None:
         part = number(100 * (tracked.agent_share or 0.0), 2)
@@ -158,7 +249,7 @@ def track_cells(one: Track) -> dict[str, str]:
     sizes = [number(value, 3) for value in (one.length, one.width) if math.isfinite(value)]
     return {
         "track": str(one.number),
-        "set": one.set,
+        "kind": "agent" if one.is_agent else "object",
         "shape": one.shape,
         "label": one.label,
         "first seen": f"{number(one.start)} s",
@@ -171,6 +262,17 @@ def track_cells(one: Track) -> dict[str, str]:
         "top speed": f"{number(one.speed_max, 2)} m/s",
         "end": one.end,
     }
+
+
+def spreads(summary: Summary) -> list[tuple[str, list[str]]]:
+    """The lines of the table of spreads, without those that mean nothing of unlike sensors together."""
+    unlike = summary.unlike
+    left_out = {*(["step"] if unlike.rates else []), *(["beams_per_object"] if unlike.beams else [])}
+    return [
+        (spread_name(name), spread_row(name, summary.spreads[name]))
+        for name in SHOWN_SPREADS
+        if summary.spreads[name].count and name not in left_out
+    ]
 
 
 def spread_row(name: str, spread: Spread) -> list[str]:
@@ -192,10 +294,14 @@ def compared_rows(
     delta: Mapping[str, float | None],
     names: Sequence[str] = COMPARED,
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Figure, value in the baseline, here, difference, of those that either of the two runs has."""
+    """Figure, value in the baseline, here, difference, of those that either of the two runs has.
+
+    Numbers of agents, and of objects by kind, are left out where neither has any.
+    """
     for name in names:
         before, now = there.get(name), here.get(name)
-        if before is not None or now is not None:
+        is_kind = name == "agents" or name.split(".")[0] in CATEGORIES
+        if (before or now) if is_kind else (before is not None or now is not None):
             change = quantity(name, delta.get(f"delta.{name}"), sign=True)
             yield name, quantity(name, before), quantity(name, now), change
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -53,13 +53,14 @@ def simulate(
     overwrite: bool = False,
     map_file: str | Path | None = None,
     map_resolution: float = MAP_RESOLUTION,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Simulated:
     """Ray-cast the scene into the log `out`, with `<log>.truth.parquet` and `<log>.truth-beams.parquet` beside it.
 
     The number of sweeps comes from `sweeps`, else from `duration` [s], else from the scene. `map_file`, a .yaml in any
     folder, and a .pgm beside it get the true map of the run in cells of `map_resolution` [m]: see `true_map`. All files
     appear whole, under their own names, or not at all; files that exist are refused without `overwrite`. See `write_log`
-    for the formats.
+    for the formats. `progress` is called with the number of sweeps that are done, and of all.
     """
     # The writers bring half a second of imports along, which `import lidarcli.simulate` need not pay.
     from lidarcli.simulate.generate import simulate_blocks
@@ -128,6 +129,8 @@ def simulate(
                     for block in simulate_blocks(scene, count, seed):
                         truth.write(block)
                         yield block.raw
+                        if progress is not None:
+                            progress(block.first + len(block.seconds), count)
 
                 write_log(
                     logs.part(log),

@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from lidarcli.pipeline.reporting import FORMATS
 from tests.reports.runs import crossing, sweep, thing, write_run
 
 Run = Callable[..., Any]
@@ -30,8 +31,8 @@ def test_text_on_standard_output(lidarcli: Run, run: Path) -> None:
     assert max(map(len, ran.out.splitlines())) <= 80
     assert "\x1b" not in ran.out
     for words in (
-        "sweeps         20 in 1.9 s",
-        "objects        30, 1.5 per sweep",
+        "sweeps            20 in 1.9 s",
+        "objects           30, on average 1.5 per sweep",
         "prismatic",
         "run /scan (laser), 20 sweeps from 2023-11-14T22:13:20.000Z",
     ):
@@ -171,7 +172,12 @@ def test_a_baseline(lidarcli: Run, run: Path, tmp_path: Path) -> None:
         "now": 1,
     }
     text = lidarcli("report", run, "--baseline", base).out
-    assert "18 in both, 8 with another number of objects, 2 only here, 0 only in the" in text
+    words = "Sweeps in both runs: 18, 8 of them with another number of objects; only here: 2; only in the baseline: 0"
+    assert words in " ".join(text.split())
+    assert text.startswith("Compared with the baseline\n")
+    assert text.index(words[:20]) < text.index("Overview")
+    markdown = lidarcli("report", run, "--baseline", base, "--format", "markdown").out
+    assert markdown.splitlines()[2] == "### Compared with the baseline"
     missing = lidarcli("report", run, "--baseline", tmp_path / "nothing")
     assert (missing.code, missing.out) == (3, "")
 
@@ -184,13 +190,13 @@ def test_damage_of_the_log_is_told(lidarcli: Run, tmp_path: Path) -> None:
 
 def test_an_empty_run_has_a_report_in_every_format(lidarcli: Run, tmp_path: Path) -> None:
     run = write_run(tmp_path, [])
-    for kind in ("text", "markdown", "json", "junit"):
+    for kind in FORMATS:
         assert lidarcli("report", run, "--format", kind).code == 0
 
 
 def test_a_run_in_which_nothing_could_be_followed(lidarcli: Run, tmp_path: Path) -> None:
     run = write_run(tmp_path, [sweep(0)], tracks=[])
-    for kind in ("text", "markdown", "html", "json", "junit"):
+    for kind in FORMATS:
         ran = lidarcli(
             "report", run, "--format", kind, "--check", "tracks == 0", "--check", "agents_at_once.max == 0"
         )
@@ -232,7 +238,7 @@ def test_colour(
     assert ran.err == "lidarcli: check does not hold: objects == 0: expected == 0, found 30\n"
 
 
-@pytest.mark.parametrize("form", ["text", "markdown"])
+@pytest.mark.parametrize("form", ["text", "markdown", "github"])
 def test_names_of_a_log_do_not_steer_the_terminal(lidarcli: Run, tmp_path: Path, form: str) -> None:
     odd = {"topic": "/a\x1b[2J\x07\u202e", "log": "l\x1b]0;x\x07", "frame_id": "f\x9b2J"}
     run = write_run(tmp_path, [sweep(0, 1, **odd)], [thing(0, 1)], damage=["\x1bc"])
@@ -262,11 +268,11 @@ def test_tracks_in_text(lidarcli: Run, tracked: Path) -> None:
     assert max(map(len, ran.out.splitlines())) <= 80
     for words in (
         "things          3, 2 of them agents",
-        "agents at once  1.3 in the mean, most 2",
+        "agents at once  1.3 on average, at most 2",
         "scene           semi-structured: 6.2 % of the beams on agents",
         "Tracks by shape",
-        "left view    █████████                     33.3%             1",
-        "    2  A    legged                0.7 s     0.7 m    1.2 m/s  left view",
+        "left view    █████████                     33.3 %            1",
+        "    2  agent   legged                0.7 s     0.7 m    1.2 m/s  left view",
         "pallet       1       10",
         "  agents  ▄▄▄▄▄███▄▄",
     ):
@@ -276,7 +282,7 @@ def test_tracks_in_text(lidarcli: Run, tracked: Path) -> None:
 def test_tracks_of_several_logs_in_text(lidarcli: Run, tracked: Path) -> None:
     other = crossing("other")
     other["tracks"][0]["label"] = (
-        "a label that is longer than the terminal is wide, by far, and far from useful"
+        "one label that is longer than the terminal is wide, by far, and far from useful"
     )
     for row in other["objects"]:
         row["label"] = None
@@ -287,7 +293,7 @@ def test_tracks_of_several_logs_in_text(lidarcli: Run, tracked: Path) -> None:
     start = lines.index("Track by track")
     assert lines[start + 1 : start + 8 : 5] == ["other /scan", "run /scan"]
     assert (
-        lines[start + 3] == "    1  O    prismatic  a label tha...     0.9 s       0 m      0 m/s  end of log"
+        lines[start + 3] == "    1  object  prismatic  one labe...     0.9 s       0 m      0 m/s  end of log"
     )
     assert len(lines[start + 3]) == 80
 
@@ -325,7 +331,7 @@ def test_checks_of_tracks(lidarcli: Run, tracked: Path) -> None:
     assert (properties["tracks"], properties["tracks.duration.p50"]) == ("3", "0.7")
     markdown = lidarcli("report", tracked, "--format", "markdown").out
     assert (
-        "| 3, 2 of them agents | 1.3 in the mean, most 2 | semi-structured: 6.2 % of the beams on agents |"
+        "| 3, 2 of them agents | 1.3 on average, at most 2 | semi-structured: 6.2 % of the beams on agents |"
         in markdown
     )
     assert "| `tracks.duration [s]` |" in markdown
@@ -376,8 +382,8 @@ def test_tables_of_an_older_version(lidarcli: Run, run: Path) -> None:
 
 def test_a_baseline_with_and_without_tracks(lidarcli: Run, run: Path, tracked: Path) -> None:
     ran = lidarcli("report", tracked, "--baseline", tracked, "--check", "delta.tracks == 0")
-    assert (ran.code, "agents_at_once.max             2        2          +0" in ran.out) == (0, True)
+    assert (ran.code, "agents_at_once.max             2        2           0" in ran.out) == (0, True)
     for here, there in ((run, tracked), (tracked, run)):
-        for kind in ("text", "markdown", "json"):
+        for kind in FORMATS:
             ran = lidarcli("report", here, "--baseline", there, "--format", kind)
             assert (ran.code, ran.err) == (0, "")

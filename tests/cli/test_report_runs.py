@@ -18,7 +18,7 @@ from tests.places import ROOT
 from tests.reports.runs import START, table
 
 Run = Callable[..., Any]
-FORMATS = ("text", "markdown", "html", "json", "junit")
+FORMATS = ("text", "markdown", "html", "json", "junit", "github")
 
 
 def row(name: str, outcome: str = "ok", message: str | None = None, **other: Any) -> dict[str, Any]:
@@ -72,9 +72,9 @@ def test_text_on_standard_output(lidarcli: Run, fleet: Path) -> None:
     lines = ran.out.splitlines()
     assert lines[0] == "2 runs over 5 logs"
     assert [line.split()[::2] for line in lines[1:4]] == [
-        ["ok", "60.0%"],
-        ["damaged", "20.0%"],
-        ["failed", "20.0%"],
+        ["ok", "60.0", "3"],
+        ["damaged", "20.0", "1"],
+        ["failed", "20.0", "1"],
     ]
     assert lines[4:] == [
         "runs      2",

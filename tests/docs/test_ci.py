@@ -61,8 +61,8 @@ def test_github(folder: Path) -> None:
     job = pipeline(".github/workflows/lidar.yml")["jobs"]["objects"]
     steps = [step["run"] for step in job["steps"] if "run" in step]
     assert steps[0] == "pip install ."
-    for step in steps[1:]:
-        shell(step, folder)
+    printed = [shell(step, folder) for step in steps[1:]]
+    assert "::notice title=lidarcli%3A check passed::sweeps >= 100: found 100" in printed[1].splitlines()
     assert (folder / "summary.md").read_text("utf-8").startswith("## lidarcli report: room\n")
     assert {path.name for path in folder.glob("report.*")} == {"report.md", "report.xml", "report.html"}
 

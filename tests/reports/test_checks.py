@@ -173,7 +173,12 @@ def test_without_anything_to_measure_a_check_does_not_hold() -> None:
         ("sweeps between 4 and 3", "4 is above 3: nothing is between them, at '4', column 16"),
         (
             "beams where valid > 3 == 0",
-            "only objects, sweeps and tracks can be counted with where, not at 'beams', column 1",
+            "unknown table 'beams' before where; available: objects, sweeps, tracks; at 'beams', column 1",
+        ),
+        (
+            "object where width > 3 == 0",
+            "unknown table 'object' before where; did you mean objects? available: objects, sweeps, tracks; "
+            "at 'object', column 1",
         ),
         ("objects where (width > 1 == 0", "expected ')' at '==', column 26"),
         (
@@ -224,10 +229,13 @@ def test_an_unknown_figure_lists_those_that_are_there() -> None:
 
 def test_an_unknown_column_lists_those_that_are_there() -> None:
     with pytest.raises(
-        OptionError, match=r"unknown column of objects \(log, topic, .*r_min.*range_min.*\) at 'size'"
+        OptionError,
+        match=r"unknown column 'size' of objects; available: log, topic, .*r_min.*range_min.*; at 'size'",
     ):
         parse_check("objects where size > 1 == 0")
-    with pytest.raises(OptionError, match=r"unknown column of sweeps \(log, .*valid.*\) at 'width'"):
+    with pytest.raises(
+        OptionError, match=r"unknown column 'width' of sweeps; available: log, .*valid.*; at 'width'"
+    ):
         parse_check("sweeps where width > 1 == 0")
 
 
@@ -235,16 +243,17 @@ def test_the_nearest_name_is_offered() -> None:
     for expression, words in (
         (
             "tracks where durration > 1 == 0",
-            r"unknown column of tracks \(log, .*end\); did you mean duration\? at",
+            r"unknown column 'durration' of tracks; did you mean duration\? available: log, .*end; at",
         ),
         (
             "objects where widht > 1 == 0",
-            r"unknown column of objects .*; did you mean width\? at 'widht', column 15",
+            r"unknown column 'widht' of objects; did you mean width\? .*; at 'widht', column 15",
         ),
         (
             "agents_at_onse.max < 3",
             r"unknown figure 'agents_at_onse.max'; did you mean agents_at_once.max\? available",
         ),
+        ("delta.objcts == 0", r"unknown figure 'delta.objcts'; did you mean delta.objects\? available"),
         ("tracks.duration > 3", r"tracks.duration has several values, choose one of \.mean"),
     ):
         with pytest.raises(OptionError, match=words):

@@ -299,7 +299,7 @@ def test_the_viewer_in_a_browser(page: Page, room: Path) -> None:
             assert page.evaluate(WORDS).startswith(f"sweep {sweep_shown}, "), key
         page.evaluate("document.querySelector('.jump[data-sweep=\"31\"]').click()")
         assert page.evaluate(WORDS).startswith("sweep 31, ")
-        assert "most lost beams (1.4%)" in page.evaluate(WORDS)
+        assert "most lost beams (1.4 %)" in page.evaluate(WORDS)
     assert page.complaints == []
     assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
 

@@ -116,7 +116,7 @@ def test_sweeps_that_stand_out() -> None:
     assert found >= {
         ("most_objects", 4, "7"),
         ("fewest_objects", 6, "0"),
-        ("most_lost", 6, "60.0%"),
+        ("most_lost", 6, "60.0 %"),
         ("longest_gap", 8, "1.1 s"),
     }
 

@@ -515,7 +515,7 @@ def test_bad_names_of_tables(
         data = (original / f"room.{kind}.parquet").read_bytes()
         (tmp_path / f"bad\udcff.{kind}.parquet").write_bytes(data)
     (tmp_path / "worse\udcff.sweeps.parquet").write_bytes(b"")
-    for form in ("text", "markdown", "json", "junit", "html"):
+    for form in ("text", "markdown", "json", "junit", "html", "github"):
         assert run(["report", str(tmp_path / "bad\udcff.objects.parquet"), "--format", form]) == 0, form
         ran = capfdbinary.readouterr()
         assert ran.err == b""

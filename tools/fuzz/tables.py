@@ -24,7 +24,7 @@ LOG = "run.mcap"
 BACKGROUND = "empty.background.parquet"
 TRACKS = "run.tracks.parquet"
 NAMES = ("run.objects.parquet", "run.sweeps.parquet", TRACKS, "run.beams.parquet", BACKGROUND)
-FORMATS = ("text", "markdown", "html", "json", "junit")
+FORMATS = ("text", "markdown", "html", "json", "junit", "github")
 
 SCENE = """
 [scene]
@@ -391,7 +391,7 @@ def _write_names(place: Place, number: int, random: Random) -> None:
         path = os.fsencode(place.input) + b"/" + name + table.removeprefix("run").encode()
         Path(os.fsdecode(path)).write_bytes(tables()[table])
     form = FORMATS[number // len(_ODD_NAMES) % len(FORMATS)]
-    suffix = {"text": "txt", "markdown": "md", "html": "html", "json": "json", "junit": "xml"}[form]
+    suffix = {"markdown": "md", "html": "html", "json": "json", "junit": "xml"}.get(form, "txt")
     place.note(commands=[["report", "in", "--format", form], ["report", "in", "-o", f"out/r.{suffix}"]])
 
 

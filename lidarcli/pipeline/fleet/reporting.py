@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,8 +54,12 @@ def understand_runs(checks: Iterable[str]) -> list[Check]:
     return [parse_check(text, only=FIGURES) for text in checks]
 
 
-def report_runs(inputs: Iterable[str], checks: Iterable[str] = ()) -> MadeRuns:
-    """Read the manifests and make the report.
+def report_runs(
+    inputs: Iterable[str],
+    checks: Iterable[str] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> MadeRuns:
+    """Read the manifests and make the report; `progress` is called with the number of those done, and of all.
 
     Raises
     ------
@@ -66,7 +70,9 @@ def report_runs(inputs: Iterable[str], checks: Iterable[str] = ()) -> MadeRuns:
     files, problems = manifest_files(inputs)
     rows: list[Entry] = []
     read = 0
-    for file in files:
+    for done, file in enumerate(files):
+        if progress is not None:
+            progress(done, len(files))
         try:
             rows += read_run(file)
         except UnreadableError as err:

@@ -1,0 +1,246 @@
+"""`lidarcli report` for those in a hurry: `--brief`, annotations of GitHub Actions, a warning of unlike sensors."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import pytest
+
+from lidarcli.reports.github import command
+from tests.cli.test_report_runs import row, write_manifest
+from tests.reports.runs import START, TENTH, crossing, sweep, thing, write_run
+
+Run = Callable[..., Any]
+CHECKS = ("--check", "sweeps >= 20", "--check", "objects == 3")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """The tables of a run of 20 sweeps with an object each."""
+    rows = [sweep(k, 1) for k in range(20)]
+    return write_run(tmp_path / "run", rows, [thing(k, 1) for k in range(20)])
+
+
+@pytest.fixture
+def baseline(tmp_path: Path) -> Path:
+    """The same without objects in the first three sweeps, and without the last two."""
+    rows = [sweep(k, int(k > 2)) for k in range(18)]
+    return write_run(tmp_path / "base", rows, [thing(k, 1) for k in range(3, 18)])
+
+
+@pytest.fixture
+def unlike(tmp_path: Path) -> Path:
+    """The tables of three logs: 5, 10 and 20 Hz, 100 and 360 beams, two frames."""
+    for name, stride, other in (
+        ("slow", 2, {}),
+        ("usual", 1, {"beams": 360, "valid": 359, "noise_beams": 355}),
+        ("fast", 0.5, {"frame_id": "front"}),
+    ):
+        sweeps = [
+            sweep(k, 1, log=name, stamp=START + int(stride * TENTH) * k, **other) for k in range(len(name))
+        ]
+        write_run(tmp_path / "unlike", sweeps, [thing(k, 1, log=name) for k in range(len(name))], name=name)
+    return tmp_path / "unlike"
+
+
+def test_brief_text(lidarcli: Run, run: Path, baseline: Path) -> None:
+    ran = lidarcli("report", run, *CHECKS, "--brief")
+    assert ran.code == 1
+    assert ran.out == (
+        "Checks: 1 of 2 failed\n"
+        "ok    sweeps >= 20  (found 20)\n"
+        "FAIL  objects == 3  (found 20)\n"
+        "\n"
+        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
+    )
+    ran = lidarcli("report", run, "--baseline", baseline, "--brief", "--check", "changed_sweeps == 3")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out == (
+        "Checks: 1 of 1 passed\n"
+        "ok    changed_sweeps == 3  (found 3)\n"
+        "\n"
+        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
+        "Sweeps in both runs: 18, 3 of them with another number of objects; only here: 2;\n"
+        "only in the baseline: 0\n"
+    )
+    assert (
+        lidarcli("report", run, "--brief").out == "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
+    )
+
+
+def test_brief_markdown_in_a_file(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    out = tmp_path / "report.md"
+    assert lidarcli("-q", "report", run, *CHECKS, "--brief", "-o", out).code == 1
+    assert out.read_text() == (
+        "## lidarcli report: run\n\n"
+        "**Checks: 1 of 2 failed.**\n\n"
+        "|  | check | found |\n"
+        "| --- | --- | ---: |\n"
+        "| passed | `sweeps >= 20` | 20 |\n"
+        "| **failed** | `objects == 3` | 20 |\n\n"
+        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)\n"
+    )
+
+
+def test_brief_tells_of_tracks_and_damage(lidarcli: Run, tmp_path: Path) -> None:
+    run = write_run(tmp_path, **crossing(), damage=["byte 99: cut"])
+    assert " ".join(lidarcli("report", run, "--brief").out.split()) == (
+        "run: 10 sweeps in 0.9 s, 10 Hz, 10 objects (1 per sweep), 3 tracks (2 agents), damage in 1 place of the logs"
+    )
+
+
+@pytest.mark.parametrize("kind", ["json", "junit", "html"])
+def test_brief_is_not_for_programs(lidarcli: Run, run: Path, tmp_path: Path, kind: str) -> None:
+    out = tmp_path / "report.md"
+    ran = lidarcli("report", run, "--brief", "--format", kind, "-o", out)
+    assert (ran.code, ran.out, out.exists()) == (2, "", False)
+    assert f"--brief is for text, markdown, github; leave it out for {kind}" in ran.err
+
+
+def test_files_for_later_and_annotations_in_one_call(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    page, note = tmp_path / "a.json", tmp_path / "a.md"
+    ran = lidarcli(
+        "-q", "report", run, "--brief", "-o", page, "-o", note, "-o", "-", "--format", "github", *CHECKS
+    )
+    assert ran.out == lidarcli("report", run, "--brief", "--format", "github", *CHECKS).out
+    assert page.read_text() == lidarcli("report", run, "--format", "json", *CHECKS).out
+    assert note.read_text() == lidarcli("report", run, "--format", "markdown", "--brief", *CHECKS).out
+    ran = lidarcli("report", run, "-o", page, "-o", note, "--format", "github", "--overwrite")
+    assert ran.code == 2
+    assert "--format is for an output whose suffix does not say its format, and all of these do" in ran.err
+    assert (
+        "b.log: the suffix names no format (.txt .md"
+        in lidarcli("report", run, "-o", page, "-o", "b.log").err
+    )
+
+
+def test_github(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    ran = lidarcli("report", run, tmp_path / "none.sweeps.parquet", *CHECKS, "--brief", "--format", "github")
+    assert ran.code == 3
+    assert ran.out.splitlines() == [
+        f"::error title=lidarcli%3A not read::{tmp_path}/none.sweeps.parquet: no such file or folder",
+        "::error title=lidarcli%3A check failed::objects == 3: expected == 3, found 20",
+        "::notice title=lidarcli report::Checks: 1 of 2 failed%0A"
+        "run: 20 sweeps in 1.9 s, 10 Hz, 20 objects (1 per sweep)",
+        "::notice title=lidarcli%3A check passed::sweeps >= 20: found 20",
+    ]
+
+
+def test_github_folds_the_report_where_no_name_of_a_log_is_a_command(lidarcli: Run, tmp_path: Path) -> None:
+    run = write_run(tmp_path, [sweep(0, 1, log="::error::boo")], [thing(0, 1)], name="run")
+    lines = lidarcli("report", run, "--format", "github").out.splitlines()
+    assert lines[1] == "::group::::error::boo"
+    assert lines[2].startswith("::stop-commands::")
+    word = lines[2].removeprefix("::stop-commands::")
+    assert lines[-2:] == [f"::{word}::", "::endgroup::"]
+    text = "\n".join(lines[3:-2]) + "\n"
+    assert text == lidarcli("report", run).out
+    assert word == hashlib.sha256(text.encode()).hexdigest()
+
+
+@pytest.mark.parametrize("text", ["100 %", "a\nb", "a\r\nb", "%0A", "a:b,c", "::error::x"])
+def test_what_github_reads_is_what_was_meant(text: str) -> None:
+    line = command("notice", text, text)
+    assert len(line.splitlines()) == 1
+    _, properties, message = line.split("::", 2)
+    assert unquote(message) == text
+    kind, title = properties.split(" ", 1)
+    assert (kind, unquote(title)) == ("notice", f"title={text}")
+    assert not {":", ","} & set(title)
+
+
+def test_github_spells_out_what_steers_a_terminal() -> None:
+    assert command("error", "a", "\x1b[2J°\udcff") == "::error title=a::\\x1b[2J°\\udcff"
+
+
+def test_runs_in_short(lidarcli: Run, tmp_path: Path) -> None:
+    folder = write_manifest(tmp_path, "a", [row("good"), row("bad", "failed", "cut")]).parent
+    ran = lidarcli("report", folder, "--brief", "--check", "failed == 0")
+    assert ran.code == 1
+    assert ran.out.splitlines()[-1] == "1 run over 2 logs: 1 ok, 0 damaged, 1 failed, 100 sweeps"
+    ran = lidarcli("report", folder, "--format", "github", "--check", "failed == 0")
+    assert ran.out.startswith("::error title=lidarcli%3A check failed::failed == 0: expected == 0, found 1\n")
+    assert "\nFailed logs\n1 log, exit code 3: cut\n" in ran.out
+
+
+def test_unlike_sensors_are_told_and_not_pooled(lidarcli: Run, unlike: Path) -> None:
+    warning = (
+        "unlike sensors (5 to 20 Hz; 100 to 360 beams; frames front, laser): the figures pool all of them, and no map in "
+        "the sensor frame is drawn; for figures of one sensor report its tables alone"
+    )
+    text = lidarcli("report", unlike).out
+    assert max(map(len, text.splitlines())) <= 80
+    assert " ".join(text.split()).startswith(f"warning: {warning} Logs log and topic")
+    lines = text.splitlines()
+    start = lines.index("Logs")
+    assert lines[start + 1 : start + 6] == [
+        "log and topic  sweeps  duration   rate  beams  gaps  objects",
+        "fast /scan          4    0.15 s  20 Hz    100     0        4",
+        "slow /scan          4     0.6 s   5 Hz    100     0        4",
+        "usual /scan         5     0.4 s  10 Hz    360     0        5",
+        "formats  3 mcap; 3,000 bytes",
+    ]
+    assert "clock             5 to 20 Hz, no gaps, all stamps increasing" in text
+    for words in ("Where objects were", "step [s]", "beams_per_object"):
+        assert words not in text
+    assert f"::warning title=lidarcli::{warning}\n" in lidarcli("report", unlike, "--format", "github").out
+    markdown = lidarcli("report", unlike, "--format", "markdown").out
+    assert markdown.splitlines()[2].startswith("**Warning:** unlike sensors (5 to 20 Hz; ")
+    assert "| 5 to 20 Hz |" in markdown
+    ran = lidarcli("report", unlike, "--format", "json")
+    assert ran.err == f"warning: {warning}\n"
+    found = json.loads(ran.out)
+    suite = ET.fromstring(lidarcli("report", unlike, "--format", "junit").out.encode())[0]
+    assert suite.findtext("system-out") == f"warning: {warning}"
+    assert f"Warning: {warning}</p>" in lidarcli("report", unlike, "--format", "html").out
+    assert (found["warnings"], found["maps"]) == ([warning], [])
+    assert [stream["beams"] for stream in found["streams"]] == [100, 100, 360]
+
+
+def test_a_baseline_of_another_sensor(lidarcli: Run, run: Path, unlike: Path) -> None:
+    text = lidarcli("report", run, "--baseline", unlike / "slow.objects.parquet", "--brief").out
+    assert " ".join(text.split()).startswith(
+        "warning: the baseline is of another sensor (5 to 10 Hz): what differs need not be in the scene run: 20 sweeps"
+    )
+    assert "warning" not in lidarcli("report", run, "--baseline", run, "--brief").out
+
+
+def test_like_sensors_are_pooled(lidarcli: Run, tmp_path: Path) -> None:
+    for name, beams, step in (("a", 100, 1.0), ("b", 101, 1.1)):
+        sweeps = [sweep(k, 1, log=name, beams=beams, stamp=START + int(step * TENTH) * k) for k in range(5)]
+        write_run(tmp_path, sweeps, [thing(k, 1, log=name) for k in range(5)], name=name)
+    text = lidarcli("report", tmp_path).out
+    assert "warning" not in text
+    for words in ("Where objects were, 2 logs over each other (sensor", "step [s]", "beams_per_object"):
+        assert words in text
+    assert json.loads(lidarcli("report", tmp_path, "--format", "json").out)["warnings"] == []
+
+
+@pytest.mark.parametrize(
+    ("sweeps", "words"),
+    [(0, "run: 0 sweeps in 0 s, 0 objects"), (1, "run: 1 sweep in 0 s, 1 object (1 per sweep)")],
+)
+def test_too_little_to_tell(lidarcli: Run, tmp_path: Path, sweeps: int, words: str) -> None:
+    run = write_run(tmp_path, [sweep(0, 1)] * sweeps, [thing(0, 1)] * sweeps)
+    assert lidarcli("report", run, "--brief").out == f"{words}\n"
+    assert "clock             too few sweeps to tell" in lidarcli("report", run).out
+
+
+def test_faults_of_the_clock_in_words(lidarcli: Run, tmp_path: Path) -> None:
+    for steps, words in (
+        ([1, 1, 3, 1], "10 Hz, 1 gap (2 sweeps missing, the longest gap 0.3 s)"),
+        ([1, 1, 1, 0, 1, -2, 1], "10 Hz, 1 stamp before the previous one, 1 stamp repeated"),
+        ([1, 1, 1], "10 Hz, no gaps, all stamps increasing"),
+        ([0, 0, 0], "3 stamps repeated"),
+    ):
+        stamps = [START + TENTH * sum(steps[:k]) for k in range(len(steps) + 1)]
+        run = write_run(tmp_path / words[:9], [sweep(k, stamp=stamp) for k, stamp in enumerate(stamps)])
+        (line,) = [line for line in lidarcli("report", run).out.splitlines() if line.startswith("clock")]
+        assert line == f"clock             {words}"
+        run.unlink()
