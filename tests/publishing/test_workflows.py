@@ -34,6 +34,12 @@ def test_a_workflow_fits_the_schema_of_workflows(path: Path) -> None:
     assert misfits(path, "custom.github-workflows-require-timeout") == ""
 
 
+def test_new_versions_of_actions_are_proposed() -> None:
+    assert misfits(WORKFLOWS.parent / "dependabot.yml", "vendor.dependabot") == ""
+    (watched,) = read_yaml(WORKFLOWS.parent / "dependabot.yml")["updates"]
+    assert (watched["package-ecosystem"], watched["directory"]) == ("github-actions", "/")
+
+
 def test_one_runner_of_its_own_kind_for_every_platform(release: Any) -> None:
     built = {each["wheels"]: each["runner"] for each in release["wheels"]["strategy"]["matrix"]["include"]}
     assert set(built) == {"linux-x86_64", "linux-aarch64", "macos-x86_64", "macos-arm64", "windows-amd64"}
