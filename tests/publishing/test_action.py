@@ -1,0 +1,201 @@
+"""The steps of action.yml, run in bash as a runner would, with the lidarcli at hand in the place of an installed one."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.places import ROOT, SAMPLES
+from tests.publishing.files import misfits, read_yaml
+
+PATH = ROOT / "action.yml"
+ACTION = read_yaml(PATH)
+STEPS = {step["id"]: step for step in ACTION["runs"]["steps"] if "id" in step}
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+
+
+def executable(path: Path, script: str) -> Path:
+    path.write_text(f"#!/bin/sh\n{script}\n", "utf-8")
+    path.chmod(0o755)
+    return path
+
+
+@dataclass
+class Runner:
+    """What a runner keeps between the steps of one action: its inputs, and what steps have put out."""
+
+    folder: Path
+    inputs: dict[str, str]
+    outputs: dict[str, dict[str, str]]
+    said: str = ""
+
+    def value(self, text: str) -> str:
+        """An expression of action.yml, evaluated."""
+
+        def replaced(found: re.Match[str]) -> str:
+            place = found[1].split(".")
+            if place[0] == "inputs":
+                return self.inputs[place[1]]
+            if place[0] == "steps":
+                return self.outputs[place[1]].get(place[3], "")
+            return {"github.action_path": str(ROOT), "runner.temp": str(self.folder)}[found[1]]
+
+        return re.sub(r"\$\{\{ ([\w.-]+) \}\}", replaced, text)
+
+    def run(self, name: str) -> int:
+        """Run a step as `shell: bash` does; its exit code."""
+        step, told = STEPS[name], self.folder / f"{name}.output"
+        told.touch()
+        files = {
+            "GITHUB_OUTPUT": told,
+            "GITHUB_STEP_SUMMARY": self.folder / "summary.md",
+            "RUNNER_TEMP": self.folder,
+        }
+        environment = os.environ | {key: str(path) for key, path in files.items()}
+        environment |= {key: self.value(text) for key, text in step["env"].items()}
+        command = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]]
+        ran = subprocess.run(
+            command,
+            cwd=self.folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+        )
+        self.said += ran.stdout
+        self.outputs[name] = dict(line.split("=", 1) for line in told.read_text("utf-8").splitlines())
+        return ran.returncode
+
+    def run_all(self) -> int:
+        """Run what follows the installation, up to the first step that fails."""
+        return next((code for name in ("objects", "report", "verdict") if (code := self.run(name))), 0)
+
+
+@pytest.fixture
+def runner(tmp_path: Path) -> Runner:
+    shutil.copy(SAMPLES / "room.mcap", tmp_path / "the room.mcap")
+    shim = executable(tmp_path / "lidarcli-at-hand", f'exec "{sys.executable}" -m lidarcli "$@"')
+    inputs = {name: str(said.get("default", "")) for name, said in ACTION["inputs"].items()}
+    return Runner(tmp_path, inputs | {"logs": "the room.mcap\n"}, {"install": {"lidarcli": str(shim)}})
+
+
+def test_it_fits_the_schema_of_actions() -> None:
+    assert misfits(PATH, "vendor.github-actions") == ""
+
+
+def test_inputs_reach_scripts_as_environment_alone() -> None:
+    scripts = [step["run"] for step in ACTION["runs"]["steps"] if "run" in step]
+    assert [script for script in scripts if "${{" in script] == []
+    assert all(step["shell"] == "bash" for step in ACTION["runs"]["steps"] if "run" in step)
+    used = set(re.findall(r"\$\{\{ inputs\.([\w-]+) \}\}", PATH.read_text("utf-8")))
+    assert used == set(ACTION["inputs"])
+
+
+def test_the_example_of_the_docs_has_inputs_that_are_there() -> None:
+    page = (ROOT / "docs" / "ci.md").read_text("utf-8")
+    (example,) = re.findall(r"uses: lidarcli/lidarcli@\S+\n +with:\n((?: {10}.*\n)+)", page)
+    named = set(re.findall(r"^ {10}([\w-]+):", example, re.MULTILINE))
+    assert {"logs", "command", "args", "checks", "version"} == named <= set(ACTION["inputs"])
+
+
+@needs_bash
+@pytest.mark.slow
+def test_a_run_whose_checks_hold(runner: Runner) -> None:
+    runner.inputs |= {
+        "checks": "sweeps == 20\n\nobjects_per_sweep.mean between 4 and 6\n",
+        "args": "--every 5 --min-beams '4'",
+    }
+    assert runner.run_all() == 0, runner.said
+    tables = {path.name for path in (runner.folder / "lidarcli-tables").iterdir()}
+    assert tables == {"the room.objects.parquet", "the room.sweeps.parquet"}
+    summary = (runner.folder / "summary.md").read_text("utf-8")
+    assert summary.startswith("## lidarcli report: the room\n")
+    assert "sweeps == 20" in summary
+    report = Path(runner.value(ACTION["outputs"]["report"]["value"]))
+    assert report == runner.folder / "lidarcli-report" / "report.html"
+    assert report.read_text("utf-8").startswith("<!doctype html>")
+    (kept,) = [step["with"] for step in ACTION["runs"]["steps"] if "upload-artifact" in step.get("uses", "")]
+    assert Path(runner.value(kept["path"])).parent == report.parent
+    assert {path.name for path in report.parent.glob("report.*")} == {"report.md", "report.html"}
+
+
+@needs_bash
+@pytest.mark.slow
+def test_a_check_that_does_not_hold_fails_the_last_step(runner: Runner) -> None:
+    runner.inputs |= {"command": "track", "checks": "sweeps >= 100\nobjects where width > 0.5 == 0\n"}
+    assert [runner.run(name) for name in ("objects", "report", "verdict")] == [0, 0, 1]
+    assert (runner.folder / "lidarcli-tables" / "the room.tracks.parquet").exists()
+    errors = [line for line in runner.said.splitlines() if line.startswith("::error ")]
+    assert len(errors) == 1
+    assert "objects where width > 0.5 == 0" in errors[0]
+
+
+@needs_bash
+@pytest.mark.slow
+def test_a_damaged_log_is_reported_and_fails_unless_accepted(runner: Runner) -> None:
+    data = (SAMPLES / "people.csv.gz").read_bytes()
+    (runner.folder / "cut.csv.gz").write_bytes(data[: len(data) // 2])
+    runner.inputs["logs"] = "cut.csv.gz"
+    assert [runner.run(name) for name in ("objects", "report", "verdict")] == [0, 0, 3]
+    assert runner.outputs["objects"] == {"code": "3"}
+    assert (runner.folder / "summary.md").stat().st_size > 0
+    runner.inputs["accept-damage"] = "true"
+    assert runner.run("verdict") == 0
+
+
+@needs_bash
+@pytest.mark.parametrize(
+    ("inputs", "code"),
+    [
+        ({"command": "simulate"}, 2),
+        ({"command": "detect; touch planted"}, 2),
+        ({"logs": "$(touch planted)\n`touch planted`\n; touch planted"}, 3),
+        ({"args": "--topic $(touch planted) ; touch planted"}, 3),
+        ({"args": "--topic 'not closed"}, 1),
+        ({"logs": "--version"}, 3),
+        ({"tables": "$(touch planted)", "args": "--no-such-option"}, 2),
+    ],
+)
+def test_inputs_are_no_commands(runner: Runner, inputs: dict[str, str], code: int) -> None:
+    runner.inputs |= inputs
+    assert runner.run_all() == code, runner.said
+    assert not (runner.folder / "planted").exists()
+
+
+@needs_bash
+def test_what_a_log_is_called_is_no_command_of_the_runner(runner: Runner) -> None:
+    (runner.folder / "the room.mcap").rename(runner.folder / "::error::planted.mcap")
+    runner.inputs["logs"] = "::error::planted.mcap"
+    assert runner.run("objects") == 0
+    lines = runner.said.splitlines()
+    assert re.fullmatch(r"::stop-commands::lidarcli-\d+", lines[0])
+    assert any(line.startswith("::error::planted.mcap: 100 sweeps") for line in lines[1:-1])
+    assert lines[-1] == f"::{lines[0].removeprefix('::stop-commands::')}::"
+
+
+@needs_bash
+@pytest.mark.parametrize(
+    ("version", "wanted"),
+    [("", str(ROOT)), ("0.1.0", "lidarcli==0.1.0"), ("1; touch planted", "lidarcli==1; touch planted")],
+)
+def test_what_is_installed(runner: Runner, version: str, wanted: str) -> None:
+    # In the place of Python: `-m venv FOLDER` puts itself there, and notes what it is asked next.
+    noted = runner.folder / "asked"
+    python = executable(
+        runner.folder / "python",
+        f'[ "$2" = venv ] || exec printf "%s\\n" "$@" > "{noted}"\nmkdir -p "$3/bin" && cp "$0" "$3/bin/python"',
+    )
+    runner.inputs["version"] = version
+    runner.outputs["python"] = {"python-path": str(python)}
+    assert runner.run("install") == 0, runner.said
+    asked = noted.read_text("utf-8").splitlines()
+    assert asked == ["-m", "pip", "--disable-pip-version-check", "install", "--quiet", wanted]
+    assert runner.outputs["install"] == {"lidarcli": f"{runner.folder}/lidarcli/bin/lidarcli"}

@@ -1,0 +1,205 @@
+"""What is packed, and how it is called: one version, one repository, one list of requirements in all files that say so."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from packaging.metadata import Metadata
+from packaging.requirements import Requirement
+
+from lidarcli import __version__
+from tests.places import ROOT
+from tests.publishing.files import PROJECT, misfits, read_yaml
+from tools.changelog import section
+
+RECIPE = read_yaml(ROOT / "conda" / "recipe.yaml")
+CITATION = read_yaml(ROOT / "CITATION.cff")
+CONTAINERFILE = (ROOT / "Containerfile").read_text("utf-8")
+REPOSITORY = PROJECT["project"]["urls"]["Homepage"]
+CONDA_NAMES = {"matplotlib": "matplotlib-base"}
+"""PyPI's name → conda-forge's, where they differ."""
+
+
+def tracked() -> list[str]:
+    """The files of the project as git knows them; skips where this is no checkout."""
+    done = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip("this is no checkout of git")
+    return [name for name in done.stdout.splitlines() if (ROOT / name).exists()]
+
+
+def conda(requirements: list[str]) -> list[str]:
+    """Requirements of pyproject.toml as the recipe words them."""
+    parsed = [Requirement(each) for each in requirements]
+    return [f"{CONDA_NAMES.get(each.name, each.name)} {each.specifier}" for each in parsed]
+
+
+def test_every_file_has_the_same_version() -> None:
+    assert RECIPE["context"]["version"] == CITATION["version"] == __version__
+    example = re.findall(r"lidarcli/lidarcli@v(\S+)", (ROOT / "docs" / "ci.md").read_text("utf-8"))
+    assert example == [__version__]
+
+
+def test_every_file_names_the_same_repository() -> None:
+    owner_and_name = REPOSITORY.removeprefix("https://github.com/")
+    found = []
+    for name in tracked():
+        if Path(name).suffix in (".md", ".toml", ".yaml", ".yml", ".cff", "") and not name.startswith(
+            "tests/"
+        ):
+            text = (ROOT / name).read_text("utf-8")
+            found += re.findall(r"github\.com/([\w.-]+/lidarcli)\b", text)
+            found += re.findall(r"(?:--repo |uses: )([\w.-]+/lidarcli)\b", text)
+    assert len(found) > 10
+    assert set(found) == {owner_and_name}
+    assert all(url.startswith(REPOSITORY) for url in PROJECT["project"]["urls"].values())
+    assert (
+        RECIPE["about"]["homepage"]
+        == RECIPE["about"]["repository"]
+        == CITATION["repository-code"]
+        == REPOSITORY
+    )
+
+
+def test_the_recipe_needs_what_the_project_needs() -> None:
+    needed = RECIPE["requirements"]
+    assert needed["run"] == ["python", *conda(PROJECT["project"]["dependencies"])]
+    assert needed["host"] == ["python", "pip", *conda(PROJECT["build-system"]["requires"])]
+    (cross,) = [each["then"] for each in needed["build"] if isinstance(each, dict)]
+    assert [each for each in cross if each.startswith("cython")] == [needed["host"][2]]
+    assert RECIPE["build"]["skip"] == [f'match(python, "<{PROJECT["project"]["requires-python"][2:]}")']
+    (script,) = PROJECT["project"]["scripts"].items()
+    assert RECIPE["build"]["python"]["entry_points"] == [" = ".join(script)]
+
+
+def test_the_recipe_takes_what_the_release_offers() -> None:
+    name = "lidarcli-${{ version }}.tar.gz"
+    assert RECIPE["source"]["url"] == f"{REPOSITORY}/releases/download/v${{{{ version }}}}/{name}"
+    assert re.fullmatch("[0-9a-f]{64}", RECIPE["source"]["sha256"])
+    assert RECIPE["about"]["license"] == PROJECT["project"]["license"]
+    assert RECIPE["about"]["summary"] == PROJECT["project"]["description"]
+
+
+def test_the_citation_is_valid_and_names_the_paper() -> None:
+    assert misfits(ROOT / "CITATION.cff", "vendor.citation-file-format") == ""
+    paper = CITATION["preferred-citation"]
+    readme = (ROOT / "README.md").read_text("utf-8")
+    assert paper["doi"] == "10.3390/s24072284"
+    assert f"https://doi.org/{paper['doi']}" in readme
+    assert f"Sensors {paper['year']}, {paper['volume']}, {paper['start']}" in " ".join(readme.split())
+    assert paper["title"].partition(":")[0] in " ".join(readme.split())
+    assert [author["family-names"] for author in paper["authors"]] == [
+        "Fagundes",
+        "Caldeira",
+        "Quemelli",
+        "Martins",
+        "Brandão",
+    ]
+
+
+def allowed(path: str) -> bool:
+    """Whether .dockerignore lets a file or folder of the project into the image."""
+    lines = (ROOT / ".dockerignore").read_text("utf-8").splitlines()
+    return f"!{path.partition('/')[0]}" in lines
+
+
+def test_the_image_is_built_of_files_that_are_there() -> None:
+    copied = [each.split()[:-1] for each in re.findall(r"^COPY (?!--from)(.*)$", CONTAINERFILE, re.MULTILINE)]
+    sources = [source for line in copied for source in line]
+    assert sources == ["pyproject.toml", "setup.py", "README.md", "LICENSE", "lidarcli"]
+    assert [source for source in sources if not (ROOT / source).exists() or not allowed(source)] == []
+    assert (ROOT / ".dockerignore").read_text("utf-8").splitlines()[1] == "*"
+    for named in ("readme", "license-files"):
+        files = PROJECT["project"][named]
+        assert set([files] if isinstance(files, str) else files) <= set(sources)
+
+
+def test_the_image_has_its_stages_and_runs_as_nobody_special() -> None:
+    stages = re.findall(r"^FROM (\S+) AS (\w+)$", CONTAINERFILE, re.MULTILINE)
+    assert [name for _, name in stages] == ["build", "image"]
+    assert len({base for base, _ in stages}) == 1
+    assert set(re.findall(r"\bfrom=(\w+)", CONTAINERFILE)) == {"build"}
+    last = CONTAINERFILE.split("AS image\n")[1]
+    assert re.findall(r"^(?:USER|WORKDIR|ENTRYPOINT) (.*)$", last, re.MULTILINE) == [
+        "1000:1000",
+        "/data",
+        '["lidarcli"]',
+    ]
+    (python,) = re.findall(r"^ARG PYTHON=(\S+)$", CONTAINERFILE, re.MULTILINE)
+    assert f"Programming Language :: Python :: {python}" in PROJECT["project"]["classifiers"]
+    labels = dict(re.findall(r'org\.opencontainers\.image\.(\w+)="(.*?)"', last))
+    assert labels["description"] == PROJECT["project"]["description"]
+    assert labels["licenses"] == PROJECT["project"]["license"]
+    assert labels["source"] == REPOSITORY
+
+
+def test_the_changelog_has_what_the_next_release_will_say() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    dated = text.replace("## [Unreleased]\n", "## [Unreleased]\n\n## [9.9.9] - 2030-01-01\n", 1)
+    assert section("9.9.9", dated).startswith("### Added\n")
+    with pytest.raises(ValueError, match=r"no heading `## \[9.9.9\]"):
+        section("9.9.9", text)
+    with pytest.raises(ValueError, match=r"nothing stands below `## \[9.9.8\]`"):
+        section("9.9.8", "## [9.9.8] - 2030-01-01\n\n## [9.9.7] - 2029-01-01\n\n- Old.\n")
+
+
+@pytest.fixture(scope="module")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source distribution, built of the tracked files by the backend itself, unpacked."""
+    folder = tmp_path_factory.mktemp("sdist")
+    for name in tracked():
+        (folder / "tree" / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, folder / "tree" / name)
+    build = "import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])"
+    # What is translated on the way is of no use here, and takes minutes.
+    quick = "import Cython.Build as b; b.cythonize = lambda modules, **_: []; " + build
+    done = subprocess.run(
+        [sys.executable, "-c", quick, folder],
+        cwd=folder / "tree",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    (archive,) = folder.glob("*.tar.gz")
+    assert archive.name == f"lidarcli-{__version__}.tar.gz"
+    with tarfile.open(archive) as packed:
+        packed.extractall(folder / "unpacked", filter="data")
+    return folder / "unpacked" / f"lidarcli-{__version__}"
+
+
+@pytest.mark.slow
+def test_the_source_distribution_holds_what_is_tracked(sdist: Path) -> None:
+    packed = {path.relative_to(sdist).as_posix() for path in sdist.rglob("*") if path.is_file()}
+    made = {name for name in packed if name in ("PKG-INFO", "setup.cfg") or ".egg-info/" in name}
+    left_out = {".gitignore", ".ci/run"}
+    assert packed - made == set(tracked()) - left_out
+
+
+@pytest.mark.slow
+def test_the_metadata_is_what_pypi_accepts(sdist: Path) -> None:
+    told = Metadata.from_email((sdist / "PKG-INFO").read_bytes(), validate=True)
+    assert (told.name, str(told.version)) == ("lidarcli", __version__)
+    assert told.license_expression == "Apache-2.0"
+    assert told.description_content_type == "text/markdown"
+    assert told.project_urls == PROJECT["project"]["urls"]
+    assert [str(each) for each in told.requires_dist or [] if each.marker is None] == [
+        str(Requirement(each)) for each in PROJECT["project"]["dependencies"]
+    ]
+
+
+def test_the_classifiers_are_known_and_sorted() -> None:
+    classifiers: list[Any] = PROJECT["project"]["classifiers"]
+    assert classifiers == sorted(classifiers)
+    assert {each.partition(" :: ")[2] for each in classifiers if each.startswith("Operating System")} == {
+        "MacOS",
+        "Microsoft :: Windows",
+        "POSIX :: Linux",
+    }
