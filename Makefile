@@ -22,15 +22,17 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: $(VENV)/compiled ## install, detect the objects of a sample log, show the table, a picture and a report
-	$(BIN)/lidarcli detect samples/room.mcap -o demo --overwrite
-	@$(BIN)/python -m tools.show_objects demo/room.objects.parquet
+demo: $(VENV)/compiled ## install, follow the people of a sample log, show the tracks beside the truth and a report
+	@mkdir -p demo
+	$(BIN)/lidarcli track samples/people.csv.gz -o demo --overwrite
+	@$(BIN)/python -m tools.show_tracks demo/people.tracks.parquet samples/people.truth.parquet
 	@echo
-	$(BIN)/lidarcli -q plot samples/room.mcap --sweep 50 -o demo/room.png --overwrite
-	$(BIN)/lidarcli -q report demo/room.objects.parquet --log samples/room.mcap -o demo/room.html --overwrite
+	$(BIN)/lidarcli -q plot samples/people.csv.gz --sweep 34 --tracks demo/people.tracks.parquet -o demo/people.png --overwrite
+	$(BIN)/lidarcli -q report demo/people.objects.parquet --log samples/people.csv.gz -o demo/people.html --overwrite
 	@echo
-	@echo "A picture of sweep 50: $(CURDIR)/demo/room.png"
-	@echo "The report, for a browser: $(CURDIR)/demo/room.html"
+	@echo "Open this in your browser, every sweep to look at: $$($(BIN)/python -c 'from pathlib import Path; print(Path("demo/people.html").resolve().as_uri())')"
+	@echo "The tables, for pandas, DuckDB and polars:         demo/people.*.parquet"
+	@echo "A picture of sweep 34:                             demo/people.png"
 
 test: check ## install what the tests need, then check
 
