@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -165,3 +166,9 @@ def test_the_search_knows_the_words_of_the_pages_without_a_server(
         if element.tag == "script"
     ]
     assert "searchindex.js" in {script.split("?")[0] for script in scripts}
+
+
+def test_badges_are_left_out_and_pictures_stay() -> None:
+    badge = runpy.run_path(str(ROOT / "docs" / "conf.py"))["BADGE"]
+    line = "[![ci](https://example.org/ci.svg)](https://example.org/ci) ![b](http://example.org/b.svg)![c](docs/images/c.png)"
+    assert badge.sub("", line) == " ![c](docs/images/c.png)"
