@@ -62,6 +62,7 @@ docs: $(VENV)/compiled ## write docs/cli.md and docs/tables.md from the code
 
 site: $(VENV)/installed-dev ## the documentation as a site, build/site/index.html; strict about links
 	$(BIN)/python -m sphinx -W --keep-going -n -q -c docs . build/site
+	@echo "For a browser: $(CURDIR)/build/site/index.html"
 
 bench: $(VENV)/compiled ## throughput and memory of detect, beside merely reading the log, and of track
 	$(BIN)/python benchmarks/bench.py $(BENCH)
