@@ -17,7 +17,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check quick format samples golden docs bench bench-full bench-compare same accuracy trees tracking fleet maps fuzz bounds clean
+.PHONY: help demo test check quick format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -61,6 +61,10 @@ golden: $(VENV)/installed-dev ## accept today's tables and reports as the expect
 
 docs: $(VENV)/compiled ## write docs/cli.md and docs/tables.md from the code
 	$(BIN)/python -m tools.make_docs
+
+site: $(VENV)/installed-dev ## the documentation as a site, build/site/index.html; strict about links
+	$(BIN)/python -m sphinx -W --keep-going -n -q -c docs . build/site
+	@echo "For a browser: $(CURDIR)/build/site/index.html"
 
 bench: $(VENV)/compiled ## throughput and memory of detect, beside merely reading the log, and of track
 	$(BIN)/python benchmarks/bench.py $(BENCH)

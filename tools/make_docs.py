@@ -13,6 +13,9 @@ PAGES = {"docs/cli.md": cli_page, "docs/tables.md": tables_page}
 WITH_EXAMPLES = (
     "README.md",
     "docs/tutorial.md",
+    "docs/install.md",
+    "docs/questions.md",
+    "docs/citing.md",
     "docs/poses.md",
     "docs/map.md",
     "docs/background.md",

@@ -1,4 +1,4 @@
-"""docs/formats.md: the tests it names are there, and its CSV examples are read as it says."""
+"""docs/formats.md: docs/testing.md names a test for every row, and its CSV examples are read as it says."""
 
 from __future__ import annotations
 
@@ -17,22 +17,38 @@ from lidarcli.logs.rosbag2 import database, folder, salvage
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+TESTS = (ROOT / "docs" / "testing.md").read_text(encoding="utf-8")
 EXAMPLES = dict(re.findall(r"^### (.+?)\n.*?^```csv\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL))
 
 
 def test_the_tests_that_are_named_exist() -> None:
-    named = set(re.findall(r"`([\w/]+\.py)::(\w+)`", PAGE))
-    assert len(named) > 30
+    named = set(re.findall(r"`([\w/]+\.py)::(\w+)`", TESTS))
+    assert len(named) > 100
     texts = {path: (ROOT / "tests" / path).read_text(encoding="utf-8") for path, _ in named}
     for path, name in sorted(named):
         assert f"\ndef {name}(" in texts[path], f"{path} has no {name}"
 
 
-def test_every_row_of_damage_names_a_test() -> None:
-    table = PAGE.split("## Damaged and unusual logs")[1].split("\n## ")[0]
-    rows = [line for line in table.splitlines() if line.startswith("| ") and "**" not in line][1:]
-    assert len(rows) > 20
-    assert [row for row in rows if "::test_" not in row] == []
+def rows(page: str, title: str) -> list[list[str]]:
+    """The cells of the table of a section, without those rows that only name a group."""
+    table = page.split(f"\n## {title}\n")[1].split("\n## ")[0]
+    lines = [line for line in table.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if "**" not in line][1:]
+
+
+@pytest.mark.parametrize(
+    ("title", "least"), [("Containers", 5), ("Damaged and unusual logs", 60), ("Outputs", 10)]
+)
+def test_every_row_has_its_tests(title: str, least: int) -> None:
+    said = [row[0] for row in rows(PAGE, title)]
+    tested = {row[0]: row[1] for row in rows(TESTS, title)}
+    assert len(said) >= least
+    assert said == list(tested)
+    assert [row for row, tests in tested.items() if "::test_" not in tests] == []
+
+
+def test_no_page_for_users_names_a_test() -> None:
+    assert "::test_" not in PAGE
 
 
 def test_the_bounds_are_those_of_the_code() -> None:

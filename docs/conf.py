@@ -1,0 +1,78 @@
+"""How `make site` makes a site of the Markdown pages.
+
+The source folder is that of the whole project, so that links from docs/ to samples/README.md lead somewhere. The navigation
+is docs/README.md: one group for each of its headings, in the order of its lists.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pygments.lexers.special import TextLexer
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+ROOT = Path(__file__).parent.parent
+INDEX = ROOT / "docs" / "README.md"
+BADGE = re.compile(r"\[?!\[[^]]*\]\(https?:[^)]*\)(\]\([^)]*\))?")
+"""A picture that lies elsewhere, with its link. The pages of the site load nothing from elsewhere."""
+
+
+def groups(index: str) -> dict[str, dict[str, str]]:
+    """The headings of the index, each with the pages that its list leads to: path below ROOT -> name."""
+    return {
+        part.splitlines()[0]: {
+            (INDEX.parent / page).resolve().relative_to(ROOT).as_posix(): name
+            for name, page in re.findall(r"^- \[([^]]*)\]\(([^):]+\.md)\)", part, re.MULTILINE)
+        }
+        for part in index.split("\n## ")[1:]
+    }
+
+
+GROUPS = groups(INDEX.read_text(encoding="utf-8"))
+
+project = "lidarcli"
+(release,) = re.findall(
+    r'__version__ = "(.+)"', (ROOT / "lidarcli" / "_version.py").read_text(encoding="utf-8")
+)
+
+extensions = ["myst_parser", "sphinx_copybutton"]
+root_doc = "README"
+include_patterns = ["README.md", "docs/*.md", *(page for pages in GROUPS.values() for page in pages)]
+nitpicky = True
+smartquotes = False  # two hyphens begin an option
+myst_enable_extensions = ["html_image"]
+myst_heading_anchors = 4
+copybutton_prompt_text = r"\$ |> "
+copybutton_prompt_is_regexp = True
+
+html_theme = "furo"
+html_title = f"lidarcli {release}"
+html_extra_path = ["site"]
+html_copy_source = False
+html_show_copyright = False
+
+
+def navigation() -> str:
+    """The groups as tables of contents, which the theme shows beside every page."""
+    parts = ["```{toctree}\n:hidden:\n\ndocs/README\n```\n"]
+    for caption, pages in GROUPS.items():
+        entries = "\n".join(f"{name} <{page.removesuffix('.md')}>" for page, name in pages.items())
+        parts.append(f"```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{entries}\n```\n")
+    return "\n".join(parts)
+
+
+def prepare(_app: Sphinx, name: str, source: list[str]) -> None:
+    """Leave out badges; give the front page the navigation."""
+    source[0] = BADGE.sub("", source[0])
+    if name == root_doc:
+        source[0] += "\n\n" + navigation()
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("source-read", prepare)
+    app.add_lexer("csv", TextLexer)

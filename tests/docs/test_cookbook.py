@@ -1,0 +1,136 @@
+"""docs/cookbook.md: DuckDB, pandas and polars give the answers that the page shows."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import pandas as pd
+import polars as pl
+import pytest
+
+from tests.places import ROOT
+from tools import examples
+
+pytestmark = pytest.mark.slow
+
+PAGE = (ROOT / "docs" / "cookbook.md").read_text(encoding="utf-8")
+SECTIONS = {part.splitlines()[0]: part for part in PAGE.split("\n## ")[1:]}
+QUESTIONS = [title for title, part in SECTIONS.items() if "```sql" in part and "COPY" not in part]
+Rows = list[tuple[Any, ...]]
+
+
+def blocks(language: str, part: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", part, re.MULTILINE | re.DOTALL)
+
+
+def shown(title: str) -> tuple[list[str], Rows]:
+    """The names and rows of the answer that a section shows: the table after its last query."""
+    lines = [line for line in SECTIONS[title].rpartition("```\n")[2].splitlines() if line.startswith("|")]
+    names, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    return names, [tuple(value(cell) for cell in row) for row in rows]
+
+
+def value(cell: str) -> Any:
+    for kind in (int, float):
+        try:
+            return kind(cell)
+        except ValueError:
+            continue
+    return None if cell == "" else cell
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which the commands of the page have run."""
+    folder = tmp_path_factory.mktemp("cookbook")
+    (folder / "samples").symlink_to(ROOT / "samples")
+    done = list(examples.run(PAGE, folder))
+    assert len(done) == 4
+    for example in done:
+        assert example.holds, f"$ {example.example.command}\n{example.got}"
+    return folder
+
+
+def by_python(library: str, part: str) -> dict[str, Any]:
+    """The names that are set once the blocks of a library have run: first those that read the tables."""
+    names: dict[str, Any] = {}
+    for text in (SECTIONS["The tables to ask"], part):
+        for block in blocks("python", text):
+            if block.startswith(f"# {library}\n"):
+                exec(block, names)
+    return names
+
+
+def written(names: list[str], rows: Rows) -> str:
+    """An answer as the page shows it, for whoever has to renew it."""
+    cells = [names, *[["" if cell is None else str(cell) for cell in row] for row in rows]]
+    lines = ["| " + " | ".join(line) + " |" for line in cells]
+    return "\n".join(["", lines[0], "|" + "---|" * len(names), *lines[1:]])
+
+
+def plain(cell: Any) -> Any:
+    """A cell without the type of its library: whole numbers are whole, missing ones None."""
+    if cell is None or (isinstance(cell, float) and cell != cell):
+        return None
+    if isinstance(cell, str):
+        return cell
+    return int(cell) if float(cell) == int(cell) else round(float(cell), 6)
+
+
+@pytest.mark.parametrize("title", QUESTIONS)
+@pytest.mark.parametrize("by", ["duckdb", "pandas", "polars"])
+def test_an_answer(title: str, by: str, tables: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tables)
+    part = SECTIONS[title]
+    if by == "duckdb":
+        (query,) = blocks("sql", part)
+        relation = duckdb.sql(query)
+        names, rows = relation.columns, relation.fetchall()
+    else:
+        answer = by_python(by, part)["answer"]
+        assert isinstance(answer, pd.DataFrame if by == "pandas" else pl.DataFrame)
+        names = list(answer.columns)
+        rows = list(answer.itertuples(index=False)) if by == "pandas" else answer.rows()
+    got = [tuple(plain(cell) for cell in row) for row in rows]
+    assert (names, got) == shown(title), written(names, got)
+    assert got
+
+
+def test_the_csv_files_hold_the_same(tables: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tables)
+    part = SECTIONS["One CSV for a spreadsheet"]
+    (query,) = blocks("sql", part)
+    duckdb.sql(query)
+    by_python("pandas", part)
+    by_python("polars", part)
+    read = {name: pd.read_csv(f"{name}.csv") for name in ("duckdb", "pandas", "polars")}
+    assert list(read["duckdb"].columns) == ["t", "track", "set", "shape", "r_min", "x", "y"]
+    assert len(read["duckdb"]) == len(pd.read_parquet("yard/yard.objects.parquet"))
+    assert set(read["duckdb"].columns) - {"x", "y"} < set(pd.read_csv("objects.csv", nrows=1).columns)
+    for name in ("pandas", "polars"):
+        pd.testing.assert_frame_equal(read[name], read["duckdb"])
+
+
+@pytest.mark.parametrize(
+    ("expression", "found"),
+    [
+        ("stamp < '2023-11-14 22:13:21Z'", True),
+        ("strftime(stamp, '%H:%M')", "22:13"),
+        ("epoch_ns(stamp)", 1_700_000_000_000_000_000),
+        ("date_trunc('minute', stamp::timestamptz)::text", "2023-11-14 22:13:00+00"),
+        ("time_bucket(interval '1 minute', stamp::timestamptz)::text", "2023-11-14 22:13:00+00"),
+        ("extract('hour' from stamp::timestamptz)", 22),
+        ("(stamp::timestamptz - interval '1 second')::text", "2023-11-14 22:13:19+00"),
+        ("stamp::timestamptz AT TIME ZONE 'UTC'", datetime(2023, 11, 14, 22, 13, 20)),
+        ("stamp::timestamptz AT TIME ZONE 'Europe/Berlin'", datetime(2023, 11, 14, 23, 13, 20)),
+    ],
+)
+def test_what_the_page_says_of_stamps_in_duckdb(expression: str, found: object, tables: Path) -> None:
+    connection = duckdb.connect()
+    connection.execute("SET TimeZone = 'UTC'")
+    query = f"SELECT {expression} FROM '{tables}/yard/yard.objects.parquet' ORDER BY t LIMIT 1"
+    assert connection.sql(query).fetchall() == [(found,)]
