@@ -16,7 +16,19 @@ from lidarcli.cli.messages import Messages
 from lidarcli.errors import LidarcliError, OutputError
 from lidarcli.interrupts import Terminated
 
-COMMANDS = ("info", "detect", "track", "background", "match", "map", "poses", "report", "plot", "simulate")
+COMMANDS = (
+    "info",
+    "detect",
+    "track",
+    "background",
+    "match",
+    "map",
+    "overlay",
+    "poses",
+    "report",
+    "plot",
+    "simulate",
+)
 """Each is a file of this package with a command of its name."""
 
 INTERRUPTED = 130

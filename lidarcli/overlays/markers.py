@@ -17,6 +17,8 @@ TYPE = "visualization_msgs/msg/MarkerArray"
 ADD, DELETE_ALL = 0, 3
 LAST_SECOND = (1 << 31) - 1
 """No stamp of ROS 2 is later [s]."""
+SECOND = 1_000_000_000
+"""Nanoseconds."""
 
 
 class Kind(IntEnum):
@@ -109,7 +111,7 @@ def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr
     buffer = np.zeros(int(taken.sum()), np.uint8)
     counts = np.bincount(message, minlength=messages)
     _fill_heads(buffer, start[is_first], counts, cdr)
-    seconds, nanoseconds = np.divmod(np.clip(stamp_ns, 0, LAST_SECOND * 1_000_000_000), 1_000_000_000)
+    seconds, nanoseconds = within_ros(stamp_ns)
     for number, each in enumerate(layouts):
         mine = here == number
         for half, layout in enumerate(each):
@@ -126,9 +128,13 @@ def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr
             scatter(buffer, place[found], items)
     ends_at = (place + size)[np.append(np.flatnonzero(is_first)[1:] - 1, len(order) - 1)]
     whole = buffer.tobytes()
-    return [
-        whole[begin:end] for begin, end in zip(start[is_first].tolist(), ends_at.tolist(), strict=True)
-    ]
+    return [whole[begin:end] for begin, end in zip(start[is_first].tolist(), ends_at.tolist(), strict=True)]
+
+
+def within_ros(stamp_ns: Int64) -> tuple[Int64, Int64]:
+    """Seconds and nanoseconds; a stamp that ROS cannot hold becomes the nearest that it can."""
+    seconds, nanoseconds = np.divmod(np.clip(stamp_ns, 0, LAST_SECOND * SECOND), SECOND)
+    return seconds, nanoseconds
 
 
 def _fill_heads(buffer: NDArray[np.uint8], starts: Int64, counts: NDArray[np.intp], cdr: bool) -> None:

@@ -14,6 +14,7 @@ from lidarcli.ros.scans import cdr_scans, ros1_scans
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
+
 @dataclass(frozen=True, slots=True)
 class Encoding:
     """How sweeps and poses become bytes in a log."""

@@ -1,0 +1,216 @@
+"""The messages of an overlay, in the order in which they are to be played."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.logs.base import CsvOptions, Log, ReadReport
+from lidarcli.maps.grid_message import TYPE as MAP_TYPE
+from lidarcli.maps.grid_message import occupancy_cdr
+from lidarcli.overlays.files import Outgoing
+from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays
+from lidarcli.overlays.names import FRAME, MAP, topic_name, topics_of_objects
+from lidarcli.overlays.objects import Colours, Poses, is_mirrored, markers_of
+from lidarcli.overlays.transforms import transforms
+from lidarcli.overlays.viewers import Scene
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.tables import Pair
+from lidarcli.pipeline.overlay_copies import Copies, in_order, is_ros, scan_encodings, tells_frames
+from lidarcli.pipeline.overlay_rows import Joined, Tables
+from lidarcli.pipeline.reading.reading import Progress
+from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
+from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
+from lidarcli.ros.definitions import ROS2, TF
+from lidarcli.tables.metadata import SOURCE
+from lidarcli.tables.reading import file_metadata, parsed
+
+COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
+DEFAULT_WORLD = "map"
+
+
+class Overlay:
+    """The messages of one overlay: those of the log that are copied, and the markers of its objects."""
+
+    def __init__(
+        self,
+        source: Source,
+        pair: Pair,
+        grid: Occupancy | None,
+        csv: CsvOptions,
+        is_ros2: bool,
+        with_log: bool,
+    ) -> None:
+        """`grid`: a map to show; `is_ros2`: whether for ROS 2, else for ROS 1; `with_log`: copy the log, too."""
+        self._source = source
+        self._grid = grid
+        self._csv = csv
+        self._is_ros2 = is_ros2
+        self._with_log = with_log
+        self._tables = Tables(pair)
+        self._copies = Copies(frozenset(self._tables.topics), is_ros2)
+        self._names = topics_of_objects(self._tables.topics)
+        self._worlds = _worlds(pair)
+        """Sensor frame → the fixed frame, where poses are known."""
+        self._report, self._copied = ReadReport(), ReadReport()
+        self._sweeps = 0
+        self._encodings: dict[str, str] = {}
+        self._frames: dict[str, None] = {}
+        """Frames of the sweeps, in the order in which they come."""
+        self._has_frames = False
+        """Whether a viewer knows where the sensor is in the world."""
+        self._tells_poses = False
+        """Whether the file has to tell, for the log does not."""
+        self._hangs: dict[tuple[str, str], bool] = {}
+        """Topic and frame of a sensor → whether it hangs head down, as far as its objects have shown."""
+
+    def messages(self, stack: ExitStack, progress: Progress | None) -> Iterator[Outgoing]:
+        """All messages in the order in which they are to be played."""
+        log = stack.enter_context(open_source(self._source, self._csv))
+        self._encodings = scan_encodings(log)
+        self._has_frames = tells_frames(log)
+        self._tells_poses = self._with_log and not self._has_frames and log.topics() is not None
+        drawn = self._drawn(log, progress)
+        if len(self._tables.topics) > 1:
+            drawn = in_order(drawn)
+        everything = drawn
+        if self._with_log:
+            # Both passes go on at the same time, and each needs a log of its own.
+            other = stack.enter_context(open_source(self._source, self._csv))
+            everything = heapq.merge(self._copies.of(other, self._copied), drawn, key=attrgetter("record_ns"))
+        first = next(everything, None)
+        if self._grid is not None:
+            yield self._map(self._grid, 0 if first is None else first.record_ns)
+        if first is not None:
+            yield first
+        yield from everything
+
+    def scene(self) -> Scene:
+        """What a viewer is to show; known when all messages have been written."""
+        frame = next(iter(self._frames), FRAME)
+        if self._has_frames and frame in self._worlds:
+            frame = self._worlds[frame]
+        if self._grid is not None:
+            frame = self._world
+        scans = tuple(self._scan_topic(topic) for topic in self._tables.topics)
+        return Scene(frame, tuple(self._names.values()), scans, None if self._grid is None else MAP)
+
+    def summary(self, found: RunSummary | None) -> RunSummary:
+        """What has been done; `found` by the run that has made the tables, if this was one."""
+        if found is not None:
+            summary = replace(found, sweeps=self._sweeps)
+        else:
+            left = self._tables.left()
+            if left:
+                self._report.add_damage("the end", f"{left:,} sweeps of the tables are not in the log")
+            summary = RunSummary(sweeps=self._sweeps, topics=set(self._tables.topics))
+            summary.damage = damage_lines(self._report)
+            summary.notes = list(self._report.notes)
+        summary.damage += [line for line in damage_lines(self._copied) if line not in summary.damage]
+        summary.notes += self._copies.notes()
+        if self._with_log and not self._has_frames:
+            summary.notes.append(
+                "nothing in the file tells where the sensor is: choose its frame as fixed frame"
+            )
+        if "" in self._frames:
+            summary.notes.append("the scans name no frame, and RViz draws nothing without one")
+        return summary
+
+    @property
+    def _world(self) -> str:
+        return next((self._worlds[name] for name in self._frames if name in self._worlds), DEFAULT_WORLD)
+
+    def _drawn(self, log: Log, progress: Progress | None) -> Iterator[Outgoing]:
+        """The markers of all sweeps, and what of the log has to be written anew."""
+        for joined in self._tables.join(log, self._report):
+            raw = joined.raw
+            self._sweeps += len(raw)
+            anew = not is_ros(self._encodings.get(raw.topic, ""))
+            names = tuple(name or FRAME if anew else name for name in raw.frame_ids)
+            self._frames |= dict.fromkeys(names[code] for code in np.unique(raw.frame).tolist())
+            if self._with_log and anew:
+                yield from self._copies.written_anew(replace(raw, frame_ids=names))
+            for code in np.unique(raw.frame).tolist():
+                yield from self._of_frame(
+                    joined, names[code], raw.frame_ids[code], np.flatnonzero(raw.frame == code)
+                )
+            if progress is not None:
+                progress(log.position)
+
+    def _of_frame(self, joined: Joined, name: str, told: str, rows: Any) -> Iterator[Outgoing]:
+        """The markers of the sweeps of one frame."""
+        raw = joined.raw
+        objects, message = joined.objects, joined.row
+        poses = Poses(*(column.to_numpy(zero_copy_only=False) for column in joined.poses))
+        if len(rows) < len(raw):
+            raw = raw.rows(rows)
+            poses = Poses(poses.x[rows], poses.y[rows], poses.yaw[rows])
+            place = np.searchsorted(rows, message)
+            mine = (place < len(rows)) & (rows[np.minimum(place, len(rows) - 1)] == message)
+            objects, message = objects.take(np.flatnonzero(mine)), place[mine]
+        stamp_ns = raw.time_ns
+        if self._tells_poses and told in self._worlds:
+            yield from self._poses(raw.topic, name, told, raw.record_ns, stamp_ns, poses, objects, message)
+        groups = markers_of(objects, message, poses, COLOURS)
+        data = marker_arrays(stamp_ns, name, groups, cdr=self._is_ros2)
+        topic = self._names[raw.topic]
+        for each in zip(raw.record_ns.tolist(), stamp_ns.tolist(), data, strict=True):
+            yield Outgoing(topic, TYPE, *each)
+
+    def _poses(
+        self,
+        topic: str,
+        name: str,
+        told: str,
+        record_ns: Any,
+        stamp_ns: Any,
+        poses: Poses,
+        objects: Any,
+        message: Any,
+    ) -> Iterator[Outgoing]:
+        """Where the sensor was, for a log that tells it in no way that viewers know."""
+        hangs = self._hangs.get((topic, told), False)
+        if objects.num_rows:
+            hangs = self._hangs[topic, told] = bool(np.mean(is_mirrored(objects, message, poses)) > 0.5)
+        known = np.flatnonzero(np.isfinite(poses.yaw))
+        self._has_frames = self._has_frames or bool(len(known))
+        pose = np.column_stack([poses.x, poses.y, poses.yaw])[known]
+        data = transforms(
+            stamp_ns[known], self._worlds[told], name, pose, np.full(len(known), hangs), cdr=self._is_ros2
+        )
+        for each in zip(record_ns[known].tolist(), stamp_ns[known].tolist(), data, strict=True):
+            yield Outgoing("/tf", TF, *each)
+
+    def _scan_topic(self, topic: str) -> str:
+        return topic if is_ros(self._encodings.get(topic, "")) else topic_name(topic)
+
+    def _map(self, grid: Occupancy, record_ns: int) -> Outgoing:
+        """The map, stamped as the first message: who plays the file gets it at once."""
+        stamp_ns = min(max(record_ns, 0), LAST_SECOND * SECOND)
+        data = occupancy_cdr(replace(grid, frame_id=self._world), stamp_ns)
+        if not self._is_ros2:
+            data = bytes(ROS2.cdr_to_ros1(data, MAP_TYPE))
+        return Outgoing(MAP, MAP_TYPE, record_ns, stamp_ns, data)
+
+
+def _worlds(pair: Pair) -> dict[str, str]:
+    """Sensor frame → the fixed frame of its poses, as the tables tell."""
+    try:
+        source = parsed(file_metadata(pair.sweeps).get(SOURCE, "null"))
+    except ValueError:
+        return {}
+    poses = source.get("poses") if isinstance(source, dict) else None
+    found = poses.items() if isinstance(poses, dict) else ()
+    return {
+        frame: way["world"]
+        for frame, way in found
+        if isinstance(way, dict) and isinstance(way.get("world"), str) and way["world"]
+    }
