@@ -18,6 +18,7 @@ WINDOW = 4096
 """Messages among which those of several topics are put in order: more than come of one topic at a stretch."""
 _ROS = ("cdr", "ros1")
 _OLD_TF = "tf/msg/tfMessage"
+_TRANSFORMS = frozenset({TF, _OLD_TF})
 
 
 def scan_encodings(log: Log) -> dict[str, str]:
@@ -33,9 +34,29 @@ def is_ros(encoding: str) -> bool:
     return encoding in _ROS
 
 
-def tells_frames(log: Log) -> bool:
-    """Whether the log has transforms of ROS, as far as its index tells."""
-    return any(topic.type in (TF, _OLD_TF) and is_ros(topic.encoding) for topic in log.topics() or ())
+def transform_topics(log: Log) -> frozenset[str]:
+    """Topics of transforms of ROS, as the index tells; without one they are those that ROS uses."""
+    topics = log.topics()
+    if topics is None:
+        return frozenset({"/tf", "/tf_static"})
+    return frozenset(topic.name for topic in topics if topic.type in _TRANSFORMS and is_ros(topic.encoding))
+
+
+def frames_told(log: Log, frames: Collection[str]) -> set[str]:
+    """Those of the frames that transforms of the log speak of."""
+    names = {frame: _spelled(frame) for frame in frames}
+    told: set[str] = set()
+    for message in log.messages(_TRANSFORMS, ReadReport()):
+        told |= {frame for frame, forms in names.items() if any(form in message.data for form in forms)}
+        if len(told) == len(names):
+            break
+    return told
+
+
+def _spelled(frame: str) -> tuple[bytes, bytes]:
+    """A frame as it stands in messages of ROS 1 and of ROS 2; old transforms have it without its leading slash."""
+    name = frame.removeprefix("/").encode()
+    return len(name).to_bytes(4, "little") + name, (len(name) + 1).to_bytes(4, "little") + name + b"\0"
 
 
 class Copies:

@@ -24,7 +24,14 @@ from lidarcli.overlays.viewers import Scene
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import Pair
-from lidarcli.pipeline.overlay_copies import Copies, in_order, is_ros, scan_encodings, tells_frames
+from lidarcli.pipeline.overlay_copies import (
+    Copies,
+    frames_told,
+    in_order,
+    is_ros,
+    scan_encodings,
+    transform_topics,
+)
 from lidarcli.pipeline.overlay_rows import Joined, Tables
 from lidarcli.pipeline.reading.reading import Progress
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
@@ -58,17 +65,18 @@ class Overlay:
         self._tables = Tables(pair)
         self._copies = Copies(frozenset(self._tables.topics), is_ros2)
         self._names = topics_of_objects(self._tables.topics)
-        self._worlds = _worlds(pair)
+        self._ways = _ways(pair)
+        self._worlds = {frame: world for frame, (world, _) in self._ways.items()}
         """Sensor frame → the fixed frame, where poses are known."""
         self._report, self._copied = ReadReport(), ReadReport()
         self._sweeps = 0
         self._encodings: dict[str, str] = {}
         self._frames: dict[str, None] = {}
         """Frames of the sweeps, in the order in which they come."""
-        self._has_frames = False
-        """Whether a viewer knows where the sensor is in the world."""
-        self._tells_poses = False
-        """Whether the file has to tell, for the log does not."""
+        self._placed: set[str] = set()
+        """Sensor frames of which a viewer is told where they are in the world …"""
+        self._to_place: set[str] = set()
+        """… and those of them of which nothing but this file tells it."""
         self._hangs: dict[tuple[str, str], bool] = {}
         """Topic and frame of a sensor → whether it hangs head down, as far as its objects have shown."""
 
@@ -76,8 +84,13 @@ class Overlay:
         """All messages in the order in which they are to be played."""
         log = stack.enter_context(open_source(self._source, self._csv))
         self._encodings = scan_encodings(log)
-        self._has_frames = tells_frames(log)
-        self._tells_poses = self._with_log and not self._has_frames and log.topics() is not None
+        transforming = transform_topics(log)
+        self._placed = {frame for frame, (_, topic) in self._ways.items() if topic in transforming}
+        others = self._worlds.keys() - self._placed
+        if self._with_log and others:
+            # A frame has one parent: where the log tells of one, another would tear the tree apart.
+            self._to_place = others - frames_told(log, others)
+            self._placed |= self._to_place
         drawn = self._drawn(log, progress)
         if len(self._tables.topics) > 1:
             drawn = in_order(drawn)
@@ -96,7 +109,7 @@ class Overlay:
     def scene(self) -> Scene:
         """What a viewer is to show; known when all messages have been written."""
         frame = next(iter(self._frames), FRAME)
-        if self._has_frames and frame in self._worlds:
+        if frame in self._placed:
             frame = self._worlds[frame]
         if self._grid is not None:
             frame = self._world
@@ -116,10 +129,6 @@ class Overlay:
             summary.notes = list(self._report.notes)
         summary.damage += [line for line in damage_lines(self._copied) if line not in summary.damage]
         summary.notes += self._copies.notes()
-        if self._with_log and not self._has_frames:
-            summary.notes.append(
-                "nothing in the file tells where the sensor is: choose its frame as fixed frame"
-            )
         if "" in self._frames:
             summary.notes.append("the scans name no frame, and RViz draws nothing without one")
         return summary
@@ -157,7 +166,7 @@ class Overlay:
             mine = (place < len(rows)) & (rows[np.minimum(place, len(rows) - 1)] == message)
             objects, message = objects.take(np.flatnonzero(mine)), place[mine]
         stamp_ns = raw.time_ns
-        if self._tells_poses and told in self._worlds:
+        if told in self._to_place:
             yield from self._poses(raw.topic, name, told, raw.record_ns, stamp_ns, poses, objects, message)
         groups = markers_of(objects, message, poses, COLOURS)
         data = marker_arrays(stamp_ns, name, groups, cdr=self._is_ros2)
@@ -181,7 +190,6 @@ class Overlay:
         if objects.num_rows:
             hangs = self._hangs[topic, told] = bool(np.mean(is_mirrored(objects, message, poses)) > 0.5)
         known = np.flatnonzero(np.isfinite(poses.yaw))
-        self._has_frames = self._has_frames or bool(len(known))
         pose = np.column_stack([poses.x, poses.y, poses.yaw])[known]
         data = transforms(
             stamp_ns[known], self._worlds[told], name, pose, np.full(len(known), hangs), cdr=self._is_ros2
@@ -201,8 +209,8 @@ class Overlay:
         return Outgoing(MAP, MAP_TYPE, record_ns, stamp_ns, data)
 
 
-def _worlds(pair: Pair) -> dict[str, str]:
-    """Sensor frame → the fixed frame of its poses, as the tables tell."""
+def _ways(pair: Pair) -> dict[str, tuple[str, str]]:
+    """Sensor frame → the fixed frame of its poses and the topic that tells them, as the tables have it."""
     try:
         source = parsed(file_metadata(pair.sweeps).get(SOURCE, "null"))
     except ValueError:
@@ -210,7 +218,7 @@ def _worlds(pair: Pair) -> dict[str, str]:
     poses = source.get("poses") if isinstance(source, dict) else None
     found = poses.items() if isinstance(poses, dict) else ()
     return {
-        frame: way["world"]
+        frame: (way["world"], str(way.get("topic")))
         for frame, way in found
         if isinstance(way, dict) and isinstance(way.get("world"), str) and way["world"]
     }
