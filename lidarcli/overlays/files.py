@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -63,7 +64,7 @@ class McapFile:
             )
             known = self._channels[key] = channel, [0]
         channel, count = known
-        log_ns, stamp_ns = (min(max(time, 0), LATEST_NS) for time in (message.record_ns, message.stamp_ns))
+        log_ns, stamp_ns = _within(message.record_ns), _within(message.stamp_ns)
         self._writer.add_message(channel, log_ns, message.data, stamp_ns, count[0] & 0xFFFFFFFF)
         count[0] += 1
 
@@ -73,8 +74,9 @@ class McapFile:
         self._file.close()
 
     def abandon(self) -> None:
-        """Let go of a file that is not wanted."""
-        self._file.close()
+        """Let go of a file; what is not in it by now will not be."""
+        with suppress(OSError):
+            self._file.close()
 
 
 class BagFile:
@@ -96,21 +98,27 @@ class BagFile:
             self._connections[key] = self._writer.add_connection(
                 *key, typestore=ROS1, latching=1 if latched else None
             )
-        self._writer.write(self._connections[key], min(max(message.record_ns, 0), LATEST_NS), message.data)
+        self._writer.write(self._connections[key], _within(message.record_ns), message.data)
 
     def finish(self) -> None:
         """Write the index, and close the file."""
         self._writer.close()
 
     def abandon(self) -> None:
-        """Let go of a file that is not wanted."""
+        """Let go of a file; what is not in it by now will not be."""
         if self._writer.bio is not None:
-            self._writer.bio.close()
+            with suppress(OSError):
+                self._writer.bio.close()
 
 
 def overlay_file(path: Path) -> McapFile | BagFile:
     """A new file of the format that its suffix names."""
     return McapFile(path) if path.suffix.lower() == MCAP else BagFile(path)
+
+
+def _within(time_ns: int) -> int:
+    """A time that files can hold: the nearest to it [ns]."""
+    return time_ns if 0 <= time_ns <= LATEST_NS else min(max(time_ns, 0), LATEST_NS)
 
 
 def _offer(topic: str, kind: str) -> tuple[int, bool]:

@@ -82,6 +82,8 @@ def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr
     cdr : whether for ROS 2, else for ROS 1
     """
     messages = len(stamp_ns)
+    if not messages:
+        return []
     name = frame.encode("utf-8", "replace")
     forms = [(Kind.CUBE, 0, True), *((group.kind, group.length, False) for group in groups)]
     message = np.concatenate([np.arange(messages), *(group.message for group in groups)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,9 @@ COLUMNS = (
 )
 """What is read of the objects table."""
 
-HEIGHT, LEAST_SIDE = 0.2, 0.02
-"""A sweep tells no height, so every body has the same [m]; and none is so slim that it cannot be seen [m]."""
+HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
+"""A sweep tells no height, so every body has the same [m]; and none is so slim that it cannot be seen, nor
+larger than any range [m]."""
 LINE, TEXT, SHAFT = 0.02, 0.14, 0.05
 """Width of outlines, height of letters, and width of arrows [m]."""
 LIFT = 0.15
@@ -87,7 +89,7 @@ class _Objects:
         self._place = place
         self._yaw = np.nan_to_num(_floats(rows, "box_yaw"))
         sides = [_floats(rows, name) for name in ("box_length", "box_width")]
-        self._sides = np.fmax(np.column_stack(sides), LEAST_SIDE)
+        self._sides = np.fmin(np.fmax(np.column_stack(sides), LEAST_SIDE), WIDEST)
         self._shape: NDArray[Any] = _texts(rows, "shape", UNTRACKED)
         track = rows["track"]
         self._is_tracked = np.asarray(track.is_valid())
@@ -190,19 +192,20 @@ class _Objects:
     def _texts(self, rows: NDArray[np.intp]) -> list[bytes]:
         label = _texts(self._rows, "label", "")
         name = np.where(label == "", self._shape, label)[rows].tolist()
+        sides = np.rint(100 * self._sides[rows]).astype(np.int64)
+        columns = self._number[rows].tolist(), name, self._shape[rows].tolist(), *sides.T.tolist()
         # RViz draws ASCII alone; what stands in a catalogue is the user's.
         return [
-            f"{number}: {what} {sides[0]:.2f} m".encode()
+            f"{number}: {what} {_metres(length)} m".encode()
             if shape == "round"
-            else f"{number}: {what} {sides[0]:.2f} x {sides[1]:.2f} m".encode()
-            for number, what, shape, sides in zip(
-                self._number[rows].tolist(),
-                name,
-                self._shape[rows].tolist(),
-                self._sides[rows].tolist(),
-                strict=True,
-            )
+            else f"{number}: {what} {_metres(length)} x {_metres(width)} m".encode()
+            for number, what, shape, length, width in zip(*columns, strict=True)
         ]
+
+
+@lru_cache(maxsize=10_000)
+def _metres(hundredths: int) -> str:
+    return f"{hundredths / 100:.2f}"
 
 
 def _parts(message: Int64, track: Int64, is_tracked: Bool) -> Int64:

@@ -8,7 +8,7 @@ from typing import Any
 
 LAYOUT, RVIZ = ".layout.json", ".rviz"
 PANEL = "3D!lidarcli"
-BEAMS, BACKGROUND = "#FFFFFF", "#303030"
+BEAMS, BACKGROUND = "#FFFFFF", "#101010"
 POINT = 4
 """Size of a beam's end [pixels]."""
 
@@ -109,7 +109,7 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
         f"  - Class: {common}/Time\n    Name: Time\n    SyncMode: 0\n"
         'Visualization Manager:\n  Class: ""\n'
         f"  Displays:\n{''.join(displays)}"
-        "  Enabled: true\n  Global Options:\n    Background Color: 48; 48; 48\n"
+        "  Enabled: true\n  Global Options:\n    Background Color: 16; 16; 16\n"
         f"    Fixed Frame: {_text(scene.frame)}\n    Frame Rate: 30\n  Name: root\n"
         f"  Tools:\n{tools}"
         f"  Views:\n    Current:\n      Class: {plugins}/TopDownOrtho\n      Name: Current View\n      Angle: 0\n"
