@@ -64,7 +64,7 @@ def main() -> None:
         options = OverlayOptions(DetectOptions(), objects=str(table), overwrite=True)
         whole = least(asked.rounds, lambda: write_overlay(source, out, options)) / asked.sweeps
         reading = least(asked.rounds, lambda: read_columns(table, "objects", OBJECTS)) / asked.sweeps
-        messages = []
+        messages: list[object] = []
         with out.open("rb") as file:
             for _, _, message in make_reader(file).iter_messages():
                 if len(messages) == REFERENCE:

@@ -15,6 +15,7 @@ WITH_EXAMPLES = (
     "docs/tutorial.md",
     "docs/poses.md",
     "docs/map.md",
+    "docs/overlay.md",
     "docs/background.md",
     "docs/track.md",
     "docs/catalogue.md",

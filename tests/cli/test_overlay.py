@@ -23,6 +23,7 @@ from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport
 from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
 from lidarcli.overlays.objects import PART
 from lidarcli.simulate.writers import write_log
+from lidarcli.sweeps import RawSweeps, concatenate
 from tests.overlays.reading import Read, read_back, stamp_ns
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.sweeping import room_sweeps
@@ -58,6 +59,17 @@ def sweeps_of(log: Path) -> list[tuple[str, int, int, str]]:
                 block.record_ns.tolist(), block.time_ns.tolist(), block.frame.tolist(), strict=True
             )
         ]
+
+
+def scans_of(log: Path) -> RawSweeps:
+    """All sweeps of a log with one topic."""
+    with open_log(log) as opened:
+        return concatenate(list(opened.scans(None, ReadReport())))
+
+
+def number_of(marker: Any) -> int:
+    """The track that a marker belongs to, or the object that has none, below 0."""
+    return int(marker.id if marker.id < 0 else marker.id % PART)
 
 
 def markers(messages: list[Read], namespace: str) -> list[Any]:
@@ -116,18 +128,24 @@ def test_what_is_drawn_is_what_the_tables_say(made: Path, name: str) -> None:
     table = pq.read_table(made / f"{name}.objects.parquet").to_pylist()
     found = read_back(made / f"{name}.mcap", OBJECTS)
     bodies = {
-        (number, marker.id % PART, round(marker.pose.position.x, 6), round(marker.pose.position.y, 6)): marker
+        (
+            number,
+            number_of(marker),
+            round(marker.pose.position.x, 6),
+            round(marker.pose.position.y, 6),
+        ): marker
         for number, each in enumerate(found)
         for marker in each.message.markers
         if marker.ns == "body"
     }
     expected = {
-        (row["sweep"], row["track"], round(row["box_x"], 6), round(row["box_y"], 6)): row for row in table
+        (row["sweep"], row["track"] or -row["object"], round(row["box_x"], 6), round(row["box_y"], 6)): row
+        for row in table
     }
     assert bodies.keys() == expected.keys()
     for key, marker in bodies.items():
         assert (marker.type == 3) == (expected[key]["shape"] == "round")
-    seen = [(row["sweep"], row["track"]) for row in table]
+    seen = [(row["sweep"], row["track"] or -row["object"]) for row in table]
     assert len(markers(found, "label")) == len(set(seen))
     moving = {
         (row["sweep"], row["track"])
@@ -148,7 +166,7 @@ def test_a_track_has_one_colour(made: Path) -> None:
     colours: dict[int, set[tuple[float, ...]]] = {}
     for marker in markers(read_back(made / "people.mcap", OBJECTS), "body"):
         colour = (marker.color.r, marker.color.g, marker.color.b)
-        colours.setdefault(marker.id % PART, set()).add(colour)
+        colours.setdefault(number_of(marker), set()).add(colour)
     assert len(colours) > 5
     assert {len(found) for found in colours.values()} == {1}
 
@@ -208,8 +226,7 @@ def test_the_log_is_copied_as_it_is(lidarcli: Run, tmp_path: Path, log: Path, su
             for one in there
         ]
         assert sorted(turned) == sorted(one.data for one in found)
-    with open_log(log) as one, open_log(out) as two:
-        before, after = (next(each.scans(None, ReadReport())) for each in (one, two))
+    before, after = scans_of(log), scans_of(out)
     assert np.array_equal(before.ranges, after.ranges, equal_nan=True)
     assert np.array_equal(before.stamp_ns, after.stamp_ns)
 
@@ -296,8 +313,7 @@ def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, en
     ran = lidarcli("overlay", str(log), "-o", str(out), "--with-log")
     assert ran.code == 0
     found = read_back(out)
-    with open_log(log) as one, open_log(out) as two:
-        before, after = (next(each.scans(None, ReadReport())) for each in (one, two))
+    before, after = scans_of(log), scans_of(out)
     assert np.array_equal(before.ranges, after.ranges, equal_nan=True)
     assert np.array_equal(before.time_ns, after.time_ns)
     assert "is not copied" in ran.err
