@@ -77,6 +77,8 @@ class Overlay:
         """Sensor frames of which a viewer is told where they are in the world …"""
         self._to_place: set[str] = set()
         """… and those of them of which nothing but this file tells it."""
+        self._placing: set[str] = set()
+        """Frames of which this file has told where they are."""
         self._hangs: dict[tuple[str, str], bool] = {}
         """Topic and frame of a sensor → whether it hangs head down, as far as its objects have shown."""
 
@@ -129,6 +131,11 @@ class Overlay:
             summary.notes = list(self._report.notes)
         summary.damage += [line for line in damage_lines(self._copied) if line not in summary.damage]
         summary.notes += self._copies.notes()
+        if self._placing:
+            frames = ", ".join(sorted(self._placing))
+            summary.notes.append(
+                f"transforms of {frames} are written by its poses, for no transforms of ROS tell of it"
+            )
         if "" in self._frames:
             summary.notes.append("the scans name no frame, and RViz draws nothing without one")
         return summary
@@ -194,6 +201,8 @@ class Overlay:
         data = transforms(
             stamp_ns[known], self._worlds[told], name, pose, np.full(len(known), hangs), cdr=self._is_ros2
         )
+        if len(known):
+            self._placing.add(name)
         for each in zip(record_ns[known].tolist(), stamp_ns[known].tolist(), data, strict=True):
             yield Outgoing("/tf", TF, *each)
 

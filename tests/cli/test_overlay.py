@@ -321,6 +321,22 @@ def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, en
     transforms = [each.message.transforms[0] for each in found if each.topic == "/tf"]
     assert {(one.header.frame_id, one.child_frame_id) for one in transforms} == {("odom", "laser")}
     assert len(transforms) == Counter(each.topic for each in found)["/scan"]
+    assert "transforms of laser are written by its poses" in ran.err
+    # By these transforms each body is where the tables have it in the world.
+    assert lidarcli("-q", "track", str(log), "-o", str(tmp_path)).code == 0
+    table = pq.read_table(tmp_path / "run.objects.parquet").to_pylist()
+    expected = {(row["sweep"], round(row["world_x"], 6), round(row["world_y"], 6)) for row in table}
+    placed = set()
+    messages = [each.message for each in found if each.topic == OBJECTS]
+    for number, (moved, message) in enumerate(zip(transforms, messages, strict=True)):
+        turn, at = moved.transform.rotation, moved.transform.translation
+        yaw = 2 * np.arctan2(turn.z, turn.w)
+        for marker in message.markers:
+            if marker.ns == "body":
+                x, y = marker.pose.position.x, marker.pose.position.y
+                world = (at.x + np.cos(yaw) * x - np.sin(yaw) * y, at.y + np.sin(yaw) * x + np.cos(yaw) * y)
+                placed.add((number, round(world[0], 6), round(world[1], 6)))
+    assert placed == expected
     assert (
         json.loads((tmp_path / "o.layout.json").read_text())["configById"]["3D!lidarcli"]["followTf"]
         == "odom"
