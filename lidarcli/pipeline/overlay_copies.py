@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import count
 
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
 from lidarcli.overlays.files import Outgoing
 from lidarcli.overlays.names import topic_name
+from lidarcli.poses.rows import TRANSFORMS
 from lidarcli.ros.definitions import ROS2, SCAN, TF
 from lidarcli.ros.scans import cdr_scans, ros1_scans
 from lidarcli.sweeps import RawSweeps
@@ -18,7 +19,6 @@ WINDOW = 4096
 """Messages among which those of several topics are put in order: more than come of one topic at a stretch."""
 _ROS = ("cdr", "ros1")
 _OLD_TF = "tf/msg/tfMessage"
-_TRANSFORMS = frozenset({TF, _OLD_TF})
 
 
 def scan_encodings(log: Log) -> dict[str, str]:
@@ -34,19 +34,22 @@ def is_ros(encoding: str) -> bool:
     return encoding in _ROS
 
 
-def transform_topics(log: Log) -> frozenset[str]:
-    """Topics of transforms of ROS, as the index tells; without one they are those that ROS uses."""
+def transform_topics(log: Log, *, of_ros: bool) -> frozenset[str]:
+    """Topics of transforms, all or those that can be copied; a log without an index has them where ROS has them."""
     topics = log.topics()
     if topics is None:
         return frozenset({"/tf", "/tf_static"})
-    return frozenset(topic.name for topic in topics if topic.type in _TRANSFORMS and is_ros(topic.encoding))
+    transforming = [topic for topic in topics if topic.type in TRANSFORMS]
+    return frozenset(topic.name for topic in transforming if is_ros(topic.encoding) or not of_ros)
 
 
 def frames_told(log: Log, frames: Collection[str]) -> set[str]:
     """Those of the frames that transforms of the log speak of."""
     names = {frame: _spelled(frame) for frame in frames}
     told: set[str] = set()
-    for message in log.messages(_TRANSFORMS, ReadReport()):
+    for message in log.messages(TRANSFORMS, ReadReport()):
+        if not is_ros(message.encoding):
+            continue
         told |= {frame for frame, forms in names.items() if any(form in message.data for form in forms)}
         if len(told) == len(names):
             break
@@ -89,9 +92,7 @@ class Copies:
     def written_anew(self, raw: RawSweeps) -> Iterator[Outgoing]:
         """Sweeps of a log that is not of ROS, as LaserScan."""
         data = cdr_scans(raw) if self._is_ros2 else ros1_scans(raw)
-        times = zip(raw.record_ns.tolist(), raw.time_ns.tolist(), data, strict=True)
-        topic = topic_name(raw.topic)
-        return (Outgoing(topic, SCAN, *each) for each in times)
+        return of_sweeps(topic_name(raw.topic), SCAN, raw, data)
 
     def notes(self) -> list[str]:
         """What was left out, a line for each topic."""
@@ -105,6 +106,12 @@ class Copies:
             return message.data
         turned = ROS2.ros1_to_cdr if self._is_ros2 else ROS2.cdr_to_ros1
         return bytes(turned(message.data, kind))
+
+
+def of_sweeps(topic: str, kind: str, raw: RawSweeps, data: Sequence[bytes]) -> Iterator[Outgoing]:
+    """A message for each of some sweeps, recorded when the sweep was."""
+    times = zip(raw.record_ns.tolist(), raw.time_ns.tolist(), data, strict=True)
+    return (Outgoing(topic, kind, *each) for each in times)
 
 
 def in_order(messages: Iterable[Outgoing]) -> Iterator[Outgoing]:

@@ -6,8 +6,8 @@ import heapq
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from itertools import chain
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from lidarcli.maps.grid_message import occupancy_cdr
 from lidarcli.overlays.files import Outgoing
 from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays
 from lidarcli.overlays.names import FRAME, MAP, topic_name, topics_of_objects
-from lidarcli.overlays.objects import Colours, Poses, is_mirrored, markers_of
+from lidarcli.overlays.objects import Colours, is_mirrored, markers_of
 from lidarcli.overlays.transforms import transforms
 from lidarcli.overlays.viewers import Scene
 from lidarcli.pipeline.inputs.opening import open_source
@@ -29,6 +29,7 @@ from lidarcli.pipeline.overlay_copies import (
     frames_told,
     in_order,
     is_ros,
+    of_sweeps,
     scan_encodings,
     transform_topics,
 )
@@ -42,6 +43,7 @@ from lidarcli.tables.reading import file_metadata, parsed
 
 COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
 DEFAULT_WORLD = "map"
+RECORDED = attrgetter("record_ns")
 
 
 class Overlay:
@@ -71,10 +73,10 @@ class Overlay:
         self._report, self._copied = ReadReport(), ReadReport()
         self._sweeps = 0
         self._encodings: dict[str, str] = {}
-        self._frames: dict[str, None] = {}
-        """Frames of the sweeps, in the order in which they come."""
+        self._frames: dict[str, str] = {}
+        """Frames of the sweeps in the order in which they come, as they are written → as the log has them."""
         self._placed: set[str] = set()
-        """Sensor frames of which a viewer is told where they are in the world …"""
+        """Frames of the log of which a viewer is told where they are in the world …"""
         self._to_place: set[str] = set()
         """… and those of them of which nothing but this file tells it."""
         self._placing: set[str] = set()
@@ -86,7 +88,7 @@ class Overlay:
         """All messages in the order in which they are to be played."""
         log = stack.enter_context(open_source(self._source, self._csv))
         self._encodings = scan_encodings(log)
-        transforming = transform_topics(log)
+        transforming = transform_topics(log, of_ros=self._with_log)
         self._placed = {frame for frame, (_, topic) in self._ways.items() if topic in transforming}
         others = self._worlds.keys() - self._placed
         if self._with_log and others:
@@ -100,7 +102,7 @@ class Overlay:
         if self._with_log:
             # Both passes go on at the same time, and each needs a log of its own.
             other = stack.enter_context(open_source(self._source, self._csv))
-            everything = heapq.merge(self._copies.of(other, self._copied), drawn, key=attrgetter("record_ns"))
+            everything = heapq.merge(self._copies.of(other, self._copied), drawn, key=RECORDED)
         first = next(everything, None)
         if self._grid is not None:
             yield self._map(self._grid, 0 if first is None else first.record_ns)
@@ -110,9 +112,9 @@ class Overlay:
 
     def scene(self) -> Scene:
         """What a viewer is to show; known when all messages have been written."""
-        frame = next(iter(self._frames), FRAME)
-        if frame in self._placed:
-            frame = self._worlds[frame]
+        frame, told = next(iter(self._frames.items()), (FRAME, FRAME))
+        if told in self._placed:
+            frame = self._worlds[told]
         if self._grid is not None:
             frame = self._world
         scans = tuple(self._scan_topic(topic) for topic in self._tables.topics)
@@ -142,7 +144,9 @@ class Overlay:
 
     @property
     def _world(self) -> str:
-        return next((self._worlds[name] for name in self._frames if name in self._worlds), DEFAULT_WORLD)
+        return next(
+            (self._worlds[told] for told in self._frames.values() if told in self._worlds), DEFAULT_WORLD
+        )
 
     def _drawn(self, log: Log, progress: Progress | None) -> Iterator[Outgoing]:
         """The markers of all sweeps, and what of the log has to be written anew."""
@@ -150,61 +154,41 @@ class Overlay:
             raw = joined.raw
             self._sweeps += len(raw)
             anew = not is_ros(self._encodings.get(raw.topic, ""))
-            names = tuple(name or FRAME if anew else name for name in raw.frame_ids)
-            self._frames |= dict.fromkeys(names[code] for code in np.unique(raw.frame).tolist())
+            parts: list[Iterator[Outgoing]] = []
             if self._with_log and anew:
-                yield from self._copies.written_anew(replace(raw, frame_ids=names))
-            for code in np.unique(raw.frame).tolist():
-                yield from self._of_frame(
-                    joined, names[code], raw.frame_ids[code], np.flatnonzero(raw.frame == code)
-                )
+                named = tuple(name or FRAME for name in raw.frame_ids)
+                parts.append(self._copies.written_anew(replace(raw, frame_ids=named)))
+            for told, mine in joined.by_frame():
+                name = told or FRAME if anew else told
+                self._frames.setdefault(name, told)
+                if told in self._to_place:
+                    parts.append(self._poses(name, told, mine))
+                parts.append(self._markers(name, mine))
+            # Of equal times the scan comes first, and what is drawn on it last.
+            yield from sorted(chain(*parts), key=RECORDED) if len(parts) > 1 else parts[0]
             if progress is not None:
                 progress(log.position)
 
-    def _of_frame(self, joined: Joined, name: str, told: str, rows: Any) -> Iterator[Outgoing]:
-        """The markers of the sweeps of one frame."""
-        raw = joined.raw
-        objects, message = joined.objects, joined.row
-        poses = Poses(*(column.to_numpy(zero_copy_only=False) for column in joined.poses))
-        if len(rows) < len(raw):
-            raw = raw.rows(rows)
-            poses = Poses(poses.x[rows], poses.y[rows], poses.yaw[rows])
-            place = np.searchsorted(rows, message)
-            mine = (place < len(rows)) & (rows[np.minimum(place, len(rows) - 1)] == message)
-            objects, message = objects.take(np.flatnonzero(mine)), place[mine]
-        stamp_ns = raw.time_ns
-        if told in self._to_place:
-            yield from self._poses(raw.topic, name, told, raw.record_ns, stamp_ns, poses, objects, message)
-        groups = markers_of(objects, message, poses, COLOURS)
-        data = marker_arrays(stamp_ns, name, groups, cdr=self._is_ros2)
-        topic = self._names[raw.topic]
-        for each in zip(raw.record_ns.tolist(), stamp_ns.tolist(), data, strict=True):
-            yield Outgoing(topic, TYPE, *each)
+    def _markers(self, frame: str, joined: Joined) -> Iterator[Outgoing]:
+        """The markers of some sweeps of one frame."""
+        groups = markers_of(joined.objects, joined.row, joined.poses, COLOURS)
+        data = marker_arrays(joined.raw.time_ns, frame, groups, cdr=self._is_ros2)
+        return of_sweeps(self._names[joined.raw.topic], TYPE, joined.raw, data)
 
-    def _poses(
-        self,
-        topic: str,
-        name: str,
-        told: str,
-        record_ns: Any,
-        stamp_ns: Any,
-        poses: Poses,
-        objects: Any,
-        message: Any,
-    ) -> Iterator[Outgoing]:
+    def _poses(self, frame: str, told: str, joined: Joined) -> Iterator[Outgoing]:
         """Where the sensor was, for a log that tells it in no way that viewers know."""
-        hangs = self._hangs.get((topic, told), False)
-        if objects.num_rows:
-            hangs = self._hangs[topic, told] = bool(np.mean(is_mirrored(objects, message, poses)) > 0.5)
-        known = np.flatnonzero(np.isfinite(poses.yaw))
-        pose = np.column_stack([poses.x, poses.y, poses.yaw])[known]
-        data = transforms(
-            stamp_ns[known], self._worlds[told], name, pose, np.full(len(known), hangs), cdr=self._is_ros2
-        )
-        if len(known):
-            self._placing.add(name)
-        for each in zip(record_ns[known].tolist(), stamp_ns[known].tolist(), data, strict=True):
-            yield Outgoing("/tf", TF, *each)
+        key = joined.raw.topic, told
+        if joined.objects.num_rows:
+            self._hangs[key] = bool(np.mean(is_mirrored(joined.objects, joined.row, joined.poses)) > 0.5)
+        known = np.isfinite(joined.poses.yaw)
+        if not known.any():
+            return iter(())
+        self._placing.add(frame)
+        raw = joined.raw.rows(known)
+        pose = np.column_stack([joined.poses.x, joined.poses.y, joined.poses.yaw])[known]
+        hangs = np.full(len(raw), self._hangs.get(key, False))
+        data = transforms(raw.time_ns, self._worlds[told], frame, pose, hangs, cdr=self._is_ros2)
+        return of_sweeps("/tf", TF, raw, data)
 
     def _scan_topic(self, topic: str) -> str:
         return topic if is_ros(self._encodings.get(topic, "")) else topic_name(topic)

@@ -11,10 +11,10 @@ import pyarrow.compute as pc
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import Log, ReadReport
-from lidarcli.overlays.objects import COLUMNS
+from lidarcli.overlays.objects import COLUMNS, Poses
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import Int64, RawSweeps
+from lidarcli.sweeps import Bool, Int64, RawSweeps
 from lidarcli.tables.reading import read_columns, read_pieces
 from lidarcli.tables.schemas import SCHEMAS
 
@@ -28,12 +28,25 @@ class Joined:
 
     raw: RawSweeps
     """S sweeps."""
-    poses: tuple[pa.Array, pa.Array, pa.Array]
-    """x, y, yaw of each, null where unknown."""
+    poses: Poses
+    """Of each."""
     objects: pa.RecordBatch
     """N rows."""
     row: Int64
     """(N,) which of the sweeps each belongs to, ascending."""
+
+    def by_frame(self) -> Iterator[tuple[str, Joined]]:
+        """The sweeps of each frame, and its name."""
+        codes = np.unique(self.raw.frame).tolist()
+        for code in codes:
+            yield self.raw.frame_ids[code], self if len(codes) == 1 else self._of(self.raw.frame == code)
+
+    def _of(self, mine: Bool) -> Joined:
+        """Some of the sweeps."""
+        poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
+        its = mine[self.row]
+        place = np.cumsum(mine) - 1
+        return Joined(self.raw.rows(mine), poses, self.objects.filter(pa.array(its)), place[self.row[its]])
 
 
 class Tables:
@@ -87,7 +100,10 @@ class Tables:
         strays = (row >= len(index)) | (index[np.minimum(row, len(index) - 1)] != of)
         if (np.diff(index) <= 0).any() or (raw.time_ns != stamps).any() or strays.any():
             raise self._other()
-        return Joined(raw, (sweeps["pose_x"], sweeps["pose_y"], sweeps["pose_yaw"]), objects, row)
+        poses = Poses(
+            *(sweeps[name].to_numpy(zero_copy_only=False) for name in ("pose_x", "pose_y", "pose_yaw"))
+        )
+        return Joined(raw, poses, objects, row)
 
     def _other(self) -> UnreadableError:
         return UnreadableError(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs import open_log
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport
 from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
+from lidarcli.overlays import files
 from lidarcli.overlays.objects import PART
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps, concatenate
@@ -317,6 +321,9 @@ def test_a_log_that_is_not_ros_is_written_anew(lidarcli: Run, tmp_path: Path, en
     assert np.array_equal(before.ranges, after.ranges, equal_nan=True)
     assert np.array_equal(before.time_ns, after.time_ns)
     assert "is not copied" in ran.err
+    with out.open("rb") as file:
+        times = [message.log_time for *_, message in make_reader(file).iter_messages(log_time_order=False)]
+    assert times == sorted(times)
     # The sensor's way is told by transforms that were not in the log as such.
     transforms = [each.message.transforms[0] for each in found if each.topic == "/tf"]
     assert {(one.header.frame_id, one.child_frame_id) for one in transforms} == {("odom", "laser")}
@@ -465,6 +472,46 @@ def test_a_log_without_objects_still_deletes(lidarcli: Run, tmp_path: Path) -> N
     found = read_back(out, OBJECTS)
     assert len(found) == len(sweeps_of(SAMPLES / "room_empty.mcap"))
     assert any(len(each.message.markers) == 1 for each in found)
+
+
+def test_a_topic_of_two_frames_is_drawn_in_both(lidarcli: Run, tmp_path: Path) -> None:
+    sweeps = replace(
+        room_sweeps(count=50), frame_ids=("left", "right"), frame=(np.arange(50) % 2).astype(np.int32)
+    )
+    write_log(tmp_path / "run.mcap", [sweeps])
+    out = tmp_path / "o.mcap"
+    assert lidarcli("-q", "overlay", str(tmp_path / "run.mcap"), "-o", str(out)).code == 0
+    with out.open("rb") as file:
+        times = [message.log_time for *_, message in make_reader(file).iter_messages(log_time_order=False)]
+    assert times == sweeps.record_ns.tolist()
+    assert lidarcli("-q", "track", str(tmp_path / "run.mcap"), "-o", str(tmp_path)).code == 0
+    objects = pq.read_table(tmp_path / "run.objects.parquet", columns=["sweep", "frame_id"]).to_pylist()
+    counts = Counter((row["sweep"], row["frame_id"]) for row in objects)
+    found = Counter(
+        (number, marker.header.frame_id)
+        for number, each in enumerate(read_back(out, OBJECTS))
+        for marker in each.message.markers
+        if marker.ns == "body"
+    )
+    assert found == counts
+    assert {frame for _, frame in found} == {"left", "right"}
+
+
+@pytest.mark.usefixtures("nothing_left_behind")
+@pytest.mark.parametrize("suffix", [".mcap", ".bag"])
+def test_a_full_disk_is_told_and_leaves_nothing(
+    lidarcli: Run, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(files.McapFile, "write", full)
+    monkeypatch.setattr(files.BagFile, "write", full)
+    out = tmp_path / "out"
+    ran = lidarcli("overlay", str(logs / "run.mcap"), "-o", str(out / f"o{suffix}"))
+    assert ran.code == 5
+    assert f"cannot write {out / f'o{suffix}'}: No space left on device" in ran.err
+    assert not list(out.iterdir())
 
 
 @needs_real_logs
