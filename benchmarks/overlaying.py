@@ -20,6 +20,7 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.overlaying import OverlayOptions, write_overlay
+from lidarcli.pipeline.running.memory import keep_freed_memory
 from lidarcli.ros.definitions import ROS2
 from lidarcli.tables.reading import read_columns
 from lidarcli.tables.schemas import OBJECTS
@@ -46,6 +47,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--scene", type=Path, default=HERE / "scene_moving.toml")
     asked = parser.parse_args()
+    # As the command line does.
+    keep_freed_memory()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         log = folder / "long.mcap"

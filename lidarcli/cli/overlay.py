@@ -136,8 +136,10 @@ def overlay(
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.overlaying import OverlayOptions, refuse_overlay, write_overlay
+    from lidarcli.pipeline.running.memory import keep_freed_memory
     from lidarcli.pipeline.running.outcomes import outcome_of, progress_of
 
+    keep_freed_memory()
     say.of_missing_core()
     source, path = one_log(log), place(output)
     found = DetectOptions(

@@ -60,7 +60,7 @@ class Markers:
     """(M, 4) red, green, blue, alpha, each 0 to 1."""
     points: Float64 | None = None
     """(M, P, 2) metres, of an outline."""
-    text: Sequence[bytes] = ()
+    text: NDArray[np.bytes_] | None = None
     """(M,) of a label, all of one length."""
 
     @property
@@ -68,7 +68,7 @@ class Markers:
         """Points, or bytes of the text."""
         if self.points is not None:
             return int(self.points.shape[1])
-        return len(self.text[0]) if self.text else 0
+        return 0 if self.text is None else self.text.dtype.itemsize
 
 
 def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr: bool) -> list[bytes]:
@@ -159,8 +159,8 @@ def _set_marker(items: Structured, group: Markers, rows: Int64) -> None:
     items["colour"] = group.colour[rows]
     if group.points is not None:
         items["points"][:, :, :2] = group.points[rows]
-    if group.text:
-        items["text"] = np.array(group.text, f"S{group.length}")[rows]
+    if group.text is not None:
+        items["text"] = group.text[rows]
 
 
 @lru_cache(maxsize=4096)

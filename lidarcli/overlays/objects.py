@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from lidarcli.overlays.markers import Kind, Markers
@@ -33,7 +32,7 @@ LEAST_SPEED = 0.05
 """What is slower has no arrow [m/s]: it would be shorter than wide."""
 PART = 1_000_000
 """Added to the id for each further object of a sweep that belongs to the same track."""
-UNTRACKED = "unknown"
+UNKNOWN = "unknown"
 
 
 @record
@@ -90,7 +89,8 @@ class _Objects:
         self._yaw = np.nan_to_num(_floats(rows, "box_yaw"))
         sides = [_floats(rows, name) for name in ("box_length", "box_width")]
         self._sides = np.fmin(np.fmax(np.column_stack(sides), LEAST_SIDE), WIDEST)
-        self._shape: NDArray[Any] = _texts(rows, "shape", UNTRACKED)
+        names, shape = _coded(rows["shape"])
+        self._is_round = np.array([name == "round" for name in names])[shape]
         track = rows["track"]
         self._is_tracked = np.asarray(track.is_valid())
         number = track.fill_null(0).to_numpy(zero_copy_only=False)
@@ -101,7 +101,7 @@ class _Objects:
         others = -objects if self._is_tracked.any() else objects
         wide = np.where(self._is_tracked, number + PART * self._part, others)
         self._id: Int32 = (wide & 0x7FFFFFFF if wide.max() > 0x7FFFFFFF else wide).astype(np.int32)
-        self._colour = self._coloured(colours)
+        self._colour = self._coloured(colours, names, shape)
 
     def outlines(self) -> Iterator[Markers]:
         """What was seen of each: its vertices and back to the first; the box where it has too few."""
@@ -115,7 +115,7 @@ class _Objects:
 
     def bodies(self) -> Iterator[Markers]:
         """A cylinder or a box for each."""
-        is_round = self._shape == "round"
+        is_round = self._is_round
         height = np.full((len(is_round), 1), HEIGHT)
         size = np.hstack([self._sides, height])
         # What is hidden of a round thing shortens its box.
@@ -129,18 +129,21 @@ class _Objects:
         """Number, name and size of each; once where several are one thing."""
         rows = np.flatnonzero(self._part == 0)
         texts = self._texts(rows)
-        lengths = np.array([len(text) for text in texts])
+        lengths = pc.binary_length(texts).to_numpy()
         for length in np.unique(lengths).tolist():
             mine = np.flatnonzero(lengths == length)
+            where = rows[mine]
+            # Texts of one length lie one after the other.
+            text = np.frombuffer(texts.take(pa.array(mine)).buffers()[2], f"S{length}", len(mine))
             yield self._markers(
                 Kind.LABEL,
-                rows[mine],
-                self._place[rows[mine]],
+                where,
+                self._place[where],
                 0.0,
                 np.full(3, TEXT),
                 SOLID,
                 lift=HEIGHT + LIFT,
-                text=[texts[row] for row in mine.tolist()],
+                text=text,
             )
 
     def arrows(self, velocity: Float64) -> Iterator[Markers]:
@@ -164,7 +167,7 @@ class _Objects:
         *,
         lift: float = 0.0,
         points: Float64 | None = None,
-        text: Sequence[bytes] = (),
+        text: NDArray[np.bytes_] | None = None,
     ) -> Markers:
         count = len(rows)
         return Markers(
@@ -179,33 +182,32 @@ class _Objects:
             text,
         )
 
-    def _coloured(self, colours: Colours) -> Float32:
-        """(N, 3) the colour of each."""
-        names = {name: code for code, name in enumerate(colours.shapes)}
-        of_shapes = np.array([_rgb(text) for text in colours.shapes.values()], np.float32)
+    def _coloured(self, colours: Colours, names: Sequence[str], shape: Int64) -> Float32:
+        """(N, 3) the colour of each; `shape` (N,) are indices into `names`."""
+        known = [colours.shapes.get(name, colours.shapes[UNKNOWN]) for name in names]
+        of_shapes = np.array([_rgb(text) for text in known], np.float32)
         of_tracks = np.array([_rgb(text) for text in colours.tracks], np.float32)
-        shape = np.array([names.get(name, names[UNTRACKED]) for name in self._shape])
         tracked = of_tracks[self._number % len(of_tracks)]
         chosen: Float32 = np.where(self._is_tracked[:, None], tracked, of_shapes[shape])
         return chosen
 
-    def _texts(self, rows: NDArray[np.intp]) -> list[bytes]:
-        label = _texts(self._rows, "label", "")
-        name = np.where(label == "", self._shape, label)[rows].tolist()
-        sides = np.rint(100 * self._sides[rows]).astype(np.int64)
-        columns = self._number[rows].tolist(), name, self._shape[rows].tolist(), *sides.T.tolist()
+    def _texts(self, rows: NDArray[np.intp]) -> pa.StringArray:
+        """Number, name and size of some objects."""
+        name = pc.coalesce(
+            self._rows["label"].dictionary_decode(), self._rows["shape"].dictionary_decode(), UNKNOWN
+        )
+        length, width = (_metres(side) for side in self._sides[rows].T)
+        both = pc.binary_join_element_wise(length, width, " x ")
+        size = pc.if_else(pa.array(self._is_round[rows]), length, both)
+        number = pa.array(self._number[rows]).cast(pa.string())
         # RViz draws ASCII alone; what stands in a catalogue is the user's.
-        return [
-            f"{number}: {what} {_metres(length)} m".encode()
-            if shape == "round"
-            else f"{number}: {what} {_metres(length)} x {_metres(width)} m".encode()
-            for number, what, shape, length, width in zip(*columns, strict=True)
-        ]
+        return pc.binary_join_element_wise(number, ": ", name.take(pa.array(rows)), " ", size, " m", "")
 
 
-@lru_cache(maxsize=10_000)
-def _metres(hundredths: int) -> str:
-    return f"{hundredths / 100:.2f}"
+def _metres(sides: Float64) -> pa.StringArray:
+    """Lengths as text, to the centimetre."""
+    hundredths, which = np.unique(np.rint(100 * sides).astype(np.int64), return_inverse=True)
+    return pa.array([f"{each / 100:.2f}" for each in hundredths.tolist()]).take(pa.array(which))
 
 
 def _parts(message: Int64, track: Int64, is_tracked: Bool) -> Int64:
@@ -231,7 +233,7 @@ def _vertices(
     with np.errstate(invalid="ignore"):
         points = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
     starts, counts = offsets[:-1].copy(), np.diff(offsets)
-    bad = np.concatenate([[0], np.cumsum(~np.isfinite(points).all(axis=1))])
+    bad = np.concatenate([[0], np.cumsum(~np.isfinite(points[:, 0] + points[:, 1]))])
     boxed = np.flatnonzero((counts < 2) | (bad[offsets[1:]] > bad[offsets[:-1]]))
     if len(boxed):
         cos, sin = np.cos(yaw[boxed]), np.sin(yaw[boxed])
@@ -284,13 +286,11 @@ def _floats(rows: pa.RecordBatch, name: str) -> Float64:
     return values
 
 
-def _texts(rows: pa.RecordBatch, name: str, missing: str) -> NDArray[Any]:
-    """A column of texts from a dictionary."""
-    column = rows[name]
-    words = np.array([*column.dictionary.to_pylist(), missing], object)
-    codes = column.indices.fill_null(len(words) - 1).to_numpy(zero_copy_only=False)
-    texts: NDArray[Any] = words[codes]
-    return texts
+def _coded(column: pa.DictionaryArray) -> tuple[list[str], Int64]:
+    """Names, and for each of N rows the index of its own; what is null is unknown."""
+    names = [*column.dictionary.to_pylist(), UNKNOWN]
+    codes: Int64 = column.indices.fill_null(len(names) - 1).to_numpy(zero_copy_only=False)
+    return names, codes
 
 
 def _rgb(text: str) -> tuple[float, ...]:

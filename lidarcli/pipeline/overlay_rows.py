@@ -153,7 +153,8 @@ class _Cursor:
     def _read(self, table: str, columns: tuple[str, ...], topic: str) -> Iterator[pa.RecordBatch]:
         last = -1
         for piece in read_pieces(self._path, table, SCHEMAS[table], columns):
-            rows = piece.filter(pc.equal(piece["topic"], topic))
+            mine = pc.equal(piece["topic"], topic)
+            rows = piece if mine.true_count == len(mine) else piece.filter(mine)
             if not rows.num_rows:
                 if last >= 0:
                     return

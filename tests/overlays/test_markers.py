@@ -30,7 +30,7 @@ def some(kind: Kind, count: int, seed: int, length: int = 0) -> Markers:
         rng.uniform(0.1, 1, (count, 3)),
         rng.uniform(0.1, 1, (count, 4)).astype(np.float32),
         rng.normal(size=(count, length, 2)) if is_outline else None,
-        [bytes(word) for word in letters] if is_label else (),
+        letters.view(f"S{length}").reshape(-1) if is_label else None,
     )
 
 
@@ -83,7 +83,7 @@ def test_a_type_store_builds_the_same_bytes(frame: str, cdr: bool) -> None:
                     tuple(point) for point in group.points[row].tolist()
                 ]
                 assert all(point.z == 0 for point in marker.points)
-            assert marker.text == (group.text[row].decode() if group.text else "")
+            assert marker.text == ("" if group.text is None else group.text[row].decode())
 
 
 @pytest.mark.parametrize("cdr", [True, False], ids=["ros2", "ros1"])
