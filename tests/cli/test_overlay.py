@@ -268,6 +268,19 @@ def test_an_mcap_is_as_rosbag2_wants_it(made: Path) -> None:
     assert offered["/tf_static"].history is QosHistory.KEEP_ALL
 
 
+def test_a_bag_has_the_types_that_ros1_knows(made: Path) -> None:
+    # What every ROS 1 node compares before it takes a message.
+    known = {
+        MARKERS: "d155b9ce5188fbaf89745847fd5882d7",
+        "sensor_msgs/msg/LaserScan": "90c7ef2dc6895d81024acba2ac42f369",
+        "tf2_msgs/msg/TFMessage": "94810edda583a504dfda3829e70d7eec",
+        "nav_msgs/msg/Odometry": "cd5e73d190d741a2f92e81eda573aca7",
+    }
+    with AnyReader([made / "drive.bag"]) as reader:
+        assert {each.msgtype: each.digest for each in reader.connections} == known
+        assert {each.topic for each in reader.connections if each.ext.latching} == {"/tf_static"}
+
+
 def test_a_map_is_latched_in_the_world_of_the_log(lidarcli: Run, tmp_path: Path) -> None:
     cells = np.random.default_rng(1).choice(np.array([-1, 0, 100], np.int8), (5, 7))
     grid = Occupancy(0.05, -1.0, -2.0, cells)
