@@ -17,7 +17,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check quick format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps fuzz bounds clean
+.PHONY: help demo test check quick format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps overlay fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -92,6 +92,9 @@ fleet: $(VENV)/installed-dev ## what runs over many logs cost: a store, a cluste
 
 maps: $(VENV)/installed-dev ## how right maps are; writes docs/maps.md
 	$(BIN)/python -m benchmarks.maps $(MAPS)
+
+overlay: $(VENV)/compiled ## how fast overlays are built, beside a type store
+	$(BIN)/python -m benchmarks.overlaying $(OVERLAY)
 
 fuzz: $(VENV)/installed-dev ## inputs of every kind, mutated or made to harm; more with FUZZ="--seconds 3600"
 	$(BIN)/python -m tools.fuzz $(FUZZ)

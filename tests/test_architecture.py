@@ -34,11 +34,13 @@ MAY_IMPORT = {
     "poses": CORE | {"logs"},
     "formalism": CORE,
     "tables": CORE | {"formalism", "newfiles", "stores", "threads"},
-    "simulate": CORE | {"fields", "formalism", "maps", "newfiles", "tables", "tomlfiles"},
+    "ros": CORE,
+    "simulate": CORE | {"fields", "formalism", "maps", "newfiles", "ros", "tables", "tomlfiles"},
     "reports": CORE | {"formalism", "tables"},
-    "maps": CORE | {"formalism", "newfiles", "tables"},
+    "maps": CORE | {"formalism", "newfiles", "ros", "tables"},
+    "overlays": CORE | {"maps", "ros"},
     "pipeline": CORE
-    | {"logs", "poses", "formalism", "tables", "reports", "maps"}
+    | {"logs", "poses", "formalism", "tables", "reports", "maps", "overlays", "ros"}
     | {"compiled", "fields", "newfiles", "stores", "threads", "tomlfiles"},
     "cli": CORE
     | {
@@ -69,10 +71,10 @@ ROOMS_OF = {
     "rich": {"cli", "reports"},
     "matplotlib": {"reports"},
     "jinja2": {"reports"},
-    "mcap": {"logs", "simulate", "maps"},
-    "rosbags": {"simulate"},
+    "mcap": {"logs", "simulate", "ros"},
+    "rosbags": {"simulate", "ros", "overlays"},
     "sqlite3": {"logs", "simulate"},
-    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps", "stores"},
+    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
     "PIL": {"maps"},
     "ruamel": {"maps"},

@@ -18,6 +18,7 @@ WITH_EXAMPLES = (
     "docs/citing.md",
     "docs/poses.md",
     "docs/map.md",
+    "docs/overlay.md",
     "docs/background.md",
     "docs/track.md",
     "docs/catalogue.md",

@@ -18,20 +18,8 @@ from lidarcli.errors import LidarcliError, OutputError
 from lidarcli.interrupts import Terminated
 
 COMMANDS = (
-    *(
-        "info",
-        "detect",
-        "track",
-        "background",
-        "match",
-        "map",
-        "poses",
-        "report",
-        "plot",
-        "export",
-        "simulate",
-    ),
-    *("config", "completion"),
+    *("info", "detect", "track", "background", "match", "map", "overlay"),
+    *("poses", "report", "plot", "export", "simulate", "config", "completion"),
 )
 """Each is a file of this package with a command of its name."""
 

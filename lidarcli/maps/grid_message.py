@@ -6,10 +6,9 @@ import struct
 from typing import BinaryIO
 
 import numpy as np
-from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import CompressionType, Writer
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.ros.mcap_file import add_channel, offered, start_ros2
 
 TYPE = "nav_msgs/msg/OccupancyGrid"
 _RULE = "=" * 80
@@ -50,15 +49,6 @@ float64 w
 """
 """The message and all that it contains."""
 
-# The numbers, which every rosbag2 reads: Humble does not know the words. 1, 1, 1 are keep_last, reliable, transient_local:
-# whoever subscribes later gets the map all the same. Times of 2^63 - 1 ns are infinite, liveliness 1 is automatic.
-_FOREVER = "\n    sec: 9223372036\n    nsec: 854775807\n"
-LATCHED = (
-    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
-    f"  deadline:{_FOREVER}  lifespan:{_FOREVER}  liveliness: 1\n  liveliness_lease_duration:{_FOREVER}"
-    "  avoid_ros_namespace_conventions: false"
-)
-"""How the topic is offered, as rosbag2 writes it up to Humble."""
 _LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 
 
@@ -68,14 +58,8 @@ def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: 
     A stamp [ns] that ROS 2 cannot hold, before 1970 or after 2038, becomes the nearest one that it can.
     """
     stamp_ns = min(max(stamp_ns, 0), _LAST_STAMP_NS)
-    writer = Writer(file, compression=CompressionType.ZSTD)
-    # The library names its version here by default, and the bytes would change with it.
-    writer.start(profile="ros2", library="lidarcli")
-    # Says that what follows is as in Humble: without it, rosbag2 from Jazzy on takes a file for its own, where policies are
-    # words.
-    writer.add_metadata("rosbag2", {"ROS_DISTRO": "", "serialized_metadata": ""})
-    schema = writer.register_schema(TYPE, SchemaEncoding.ROS2, DEFINITION.encode())
-    channel = writer.register_channel(topic, MessageEncoding.CDR, schema, {"offered_qos_profiles": LATCHED})
+    writer = start_ros2(file)
+    channel = add_channel(writer, topic, TYPE, DEFINITION, offered(1, latched=True))
     writer.add_message(channel, stamp_ns, occupancy_cdr(grid, stamp_ns), stamp_ns)
     writer.finish()  # type: ignore[no-untyped-call]
 

@@ -26,6 +26,8 @@ SHAPE_COLOURS = {
     "unknown": DARK,
     "wall": YELLOW,
 }
+TRACK_COLOURS = (ORANGE, SKY, GREEN, YELLOW, VERMILION, PURPLE, BLUE)
+"""Of tracks, by their number."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
 STYLE: dict[str, Any] = {

@@ -12,7 +12,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from lidarcli.errors import OutputError
-from lidarcli.simulate.definitions import ROS1, ROS2
+from lidarcli.ros.definitions import ROS1, ROS2
 from lidarcli.simulate.messages import CDR, ROS1_BYTES
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.simulate.outgoing import outgoing

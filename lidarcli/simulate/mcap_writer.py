@@ -8,8 +8,9 @@ from pathlib import Path
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
+from lidarcli.ros.definitions import SCAN, ros1_definition, ros2_definition
 from lidarcli.simulate import foxglove
-from lidarcli.simulate.definitions import LASERSCAN_IDL, SCAN, ros1_definition, ros2_definition
+from lidarcli.simulate.definitions import LASERSCAN_IDL
 from lidarcli.simulate.messages import CDR, ROS1_BYTES, Encoding
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.simulate.outgoing import outgoing

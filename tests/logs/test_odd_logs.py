@@ -30,7 +30,7 @@ from lidarcli.pipeline.detecting_logs import detect_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.simulate.definitions import ros2_definition
+from lidarcli.ros.definitions import ros2_definition
 from tests.logs.mcap_samples import chunks
 from tests.logs.scan_messages import scan
 

@@ -1,0 +1,131 @@
+"""Files of messages for viewers: MCAP of ROS 2, and bags of ROS 1."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+from rosbags import rosbag1
+
+from lidarcli.maps.grid_message import TYPE as MAP
+from lidarcli.overlays.markers import TYPE as MARKERS
+from lidarcli.ros.definitions import ROS1, SCAN, TF, ros2_definition
+from lidarcli.ros.mcap_file import ALL, add_channel, offered, start_ros2
+
+MCAP, BAG = ".mcap", ".bag"
+SUFFIXES = (MCAP, BAG)
+LATEST_NS = (1 << 32) * 1_000_000_000 - 1
+"""A record time is no later [ns]: bags of ROS 1 count seconds in 32 bits."""
+
+
+class Outgoing(NamedTuple):
+    """One message on its way into a file."""
+
+    topic: str
+    type: str
+    record_ns: int
+    stamp_ns: int
+    """Where the message has one, else as `record_ns`."""
+    data: bytes
+
+
+class OverlayFile(Protocol):
+    """A file that takes messages in the order in which they are to be played."""
+
+    is_ros2: bool
+    """Whether messages are CDR of ROS 2, or those of ROS 1."""
+
+    def write(self, message: Outgoing) -> None: ...
+
+    def finish(self) -> None: ...
+
+    def abandon(self) -> None: ...
+
+
+class McapFile:
+    """MCAP of profile ros2: every message in CDR, every topic with the definition of its type."""
+
+    is_ros2 = True
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("xb")
+        self._writer = start_ros2(self._file)
+        self._channels: dict[tuple[str, str], tuple[int, list[int]]] = {}
+
+    def write(self, message: Outgoing) -> None:
+        """Append a message."""
+        key = (message.topic, message.type)
+        known = self._channels.get(key)
+        if known is None:
+            depth, latched = _offer(*key)
+            channel = add_channel(
+                self._writer, *key, ros2_definition(message.type), offered(depth, latched=latched)
+            )
+            known = self._channels[key] = channel, [0]
+        channel, count = known
+        log_ns, stamp_ns = _within(message.record_ns), _within(message.stamp_ns)
+        self._writer.add_message(channel, log_ns, message.data, stamp_ns, count[0] & 0xFFFFFFFF)
+        count[0] += 1
+
+    def finish(self) -> None:
+        """Write the index, and close the file."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Let go of a file; what is not in it by now will not be."""
+        with suppress(OSError):
+            self._file.close()
+
+
+class BagFile:
+    """A bag of ROS 1, packed by lz4."""
+
+    is_ros2 = False
+
+    def __init__(self, path: Path) -> None:
+        self._writer = rosbag1.Writer(path)
+        self._writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+        self._writer.open()
+        self._connections: dict[tuple[str, str], Any] = {}
+
+    def write(self, message: Outgoing) -> None:
+        """Append a message."""
+        key = (message.topic, message.type)
+        if key not in self._connections:
+            _, latched = _offer(*key)
+            self._connections[key] = self._writer.add_connection(
+                *key, typestore=ROS1, latching=1 if latched else None
+            )
+        self._writer.write(self._connections[key], _within(message.record_ns), message.data)
+
+    def finish(self) -> None:
+        """Write the index, and close the file."""
+        self._writer.close()
+
+    def abandon(self) -> None:
+        """Let go of a file; what is not in it by now will not be."""
+        if self._writer.bio is not None:
+            with suppress(OSError):
+                self._writer.bio.close()
+
+
+def overlay_file(path: Path) -> McapFile | BagFile:
+    """A new file of the format that its suffix names."""
+    return McapFile(path) if path.suffix.lower() == MCAP else BagFile(path)
+
+
+def _within(time_ns: int) -> int:
+    """A time that files can hold: the nearest to it [ns]."""
+    return time_ns if 0 <= time_ns <= LATEST_NS else min(max(time_ns, 0), LATEST_NS)
+
+
+def _offer(topic: str, kind: str) -> tuple[int, bool]:
+    """How many messages of a topic are kept, and whether for those who come later."""
+    if kind == MAP:
+        return 1, True
+    if kind == TF and topic.endswith("tf_static"):
+        # Each of several nodes tells of its own frames.
+        return ALL, True
+    return (5 if kind in (MARKERS, SCAN) else 100), False

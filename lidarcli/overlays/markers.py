@@ -1,0 +1,215 @@
+"""visualization_msgs/MarkerArray as bytes, many messages at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.overlays.wire import Layout, LayoutBuilder, Structured, scatter
+from lidarcli.records import record
+from lidarcli.sweeps import Float32, Float64, Int32, Int64
+
+TYPE = "visualization_msgs/msg/MarkerArray"
+ADD, DELETE_ALL = 0, 3
+LAST_SECOND = (1 << 31) - 1
+"""No stamp of ROS 2 is later [s]."""
+SECOND = 1_000_000_000
+"""Nanoseconds."""
+
+
+class Kind(IntEnum):
+    """What a marker shows; the value is its `type` in the message."""
+
+    ARROW = 0
+    CUBE = 1
+    CYLINDER = 3
+    OUTLINE = 4
+    LABEL = 9
+
+
+NAMESPACES = {
+    Kind.ARROW: b"velocity",
+    Kind.CUBE: b"body",
+    Kind.CYLINDER: b"body",
+    Kind.OUTLINE: b"outline",
+    Kind.LABEL: b"label",
+}
+"""Kind → namespace, by which a viewer hides what is not wanted."""
+
+
+@record
+class Markers:
+    """M markers of one kind, alike in the number of their points and the length of their text."""
+
+    kind: Kind
+    message: Int64
+    """(M,) index of the message that each belongs to."""
+    id: Int32
+    """(M,)"""
+    position: Float64
+    """(M, 3) metres."""
+    yaw: Float64
+    """(M,) direction of the marker's x axis [rad]."""
+    scale: Float64
+    """(M, 3) metres, above 0."""
+    colour: Float32
+    """(M, 4) red, green, blue, alpha, each 0 to 1."""
+    points: Float64 | None = None
+    """(M, P, 2) metres, of an outline."""
+    text: NDArray[np.bytes_] | None = None
+    """(M,) of a label, all of one length."""
+
+    @property
+    def length(self) -> int:
+        """Points, or bytes of the text."""
+        if self.points is not None:
+            return int(self.points.shape[1])
+        return 0 if self.text is None else self.text.dtype.itemsize
+
+
+def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr: bool) -> list[bytes]:
+    """S messages, each of which first deletes all markers of its topic, and then adds its own.
+
+    Parameters
+    ----------
+    stamp_ns : (S,) stamp of each message [ns]; what ROS cannot hold becomes the nearest that it can
+    frame : the frame of all markers
+    groups : the markers; those of a message follow each other in the order of the groups
+    cdr : whether for ROS 2, else for ROS 1
+    """
+    messages = len(stamp_ns)
+    if not messages:
+        return []
+    name = frame.encode("utf-8", "replace")
+    forms = [(Kind.CUBE, 0, True), *((group.kind, group.length, False) for group in groups)]
+    message = np.concatenate([np.arange(messages), *(group.message for group in groups)])
+    form = np.repeat(np.arange(len(forms)), [messages, *(len(group.message) for group in groups)])
+    order = np.argsort(message, kind="stable")
+    # What begins a message lies before its first marker: in CDR also four bytes that tell of the encoding.
+    head = 8 if cdr else 4
+    shifts = (0, 4) if cdr else (0,)
+    layouts = [[_layout(cdr, name, *each, shift) for shift in shifts] for each in forms]
+    sizes = np.array([[layout.dtype.itemsize for layout in each] for each in layouts])
+    # A marker begins at a multiple of four; where it ends, hence where the next begins, does not depend on where it began,
+    # for all that is not of fixed length in it comes after numbers of eight bytes.
+    ends = (sizes + np.array(shifts)) % 8
+    assert (ends == ends[:, :1]).all()
+    spaces = -ends[:, 0] % 4 if cdr else np.zeros(len(forms), np.int64)
+    here = form[order]
+    is_first = here == 0
+    shift = np.zeros(len(order), np.int64)
+    if cdr:
+        after = ((ends[:, 0] + spaces) % 8) // 4
+        shift[1:] = after[here[:-1]]
+        shift[is_first] = 1
+    size = sizes[here, shift]
+    taken = size + spaces[here] + head * is_first
+    start = np.cumsum(taken) - taken
+    place = start + head * is_first
+    buffer = np.zeros(int(taken.sum()), np.uint8)
+    counts = np.bincount(message, minlength=messages)
+    _fill_heads(buffer, start[is_first], counts, cdr)
+    seconds, nanoseconds = within_ros(stamp_ns)
+    for number, each in enumerate(layouts):
+        mine = here == number
+        for half, layout in enumerate(each):
+            found = np.flatnonzero(mine & (shift == half))
+            if not len(found):
+                continue
+            items = layout.filled(len(found))
+            which = message[order[found]]
+            items["seconds"], items["nanoseconds"] = seconds[which], nanoseconds[which]
+            if number:
+                # Stable sorting keeps the markers of a group in their order.
+                first = int(np.searchsorted(form, number))
+                _set_marker(items, groups[number - 1], order[found] - first)
+            scatter(buffer, place[found], items)
+    ends_at = (place + size)[np.append(np.flatnonzero(is_first)[1:] - 1, len(order) - 1)]
+    whole = buffer.tobytes()
+    return [whole[begin:end] for begin, end in zip(start[is_first].tolist(), ends_at.tolist(), strict=True)]
+
+
+def within_ros(stamp_ns: Int64) -> tuple[Int64, Int64]:
+    """Seconds and nanoseconds; a stamp that ROS cannot hold becomes the nearest that it can."""
+    seconds, nanoseconds = np.divmod(np.clip(stamp_ns, 0, LAST_SECOND * SECOND), SECOND)
+    return seconds, nanoseconds
+
+
+def _fill_heads(buffer: NDArray[np.uint8], starts: Int64, counts: NDArray[np.intp], cdr: bool) -> None:
+    builder = LayoutBuilder(cdr=False)
+    if cdr:
+        builder.number("I", 0x00000100)
+    builder.field("count", "I")
+    heads = builder.layout().filled(len(starts))
+    heads["count"] = counts
+    scatter(buffer, starts, heads)
+
+
+def _set_marker(items: Structured, group: Markers, rows: Int64) -> None:
+    """Fill in the `rows` of a group."""
+    items["id"] = group.id[rows]
+    items["position"] = group.position[rows]
+    items["turn"][:, 0] = np.sin(0.5 * group.yaw[rows])
+    items["turn"][:, 1] = np.cos(0.5 * group.yaw[rows])
+    items["scale"] = group.scale[rows]
+    items["colour"] = group.colour[rows]
+    if group.points is not None:
+        items["points"][:, :, :2] = group.points[rows]
+    if group.text is not None:
+        items["text"] = group.text[rows]
+
+
+@lru_cache(maxsize=4096)
+def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shift: int) -> Layout:
+    """One marker that begins `shift` bytes after a multiple of eight; `deletes`: it deletes all, and adds nothing."""
+    builder = LayoutBuilder(cdr, shift)
+    if not cdr:
+        builder.number("I", 0)  # Header.seq
+    builder.field("seconds", "i")
+    builder.field("nanoseconds", "I")
+    builder.text(frame)
+    builder.text(b"" if deletes else NAMESPACES[kind])
+    if deletes:
+        builder.number("i", 0, kind, DELETE_ALL)
+        # Viewers look at these numbers in every marker: a quaternion of zeros is an error, and so is a scale of 0.
+        builder.number("d", 0, 0, 0, 0, 0, 0, 1, 1, 1, 1)
+        builder.number("f", 1, 1, 1, 1)
+    else:
+        builder.field("id", "i")
+        builder.number("i", kind, ADD)
+        builder.field("position", "d", (3,))
+        builder.number("d", 0, 0)
+        builder.field("turn", "d", (2,))
+        builder.field("scale", "d", (3,))
+        builder.field("colour", "f", (4,))
+    builder.number("i", 0)  # lifetime: until it is deleted
+    builder.number("I", 0)
+    builder.number("B", 0)  # frame_locked
+    points = length if kind is Kind.OUTLINE else 0
+    builder.number("I", points)
+    if points:
+        builder.field("points", "d", (points, 3))
+    builder.number("I", 0)  # colors
+    if cdr:
+        _no_texture(builder)
+    builder.text_field("text", length if kind is Kind.LABEL else 0)
+    builder.text(b"")  # mesh_resource
+    if cdr:
+        builder.text(b"")  # mesh_file.filename
+        builder.number("I", 0)  # mesh_file.data
+    builder.number("B", 0)  # mesh_use_embedded_materials
+    return builder.layout()
+
+
+def _no_texture(builder: LayoutBuilder) -> None:
+    """The members of a texture, which ROS 2 has since Humble."""
+    builder.text(b"")  # texture_resource
+    builder.number("I", 0, 0)  # texture.header.stamp
+    builder.text(b"")  # texture.header.frame_id
+    builder.text(b"")  # texture.format
+    builder.number("I", 0)  # texture.data
+    builder.number("I", 0)  # uv_coordinates

@@ -1,0 +1,301 @@
+"""What is drawn of the objects of some sweeps: outline, body, label, and the velocity of those that are followed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from lidarcli.overlays.markers import Kind, Markers
+from lidarcli.records import record
+from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64
+
+COLUMNS = (
+    *("topic", "sweep", "object", "shape", "x", "y", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
+    *("vertices", "track", "vx", "vy", "moving", "label", "world_x", "world_y"),
+)
+"""What is read of the objects table."""
+
+HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
+"""A sweep tells no height, so every body has the same [m]; and none is so slim that it cannot be seen, nor
+larger than any range [m]."""
+LINE, TEXT, SHAFT = 0.02, 0.14, 0.05
+"""Width of outlines, height of letters, and width of arrows [m]."""
+LIFT = 0.15
+"""How far labels are above the body [m]."""
+SOLID, CLEAR = 1.0, 0.35
+"""Alpha of lines and letters, and of bodies, behind which the beams are still seen."""
+LEAST_SPEED = 0.05
+"""What is slower has no arrow [m/s]: it would be shorter than wide."""
+PART = 1_000_000
+"""Added to the id for each further object of a sweep that belongs to the same track."""
+UNKNOWN = "unknown"
+
+
+@record
+class Poses:
+    """Where the sensor was at each of S sweeps; NaN where unknown."""
+
+    x: Float64
+    y: Float64
+    yaw: Float64
+
+
+@record
+class Colours:
+    """Colours as `#RRGGBB`."""
+
+    shapes: Mapping[str, str]
+    """Of objects, by shape."""
+    tracks: Sequence[str]
+    """Of tracks, by their number: each has the same in all sweeps."""
+
+
+def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colours) -> list[Markers]:
+    """The markers of N objects.
+
+    Parameters
+    ----------
+    rows : `COLUMNS` of N rows of the objects table
+    message : (N,) index of the message of each row, ascending
+    poses : of the sweeps of these messages
+    """
+    if not rows.num_rows:
+        return []
+    x, y = (_place(rows, axis) for axis in "xy")
+    there = np.isfinite(x) & np.isfinite(y)
+    if not there.all():
+        keep = np.flatnonzero(there)
+        return markers_of(rows.take(pa.array(keep)), message[keep], poses, colours)
+    objects = _Objects(rows, message, np.column_stack([x, y]), colours)
+    return [
+        *objects.outlines(),
+        *objects.bodies(),
+        *objects.labels(),
+        *objects.arrows(_in_sensor_frame(rows, message, poses)),
+    ]
+
+
+class _Objects:
+    """N objects as arrays, and what all their markers need."""
+
+    def __init__(self, rows: pa.RecordBatch, message: Int64, place: Float64, colours: Colours) -> None:
+        self._rows = rows
+        self._message = message
+        self._place = place
+        self._yaw = np.nan_to_num(_floats(rows, "box_yaw"))
+        sides = [_floats(rows, name) for name in ("box_length", "box_width")]
+        self._sides = np.fmin(np.fmax(np.column_stack(sides), LEAST_SIDE), WIDEST)
+        names, shape = _coded(rows["shape"])
+        self._is_round = np.array([name == "round" for name in names])[shape]
+        track = rows["track"]
+        self._is_tracked = np.asarray(track.is_valid())
+        number = track.fill_null(0).to_numpy(zero_copy_only=False)
+        objects = rows["object"].to_numpy(zero_copy_only=False).astype(np.int64)
+        self._part = _parts(message, number, self._is_tracked)
+        self._number = np.where(self._is_tracked, number, objects)
+        # Where some are tracked, the numbers of the others must be none of a track.
+        others = -objects if self._is_tracked.any() else objects
+        wide = np.where(self._is_tracked, number + PART * self._part, others)
+        self._id: Int32 = (wide & 0x7FFFFFFF if wide.max() > 0x7FFFFFFF else wide).astype(np.int32)
+        self._colour = self._coloured(colours, names, shape)
+
+    def outlines(self) -> Iterator[Markers]:
+        """What was seen of each: its vertices and back to the first; the box where it has too few."""
+        points, starts, counts = _vertices(self._rows, self._place, self._sides, self._yaw)
+        for count in np.unique(counts).tolist():
+            mine = np.flatnonzero(counts == count)
+            around = np.arange(count + 1) % count
+            shown = points[starts[mine, None] + around]
+            zero = np.zeros((len(mine), 2))
+            yield self._markers(Kind.OUTLINE, mine, zero, 0.0, np.full(3, LINE), SOLID, points=shown)
+
+    def bodies(self) -> Iterator[Markers]:
+        """A cylinder or a box for each."""
+        is_round = self._is_round
+        height = np.full((len(is_round), 1), HEIGHT)
+        size = np.hstack([self._sides, height])
+        # What is hidden of a round thing shortens its box.
+        size[is_round, :2] = self._sides[is_round].max(axis=1, keepdims=True)
+        for kind, mine in ((Kind.CUBE, ~is_round), (Kind.CYLINDER, is_round)):
+            rows = np.flatnonzero(mine)
+            if len(rows):
+                yield self._markers(kind, rows, self._place[rows], self._yaw[rows], size[rows], CLEAR)
+
+    def labels(self) -> Iterator[Markers]:
+        """Number, name and size of each; once where several are one thing."""
+        rows = np.flatnonzero(self._part == 0)
+        texts = self._texts(rows)
+        lengths = pc.binary_length(texts).to_numpy()
+        for length in np.unique(lengths).tolist():
+            mine = np.flatnonzero(lengths == length)
+            where = rows[mine]
+            # Texts of one length lie one after the other.
+            text = np.frombuffer(texts.take(pa.array(mine)).buffers()[2], f"S{length}", len(mine))
+            yield self._markers(
+                Kind.LABEL,
+                where,
+                self._place[where],
+                0.0,
+                np.full(3, TEXT),
+                SOLID,
+                lift=HEIGHT + LIFT,
+                text=text,
+            )
+
+    def arrows(self, velocity: Float64) -> Iterator[Markers]:
+        """How far each track goes in a second, where it moves."""
+        speed = np.hypot(*velocity.T)
+        moving = self._rows["moving"].fill_null(False).to_numpy(zero_copy_only=False)
+        rows = np.flatnonzero(moving & (speed > LEAST_SPEED) & self._is_tracked & (self._part == 0))
+        if len(rows):
+            scale = np.column_stack([speed[rows], np.full((len(rows), 2), SHAFT)])
+            yaw = np.arctan2(velocity[rows, 1], velocity[rows, 0])
+            yield self._markers(Kind.ARROW, rows, self._place[rows], yaw, scale, SOLID, lift=HEIGHT)
+
+    def _markers(
+        self,
+        kind: Kind,
+        rows: NDArray[np.intp],
+        place: Float64,
+        yaw: Float64 | float,
+        scale: Float64,
+        alpha: float,
+        *,
+        lift: float = 0.0,
+        points: Float64 | None = None,
+        text: NDArray[np.bytes_] | None = None,
+    ) -> Markers:
+        count = len(rows)
+        return Markers(
+            kind,
+            self._message[rows],
+            self._id[rows],
+            np.column_stack([place, np.full(count, lift)]),
+            np.broadcast_to(yaw, count),
+            np.broadcast_to(scale, (count, 3)),
+            np.column_stack([self._colour[rows], np.full(count, alpha, np.float32)]),
+            points,
+            text,
+        )
+
+    def _coloured(self, colours: Colours, names: Sequence[str], shape: Int64) -> Float32:
+        """(N, 3) the colour of each; `shape` (N,) are indices into `names`."""
+        known = [colours.shapes.get(name, colours.shapes[UNKNOWN]) for name in names]
+        of_shapes = np.array([_rgb(text) for text in known], np.float32)
+        of_tracks = np.array([_rgb(text) for text in colours.tracks], np.float32)
+        tracked = of_tracks[self._number % len(of_tracks)]
+        chosen: Float32 = np.where(self._is_tracked[:, None], tracked, of_shapes[shape])
+        return chosen
+
+    def _texts(self, rows: NDArray[np.intp]) -> pa.StringArray:
+        """Number, name and size of some objects."""
+        name = pc.coalesce(
+            self._rows["label"].dictionary_decode(), self._rows["shape"].dictionary_decode(), UNKNOWN
+        )
+        length, width = (_metres(side) for side in self._sides[rows].T)
+        both = pc.binary_join_element_wise(length, width, " x ")
+        size = pc.if_else(pa.array(self._is_round[rows]), length, both)
+        number = pa.array(self._number[rows]).cast(pa.string())
+        # RViz draws ASCII alone; what stands in a catalogue is the user's.
+        return pc.binary_join_element_wise(number, ": ", name.take(pa.array(rows)), " ", size, " m", "")
+
+
+def _metres(sides: Float64) -> pa.StringArray:
+    """Lengths as text, to the centimetre."""
+    hundredths, which = np.unique(np.rint(100 * sides).astype(np.int64), return_inverse=True)
+    return pa.array([f"{each / 100:.2f}" for each in hundredths.tolist()]).take(pa.array(which))
+
+
+def _parts(message: Int64, track: Int64, is_tracked: Bool) -> Int64:
+    """(N,) how many objects before each are of the same message and track; 0 for what has no track."""
+    part = np.zeros(len(message), np.int64)
+    rows = np.flatnonzero(is_tracked)
+    order = rows[np.lexsort((rows, track[rows], message[rows]))]
+    new = np.ones(len(order), bool)
+    new[1:] = (np.diff(message[order]) != 0) | (np.diff(track[order]) != 0)
+    place = np.arange(len(order))
+    part[order] = place - np.maximum.accumulate(np.where(new, place, 0))
+    return part
+
+
+def _vertices(
+    rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64
+) -> tuple[Float64, Int64, Int64]:
+    """Corners of all outlines (P, 2), and for each of N objects its first one and how many it has."""
+    column = rows["vertices"]
+    offsets = column.offsets.to_numpy().astype(np.int64)
+    within = column.values
+    theta, r = (within.field(k).to_numpy(zero_copy_only=False) for k in (0, 1))
+    with np.errstate(invalid="ignore"):
+        points = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
+    starts, counts = offsets[:-1].copy(), np.diff(offsets)
+    bad = np.concatenate([[0], np.cumsum(~np.isfinite(points[:, 0] + points[:, 1]))])
+    boxed = np.flatnonzero((counts < 2) | (bad[offsets[1:]] > bad[offsets[:-1]]))
+    if len(boxed):
+        cos, sin = np.cos(yaw[boxed]), np.sin(yaw[boxed])
+        along, across = 0.5 * sides[boxed].T
+        corners = [
+            place[boxed] + np.column_stack([cos * a - sin * b, sin * a + cos * b])
+            for a, b in ((along, across), (-along, across), (-along, -across), (along, -across))
+        ]
+        starts[boxed] = len(points) + 4 * np.arange(len(boxed))
+        counts[boxed] = 4
+        points = np.concatenate([points, np.stack(corners, axis=1).reshape(-1, 2)])
+    return points, starts, counts
+
+
+def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Float64:
+    """(N, 2) velocity over ground in the axes of the sensor [m/s]; 0 where unknown."""
+    velocity = np.nan_to_num(np.column_stack([_floats(rows, "vx"), _floats(rows, "vy")]))
+    yaw = poses.yaw[message]
+    # Without a pose they are in the sensor's axes already.
+    yaw = np.where(np.isfinite(yaw), yaw, 0.0)
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    ahead = cos * velocity[:, 0] + sin * velocity[:, 1]
+    left = cos * velocity[:, 1] - sin * velocity[:, 0]
+    # A sensor that hangs head down has its left where that of the world's is right.
+    return np.column_stack([ahead, np.where(is_mirrored(rows, message, poses), -left, left)])
+
+
+def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
+    """(N,) whether objects are on the other side of the sensor in the world than in the sweep: it hangs head down."""
+    yaw = poses.yaw[message]
+    east, north = (
+        _floats(rows, f"world_{axis}") - at[message]
+        for axis, at in zip("xy", (poses.x, poses.y), strict=True)
+    )
+    seen = _floats(rows, "box_y")
+    aside = np.cos(yaw) * north - np.sin(yaw) * east
+    with np.errstate(invalid="ignore"):
+        mirrored: Bool = np.abs(aside + seen) < np.abs(aside - seen)
+    return mirrored
+
+
+def _place(rows: pa.RecordBatch, axis: str) -> Float64:
+    """The centre of the box, or of the points where there is none."""
+    box, mean = _floats(rows, f"box_{axis}"), _floats(rows, axis)
+    return np.where(np.isfinite(box), box, mean)
+
+
+def _floats(rows: pa.RecordBatch, name: str) -> Float64:
+    values: Float64 = rows[name].to_numpy(zero_copy_only=False)
+    return values
+
+
+def _coded(column: pa.DictionaryArray) -> tuple[list[str], Int64]:
+    """Names, and for each of N rows the index of its own; what is null is unknown."""
+    names = [*column.dictionary.to_pylist(), UNKNOWN]
+    codes: Int64 = column.indices.fill_null(len(names) - 1).to_numpy(zero_copy_only=False)
+    return names, codes
+
+
+def _rgb(text: str) -> tuple[float, ...]:
+    """
+    >>> _rgb("#FF0000")
+    (1.0, 0.0, 0.0)
+    """
+    return tuple(int(text[at : at + 2], 16) / 255 for at in (1, 3, 5))

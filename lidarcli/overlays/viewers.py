@@ -1,0 +1,135 @@
+"""Settings of viewers that show an overlay with its log: a layout of Foxglove and Lichtblick, and an .rviz file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+LAYOUT, RVIZ = ".layout.json", ".rviz"
+PANEL = "3D!lidarcli"
+BEAMS, BACKGROUND = "#FFFFFF", "#101010"
+POINT = 4
+"""Size of a beam's end [pixels]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is to be seen."""
+
+    frame: str
+    """The fixed frame: that of the world where the log has one, else a sensor's."""
+    objects: tuple[str, ...]
+    """Topics of markers."""
+    scans: tuple[str, ...]
+    map: str | None = None
+
+
+def layout_json(scene: Scene) -> bytes:
+    """A layout with one 3D panel; topics that it does not name are hidden there."""
+    topics: dict[str, dict[str, Any]] = {topic: {"visible": True} for topic in scene.objects}
+    for topic in scene.scans:
+        topics[topic] = {"visible": True, "pointSize": POINT, "colorMode": "flat", "flatColor": BEAMS}
+    if scene.map is not None:
+        topics[scene.map] = {"visible": True}
+    panel = {
+        "cameraState": {
+            "perspective": False,
+            "distance": 15,
+            "phi": 0,
+            "thetaOffset": 90,
+            "targetOffset": [0, 0, 0],
+            "target": [0, 0, 0],
+            "targetOrientation": [0, 0, 0, 1],
+            "fovy": 45,
+            "near": 0.5,
+            "far": 5000,
+        },
+        "followMode": "follow-pose",
+        "followTf": scene.frame,
+        "scene": {"backgroundColor": BACKGROUND},
+        "transforms": {},
+        "topics": topics,
+        "layers": {
+            "grid": {
+                "instanceId": "grid",
+                "layerId": "foxglove.Grid",
+                "label": "Grid",
+                "visible": True,
+                "frameLocked": True,
+                "size": 20,
+                "divisions": 20,
+                "lineWidth": 1,
+                "color": "#808080",
+                "position": [0, 0, 0],
+                "rotation": [0, 0, 0],
+                "order": 1,
+            }
+        },
+        "publish": {},
+        "imageMode": {},
+    }
+    layout = {
+        "configById": {PANEL: panel},
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+        "layout": PANEL,
+    }
+    return (json.dumps(layout, indent=2) + "\n").encode()
+
+
+def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
+    """The settings of RViz of ROS 2 or ROS 1."""
+    plugins, common = ("rviz_default_plugins", "rviz_common") if is_ros2 else ("rviz", "rviz")
+    displays = [
+        f"    - Class: {plugins}/Grid\n      Name: Grid\n      Enabled: true\n      Plane Cell Count: 20\n"
+    ]
+    if scene.map is not None:
+        displays.append(
+            f"    - Class: {plugins}/Map\n      Name: Map\n      Enabled: true\n      Alpha: 0.7\n"
+            + _topic(scene.map, "Topic", is_ros2, latched=True)
+        )
+    for topic in scene.scans:
+        displays.append(
+            f"    - Class: {plugins}/LaserScan\n      Name: {_text(topic)}\n      Enabled: true\n"
+            f"      Style: Points\n      Size (Pixels): {POINT}\n      Color Transformer: FlatColor\n"
+            "      Color: 255; 255; 255\n" + _topic(topic, "Topic", is_ros2, reliable=False)
+        )
+    for topic in scene.objects:
+        displays.append(
+            f"    - Class: {plugins}/MarkerArray\n      Name: {_text(topic)}\n      Enabled: true\n"
+            + _topic(topic, "Topic" if is_ros2 else "Marker Topic", is_ros2)
+        )
+    tools = "".join(
+        f"    - Class: {plugins}/{name}\n" for name in ("Interact", "MoveCamera", "FocusCamera", "Measure")
+    )
+    text = (
+        f"Panels:\n  - Class: {common}/Displays\n    Name: Displays\n"
+        f"  - Class: {common}/Time\n    Name: Time\n    SyncMode: 0\n"
+        'Visualization Manager:\n  Class: ""\n'
+        f"  Displays:\n{''.join(displays)}"
+        "  Enabled: true\n  Global Options:\n    Background Color: 16; 16; 16\n"
+        f"    Fixed Frame: {_text(scene.frame)}\n    Frame Rate: 30\n  Name: root\n"
+        f"  Tools:\n{tools}"
+        f"  Views:\n    Current:\n      Class: {plugins}/TopDownOrtho\n      Name: Current View\n      Angle: 0\n"
+        "      Scale: 60\n      Target Frame: <Fixed Frame>\n      X: 0\n      Y: 0\n"
+        "Window Geometry:\n  Height: 800\n  Width: 1200\n"
+    )
+    return text.encode()
+
+
+def _topic(topic: str, key: str, is_ros2: bool, *, latched: bool = False, reliable: bool = True) -> str:
+    """Where a display gets its messages; who asks for reliable ones gets none of a sensor that offers its best effort."""
+    if not is_ros2:
+        return f"      {key}: {_text(topic)}\n"
+    return (
+        f"      {key}:\n        Value: {_text(topic)}\n        Depth: 5\n        History Policy: Keep Last\n"
+        f"        Reliability Policy: {'Reliable' if reliable else 'Best Effort'}\n"
+        f"        Durability Policy: {'Transient Local' if latched else 'Volatile'}\n"
+    )
+
+
+def _text(value: str) -> str:
+    """A text as YAML has it between quotation marks, as JSON does."""
+    return json.dumps(value, ensure_ascii=True)

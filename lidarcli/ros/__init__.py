@@ -1,0 +1,1 @@
+"""ROS messages as they are written: their definitions, LaserScan as bytes, and how topics are offered."""

@@ -1,0 +1,193 @@
+"""What is drawn of rows of the objects table."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from lidarcli.overlays.markers import Kind, Markers
+from lidarcli.overlays.objects import CLEAR, LEAST_SIDE, PART, SOLID, Colours, Poses, is_mirrored, markers_of
+from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
+from lidarcli.tables.schemas import OBJECTS
+
+COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
+NOWHERE = Poses(*(np.full(9, np.nan) for _ in range(3)))
+PLAIN: dict[str, Any] = {
+    "object": 1,
+    "shape": "prismatic",
+    "x": 2.0,
+    "y": 1.0,
+    "box_x": 2.1,
+    "box_y": 1.1,
+    "box_length": 0.6,
+    "box_width": 0.4,
+    "box_yaw": 0.5,
+    "vertices": [{"theta": 0.3, "r": 2.0, "kind": "start"}, {"theta": 0.5, "r": 2.0, "kind": "end"}],
+}
+
+
+def rows(*objects: dict[str, Any]) -> pa.RecordBatch:
+    """Rows of the objects table with these values, and otherwise those of `PLAIN`."""
+    return pa.RecordBatch.from_pylist([PLAIN | each for each in objects], schema=OBJECTS)
+
+
+def drawn(
+    *objects: dict[str, Any], message: list[int] | None = None, poses: Poses = NOWHERE
+) -> list[Markers]:
+    where = np.array(message if message is not None else [0] * len(objects), np.int64)
+    return markers_of(rows(*objects), where, poses, COLOURS)
+
+
+def of_kind(groups: list[Markers], kind: Kind) -> list[Markers]:
+    return [group for group in groups if group.kind is kind]
+
+
+def words(label: Markers) -> list[str]:
+    assert label.text is not None
+    return [text.decode() for text in label.text.tolist()]
+
+
+def rgb(text: str) -> list[float]:
+    return [int(text[at : at + 2], 16) / 255 for at in (1, 3, 5)]
+
+
+def test_a_plain_object_has_outline_body_and_label() -> None:
+    groups = drawn({})
+    assert [group.kind for group in groups] == [Kind.OUTLINE, Kind.CUBE, Kind.LABEL]
+    outline, body, label = groups
+    assert outline.points is not None
+    expected = [[2 * np.cos(angle), 2 * np.sin(angle)] for angle in (0.3, 0.5, 0.3)]
+    assert outline.points[0].tolist() == pytest.approx(np.array(expected))
+    assert body.position[0, :2].tolist() == [2.1, 1.1]
+    assert body.scale[0, :2].tolist() == [0.6, 0.4]
+    assert body.yaw.tolist() == [0.5]
+    assert words(label) == ["1: prismatic 0.60 x 0.40 m"]
+    assert label.position[0, 2] > body.scale[0, 2]
+    assert [group.colour[0, 3] for group in groups] == pytest.approx([SOLID, CLEAR, SOLID])
+    assert all(group.id.tolist() == [1] for group in groups)
+
+
+@pytest.mark.parametrize("shape", sorted(SHAPE_COLOURS))
+def test_an_object_has_the_colour_of_its_shape(shape: str) -> None:
+    for group in drawn({"shape": shape}):
+        assert group.colour[0, :3].tolist() == pytest.approx(rgb(SHAPE_COLOURS[shape]))
+    is_round = shape == "round"
+    assert bool(of_kind(drawn({"shape": shape}), Kind.CYLINDER)) == is_round
+    assert bool(of_kind(drawn({"shape": shape}), Kind.CUBE)) != is_round
+
+
+def test_a_round_thing_is_as_wide_as_long() -> None:
+    (body,) = of_kind(drawn({"shape": "round", "box_width": 0.1}), Kind.CYLINDER)
+    assert body.scale[0, :2].tolist() == [0.6, 0.6]
+    (label,) = of_kind(drawn({"shape": "round"}), Kind.LABEL)
+    assert words(label) == ["1: round 0.60 m"]
+
+
+def test_a_name_of_the_catalogue_stands_in_place_of_the_shape() -> None:
+    (label,) = of_kind(drawn({"label": "Europalette €"}), Kind.LABEL)
+    assert words(label) == ["1: Europalette € 0.60 x 0.40 m"]
+
+
+@pytest.mark.parametrize(
+    "vertices",
+    [[], [{"theta": 0.3, "r": 2.0, "kind": "start"}], [{"theta": 0.3, "r": None, "kind": "start"}] * 3],
+    ids=["none", "one", "unknown"],
+)
+def test_without_vertices_the_outline_is_that_of_the_box(vertices: list[dict[str, Any]]) -> None:
+    # One with vertices beside it: the two must not be mixed up.
+    groups = of_kind(drawn({"vertices": vertices}, {"object": 2}), Kind.OUTLINE)
+    by_id = {int(number): group for group in groups for number in group.id}
+    corners = by_id[1].points
+    assert corners is not None
+    assert corners.shape == (1, 5, 2)
+    assert corners[0, 0].tolist() == corners[0, 4].tolist()
+    ahead, left = np.array([np.cos(0.5), np.sin(0.5)]), np.array([-np.sin(0.5), np.cos(0.5)])
+    away = corners[0] - [2.1, 1.1]
+    assert np.abs(away @ ahead).tolist() == pytest.approx([0.3] * 5)
+    assert np.abs(away @ left).tolist() == pytest.approx([0.2] * 5)
+    assert len({tuple(np.round(corner, 9)) for corner in corners[0]}) == 4
+    assert by_id[2].points is not None
+    assert by_id[2].points.shape == (1, 3, 2)
+
+
+def test_what_has_no_size_is_seen_all_the_same() -> None:
+    nothing = {"box_length": 0.0, "box_width": None, "box_yaw": None, "box_x": None, "box_y": None}
+    for group in drawn(nothing):
+        assert (group.scale > 0).all()
+        assert np.isfinite(group.position).all()
+        assert np.isfinite(group.yaw).all()
+    (body,) = of_kind(drawn(nothing), Kind.CUBE)
+    assert body.scale[0, :2].tolist() == [LEAST_SIDE, LEAST_SIDE]
+    assert body.position[0, :2].tolist() == [2.0, 1.0]
+
+
+def test_what_has_no_place_is_left_out() -> None:
+    groups = drawn({"x": None, "box_x": None}, {"object": 2}, message=[0, 1])
+    assert {(int(group.id[0]), int(group.message[0]), len(group.id)) for group in groups} == {(2, 1, 1)}
+
+
+def test_a_track_keeps_its_colour_whatever_its_shape_and_number() -> None:
+    groups = drawn(
+        {"track": 9, "object": 1, "shape": "round"},
+        {"track": 9, "object": 4, "shape": "irregular"},
+        {"track": 10, "object": 5},
+        message=[0, 1, 1],
+    )
+    colours: dict[int, set[tuple[float, ...]]] = {}
+    for group in groups:
+        for number, colour in zip(group.id.tolist(), group.colour[:, :3].tolist(), strict=True):
+            colours.setdefault(number, set()).add(tuple(colour))
+    assert {number: len(found) for number, found in colours.items()} == {9: 1, 10: 1}
+    assert colours[9].pop() == pytest.approx(rgb(TRACK_COLOURS[9 % len(TRACK_COLOURS)]))
+
+
+def test_no_two_markers_of_a_message_share_namespace_and_id() -> None:
+    groups = drawn(
+        {"track": 3, "object": 1},
+        {"track": 3, "object": 2},
+        {"track": None, "object": 3},
+        {"track": 3, "object": 4},
+        {"track": 3, "object": 1},
+        message=[0, 0, 0, 0, 1],
+    )
+    (body,) = of_kind(groups, Kind.CUBE)
+    assert body.id.tolist() == [3, 3 + PART, -3, 3 + 2 * PART, 3]
+    labels = [
+        (int(m), int(n))
+        for group in of_kind(groups, Kind.LABEL)
+        for m, n in zip(group.message, group.id, strict=True)
+    ]
+    assert sorted(labels) == [(0, -3), (0, 3), (1, 3)]
+
+
+def test_an_arrow_shows_where_a_track_goes_in_a_second() -> None:
+    moving = {"track": 1, "moving": True, "vx": 0.3, "vy": 0.4}
+    (arrow,) = of_kind(drawn(moving), Kind.ARROW)
+    assert arrow.scale[0, 0] == pytest.approx(0.5)
+    assert arrow.yaw[0] == pytest.approx(np.arctan2(0.4, 0.3))
+    for still in ({"moving": False}, {"vx": None, "vy": None}, {"vx": 0.0, "vy": 0.01}, {"track": None}):
+        assert not of_kind(drawn(moving | still), Kind.ARROW)
+
+
+@pytest.mark.parametrize("hangs", [False, True])
+def test_an_arrow_is_turned_into_the_frame_of_the_sensor(hangs: bool) -> None:
+    yaw, side = 0.7, -1.0 if hangs else 1.0
+    ahead, left = 2.1, side * 1.1
+    world = {
+        "world_x": 5 + np.cos(yaw) * ahead - np.sin(yaw) * left,
+        "world_y": -3 + np.sin(yaw) * ahead + np.cos(yaw) * left,
+    }
+    poses = Poses(np.array([5.0]), np.array([-3.0]), np.array([yaw]))
+    moving = {"track": 1, "moving": True, "vx": 0.3, "vy": 0.4} | world
+    assert is_mirrored(rows(moving), np.array([0]), poses).tolist() == [hangs]
+    (arrow,) = of_kind(drawn(moving, poses=poses), Kind.ARROW)
+    turned = side * (np.arctan2(0.4, 0.3) - yaw)
+    assert arrow.yaw[0] == pytest.approx(turned)
+    assert arrow.scale[0, 0] == pytest.approx(0.5)
+
+
+def test_nothing_is_drawn_of_nothing() -> None:
+    assert drawn(message=[]) == []
