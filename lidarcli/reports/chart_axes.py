@@ -117,7 +117,7 @@ def beams(axes: Axes, summary: Summary) -> None:
             handles,
             [f"{name} {count / total:.1%} ({count:,})" for name, count, _ in there],
             loc="upper left",
-            bbox_to_anchor=(0.0, (place + 0.42) / 1.75),
+            bbox_to_anchor=(0.0, (place + 0.37) / 1.75),
             ncols=2,
             frameon=False,
             fontsize=6.5,
@@ -125,7 +125,9 @@ def beams(axes: Axes, summary: Summary) -> None:
             columnspacing=1.0,
             borderaxespad=0.2,
         )
-        axes.add_artist(words)
+        if place:
+            # The next one would take its place.
+            axes.add_artist(words)
     axes.set(xlim=(0, 1), ylim=(-0.55, 1.2))
     axes.set_axis_off()
 

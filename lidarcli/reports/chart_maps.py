@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,51 +11,71 @@ from lidarcli.reports import palette
 from lidarcli.reports.distributions import Density
 from lidarcli.reports.page_colours import HEAT
 from lidarcli.reports.walls import Walls
-from lidarcli.sweeps import Float64
+from lidarcli.sweeps import Float64, Int64
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.path import Path
 
+MOST_CELLS = 60
+"""Most cells along a side of the picture."""
+SIDE, ROOM, WIDEST = 4.2, 1.9, 1.6
+"""Height of a map, what the legend beside it takes [inch], and the longest sides by the shortest."""
 SEAM = 0.06
 """What each cell leaves free on its sides, so that cells can be told apart."""
 
 
 def places(axes: Axes, found: Density, walls: Walls | None) -> None:
     """How often each cell had an object, in a few steps from pale to dark."""
-    from matplotlib.patches import Patch, PathPatch
+    from matplotlib.patches import PathPatch
 
     draw_walls(axes, walls)
-    ix, iy = np.nonzero(found.counts)
-    counts = found.counts[ix, iy]
-    most = int(counts.max(initial=1))
-    level = np.ceil(len(HEAT) * np.sqrt(counts / most)).astype(np.int64) - 1
-    handles = []
+    counts, cell = _coarse(found, walls)
+    ix, iy = np.nonzero(counts)
+    number = counts[ix, iy]
+    level = np.ceil(len(HEAT) * np.sqrt(number / number.max(initial=1))).astype(np.int64) - 1
     for step, colour in enumerate(HEAT):
         mine = level == step
         if mine.any():
-            corner = np.column_stack([found.x0 + ix[mine] * found.cell, found.y0 + iy[mine] * found.cell])
-            squares = _squares(corner + SEAM * found.cell, (1 - 2 * SEAM) * found.cell)
-            axes.add_patch(PathPatch(squares, facecolor=colour, lw=0, zorder=3))
-            low, high = int(counts[mine].min()), int(counts[mine].max())
-            handles.append(Patch(color=colour, label=f"{low:,}" if low == high else f"{low:,} to {high:,}"))
-    if walls is not None:
-        handles.append(Patch(color=palette.GREY, label="walls and rest"))
+            corner = np.column_stack([found.x0 + ix[mine] * cell, found.y0 + iy[mine] * cell])
+            squares = _squares(corner + SEAM * cell, (1 - 2 * SEAM) * cell)
+            low, high = int(number[mine].min()), int(number[mine].max())
+            label = f"{low:,}" if low == high else f"{low:,} to {high:,}"
+            axes.add_patch(PathPatch(squares, facecolor=colour, lw=0, zorder=3, label=label))
     if found.frame == "sensor":
         axes.plot(0, 0, marker=(3, 0, -90), color=palette.VERMILION, ms=6, ls="none", zorder=4)
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    nx, ny = found.counts.shape
-    axes.update_datalim([(found.x0, found.y0), (found.x0 + nx * found.cell, found.y0 + ny * found.cell)])
+    nx, ny = counts.shape
+    axes.update_datalim([(found.x0, found.y0), (found.x0 + nx * cell, found.y0 + ny * cell)])
     axes.autoscale_view()
-    assert axes.figure is not None
-    axes.figure.legend(
-        handles=handles,
-        title=f"objects in a cell of {found.cell:g} m",
+    width, height = (high - low for low, high in (axes.get_xlim(), axes.get_ylim()))
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.set_size_inches(
+        SIDE * min(width / height, WIDEST) + ROOM, SIDE * min(height / width * WIDEST, 1.0) + 0.6
+    )
+    figure.legend(
+        title=f"objects in a cell of {cell:g} m",
         loc="outside right upper",
         frameon=False,
         fontsize=7,
         title_fontsize=7,
     )
+
+
+def _coarse(found: Density, walls: Walls | None) -> tuple[Int64, float]:
+    """Counts of cells, several in one where the walls are so far away that one could not be seen, and their side."""
+    nx, ny = found.counts.shape
+    extent = max(nx, ny) * found.cell
+    if walls is not None and len(walls.x):
+        extent = max(extent, float(np.ptp(walls.x)), float(np.ptp(walls.y)))
+    block = max(1, math.ceil(extent / MOST_CELLS / found.cell - 1e-9))
+    wide = np.zeros((-(-nx // block) * block, -(-ny // block) * block), np.int64)
+    wide[:nx, :ny] = found.counts
+    counts: Int64 = wide.reshape(wide.shape[0] // block, block, wide.shape[1] // block, block).sum(
+        axis=(1, 3)
+    )
+    return counts, block * found.cell
 
 
 def draw_walls(axes: Axes, walls: Walls | None) -> None:
@@ -63,8 +84,9 @@ def draw_walls(axes: Axes, walls: Walls | None) -> None:
 
     if walls is not None and len(walls.x):
         corner = np.column_stack([walls.x, walls.y]) - walls.cell / 2
+        squares = _squares(corner, walls.cell)
         axes.add_patch(
-            PathPatch(_squares(corner, walls.cell), facecolor=palette.GREY, lw=0, alpha=0.6, zorder=1)
+            PathPatch(squares, facecolor=palette.GREY, lw=0, alpha=0.6, zorder=1, label="walls and rest")
         )
         axes.update_datalim(np.vstack([corner, corner + walls.cell]))
 

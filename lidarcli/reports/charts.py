@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarcli.reports import chart_axes
-from lidarcli.reports.chart_maps import draw_walls, places
+from lidarcli.reports.chart_maps import places
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.map_picture import MapPicture, map_figure
 from lidarcli.reports.page_colours import themed
@@ -43,6 +43,11 @@ TITLES = {
     "width": ("Width of objects", "chord [m]"),
 }
 """Histogram → title and axis."""
+STEADY = {name: title for name, (title, _) in TITLES.items() if name != "bearing"} | {
+    "d_th": "Threshold d_th",
+    "noise": "Noise σ of the ranges",
+}
+"""Figure that may be constant → how it is called then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +60,16 @@ class Chart:
     """Whether it takes the room of two."""
 
 
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """What needs no chart."""
+
+    name: str
+    """The figure."""
+    title: str
+    words: str
+
+
 def charts(report: Report, walls: Mapping[str, Walls] | None = None) -> Iterator[Chart]:
     """All charts for which there is something to draw: what is constant is none, but one of `constants`.
 
@@ -64,7 +79,7 @@ def charts(report: Report, walls: Mapping[str, Walls] | None = None) -> Iterator
     """
     summary = report.summary
     streams = summary.streams.all[:LINES]
-    steady = {name for name, _ in constants(report)}
+    steady = {one.name for one in constants(report)}
     for name, title, draw in (
         ("objects_per_sweep", "Objects over time", chart_axes.objects),
         ("agents", "Agents over time", chart_axes.agents),
@@ -92,22 +107,22 @@ def charts(report: Report, walls: Mapping[str, Walls] | None = None) -> Iterator
         )
 
 
-def constants(report: Report) -> list[tuple[str, str]]:
-    """What a chart would show as one flat line or one bar: name of the figure → words.
+def constants(report: Report) -> list[Constant]:
+    """What a chart would show as one flat line or one bar.
 
     A figure of a comparison is never one: the baseline's may be another.
     """
     summary = report.summary
     found = []
-    for name in ("objects_per_sweep", "d_th", "noise", "range", "width"):
+    for name, title in STEADY.items():
         spread = summary.spreads[name]
         if report.comparison is None and spread.count > 1:
             words = _steady(name, spread)
-            found += [(name, words)] if words else []
+            found += [Constant(name, title, words)] if words else []
     for title, counts in _kinds(summary):
         if len(counts) == 1:
             ((kind, count),) = counts.items()
-            found.append((title, f"all {count:,} {kind.replace('_', ' ')}"))
+            found.append(Constant(title, title, f"all {count:,} {kind.replace('_', ' ')}"))
     return found
 
 
@@ -134,12 +149,10 @@ def _kinds(summary: Summary) -> Iterator[tuple[str, dict[str, int]]]:
                 yield name.replace(".", " by ").capitalize(), counts
 
 
-def overview_chart(picture: MapPicture, walls: Walls | None = None) -> Chart:
-    """The run from above, over the walls that its beams have hit."""
+def overview_chart(picture: MapPicture) -> Chart:
+    """The run from above."""
     with project_style({**SVG_STYLE, "axes.grid": False}):
-        figure = map_figure(picture, OVERVIEW_SIZE)
-        draw_walls(figure.axes[0], walls)
-        return _as_chart("The run from above", figure, wide=True)
+        return _as_chart("The run from above", map_figure(picture, OVERVIEW_SIZE), wide=True)
 
 
 def _chart(title: str, draw: Callable[[Axes], None], wide: bool = False) -> Chart:

@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 from lidarcli._version import __version__
-from lidarcli.reports.charts import TITLES, charts, constants, overview_chart
+from lidarcli.reports.charts import charts, constants, overview_chart
 from lidarcli.reports.junit import clean
 from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.page_colours import style as colours
@@ -77,10 +77,10 @@ def render(report: Report, shown: Page) -> str:
         viewer_style=Markup(_part("viewer.css")),
         overview=None
         if shown.overview is None
-        else Markup(overview_chart(shown.overview, shown.walls.get("world")).svg),
+        else Markup(overview_chart(replace(shown.overview, walls=shown.walls.get("world"))).svg),
         has_walls="world" in shown.walls,
         charts=[replace(chart, svg=Markup(chart.svg)) for chart in charts(report, shown.walls)],
-        constants=[(TITLES.get(name, (name,))[0], words) for name, words in constants(report)],
+        constants=constants(report),
         command=shown.command,
         versions=sorted({one.version for one in summary.sources if one.version}),
         cards=[*_cards(report), *check_cards(report), *_damage_cards(report)],

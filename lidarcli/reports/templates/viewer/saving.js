@@ -14,6 +14,9 @@ function drawnOn(pen) {
   const colours = coloursOf(true);
   pen.fillStyle = colours.paper; pen.fillRect(0, 0, WIDE, HIGH);
   drawScene(pen, WIDE, HIGH, sceneNow(), colours);
+  const s = streams[now.stream];
+  pen.fillStyle = colours.ink; pen.textAlign = "right";
+  pen.fillText(s.log + " " + s.topic + ", sweep " + s.sweep[now.k] + ", " + s.seconds[now.k].toFixed(2) + " s", WIDE - MARGIN.right, 12);
 }
 
 function saveSvg() {

@@ -8,11 +8,14 @@ function timeScale(s, width) {
 
 function drawTimeline(s, k, colours) {
   const { pen, width, height } = open("timeline"), { step, X } = timeScale(s, width);
-  const most = s.objects.reduce((high, value, i) => Math.max(high, value + s.agents[i]), 1), wide = Math.max(step, 1), room = BASE - 12;
+  const most = s.objects.reduce((high, value, i) => Math.max(high, value + s.agents[i]), 1), room = BASE - 12;
+  const edge = (i) => Math.floor(X(i) - Math.max(step, 1) / 2);
   for (let i = 0; i < s.count; i++) {
-    const low = s.objects[i] / most * room, more = s.agents[i] / most * room, x = X(i) - wide / 2;
-    if (low) { pen.fillStyle = colours["bar-objects"]; pen.fillRect(x, BASE - low, wide, low); }
-    if (more) { pen.fillStyle = colours["bar-agents"]; pen.fillRect(x, BASE - low - more, wide, more); }
+    // Whole pixels: bars side by side leave no seam.
+    const x = edge(i), next = Math.max(x + 1, edge(i + 1));
+    const low = s.objects[i] / most * room, more = s.agents[i] / most * room;
+    if (low) { pen.fillStyle = colours["bar-objects"]; pen.fillRect(x, BASE - low, next - x, low); }
+    if (more) { pen.fillStyle = colours["bar-agents"]; pen.fillRect(x, BASE - low - more, next - x, more); }
   }
   // Triangles stand over the sweeps that stand out.
   pen.fillStyle = colours.vermilion;
