@@ -66,10 +66,10 @@ def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Floa
     at = np.searchsorted(index, raw.sweep[there])
     rows = rows[at]
     members, sweep = _members(run, topic, raw.sweep[there])
-    ranges = np.where(_on_objects(run, raw, there, members, sweep), np.nan, raw.ranges[there])
+    ranges = raw.ranges[there]
+    hit = np.isfinite(ranges) & ~_on_objects(run, raw, there, members, sweep)
     theta = raw.angle_min[there, None] + np.arange(ranges.shape[1]) * raw.angle_increment[there, None]
-    hit = np.isfinite(ranges)
-    x, y = (ranges * np.cos(theta))[hit], (ranges * np.sin(theta))[hit]
+    x, y = ranges[hit] * np.cos(theta[hit]), ranges[hit] * np.sin(theta[hit])
     which = np.nonzero(hit)[0]
     ground = ground_of(run.sweeps, rows, run.objects, members, sweep)
     if not ground.posed or _stands(ground.pose_x, ground.pose_y, ground.pose_yaw):

@@ -17,7 +17,9 @@ from tests.reports.runs import START, crossing, sweep, thing, write_run
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 
 WORDS = "document.getElementById('words').textContent"
-DETAILS = "Object.fromEntries([...document.querySelectorAll('#details div')].map(d => [...d.children].map(c => c.textContent)))"
+DETAILS = """Object.fromEntries(
+  [...document.querySelectorAll('#details div')].map(pair => [...pair.children].map(one => one.textContent))
+)"""
 WAIT = "new Promise(done => setTimeout(() => done(location.hash), 400))"
 
 
@@ -245,9 +247,8 @@ CATCH = """(() => {
 def saved(page: Page, kind: str) -> bytes:
     """What the page would write; nothing is written."""
     page.evaluate(CATCH)
-    page.evaluate(
-        f"(() => {{ const s = document.getElementById('save'); s.value = '{kind}'; s.dispatchEvent(new Event('change')); }})()"
-    )
+    page.evaluate(f"document.getElementById('save').value = '{kind}'")
+    page.evaluate("document.getElementById('save').dispatchEvent(new Event('change'))")
     awaited(page, WAIT)
     return bytes(awaited(page, "saved.arrayBuffer().then(x => Array.from(new Uint8Array(x)))"))
 
