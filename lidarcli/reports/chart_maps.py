@@ -17,10 +17,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.path import Path
 
+WALLS = "walls and rest"
+"""How the legends call them."""
 MOST_CELLS = 60
 """Most cells along a side of the picture."""
-SIDE, ROOM, WIDEST = 4.2, 1.9, 1.6
-"""Height of a map, what the legend beside it takes [inch], and the longest sides by the shortest."""
+SIDE, LEAST, WIDEST = 3.4, 2.6, 1.5
+"""Side of a square map, least width [inch], and the longest sides by the shortest."""
 SEAM = 0.06
 """What each cell leaves free on its sides, so that cells can be told apart."""
 
@@ -51,16 +53,23 @@ def places(axes: Axes, found: Density, walls: Walls | None) -> None:
     width, height = (high - low for low, high in (axes.get_xlim(), axes.get_ylim()))
     figure = axes.get_figure(root=True)
     assert figure is not None
-    figure.set_size_inches(
-        SIDE * min(width / height, WIDEST) + ROOM, SIDE * min(height / width * WIDEST, 1.0) + 0.6
-    )
-    figure.legend(
+    across = SIDE * min(max(width / height, 1 / WIDEST), WIDEST)
+    handles, labels = axes.get_legend_handles_labels()
+    # What the title is about comes first.
+    order = sorted(range(len(labels)), key=lambda k: labels[k] == WALLS)
+    legend = figure.legend(
+        [handles[k] for k in order],
+        [labels[k] for k in order],
         title=f"objects in a cell of {cell:g} m",
-        loc="outside right upper",
+        loc="outside lower left",
+        ncols=3,
         frameon=False,
         fontsize=7,
         title_fontsize=7,
+        alignment="left",
     )
+    rows = -(-len(legend.get_texts()) // 3)
+    figure.set_size_inches(max(across, LEAST) + 0.6, across * height / width + 0.65 + 0.14 * rows)
 
 
 def _coarse(found: Density, walls: Walls | None) -> tuple[Int64, float]:
@@ -85,9 +94,7 @@ def draw_walls(axes: Axes, walls: Walls | None) -> None:
     if walls is not None and len(walls.x):
         corner = np.column_stack([walls.x, walls.y]) - walls.cell / 2
         squares = _squares(corner, walls.cell)
-        axes.add_patch(
-            PathPatch(squares, facecolor=palette.GREY, lw=0, alpha=0.6, zorder=1, label="walls and rest")
-        )
+        axes.add_patch(PathPatch(squares, facecolor=palette.GREY, lw=0, alpha=0.6, zorder=1, label=WALLS))
         axes.update_datalim(np.vstack([corner, corner + walls.cell]))
 
 

@@ -230,6 +230,34 @@ def test_zoom_and_pan(page: Page, made: Callable[..., Path]) -> None:
     assert page.complaints == []
 
 
+def test_two_fingers_zoom(page: Page, made: Callable[..., Path]) -> None:
+    page.open(made(**two_boxes()), 400)
+    page.evaluate("document.getElementById('viewer').scrollIntoView()")
+    left, top, width, height = box_of(page, "scene")
+    x, y = left + width / 2, top + height / 2
+
+    def touch(kind: str, *apart: float) -> None:
+        points = (
+            [{"x": x + side * apart[0], "y": y, "id": k} for k, side in enumerate((-1, 1))] if apart else []
+        )
+        page.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
+    page.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+    try:
+        whole = page.evaluate(SCENE)
+        touch("touchStart", 30.0)
+        for apart in (40.0, 50.0, 60.0):
+            touch("touchMove", apart)
+        touch("touchEnd")
+        awaited(page, WAIT)
+    finally:
+        page.call("Emulation.setTouchEmulationEnabled", enabled=False)
+    assert page.evaluate(SCENE) != whole
+    assert page.evaluate("document.getElementById('scene').style.touchAction") == "none"
+    assert page.evaluate("document.documentElement.scrollWidth") == 400
+    assert page.complaints == []
+
+
 def drag(page: Page, at: tuple[float, float], to: tuple[float, float]) -> None:
     mouse(page, "mousePressed", at, button="left", clickCount=1)
     mouse(page, "mouseMoved", to, button="left", buttons=1)

@@ -1,5 +1,7 @@
 // The scene from above: beams, boxes, tracks; as the sensor sees it, or in the world.
 const PATH_SECONDS = 3, PATH_SWEEPS = 200;
+// Of more tracks that have ended nobody could read the numbers.
+const MOST_NUMBERS = 60;
 const MARGIN = { left: 44, right: 8, top: 18, bottom: 34 };
 
 // The ground that holds all sweeps of a stream, so that the picture does not jump, and the limits of the curves.
@@ -122,7 +124,9 @@ function drawBox(pen, s, j, p, frame, colours, marked) {
 
 // Agents are triangles, objects circles; hollow where the thing is hidden in this sweep. The arrow is the way of a second.
 function drawTracks(pen, s, k, p, frame, colours, world) {
-  for (const one of paths(s, k, world ? Infinity : PATH_SECONDS, world ? Infinity : PATH_SWEEPS, world)) {
+  const found = paths(s, k, world ? Infinity : PATH_SECONDS, world ? Infinity : PATH_SWEEPS, world);
+  const named = found.filter((one) => one.over).length <= MOST_NUMBERS;
+  for (const one of found) {
     const points = one.points.map(([x, y]) => frame.ground(x, y)).filter(([x]) => !isNaN(x));
     if (!points.length) continue;
     const [x, y] = points[0], u = p.X(x), v = p.Y(y), colour = one.agent ? colours.vermilion : colours.blue;
@@ -132,7 +136,7 @@ function drawTracks(pen, s, k, p, frame, colours, world) {
     pen.stroke();
     if (one.over) {
       pen.fillStyle = colour; dot(pen, u, v, 2);
-      word(pen, String(one.number), u + 8, v - 8, colour, colours.paper);
+      if (named) word(pen, String(one.number), u + 8, v - 8, colour, colours.paper);
       continue;
     }
     const [vx, vy] = frame.turned(one.vx, one.vy), speed = Math.hypot(vx, vy);
