@@ -79,11 +79,8 @@ def _coarse(found: Density, walls: Walls | None) -> tuple[Int64, float]:
     if walls is not None and len(walls.x):
         extent = max(extent, float(np.ptp(walls.x)), float(np.ptp(walls.y)))
     block = max(1, math.ceil(extent / MOST_CELLS / found.cell - 1e-9))
-    wide = np.zeros((-(-nx // block) * block, -(-ny // block) * block), np.int64)
-    wide[:nx, :ny] = found.counts
-    counts: Int64 = wide.reshape(wide.shape[0] // block, block, wide.shape[1] // block, block).sum(
-        axis=(1, 3)
-    )
+    along_x = np.add.reduceat(found.counts, np.arange(0, nx, block), axis=0)
+    counts: Int64 = np.add.reduceat(along_x, np.arange(0, ny, block), axis=1)
     return counts, block * found.cell
 
 

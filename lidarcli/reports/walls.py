@@ -21,6 +21,8 @@ LEAST_HITS, LEAST_SHARE = 2, 0.05
 """A cell is a wall where so many beams, and this share of the most that hit any cell, ended in it."""
 MOST = 4_000
 """Most cells that are drawn, those that were hit most."""
+LEAST_STEP, MOST_ANGLE = 1e-6, 100.0
+"""[rad] Finer steps from beam to beam, and edges at greater bearings, are not those of any sensor."""
 STANDS, HEADS = 0.05, 0.02
 """A sensor whose poses stay within this distance [m] and angle [rad] stands."""
 
@@ -67,8 +69,8 @@ def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Floa
     rows = rows[at]
     members, sweep = _members(run, topic, raw.sweep[there])
     ranges = raw.ranges[there]
-    hit = np.isfinite(ranges) & ~_on_objects(run, raw, there, members, sweep)
     theta = raw.angle_min[there, None] + np.arange(ranges.shape[1]) * raw.angle_increment[there, None]
+    hit = np.isfinite(ranges) & np.isfinite(theta) & ~_on_objects(run, raw, there, members, sweep)
     x, y = ranges[hit] * np.cos(theta[hit]), ranges[hit] * np.sin(theta[hit])
     which = np.nonzero(hit)[0]
     ground = ground_of(run.sweeps, rows, run.objects, members, sweep)
@@ -92,20 +94,22 @@ def _members(run: Run, topic: str, sweeps: Int64) -> tuple[Int64, Int64]:
 
 def _on_objects(run: Run, raw: Raw, there: Bool, members: Int64, sweep: Int64) -> Bool:
     """(K, B) beams between the edges of an object."""
-    ranges = raw.ranges[there]
-    marked = np.zeros(ranges.shape, bool)
-    step = raw.angle_increment[there][sweep]
+    angle_min, step = raw.angle_min[there][sweep], raw.angle_increment[there][sweep]
     first, last = (run.objects.numbers(name)[members] for name in ("theta_i", "theta_f"))
-    known = (step != 0) & np.isfinite(first) & np.isfinite(last)
-    sweep, step, first, last = sweep[known], step[known], first[known], last[known]
-    # A turn has so many beams; of a part of it none is hit twice.
+    # What another program has written may be anything.
+    known = (np.abs(step) > LEAST_STEP) & (np.abs([first, last, angle_min]).max(axis=0) < MOST_ANGLE)
+    sweep, step, angle_min = sweep[known], step[known], angle_min[known]
+    first, last = first[known], last[known]
+    marked = np.zeros((int(there.sum()), raw.ranges.shape[1]), bool)
+    beams = marked.shape[1]
+    # From beam to beam of a full turn, which may go past its end; the sweep is the beginning of the turn.
     turn = np.maximum(np.round(TURN / np.abs(step)), 1).astype(np.int64)
-    begin = np.round((np.where(step > 0, first, last) - raw.angle_min[there][sweep]) / step).astype(np.int64)
-    size = np.minimum(np.round((last - first) / np.abs(step)).astype(np.int64) + 1, turn)
-    inside = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
-    beam = (np.repeat(begin, size) + inside) % np.repeat(turn, size)
-    on = beam < ranges.shape[1]
-    marked[np.repeat(sweep, size)[on], beam[on]] = True
+    begin = np.round((np.where(step > 0, first, last) - angle_min) / step).astype(np.int64) % turn
+    end = begin + np.round(np.abs((last - first) / step)).astype(np.int64) + 1
+    for low, high in ((begin, end), (np.zeros_like(begin), end - turn)):
+        size = np.maximum(np.minimum(high, beams) - low, 0)
+        inside = np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
+        marked[np.repeat(sweep, size), np.repeat(low, size) + inside] = True
     return marked
 
 

@@ -150,3 +150,6 @@ def test_cells_that_are_too_small_to_see_are_put_together() -> None:
     sums, cell = _coarse(found, far)
     assert cell == pytest.approx(0.2)
     assert sums.tolist() == [[0 + 1 + 3 + 4, 2 + 5], [6 + 7 + 9 + 10, 8 + 11]]
+    # Whatever another program has written.
+    sums, _ = _coarse(found, Walls(1e9, np.array([0.0, 1e12]), np.zeros(2)))
+    assert sums.tolist() == [[66]]

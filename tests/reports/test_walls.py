@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -113,3 +114,39 @@ def test_where_there_are_no_walls() -> None:
     two = run_of([sweep(k, topic=topic) for topic in ("/scan", "/other") for k in range(3)])
     beams = raw_of(*[room(0.0, 0.0, 0.0)] * 3)
     assert walls_of(two, {**beams, (0, "/other"): beams[0, "/scan"]}) == {}
+
+
+def test_odd_bearings() -> None:
+    """Tables of other programs: nothing of it is a reason to fail, and what makes sense still counts."""
+    still = [(0.0, 0.0, 0.0)] * 4
+    beams = raw_of(*[room(0.0, 0.0, 0.0)] * 4)
+    plain = walls_of(seen(still), beams)["sensor"]
+    for odd in ({"theta_i": -1e12, "theta_f": 1e12}, {"theta_i": None, "theta_f": None}):
+        walls = walls_of(seen(still, set="O", **odd), beams)["sensor"]
+        assert walls.x.tolist() == plain.x.tolist()
+    # An object all around leaves nothing.
+    assert "sensor" not in walls_of(seen(still, set="O", theta_i=-4.0, theta_f=4.0), beams)
+    raw = beams[0, "/scan"]
+    for name in ("angle_min", "angle_increment"):
+        for value in (np.nan, 0.0, 1e-12, 1e12):
+            walls_of(seen(still, set="O"), {(0, "/scan"): replace(raw, **{name: np.full(4, value)})})
+    nothing = replace(raw, angle_min=np.full(4, np.nan))
+    assert walls_of(seen(still, set="O"), {(0, "/scan"): nothing}) == {}
+
+
+def test_sweeps_that_run_clockwise_and_see_a_part() -> None:
+    still = [(0.0, 0.0, 0.0)] * 4
+    full = raw_of(*[room(0.0, 0.0, 0.0)] * 4)[0, "/scan"]
+    # The beams from 89 degrees down to -90 degrees.
+    part = replace(
+        full,
+        angle_min=np.full(4, 89 * STEP),
+        angle_increment=np.full(4, -STEP),
+        ranges=full.ranges[:, 269:89:-1],
+        beams=np.full(4, 180),
+    )
+    edges = {"theta_i": -10 * STEP, "theta_f": 10 * STEP}
+    walls = walls_of(seen(still, set="O", **edges), {(0, "/scan"): part})["sensor"]
+    bearing = np.arctan2(walls.y, walls.x) / STEP
+    assert (bearing.min(), bearing.max()) == pytest.approx((-90, 89), abs=1.5)
+    assert np.abs(bearing).min() > 9
