@@ -19,7 +19,7 @@ from lidarcli.pipeline.inputs.tables import Pair, batches
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.raw import Raw
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.viewer import Choice, choose_sweeps, pack
+from lidarcli.reports.viewer import Choice, choose_sweeps, pack, pack_walls
 from lidarcli.reports.walls import Walls, walls_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
@@ -58,7 +58,10 @@ def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[
             except UnreadableError as err:
                 problems.append(str(err))
     data = {**pack(run, summary, choice, raw), "note": choice.note}
-    return Viewed(data, walls_of(run, raw), tuple(problems))
+    walls = walls_of(run, raw)
+    if "world" in walls:
+        data["walls"] = pack_walls(walls["world"])
+    return Viewed(data, walls, tuple(problems))
 
 
 def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, Int64]]:

@@ -17,6 +17,7 @@ from lidarcli.reports.raw import Raw
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
+from lidarcli.reports.walls import Walls
 from lidarcli.sweeps import Float64, Int64, UInt8
 
 BUDGET = 2_200_000
@@ -104,6 +105,16 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
             if one.stream < len(choice.rows)
         ],
     }
+
+
+def pack_walls(walls: Walls) -> dict[str, Any]:
+    """Walls of the world frame, as values for JSON: the place of the first cell, and steps from it."""
+    x0, y0 = float(walls.x.min()), float(walls.y.min())
+    steps = {
+        name: _base64(np.round((values - low) / walls.cell), np.uint16)
+        for name, values, low in (("x", walls.x, x0), ("y", walls.y, y0))
+    }
+    return {"cell": walls.cell, "origin": [x0, y0], **steps}
 
 
 class _Objects:

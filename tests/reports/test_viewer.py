@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from lidarcli.reports.page_colours import COLOURS
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import START, crossing, sweep, thing, write_run
 
@@ -396,6 +397,23 @@ def test_the_world_frame(page: Page, made: Callable[..., Path]) -> None:
     page.evaluate("location.hash = '#sweep=2&view=world'")
     awaited(page, WAIT)
     assert page.evaluate(WORDS).startswith("sweep 2, ")
+    assert page.complaints == []
+
+
+def test_walls_in_the_world_frame(page: Page, tmp_path: Path) -> None:
+    from lidarcli.cli import run
+    from tests.places import SAMPLES
+
+    log = SAMPLES / "drive.db3"
+    assert run(["-q", "detect", str(log), "-o", str(tmp_path), "--end", "4"]) == 0
+    assert run(["-q", "report", str(tmp_path), "--log", str(log), "-o", str(tmp_path / "a.html")]) == 0
+    page.open(tmp_path / "a.html", 1280)
+    cells = f'fill="{COLOURS["light"][0]}"'.encode()
+    assert saved(page, "svg").count(cells) == 0
+    page.evaluate("location.hash = '#sweep=5&view=world'")
+    awaited(page, WAIT)
+    assert saved(page, "svg").count(cells) > 100
+    assert "walls and rest of all sweeps" in page.evaluate("document.getElementById('legend').textContent")
     assert page.complaints == []
 
 

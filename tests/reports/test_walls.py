@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,8 @@ import pytest
 
 from lidarcli.reports.columns import Run
 from lidarcli.reports.raw import Raw
-from lidarcli.reports.walls import MOST, walls_of
+from lidarcli.reports.viewer import pack_walls
+from lidarcli.reports.walls import MOST, Walls, walls_of
 from lidarcli.sweeps import Float64
 from tests.reports.runs import run_of, sweep, thing, track
 
@@ -66,6 +68,17 @@ def test_walls_in_the_world(side: float) -> None:
     assert off.max() < found["world"].cell
     assert (x.min(), x.max()) == pytest.approx((-3, 3), abs=0.1)
     assert (y.min(), y.max()) == pytest.approx((-2, 2), abs=0.1)
+
+
+def test_walls_as_the_viewer_holds_them() -> None:
+    walls = Walls(0.1, 1e6 + np.array([0.3, 0.0, 12.1]), np.array([-5.0, -4.2, 4.0]))
+    held = pack_walls(walls)
+    x, y = (
+        held["origin"][k] + held["cell"] * np.frombuffer(base64.b64decode(held[name]), np.uint16)
+        for k, name in enumerate("xy")
+    )
+    assert x == pytest.approx(walls.x, rel=1e-12)
+    assert y == pytest.approx(walls.y)
 
 
 def test_walls_of_a_sensor_that_stands() -> None:

@@ -15,6 +15,8 @@ function decodeAll(packed, names, Kind, into) {
   return into;
 }
 
+if (data.walls) decodeAll({ ...data.walls }, ["x", "y"], Uint16Array, data.walls);
+
 function unpack(one) {
   const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale };
   decodeAll(one, ["sweep", "offsets"], Int32Array, s);

@@ -60,7 +60,7 @@ function drawScene(pen, width, height, scene, colours) {
   const { s, k, world, chosen } = scene, p = projection(scene.view, width, height), frame = frameOf(s, k, world);
   axes(pen, p, frame.origin, colours);
   pen.save(); pen.beginPath(); pen.rect(MARGIN.left, MARGIN.top, p.w, p.h); pen.clip();
-  if (world) drawPath(pen, s, k, p, colours);
+  if (world) { drawWalls(pen, p, frame.origin, colours); drawPath(pen, s, k, p, colours); }
   if (frame.known) {
     if (s.raw) drawPoints(pen, s, k, p, frame, colours);
     for (const j of members(s, k)) drawBox(pen, s, j, p, frame, colours, j === chosen);
@@ -81,7 +81,7 @@ function axes(pen, p, origin, colours) {
   const right = MARGIN.left + p.w, bottom = MARGIN.top + p.h;
   pen.strokeStyle = colours.grid; pen.fillStyle = colours.quiet; pen.lineWidth = 1;
   pen.textAlign = "center";
-  for (const [t, text] of ticks(p.x(MARGIN.left) + origin[0], p.x(right) + origin[0], p.w / 70)) {
+  for (const [t, text] of ticks(p.x(MARGIN.left) + origin[0], p.x(right) + origin[0], p.w / 55)) {
     const u = p.X(t - origin[0]);
     line(pen, u, MARGIN.top, u, bottom);
     if (u > MARGIN.left + 6 && u < right - 6) pen.fillText(text, u, bottom + 14);
@@ -131,8 +131,9 @@ function drawTracks(pen, s, k, p, frame, colours, world) {
     if (!points.length) continue;
     const [x, y] = points[0], u = p.X(x), v = p.Y(y), colour = one.agent ? colours.vermilion : colours.blue;
     pen.strokeStyle = colour; pen.lineWidth = one.over ? 0.8 : one.agent ? 2 : 1.2;
+    // The parts of a thing that are seen change: what stands would have a tangle of a path in the world.
     pen.beginPath();
-    points.forEach(([a, b], i) => (i ? pen.lineTo(p.X(a), p.Y(b)) : pen.moveTo(p.X(a), p.Y(b))));
+    if (one.agent || !world) points.forEach(([a, b], i) => (i ? pen.lineTo(p.X(a), p.Y(b)) : pen.moveTo(p.X(a), p.Y(b))));
     pen.stroke();
     if (one.over) {
       pen.fillStyle = colour; dot(pen, u, v, 2);
@@ -151,6 +152,16 @@ function drawTracks(pen, s, k, p, frame, colours, world) {
     const dx = speed > 0 ? -vx / speed : (x - c) / far || 0, dy = speed > 0 ? -vy / speed : (y - d) / far || 0;
     const words = one.number + (one.label ? " " + one.label : "");
     word(pen, words, u + dx * (12 + 3 * words.length), v - dy * 16, colour, colours.paper);
+  }
+}
+
+// Cells of the world that beams of any sweep have hit that lie on no object.
+function drawWalls(pen, p, origin, colours) {
+  const walls = data.walls, side = walls ? walls.cell * p.scale : 0;
+  pen.fillStyle = colours.light;
+  for (let n = 0; walls && n < walls.x.length; n++) {
+    const x = walls.origin[0] + (walls.x[n] - 0.5) * walls.cell - origin[0], y = walls.origin[1] + (walls.y[n] + 0.5) * walls.cell - origin[1];
+    pen.fillRect(p.X(x), p.Y(y), side, side);
   }
 }
 
