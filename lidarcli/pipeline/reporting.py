@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pyarrow as pa
 
@@ -30,7 +31,7 @@ from lidarcli.reports.tracks import TRACK_COLUMNS
 from lidarcli.tables.schemas import LATER
 
 if TYPE_CHECKING:
-    from lidarcli.reports.map_picture import MapPicture
+    from lidarcli.reports.html import Page
 
 Progress = Callable[[int, int], None] | None
 """Takes the number of steps that are done, and of all."""
@@ -46,12 +47,14 @@ SUFFIXES = {
     ".json": "json",
     ".xml": "junit",
 }
-VIEWER_COLUMNS = ("topic", "sweep", "object", "theta_i", "theta_f", "box_x", "box_y", "box_yaw")
+VIEWER_COLUMNS = ("topic", "sweep", "object", "theta_i", "theta_f", "box_x", "box_y", "box_yaw", "thing")
 """Columns of the objects table that only the viewer reads …"""
+VIEWER_POSES = ("pose_x", "pose_y", "pose_yaw")
+"""… with these of the sweeps table …"""
 TRACKED_VIEW = ("vx", "vy", "moving")
-"""… and where things were tracked, …"""
-TRACKED_POSES = ("pose_x", "pose_y", "pose_yaw")
-"""… with these of the sweeps table."""
+"""… and these of the objects where things were tracked."""
+NAMED = 10
+"""Most tables, logs and baselines that a page names as what it was made from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +75,8 @@ class Made:
     report: Report
     run: Run
     pairs: tuple[Pair, ...]
-    viewer: dict[str, Any] | None = None
-    """What the viewer of the HTML shows, where it was asked for."""
-    overview: MapPicture | None = None
-    """The run from above, for the HTML; None where nothing tells of poses."""
+    page: Page | None = None
+    """What only the HTML shows, where it was asked for."""
 
 
 def understand(options: ReportOptions) -> list[Check]:
@@ -105,7 +106,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
         verdicts = tuple(judge(check, summary.figures, run) for check in checks)
         made = Made(Report(summary, verdicts=verdicts, problems=problems), run, pairs)
         step()
-        return _with_viewer(made, options.logs) if viewer else made
+        return _with_page(made, options) if viewer else made
     base_run, base_pairs, base_problems = _load(*base_found, (), False, step)
     if base_problems:
         raise UnreadableError(f"baseline: {base_problems[0]}")
@@ -117,20 +118,36 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
     made = Made(Report(summary, comparison, verdicts=verdicts, problems=problems), run, pairs)
     step()
-    return _with_viewer(made, options.logs) if viewer else made
+    return _with_page(made, options) if viewer else made
 
 
-def _with_viewer(made: Made, logs: Sequence[str]) -> Made:
-    """The same with the data of the viewer; a beams table that cannot be read is one problem more."""
+def _with_page(made: Made, options: ReportOptions) -> Made:
+    """The same with what the HTML shows; a beams table that cannot be read is one problem more."""
     from lidarcli.pipeline.viewing import viewer_of
+    from lidarcli.reports.html import Page
     from lidarcli.reports.overview import overview
 
     run = made.run
-    data, problems = viewer_of(run, made.report.summary, made.pairs, logs)
-    report = replace(made.report, problems=(*made.report.problems, *problems))
+    seen = viewer_of(run, made.report.summary, made.pairs, options.logs)
+    report = replace(made.report, problems=(*made.report.problems, *seen.problems))
     # Every log has a world of its own.
-    seen = overview(run.sweeps, run.objects, run.tracks) if len(run.sources) == 1 else None
-    return replace(made, report=report, viewer=data, overview=seen)
+    above = overview(run.sweeps, run.objects, run.tracks) if len(run.sources) == 1 else None
+    return replace(made, report=report, page=Page(seen.data, above, seen.walls, _command(options)))
+
+
+def _command(options: ReportOptions) -> str:
+    """What makes such a page again, with the names of files alone: where they lie is another matter elsewhere."""
+    words = ["lidarcli", "report", *_names(options.tables)]
+    for name, values in (("--log", _names(options.logs)), ("--baseline", _names(options.baseline))):
+        words += [word for value in values for word in (name, value)]
+    words += [word for check in options.checks for word in ("--check", check)]
+    return shlex.join([*words, "-o", "report.html"])
+
+
+def _names(paths: Sequence[str]) -> list[str]:
+    """The names of files, of many the first."""
+    names = [path.rstrip("/").split("/")[-1] or path for path in paths]
+    return names if len(names) <= NAMED else [*names[:NAMED], "..."]
 
 
 def _steps(total: int, progress: Progress) -> Callable[[], None]:
@@ -149,11 +166,10 @@ def _load(
     """The rows of all tables that can be read, and one line for each that cannot, after those that are known."""
     problems = [*problems]
     columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
-    sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps")}
+    sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps"), *(VIEWER_POSES if viewer else ())}
     # Who does not track does not read what belongs to it.
     if any(pair.tracks.exists() for pair in pairs):
         columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
-        sweep_columns |= {*(TRACKED_POSES if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     if viewer:
         from lidarcli.reports.overview import COLUMNS
@@ -233,5 +249,5 @@ def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool =
         return junit.render(made.report)
     from lidarcli.reports import html
 
-    assert made.viewer is not None
-    return html.render(made.report, made.viewer, made.overview)
+    assert made.page is not None
+    return html.render(made.report, made.page)

@@ -17,8 +17,10 @@ from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inputs.tables import Pair, batches
 from lidarcli.reports.columns import Origin, Run
+from lidarcli.reports.raw import Raw
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.viewer import Choice, Raw, choose_sweeps, pack
+from lidarcli.reports.viewer import Choice, choose_sweeps, pack, pack_walls
+from lidarcli.reports.walls import Walls, walls_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
 from lidarcli.tables.reading import GREATEST_VALUE
@@ -28,10 +30,20 @@ MOST_CELLS = 50_000_000
 """Most beams, those that are not there between two that are included, of the sweeps of a beams table that are shown."""
 
 
-def viewer_of(
-    run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """The data of the viewer with a note on what is left out, and a line for each beams table that cannot be read."""
+@dataclass(frozen=True, slots=True)
+class Viewed:
+    """What only the HTML report shows of a run."""
+
+    data: dict[str, Any]
+    """Of the viewer, with a note on what is left out."""
+    walls: dict[str, Walls]
+    """By frame, where there are beams."""
+    problems: tuple[str, ...]
+    """A line for each beams table that cannot be read."""
+
+
+def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]) -> Viewed:
+    """The sweeps of a run that the viewer shows, with their beams as far as logs or beams tables have them."""
     choice = choose_sweeps(run, summary)
     wanted = _wanted(run, summary, choice)
     origins = _match(run.sources, logs)
@@ -45,7 +57,11 @@ def viewer_of(
                 raw |= _from_beams(source, pairs[source], topics)
             except UnreadableError as err:
                 problems.append(str(err))
-    return {**pack(run, summary, choice, raw), "note": choice.note}, tuple(problems)
+    data = {**pack(run, summary, choice, raw), "note": choice.note}
+    walls = walls_of(run, raw)
+    if "world" in walls:
+        data["walls"] = pack_walls(walls["world"])
+    return Viewed(data, walls, tuple(problems))
 
 
 def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, Int64]]:

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import io
-import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarcli.reports import palette
-from lidarcli.reports.distributions import Density, Histogram
+from lidarcli.reports import chart_axes
+from lidarcli.reports.chart_maps import places
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.map_picture import MapPicture, map_figure
-from lidarcli.reports.picture import printable
+from lidarcli.reports.page_colours import themed
 from lidarcli.reports.report import Report
-from lidarcli.reports.streams import Stream
+from lidarcli.reports.spread import Spread
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import SET_WORDS, kind_counts, track_kinds
+from lidarcli.reports.walls import Walls
+from lidarcli.reports.wording import kind_counts, quantity, track_kinds
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,19 +28,26 @@ if TYPE_CHECKING:
 
 CHART_SIZE = (4.2, 2.5)
 """[inch] About what a phone shows without scaling."""
+WIDE_SIZE = (6.4, 4.2)
 OVERVIEW_SIZE = 7.0
 """Longest side of the run from above [inch]."""
 SVG_STYLE: dict[str, Any] = {"svg.fonttype": "none", "svg.image_inline": True}
 LINES = 6
 """Streams in one chart; more cannot be told apart."""
-CYCLE = (palette.BLUE, palette.VERMILION, palette.GREEN, palette.PURPLE, palette.ORANGE, palette.BLACK)
-DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
+SAME, ALIKE = 1e-3, 0.25
+"""Up to this share of themselves values are the same, or about the same."""
 TITLES = {
+    "objects_per_sweep": ("Objects per sweep", "objects"),
     "range": ("Range of objects", "nearest point [m]"),
     "bearing": ("Bearing of objects", "bearing [deg]"),
     "width": ("Width of objects", "chord [m]"),
-    "objects_per_sweep": ("Objects per sweep", "objects"),
 }
+"""Histogram → title and axis."""
+STEADY = {name: title for name, (title, _) in TITLES.items() if name != "bearing"} | {
+    "d_th": "Threshold d_th",
+    "noise": "Noise σ of the ranges",
+}
+"""Figure that may be constant → how it is called then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,60 +56,120 @@ class Chart:
 
     title: str
     svg: str
+    wide: bool = False
+    """Whether it takes the room of two."""
 
 
-def charts(report: Report) -> Iterator[Chart]:
-    """All charts for which there is something to draw."""
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """What needs no chart."""
+
+    name: str
+    """The figure."""
+    title: str
+    words: str
+
+
+def charts(report: Report, walls: Mapping[str, Walls] | None = None) -> Iterator[Chart]:
+    """All charts for which there is something to draw: what is constant is none, but one of `constants`.
+
+    Parameters
+    ----------
+    walls : frame → surfaces, to be drawn below the maps
+    """
     summary = report.summary
     streams = summary.streams.all[:LINES]
-    if streams:
-        yield _chart("Objects over time", lambda axes: _objects(axes, streams))
-        if any(np.nansum(stream.course.agents_max) for stream in streams):
-            yield _chart("Agents over time", lambda axes: _agents(axes, streams))
-        yield _chart("Threshold and noise over time", lambda axes: _thresholds(axes, streams))
+    steady = {one.name for one in constants(report)}
+    for name, title, draw in (
+        ("objects_per_sweep", "Objects over time", chart_axes.objects),
+        ("agents", "Agents over time", chart_axes.agents),
+        ("d_th", "Threshold over time", partial(chart_axes.course, name="d_th")),
+        ("noise", "Noise over time", partial(chart_axes.course, name="noise")),
+    ):
+        there = name != "agents" or any(np.nansum(stream.course.agents_max) for stream in streams)
+        if streams and there and name not in steady:
+            yield _chart(title, partial(draw, streams=streams))
     if sum(summary.status.values()):
-        yield _chart("Beams by status and set", lambda axes: _beams(axes, summary))
+        yield _chart("Beams", partial(chart_axes.beams, summary=summary))
     baseline = report.comparison.baseline.histograms if report.comparison else {}
-    for name in ("objects_per_sweep", "range", "bearing", "width"):
+    for name in TITLES:
         one = summary.histograms[name]
-        if one.counts.sum():
+        if one.counts.sum() and name not in steady:
             title, label = TITLES[name]
-            other = baseline.get(name)
-            yield _chart(title, partial(_bars, one=one, other=other, label=label))
+            yield _chart(title, partial(chart_axes.bars, one=one, other=baseline.get(name), label=label))
+    for title, counts in _kinds(summary):
+        if len(counts) > 1:
+            yield _chart(title, partial(chart_axes.kinds, counts=counts))
+    for found in summary.densities:
+        below = (walls or {}).get(found.frame)
+        yield _chart(
+            f"Where objects were, {found.frame} frame", partial(places, found=found, walls=below), wide=True
+        )
+
+
+def constants(report: Report) -> list[Constant]:
+    """What a chart would show as one flat line or one bar.
+
+    A figure of a comparison is never one: the baseline's may be another.
+    """
+    summary = report.summary
+    found = []
+    for name, title in STEADY.items():
+        spread = summary.spreads[name]
+        if report.comparison is None and spread.count > 1:
+            words = _steady(name, spread)
+            found += [Constant(name, title, words)] if words else []
+    for title, counts in _kinds(summary):
+        if len(counts) == 1:
+            ((kind, count),) = counts.items()
+            found.append(Constant(title, title, f"all {count:,} {kind.replace('_', ' ')}"))
+    return found
+
+
+def _steady(name: str, spread: Spread) -> str | None:
+    """A figure that is the same all the time, or noise that is about the same; None for others."""
+    low, high = spread.min, spread.max
+    assert low is not None
+    assert high is not None
+    if high - low <= SAME * abs(high):
+        return f"{quantity(name, spread.mean)} always"
+    if name == "noise" and (spread.p95 or 0.0) - (spread.p05 or 0.0) <= ALIKE * (spread.p50 or 0.0):
+        return f"{quantity(name, spread.p05)} to {quantity(name, spread.p95)} (5 % and 95 % of the sweeps)"
+    return None
+
+
+def _kinds(summary: Summary) -> Iterator[tuple[str, dict[str, int]]]:
+    """Parts of a whole by kind: objects, and tracks."""
     for name in ("shape", "visibility", "change"):
-        counts = kind_counts(summary, name)
-        if counts:
-            yield _chart(f"Objects by {name}", partial(_kinds, counts=counts))
+        if counts := kind_counts(summary, name):
+            yield f"Objects by {name}", counts
     if summary.tracked is not None:
         for name in summary.tracked.kinds:
-            counts = track_kinds(summary.tracked, name)
-            if counts:
-                yield _chart(name.replace(".", " by ").capitalize(), partial(_kinds, counts=counts))
-    for found in summary.densities:
-        yield _chart(f"Where objects were, {found.frame} frame", partial(_map, found=found))
+            if counts := track_kinds(summary.tracked, name):
+                yield name.replace(".", " by ").capitalize(), counts
 
 
 def overview_chart(picture: MapPicture) -> Chart:
     """The run from above."""
     with project_style({**SVG_STYLE, "axes.grid": False}):
-        return _as_chart("The run from above", map_figure(picture, OVERVIEW_SIZE))
+        return _as_chart("The run from above", map_figure(picture, OVERVIEW_SIZE), wide=True)
 
 
-def _chart(title: str, draw: Callable[[Axes], None]) -> Chart:
+def _chart(title: str, draw: Callable[[Axes], None], wide: bool = False) -> Chart:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     with project_style(SVG_STYLE):
-        figure = Figure(figsize=CHART_SIZE, layout="constrained")
+        figure = Figure(figsize=WIDE_SIZE if wide else CHART_SIZE, layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure.add_subplot())
-        return _as_chart(title, figure)
+        return _as_chart(title, figure, wide)
 
 
-def _as_chart(title: str, figure: Figure) -> Chart:
+def _as_chart(title: str, figure: Figure, wide: bool) -> Chart:
     out = io.StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
-    return Chart(title, _inline(out.getvalue(), title))
+    return Chart(title, _inline(out.getvalue(), title), wide)
 
 
 def _inline(svg: str, title: str) -> str:
@@ -114,148 +181,6 @@ def _inline(svg: str, title: str) -> str:
     body = re.sub(r'(xlink:href="|url\()#', rf"\1#{prefix}-", body)
     body = re.sub(r'(<svg[^>]*?) (width="[^"]*")', r"\1", body, count=1)
     body = re.sub(r'(<svg[^>]*?) (height="[^"]*")', r"\1", body, count=1)
-    return body.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)
-
-
-def _objects(axes: Axes, streams: tuple[Stream, ...]) -> None:
-    for k, stream in enumerate(streams):
-        course = stream.course
-        label = printable(stream.name)
-        if len(streams) == 1:
-            axes.fill_between(
-                course.seconds,
-                course.objects_min,
-                course.objects_max,
-                step="post",
-                color=palette.SKY,
-                alpha=0.4,
-                lw=0,
-                label="least to most",
-            )
-            label = "mean"
-        axes.plot(
-            course.seconds,
-            course.objects_mean,
-            color=CYCLE[k],
-            ls=DASHES[k],
-            lw=1.2,
-            drawstyle="steps-post",
-            label=label,
-        )
-    axes.set(xlabel="time [s]", ylabel="objects per sweep", ylim=(0, None))
-    _whole(axes.yaxis)
-    axes.legend(frameon=False, loc="best", fontsize=6.5)
-
-
-def _agents(axes: Axes, streams: tuple[Stream, ...]) -> None:
-    for k, stream in enumerate(streams):
-        course = stream.course
-        label = printable(stream.name) if len(streams) > 1 else "mean"
-        if len(streams) == 1:
-            axes.fill_between(
-                course.seconds,
-                0,
-                course.agents_max,
-                step="post",
-                color=palette.ORANGE,
-                alpha=0.35,
-                lw=0,
-                label="most",
-            )
-        colour = palette.SET_STYLES["A"][0] if len(streams) == 1 else CYCLE[k]
-        axes.plot(
-            course.seconds,
-            course.agents_mean,
-            color=colour,
-            ls=DASHES[k],
-            lw=1.2,
-            drawstyle="steps-post",
-            label=label,
-        )
-    axes.set(xlabel="time [s]", ylabel="agents in view", ylim=(0, None))
-    _whole(axes.yaxis)
-    axes.legend(frameon=False, loc="best", fontsize=6.5)
-
-
-def _thresholds(axes: Axes, streams: tuple[Stream, ...]) -> None:
-    for k, stream in enumerate(streams):
-        course = stream.course
-        # The colours are those of the chart of objects over time.
-        first = k == 0
-        axes.plot(course.seconds, course.d_th, color=CYCLE[k], lw=1.2, label="$d_{th}$" if first else None)
-        axes.plot(
-            course.seconds, course.noise, color=CYCLE[k], lw=1.0, ls=":", label="noise σ" if first else None
-        )
-    axes.set(xlabel="time [s]", ylabel="[m]", ylim=(0, None))
-    axes.legend(frameon=False, loc="best", fontsize=6.5)
-
-
-def _beams(axes: Axes, summary: Summary) -> None:
-    total = sum(summary.status.values())
-    rows = {
-        **{name.replace("_", " "): count for name, count in summary.status.items()},
-        **{SET_WORDS[name]: count for name, count in summary.sets.items()},
-    }
-    colours = [palette.BLUE] * len(summary.status) + [palette.GREEN] * len(summary.sets)
-    _horizontal(axes, rows, colours, total)
-
-
-def _kinds(axes: Axes, counts: dict[str, int]) -> None:
-    colours = [palette.SHAPE_COLOURS.get(name, palette.BLUE) for name in counts]
-    _horizontal(
-        axes, {name.replace("_", " "): count for name, count in counts.items()}, colours, sum(counts.values())
-    )
-
-
-def _horizontal(axes: Axes, rows: dict[str, int], colours: list[str], total: int) -> None:
-    places = np.arange(len(rows))[::-1]
-    values = np.array([*rows.values()], float) / max(total, 1)
-    axes.barh(places, np.minimum(values, 1.35), color=colours, height=0.7)
-    axes.set_yticks(places, [*rows])
-    for place, value, count in zip(places, values, rows.values(), strict=True):
-        # Counts that another program has changed may be more than there are.
-        axes.text(min(value, 1.0) + 0.01, place, f"{value:.1%}  {count:,}", va="center", fontsize=6.5)
-    axes.set_xlim(0, 1.35)
-    # A few bars do not fill the chart.
-    axes.set_ylim(len(rows) - 0.4 - max(len(rows), 5), len(rows) - 0.4)
-    axes.set_xticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "25 %", "50 %", "75 %", "100 %"])
-    axes.grid(axis="y", visible=False)
-
-
-def _bars(axes: Axes, one: Histogram, other: Histogram | None, label: str) -> None:
-    factor = 180 / math.pi if one.unit == "rad" else 1.0
-    edges = one.edges * factor
-    if other is None:
-        axes.stairs(one.counts, edges, fill=True, color=palette.BLUE)
-    else:
-        # Shares, because the runs may differ in length.
-        mine, theirs = one.counts / max(one.counts.sum(), 1), other.counts / max(other.counts.sum(), 1)
-        axes.stairs(mine, edges, fill=True, color=palette.SKY, label="here")
-        axes.stairs(theirs, edges, color=palette.VERMILION, lw=1.4, label="baseline")
-        axes.legend(frameon=False, fontsize=6.5)
-    ylabel = ("sweeps" if one.name == "objects_per_sweep" else "objects") if other is None else "share"
-    axes.set(xlabel=label, ylabel=ylabel, xlim=(edges[0], edges[-1]))
-    if one.unit == "rad":
-        axes.set_xticks(range(-180, 181, 90))
-    if one.name == "objects_per_sweep":
-        _whole(axes.xaxis)
-
-
-def _map(axes: Axes, found: Density) -> None:
-    nx, ny = found.counts.shape
-    extent = (found.x0, found.x0 + nx * found.cell, found.y0, found.y0 + ny * found.cell)
-    shown = np.ma.masked_equal(found.counts.T, 0)
-    image = axes.imshow(
-        shown, origin="lower", extent=extent, cmap="cividis_r", interpolation="nearest", aspect="equal"
-    )
-    if found.frame == "sensor":
-        axes.plot(0, 0, marker=(3, 0, -90), color=palette.VERMILION, ms=5, ls="none")
-    axes.set(xlabel="x [m]", ylabel="y [m]")
-    bar = axes.figure.colorbar(image, ax=axes, shrink=0.9)
-    bar.set_label("objects")
-
-
-def _whole(axis: Any) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    axis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+    # A hundredth of a point is finer than any screen.
+    body = re.sub(r'\bd="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), body)
+    return themed(body).replace("<svg", f'<svg role="img" aria-label="{title}"', 1)

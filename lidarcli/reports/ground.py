@@ -25,6 +25,8 @@ class Ground:
     """-1 where the sensor hangs head down, so that its left is to the right, else 1."""
     posed: bool
     """Whether the log tells where the sensor is."""
+    origin: tuple[float, float] = (0.0, 0.0)
+    """That origin in the world frame [m]."""
 
     def to_sensor(self, sweep: int, x: Float64, y: Float64) -> tuple[Float64, Float64]:
         """Points over ground in the sensor frame of a sweep [m]."""
@@ -59,4 +61,13 @@ def ground_of(sweeps: Rows, rows: Int64, objects: Rows, members: Int64, sweep: I
     turn = pose_yaw[sweep]
     left = np.cos(turn) * (world_y - pose_y[sweep]) - np.sin(turn) * (world_x - pose_x[sweep])
     upright = np.nansum(np.abs(left - y)) <= np.nansum(np.abs(left + y))
-    return Ground(world_x, world_y, pose_x, pose_y, pose_yaw, 1.0 if upright else -1.0, posed=True)
+    return Ground(
+        world_x,
+        world_y,
+        pose_x,
+        pose_y,
+        pose_yaw,
+        1.0 if upright else -1.0,
+        posed=True,
+        origin=(float(x0), float(y0)),
+    )

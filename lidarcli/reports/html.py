@@ -5,16 +5,19 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any
 
 from lidarcli._version import __version__
-from lidarcli.reports.charts import charts, overview_chart
+from lidarcli.reports.charts import charts, constants, overview_chart
 from lidarcli.reports.junit import clean
 from lidarcli.reports.map_picture import MapPicture
+from lidarcli.reports.page_colours import style as colours
 from lidarcli.reports.report import Judged, Report
 from lidarcli.reports.standing import KINDS
+from lidarcli.reports.walls import Walls
 from lidarcli.reports.wording import (
     SHOWN_STATISTICS,
     compared_rows,
@@ -36,21 +39,31 @@ RIGHT = frozenset(
     {"track", "first seen", "duration", "sweeps", "hidden", "size", "distance", "mean speed", "top speed"}
 )
 """Columns of the table of tracks that are flush right."""
+SCRIPTS = ("data", "pen", "scene", "curves", "timeline", "looking", "saving", "main")
+"""The parts of the viewer, in the order in which they need each other."""
 
 
-def render(report: Report, viewer: dict[str, Any], overview: MapPicture | None = None) -> str:
-    """The page. Every text of a log is escaped by the template engine.
+@dataclass(frozen=True, slots=True)
+class Page:
+    """What only the HTML shows of a run."""
 
-    Parameters
-    ----------
-    viewer : as `reports.viewer.pack` makes it
-    overview : the run from above, where there are poses
-    """
+    viewer: dict[str, Any]
+    """As `reports.viewer.pack` makes it, with a note on what is left out."""
+    overview: MapPicture | None = None
+    """The run from above, where there are poses."""
+    walls: Mapping[str, Walls] = field(default_factory=dict)
+    """By frame."""
+    command: str = ""
+    """What makes the page again."""
+
+
+def render(report: Report, shown: Page) -> str:
+    """The page. Every text of a log is escaped by the template engine."""
     from markupsafe import Markup
 
-    script = _part("viewer.js")
+    script = _script()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    summary = report.summary
+    summary, viewer = report.summary, shown.viewer
     return page(
         "report.html",
         report=report,
@@ -60,8 +73,15 @@ def render(report: Report, viewer: dict[str, Any], overview: MapPicture | None =
         data=Markup(embedded(viewer)),
         viewer=viewer,
         has_raw=any("raw" in stream for stream in viewer["streams"]),
-        overview=None if overview is None else Markup(overview_chart(overview).svg),
-        charts=[(chart.title, Markup(chart.svg)) for chart in charts(report)],
+        viewer_style=Markup(_part("viewer.css")),
+        overview=None
+        if shown.overview is None
+        else Markup(overview_chart(replace(shown.overview, walls=shown.walls.get("world"))).svg),
+        has_walls="world" in shown.walls,
+        charts=[replace(chart, svg=Markup(chart.svg)) for chart in charts(report, shown.walls)],
+        constants=constants(report),
+        command=shown.command,
+        versions=sorted({one.version for one in summary.sources if one.version}),
         cards=[*_cards(report), *check_cards(report), *_damage_cards(report)],
         spreads=spreads(summary) + (track_spreads(summary.tracked) if summary.tracked else []),
         statistics=SHOWN_STATISTICS,
@@ -90,7 +110,7 @@ def page(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    style = Markup(_part("report.css"))
+    style = Markup(colours() + "\n" + _part("report.css"))
     return environment.get_template(template).render(
         **values, version=__version__, style=style, number=number, stamp=stamp
     )
@@ -104,6 +124,12 @@ def embedded(value: Any) -> str:
     """
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _script() -> str:
+    """The viewer: its parts in one function, so that nothing of it is in the way of others."""
+    parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
+    return f'"use strict";\n(() => {{\n{parts}}})();\n'
 
 
 def _part(name: str) -> str:

@@ -11,8 +11,10 @@ import numpy as np
 
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
 from lidarcli.reports import palette
+from lidarcli.reports.chart_maps import draw_walls
 from lidarcli.reports.drawing import project_style
 from lidarcli.reports.picture import printable
+from lidarcli.reports.walls import Walls
 from lidarcli.sweeps import Float32, Float64
 
 if TYPE_CHECKING:
@@ -74,6 +76,8 @@ class MapPicture:
     """Number, x and y of what moved."""
     snapshot: Snapshot | None = None
     title: str = ""
+    walls: Walls | None = None
+    """What is drawn as the ground where there is no grid."""
 
 
 def draw_map(picture: MapPicture, suffix: str) -> bytes:
@@ -98,6 +102,7 @@ def map_figure(picture: MapPicture, longest: float = LONG) -> Figure:
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     _ground(axes, picture.grid, OCCUPIED_GREY if picture.snapshot is None else BEHIND_GREY)
+    draw_walls(axes, picture.walls)
     _marks(axes, picture)
     axes.set_aspect("equal")
     axes.set_xlim(left, right)
@@ -122,6 +127,9 @@ def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
         rows, columns = grid.cells.shape
         x.append(np.array([grid.x, grid.x + columns * grid.resolution]))
         y.append(np.array([grid.y, grid.y + rows * grid.resolution]))
+    if picture.walls is not None:
+        x.append(picture.walls.x)
+        y.append(picture.walls.y)
     for corners in (_corners(box) for box in picture.boxes):
         x.append(corners[:, 0])
         y.append(corners[:, 1])

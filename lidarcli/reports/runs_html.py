@@ -22,6 +22,7 @@ def render(report: RunsReport) -> str:
         cards=[*_cards(summary), *check_cards(report)],
         overview=overview(summary),
         alarming=tuple(BAD),
+        versions=summary.versions,
         bad=[(title, [*_rows(summary, outcome)]) for outcome, title in BAD.items()],
     )
 

@@ -12,41 +12,30 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.columns import Run
-from lidarcli.reports.ground import ground_of
-from lidarcli.reports.palette import GREY, SHAPE_COLOURS
+from lidarcli.reports.ground import Ground, ground_of
+from lidarcli.reports.raw import Raw
 from lidarcli.reports.standing import KINDS
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
+from lidarcli.reports.walls import Walls
 from lidarcli.sweeps import Float64, Int64, UInt8
 
 BUDGET = 2_200_000
 """Most characters of packed sweeps: with the charts the file stays below 3 MB."""
 STREAMS_SHOWN = 40
 """Most streams that the viewer shows."""
-PER_SWEEP, PER_OBJECT = 16, 17
+PER_SWEEP, PER_OBJECT = 16, 19
 """Bytes of one sweep and one object, ranges aside …"""
 PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
-"""… and what tracks add to them."""
+"""… and what poses and tracks add to them."""
 LOST = 65_535
 """Stands for a beam without a range."""
+NOT_KNOWN, SURE = 255, 254
+"""How likely something is a thing, as a byte: not known, and certain."""
 SPEED = 0.005
 """Velocities as whole numbers of this [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
 """Angles as whole numbers; theta_f may pass π."""
-
-
-@dataclass(frozen=True, slots=True)
-class Raw:
-    """Ranges of K sweeps of one topic, sorted by index."""
-
-    sweep: Int64
-    """(K,)"""
-    angle_min: Float64
-    angle_increment: Float64
-    closure: UInt8
-    beams: Int64
-    ranges: Float64
-    """(K, B) metres; NaN without a range and beyond `beams`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +64,8 @@ def choose_sweeps(run: Run, summary: Summary) -> Choice:
     count = min(len(streams.all), STREAMS_SHOWN)
     mine = streams.stream < count
     tracked = run.tracks is not None
-    cost = PER_SWEEP + PER_SWEEP_POSED * tracked + 2 * run.sweeps.numbers("beams")
+    posed = run.sweeps.has_any("pose_x")
+    cost = PER_SWEEP + PER_SWEEP_POSED * posed + 2 * run.sweeps.numbers("beams")
     per_object = PER_OBJECT + PER_OBJECT_TRACKED * tracked
     cost += per_object * (run.sweeps.numbers("objects") + run.sweeps.numbers("agents"))
     total = float(cost[mine].sum()) * 4 / 3
@@ -101,14 +91,13 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
             summary.streams.all[k],
             rows,
             objects,
-            raw.get((summary.streams.all[k].source, _topic(summary, k))),
+            raw.get((summary.streams.all[k].source, summary.streams.all[k].topic)),
         )
         for k, rows in enumerate(choice.rows)
     ]
     return {
         "streams": streams,
         "shapes": list(SHAPES),
-        "colours": [SHAPE_COLOURS.get(name, GREY) for name in SHAPES],
         "angle": ANGLE,
         "standing": [
             {"stream": one.stream, "sweep": one.sweep, "kind": KINDS[one.kind], "value": one.words}
@@ -118,8 +107,14 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
     }
 
 
-def _topic(summary: Summary, k: int) -> str:
-    return summary.streams.all[k].topic
+def pack_walls(walls: Walls) -> dict[str, Any]:
+    """Walls of the world frame, as values for JSON: the place of the first cell, and steps from it."""
+    x0, y0 = float(walls.x.min()), float(walls.y.min())
+    steps = {
+        name: _base64(np.round((values - low) / walls.cell), np.uint16)
+        for name, values, low in (("x", walls.x, x0), ("y", walls.y, y0))
+    }
+    return {"cell": walls.cell, "origin": [x0, y0], **steps}
 
 
 class _Objects:
@@ -141,6 +136,7 @@ class _Objects:
                 "box_length",
                 "box_width",
                 "box_yaw",
+                "r_min",
             )
         }
         self.shape = _codes(rows.words("shape"), SHAPES)
@@ -167,11 +163,14 @@ def _stream(
     stamp = run.sweeps.integers("stamp")[rows]
     offsets, members = objects.of(stream, sweeps)
     columns = {name: values[members] for name, values in objects.columns.items()}
-    lengths = [columns[name] for name in ("box_x", "box_y", "box_length", "box_width")]
+    in_metres = ("box_x", "box_y", "box_length", "box_width", "r_min")
+    lengths = [columns[name] for name in in_metres]
     reach = max((float(np.nanmax(np.abs(values), initial=0)) for values in lengths), default=0.0)
     scale = max(reach, 1.0) / 32_000
     packed = {
-        "name": stream.name,
+        "log": stream.log,
+        "topic": stream.topic,
+        "frame": stream.frame_id,
         "count": len(rows),
         "sweep": _base64(sweeps, np.int32),
         "seconds": _base64((stamp - stream.start_ns) * 1e-9, np.float32),
@@ -181,10 +180,7 @@ def _stream(
         "object": _base64(np.minimum(columns["object"], LOST), np.uint16),
         "shape": _base64(objects.shape[members], np.uint8),
         "set": _base64(objects.set[members], np.uint8),
-        **{
-            name: _base64(np.nan_to_num(np.round(columns[name] / scale)), np.int16)
-            for name in ("box_x", "box_y", "box_length", "box_width")
-        },
+        **{name: _base64(np.nan_to_num(np.round(columns[name] / scale)), np.int16) for name in in_metres},
         **{
             name: _base64(np.clip(np.nan_to_num(np.round(columns[name] * ANGLE)), -32_767, 32_767), np.int16)
             for name in ("box_yaw", "theta_i", "theta_f")
@@ -193,16 +189,28 @@ def _stream(
     if run.objects.has_any("label"):
         codes, packed["labels"] = run.objects.words("label")
         packed["label"] = _base64(np.where(codes < 0, LOST, codes)[members], np.uint16)
+    if run.objects.has_any("thing"):
+        packed["thing"] = _base64(_shares(run.objects.numbers("thing")[members]), np.uint8)
+    ground = ground_of(
+        run.sweeps, rows, run.objects, members, np.repeat(np.arange(len(rows)), np.diff(offsets))
+    )
+    if ground.posed:
+        packed["pose"] = {
+            "side": ground.side,
+            "origin": list(ground.origin),
+            "x": _base64(ground.pose_x, np.float32),
+            "y": _base64(ground.pose_y, np.float32),
+            "yaw": _base64(ground.pose_yaw, np.float32),
+        }
     if run.sources[stream.source].tracked:
-        packed["tracks"] = _tracks(run, rows, members, np.repeat(np.arange(len(rows)), np.diff(offsets)))
+        packed["tracks"] = _tracks(run, members, ground)
     if raw is not None and len(raw.sweep):
         packed["raw"] = _raw(raw, sweeps)
     return packed
 
 
-def _tracks(run: Run, rows: Int64, members: Int64, sweep: Int64) -> dict[str, Any]:
+def _tracks(run: Run, members: Int64, ground: Ground) -> dict[str, Any]:
     """The track of each object, where it is over ground and how fast; a thing that stands has no velocity."""
-    ground = ground_of(run.sweeps, rows, run.objects, members, sweep)
     moves = run.objects.numbers("moving")[members] == 1
     packed: dict[str, Any] = {
         # Numbers beyond are no track's of a log that a page can show.
@@ -216,14 +224,15 @@ def _tracks(run: Run, rows: Int64, members: Int64, sweep: Int64) -> dict[str, An
     for name in ("vx", "vy"):
         velocity = np.where(moves, np.nan_to_num(run.objects.numbers(name)[members]), 0.0)
         packed[name] = _base64(np.clip(np.round(velocity / SPEED), -32_767, 32_767), np.int16)
-    if ground.posed:
-        packed["pose"] = {
-            "side": ground.side,
-            "x": _base64(ground.pose_x, np.float32),
-            "y": _base64(ground.pose_y, np.float32),
-            "yaw": _base64(ground.pose_yaw, np.float32),
-        }
     return packed
+
+
+def _shares(values: Float64) -> UInt8:
+    """Shares as bytes."""
+    found: UInt8 = np.where(np.isnan(values), NOT_KNOWN, np.clip(np.round(values * SURE), 0, SURE)).astype(
+        np.uint8
+    )
+    return found
 
 
 def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from lidarcli.reports import viewer
+from lidarcli.reports.raw import Raw
 from lidarcli.reports.summary import summarise
-from lidarcli.reports.viewer import Raw, choose_sweeps, pack
+from lidarcli.reports.viewer import choose_sweeps, pack
 from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import crossing, run_of, sweep, thing, track, write_run
@@ -168,7 +169,7 @@ def test_the_viewer_holds_the_tracks() -> None:
     track = array(held["track"], np.int32)
     assert track.tolist() == run.objects.integers("track").tolist()
     assert array(held["x"], np.float32) == pytest.approx(run.objects.numbers("box_x"))
-    assert "pose" not in held
+    assert "pose" not in found
     person = track == 2
     assert array(held["vy"], np.int16)[person] * held["speed"] == pytest.approx(np.ones(16))
     # What stands has no velocity.
@@ -183,8 +184,9 @@ def test_the_viewer_holds_the_tracks() -> None:
 def test_the_viewer_knows_where_the_sensor_was() -> None:
     run = driving(upside_down=True, far=5e6)
     (found,) = pack(run, summarise(run), choose_sweeps(run, summarise(run)), {})["streams"]
-    pose = found["tracks"]["pose"]
+    pose = found["pose"]
     assert pose["side"] == -1
+    assert pose["origin"] == [5e6, 0.0]
     assert array(pose["x"], np.float32) == pytest.approx(0.3 * np.arange(5))
     assert array(found["tracks"]["x"], np.float32) == pytest.approx(np.full(4, 3.0))
 
@@ -249,7 +251,7 @@ def test_a_thousand_sweeps_of_361_beams_stay_below_three_megabytes(tmp_path: Pat
 
     summary = summarise(run)
     packed = pack(run, summary, choose_sweeps(run, summary), {(0, "/scan"): raw})
-    page = html.render(Report(summary), {**packed, "note": ""})
+    page = html.render(Report(summary), html.Page({**packed, "note": ""}))
     assert packed["streams"][0]["count"] == 1000
     assert len(page.encode()) < 2_000_000
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,3 +170,28 @@ def test_an_empty_run() -> None:
     assert found.figures["valid_share"] is None
     assert found.standing == ()
     assert found.densities == ()
+
+
+def standing(kind: str, *rows: dict[str, Any]) -> list[tuple[str, int, str]]:
+    found = summarise(run_of(rows)).standing
+    return [(one.topic, one.sweep, one.words) for one in found if one.kind == kind]
+
+
+def test_sweeps_that_stand_out_are_apart() -> None:
+    """Of sweeps that are alike without a break only the first stands out, and none is next to another."""
+    counts = [2] * 30 + [9] * 20 + [2] * 30 + [7, 8, 7] + [2] * 37
+    rows = [sweep(k, count) for k, count in enumerate(counts)]
+    assert standing("most_objects", *rows) == [("/scan", 30, "9"), ("/scan", 81, "8")]
+    # Ties that are far from each other are all of them news.
+    rows = [sweep(k, 9 if k in (10, 11, 60, 90) else 2) for k in range(100)]
+    assert standing("most_objects", *rows) == [("/scan", 10, "9"), ("/scan", 60, "9"), ("/scan", 90, "9")]
+    assert standing("fewest_objects", *rows) == []
+
+
+def test_of_several_topics_each_has_one_sweep_that_stands_out() -> None:
+    rows = [
+        sweep(k, (5 + number if k % 7 == number else 2), topic=topic)
+        for number, topic in enumerate(("/a", "/b", "/c", "/d"))
+        for k in range(50)
+    ]
+    assert standing("most_objects", *rows) == [("/d", 3, "8"), ("/c", 2, "7"), ("/b", 1, "6")]

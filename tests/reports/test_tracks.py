@@ -152,7 +152,6 @@ def test_of_many_tracks_agents_and_the_longest_are_kept(monkeypatch: pytest.Monk
 def test_the_sweeps_with_most_agents_stand_out() -> None:
     found = summarise(run_of(**crossing())).standing
     assert [(one.sweep, one.words) for one in found if one.kind == "most_agents"] == [
+        # Sweeps 6 and 7 are its like, without a break.
         (5, "2"),
-        (6, "2"),
-        (7, "2"),
     ]

@@ -1,0 +1,163 @@
+// The data of the page: sweeps as typed arrays, and the geometry of one of them.
+const get = (id) => document.getElementById(id);
+const data = JSON.parse(document.getElementById("data").textContent);
+const LOST = 65535, TURN = 2 * Math.PI, DEGREES = 180 / Math.PI;
+const OBJECT = 0, AGENT = 1, REST = 2;
+
+function decode(text, Kind) {
+  const raw = atob(text), bytes = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+  return new Kind(bytes.buffer);
+}
+
+function decodeAll(packed, names, Kind, into) {
+  for (const name of names) into[name] = decode(packed[name], Kind);
+  return into;
+}
+
+if (data.walls) decodeAll({ ...data.walls }, ["x", "y"], Uint16Array, data.walls);
+
+function unpack(one) {
+  const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale };
+  decodeAll(one, ["sweep", "offsets"], Int32Array, s);
+  decodeAll(one, ["seconds", "d_th"], Float32Array, s);
+  decodeAll(one, ["object"], Uint16Array, s);
+  decodeAll(one, ["shape", "set"], Uint8Array, s);
+  decodeAll(one, ["box_x", "box_y", "box_length", "box_width", "r_min", "box_yaw", "theta_i", "theta_f"], Int16Array, s);
+  if (one.label) { s.labels = one.labels; s.label = decode(one.label, Uint16Array); }
+  if (one.thing) s.thing = decode(one.thing, Uint8Array);
+  if (one.pose) {
+    s.pose = { side: one.pose.side, origin: one.pose.origin };
+    decodeAll(one.pose, ["x", "y", "yaw"], Float32Array, s.pose);
+  }
+  if (one.tracks) {
+    s.tracks = { speed: one.tracks.speed, track: decode(one.tracks.track, Int32Array), last: new Map() };
+    decodeAll(one.tracks, ["x", "y"], Float32Array, s.tracks);
+    decodeAll(one.tracks, ["vx", "vy"], Int16Array, s.tracks);
+    for (let k = 0; k < s.count; k++) for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) s.tracks.last.set(s.tracks.track[j], k);
+  }
+  if (one.raw) {
+    s.raw = { scale: one.raw.scale, start: new Int32Array(one.count + 1) };
+    decodeAll(one.raw, ["beams"], Int32Array, s.raw);
+    decodeAll(one.raw, ["angle_min", "angle_increment"], Float32Array, s.raw);
+    decodeAll(one.raw, ["closure"], Uint8Array, s.raw);
+    decodeAll(one.raw, ["ranges"], Uint16Array, s.raw);
+    for (let k = 0; k < one.count; k++) s.raw.start[k + 1] = s.raw.start[k] + s.raw.beams[k];
+  }
+  s.objects = new Int32Array(s.count);
+  s.agents = new Int32Array(s.count);
+  for (let k = 0; k < s.count; k++) count(s, k);
+  return s;
+}
+
+// Agents are counted by their tracks: a person on two legs is one.
+function count(s, k) {
+  const seen = new Set();
+  for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) {
+    s.objects[k] += s.set[j] === OBJECT;
+    if (s.set[j] === AGENT && s.tracks) seen.add(s.tracks.track[j]);
+  }
+  s.agents[k] = seen.size;
+}
+
+// The rows of the objects and agents of sweep k.
+function members(s, k) {
+  const found = [];
+  for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) if (s.set[j] !== REST) found.push(j);
+  return found;
+}
+
+// Corners of a box in the sensor frame [m].
+function corners(s, j) {
+  const x = s.box_x[j] * s.scale, y = s.box_y[j] * s.scale;
+  const a = s.box_length[j] * s.scale / 2, b = s.box_width[j] * s.scale / 2, yaw = s.box_yaw[j] / data.angle;
+  const c = Math.cos(yaw), d = Math.sin(yaw);
+  return [[a, b], [-a, b], [-a, -b], [a, -b]].map(([u, v]) => [x + c * u - d * v, y + d * u + c * v]);
+}
+
+// Bearings, ranges and Def. 2's difference of one sweep; NaN where there is none.
+function beams(s, k) {
+  const r = s.raw, size = r.beams[k], start = r.start[k], step = r.angle_increment[k];
+  const out = { theta: new Float64Array(size), r: new Float64Array(size), s: new Float64Array(size) };
+  for (let n = 0; n < size; n++) {
+    const value = r.ranges[start + n];
+    out.theta[n] = r.angle_min[k] + step * n;
+    out.r[n] = value === LOST ? NaN : value * r.scale;
+  }
+  // With a shared bearing the sweep is one beam shorter than it looks.
+  const last = r.closure[k] === 2 ? size - 1 : size;
+  for (let n = 0; n < size; n++) {
+    let before = step < 0 ? n + 1 : n - 1;
+    if (r.closure[k] && last > 1) before = (before + last) % last;
+    out.s[n] = n >= last || before < 0 || before >= size ? NaN : out.r[n] - out.r[before];
+  }
+  return out;
+}
+
+// The row of the object or agent that a beam lies on; -1 for walls and the rest.
+function owner(s, k, theta) {
+  const slack = Math.abs(s.raw.angle_increment[k]) / 2;
+  for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) {
+    if (s.set[j] === REST) continue;
+    const from = s.theta_i[j] / data.angle, width = s.theta_f[j] / data.angle - from;
+    if (((theta - from + slack) % TURN + TURN) % TURN <= width + 2 * slack) return j;
+  }
+  return -1;
+}
+
+// The two frames that a scene is drawn in. Each knows where points of the sensor frame of sweep k
+// and points over ground are, and how directions over ground turn.
+function frameOf(s, k, world) {
+  const same = (x, y) => [x, y], p = s.pose;
+  if (!p) return { beam: same, ground: same, turned: same, known: true, origin: [0, 0] };
+  const c = Math.cos(p.yaw[k]), d = Math.sin(p.yaw[k]), known = !isNaN(p.x[k]) && !isNaN(p.yaw[k]);
+  if (world) return {
+    beam: (x, y) => [p.x[k] + c * x - p.side * d * y, p.y[k] + d * x + p.side * c * y],
+    ground: same, turned: same, known: known, origin: p.origin,
+  };
+  const turned = (x, y) => [c * x + d * y, p.side * (c * y - d * x)];
+  return { beam: same, ground: (x, y) => turned(x - p.x[k], y - p.y[k]), turned: turned, known: true, origin: [0, 0] };
+}
+
+// The tracks of sweep k, each with its path over ground, the newest point first. They start
+// `seconds` before; `ended` takes those, too, that do not go on.
+function paths(s, k, seconds, most, ended) {
+  const t = s.tracks, found = new Map();
+  for (let m = k; m >= 0 && k - m < most && Math.abs(s.seconds[k] - s.seconds[m]) <= seconds; m--) {
+    const here = new Map();
+    for (const j of members(s, m)) {
+      if (t.track[j] < 1 || (!ended && t.last.get(t.track[j]) < k) || isNaN(t.x[j])) continue;
+      const sum = here.get(t.track[j]) || { x: 0, y: 0, n: 0, j: j };
+      sum.x += t.x[j]; sum.y += t.y[j]; sum.n += 1;
+      here.set(t.track[j], sum);
+    }
+    here.forEach((sum, number) => {
+      if (!found.has(number)) {
+        found.set(number, {
+          number: number, agent: s.set[sum.j] === AGENT, seen: m === k, over: t.last.get(number) < k,
+          vx: t.vx[sum.j] * t.speed, vy: t.vy[sum.j] * t.speed, label: labelOf(s, sum.j), points: [],
+        });
+      }
+      found.get(number).points.push([sum.x / sum.n, sum.y / sum.n]);
+    });
+  }
+  return [...found.values()];
+}
+
+function labelOf(s, j) { return s.label && s.label[j] !== LOST ? s.labels[s.label[j]] : ""; }
+
+// What is known of an object: name → value with its unit.
+function detailsOf(s, j) {
+  const metres = (value) => value.toFixed(2) + " m";
+  const found = [["object", String(s.object[j])], ["kind", s.set[j] === AGENT ? "agent" : "object"], ["shape", data.shapes[s.shape[j]]]];
+  found.push(["size", (s.box_length[j] * s.scale).toFixed(2) + " \u00d7 " + metres(s.box_width[j] * s.scale)]);
+  found.push(["distance", metres(s.r_min[j] * s.scale)]);
+  if (s.tracks && s.tracks.track[j] > 0) {
+    found.push(["track", String(s.tracks.track[j])]);
+    found.push(["speed", (Math.hypot(s.tracks.vx[j], s.tracks.vy[j]) * s.tracks.speed).toFixed(2) + " m/s"]);
+  }
+  // 255 stands for what is not known.
+  if (s.thing && s.thing[j] !== 255) found.push(["thing", Math.round(s.thing[j] / 2.54) + " %"]);
+  if (labelOf(s, j)) found.push(["label", labelOf(s, j)]);
+  return found;
+}

@@ -1,0 +1,181 @@
+// The scene from above: beams, boxes, tracks; as the sensor sees it, or in the world.
+const PATH_SECONDS = 3, PATH_SWEEPS = 200;
+// Of more tracks that have ended nobody could read the numbers.
+const MOST_NUMBERS = 60;
+const MARGIN = { left: 44, right: 8, top: 18, bottom: 34 };
+
+// The ground that holds all sweeps of a stream, so that the picture does not jump, and the limits of the curves.
+function measure(s) {
+  s.curves = { reach: 0.1, jump: 0.1, low: Infinity, high: -Infinity };
+  const sensor = bounds(), world = bounds();
+  sensor.take(0, 0);
+  for (let k = 0; k < s.count; k++) {
+    const frame = s.pose && frameOf(s, k, true);
+    const take = (x, y) => {
+      sensor.take(x, y);
+      s.curves.reach = Math.max(s.curves.reach, Math.hypot(x, y));
+      if (frame && frame.known) world.take(...frame.beam(x, y));
+    };
+    if (frame && frame.known) world.take(s.pose.x[k], s.pose.y[k]);
+    for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) for (const [x, y] of corners(s, j)) take(x, y);
+    if (!s.raw) continue;
+    const sweep = beams(s, k);
+    for (let n = 0; n < sweep.r.length; n++) {
+      s.curves.low = Math.min(s.curves.low, sweep.theta[n]); s.curves.high = Math.max(s.curves.high, sweep.theta[n]);
+      if (!isNaN(sweep.r[n])) take(sweep.r[n] * Math.cos(sweep.theta[n]), sweep.r[n] * Math.sin(sweep.theta[n]));
+      if (!isNaN(sweep.s[n])) s.curves.jump = Math.max(s.curves.jump, Math.abs(sweep.s[n]));
+    }
+  }
+  if (!(s.curves.high > s.curves.low)) { s.curves.low = -Math.PI; s.curves.high = Math.PI; }
+  s.curves.reach *= 1.05; s.curves.jump *= 1.1;
+  s.whole = { sensor: sensor.view(), world: world.view() };
+  s.view = { sensor: { ...s.whole.sensor }, world: { ...s.whole.world } };
+}
+
+function bounds() {
+  let x0 = Infinity, x1 = -Infinity, y0 = Infinity, y1 = -Infinity;
+  return {
+    take(x, y) { x0 = Math.min(x0, x); x1 = Math.max(x1, x); y0 = Math.min(y0, y); y1 = Math.max(y1, y); },
+    view() {
+      if (!(x1 >= x0)) return { x: 0, y: 0, width: 1, height: 1 };
+      const air = 0.06 * Math.max(x1 - x0, y1 - y0, 0.2);
+      return { x: (x0 + x1) / 2, y: (y0 + y1) / 2, width: x1 - x0 + 2 * air, height: y1 - y0 + 2 * air };
+    },
+  };
+}
+
+// Metres ↔ pixels of a drawing of this size.
+function projection(view, width, height) {
+  const w = width - MARGIN.left - MARGIN.right, h = height - MARGIN.top - MARGIN.bottom;
+  const scale = Math.min(w / view.width, h / view.height), u = MARGIN.left + w / 2, v = MARGIN.top + h / 2;
+  return {
+    scale: scale, w: w, h: h,
+    X: (x) => u + (x - view.x) * scale, Y: (y) => v - (y - view.y) * scale,
+    x: (pixel) => view.x + (pixel - u) / scale, y: (pixel) => view.y - (pixel - v) / scale,
+  };
+}
+
+// Everything of one scene; `chosen` is the row of an object that is marked, or -1.
+function drawScene(pen, width, height, scene, colours) {
+  const { s, k, world, chosen } = scene, p = projection(scene.view, width, height), frame = frameOf(s, k, world);
+  axes(pen, p, frame.origin, colours);
+  pen.save(); pen.beginPath(); pen.rect(MARGIN.left, MARGIN.top, p.w, p.h); pen.clip();
+  if (world) { drawWalls(pen, p, frame.origin, colours); drawPath(pen, s, k, p, colours); }
+  if (frame.known) {
+    if (s.raw) drawPoints(pen, s, k, p, frame, colours);
+    for (const j of members(s, k)) drawBox(pen, s, j, p, frame, colours, j === chosen);
+  }
+  if (s.tracks) drawTracks(pen, s, k, p, frame, colours, world);
+  if (frame.known) {
+    const tip = [[0, 0, 8, 0], [0, 0, -5, -5], [0, 0, -5, 5]].map(([x, y, a, b]) => {
+      const [u, v] = frame.beam(x + a / p.scale, y + b / p.scale);
+      return [p.X(u), p.Y(v)];
+    });
+    pen.fillStyle = colours.ink; polygon(pen, tip); pen.fill();
+  } else word(pen, "no pose is known for this sweep", MARGIN.left + p.w / 2, MARGIN.top + 14, colours.quiet, colours.paper);
+  pen.restore();
+}
+
+// Lines at round numbers; their words stand outside, where nothing is drawn.
+function axes(pen, p, origin, colours) {
+  const right = MARGIN.left + p.w, bottom = MARGIN.top + p.h;
+  pen.strokeStyle = colours.grid; pen.fillStyle = colours.quiet; pen.lineWidth = 1;
+  pen.textAlign = "center";
+  for (const [t, text] of ticks(p.x(MARGIN.left) + origin[0], p.x(right) + origin[0], p.w / 55)) {
+    const u = p.X(t - origin[0]);
+    line(pen, u, MARGIN.top, u, bottom);
+    if (u > MARGIN.left + 6 && u < right - 6) pen.fillText(text, u, bottom + 14);
+  }
+  pen.fillText("x [m]", MARGIN.left + p.w / 2, bottom + 29);
+  pen.textAlign = "right";
+  for (const [t, text] of ticks(p.y(bottom) + origin[1], p.y(MARGIN.top) + origin[1], p.h / 50)) {
+    const v = p.Y(t - origin[1]);
+    line(pen, MARGIN.left, v, right, v);
+    pen.fillText(text, MARGIN.left - 5, v + 4);
+  }
+  pen.textAlign = "start"; pen.fillText("y [m]", 4, 11);
+}
+
+function drawPoints(pen, s, k, p, frame, colours) {
+  const sweep = beams(s, k);
+  for (let n = 0; n < sweep.r.length; n++) {
+    if (isNaN(sweep.r[n])) continue;
+    const j = owner(s, k, sweep.theta[n]), [x, y] = frame.beam(sweep.r[n] * Math.cos(sweep.theta[n]), sweep.r[n] * Math.sin(sweep.theta[n]));
+    pen.fillStyle = ofOwner(s, j, colours);
+    dot(pen, p.X(x), p.Y(y), j < 0 ? 1.2 : 2.1);
+  }
+}
+
+function ofOwner(s, j, colours) { return j < 0 ? colours.grey : s.set[j] === AGENT ? colours.vermilion : colours.blue; }
+
+function drawBox(pen, s, j, p, frame, colours, marked) {
+  const box = corners(s, j).map(([x, y]) => { const [a, b] = frame.beam(x, y); return [p.X(a), p.Y(b)]; });
+  if (marked) { pen.strokeStyle = colours.ink; pen.lineWidth = 6; polygon(pen, box); pen.stroke(); }
+  pen.strokeStyle = colours.shapes[s.shape[j]]; pen.lineWidth = 2;
+  polygon(pen, box); pen.stroke();
+  // What was followed bears the number of its track.
+  if (s.tracks && s.tracks.track[j] > 0) return;
+  const [a, b] = frame.beam(s.box_x[j] * s.scale, s.box_y[j] * s.scale), [c, d] = frame.beam(0, 0);
+  const u = p.X(a), v = p.Y(b), far = Math.hypot(a - c, b - d) || 1, x = (a - c) / far, y = (d - b) / far;
+  const out = Math.max(...box.map(([e, f]) => (e - u) * x + (f - v) * y)) + 11;
+  const label = s.tracks ? "" : labelOf(s, j);
+  word(pen, s.object[j] + (label ? " " + label : ""), u + x * out, v + y * out, colours.ink, colours.paper);
+}
+
+// Agents are triangles, objects circles; hollow where the thing is hidden in this sweep. The arrow is the way of a second.
+function drawTracks(pen, s, k, p, frame, colours, world) {
+  const found = paths(s, k, world ? Infinity : PATH_SECONDS, world ? Infinity : PATH_SWEEPS, world);
+  const named = found.filter((one) => one.over).length <= MOST_NUMBERS;
+  for (const one of found) {
+    const points = one.points.map(([x, y]) => frame.ground(x, y)).filter(([x]) => !isNaN(x));
+    if (!points.length) continue;
+    const [x, y] = points[0], u = p.X(x), v = p.Y(y), colour = one.agent ? colours.vermilion : colours.blue;
+    pen.strokeStyle = colour; pen.lineWidth = one.over ? 0.8 : one.agent ? 2 : 1.2;
+    // The parts of a thing that are seen change: what stands would have a tangle of a path in the world.
+    pen.beginPath();
+    if (one.agent || !world) points.forEach(([a, b], i) => (i ? pen.lineTo(p.X(a), p.Y(b)) : pen.moveTo(p.X(a), p.Y(b))));
+    pen.stroke();
+    if (one.over) {
+      pen.fillStyle = colour; dot(pen, u, v, 2);
+      if (named) word(pen, String(one.number), u + 8, v - 8, colour, colours.paper);
+      continue;
+    }
+    const [vx, vy] = frame.turned(one.vx, one.vy), speed = Math.hypot(vx, vy);
+    if (one.seen && speed > 0) arrow(pen, u, v, p.X(x + vx), p.Y(y + vy));
+    pen.fillStyle = one.seen ? colour : colours.paper; pen.lineWidth = 1.5;
+    pen.beginPath();
+    if (one.agent) { pen.moveTo(u, v - 6); pen.lineTo(u + 5.5, v + 4); pen.lineTo(u - 5.5, v + 4); pen.closePath(); }
+    else pen.arc(u, v, 3.5, 0, TURN);
+    pen.fill(); pen.stroke();
+    // Beside the head, on the side that it does not move to.
+    const [c, d] = frame.beam(0, 0), far = Math.hypot(x - c, y - d) || 1;
+    const dx = speed > 0 ? -vx / speed : (x - c) / far || 0, dy = speed > 0 ? -vy / speed : (y - d) / far || 0;
+    const words = one.number + (one.label ? " " + one.label : "");
+    word(pen, words, u + dx * (12 + 3 * words.length), v - dy * 16, colour, colours.paper);
+  }
+}
+
+// Cells of the world that beams of any sweep have hit that lie on no object.
+function drawWalls(pen, p, origin, colours) {
+  const walls = data.walls, side = walls ? walls.cell * p.scale : 0;
+  pen.fillStyle = colours.light;
+  for (let n = 0; walls && n < walls.x.length; n++) {
+    const x = walls.origin[0] + (walls.x[n] - 0.5) * walls.cell - origin[0], y = walls.origin[1] + (walls.y[n] + 0.5) * walls.cell - origin[1];
+    pen.fillRect(p.X(x), p.Y(y), side, side);
+  }
+}
+
+// The way of the sensor: thin as a whole, thick up to now.
+function drawPath(pen, s, k, p, colours) {
+  pen.strokeStyle = colours.green;
+  for (const [last, width] of [[s.count - 1, 0.8], [k, 2]]) {
+    let drawing = false;
+    pen.lineWidth = width; pen.beginPath();
+    for (let m = 0; m <= last; m++) {
+      if (isNaN(s.pose.x[m])) { drawing = false; continue; }
+      if (drawing) pen.lineTo(p.X(s.pose.x[m]), p.Y(s.pose.y[m])); else pen.moveTo(p.X(s.pose.x[m]), p.Y(s.pose.y[m]));
+      drawing = true;
+    }
+    pen.stroke();
+  }
+}

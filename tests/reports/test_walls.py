@@ -1,0 +1,165 @@
+"""Walls of a report: what beams hit that lie on no object, in the sensor frame and in the world."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarcli.reports.columns import Run
+from lidarcli.reports.raw import Raw
+from lidarcli.reports.viewer import pack_walls
+from lidarcli.reports.walls import MOST, Walls, walls_of
+from lidarcli.sweeps import Float64
+from tests.reports.runs import run_of, sweep, thing, track
+
+STEP = np.pi / 180
+
+
+def room(x: float, y: float, yaw: float, side: float = 1.0) -> Float64:
+    """Ranges of 360 beams, from bearing -pi on, to the walls of 6 m x 4 m around the origin."""
+    direction = yaw + side * (-np.pi + STEP * np.arange(360))
+    with np.errstate(divide="ignore"):
+        to_x = np.abs(np.where(np.cos(direction) > 0, 3 - x, -3 - x) / np.cos(direction))
+        to_y = np.abs(np.where(np.sin(direction) > 0, 2 - y, -2 - y) / np.sin(direction))
+    ranges: Float64 = np.minimum(to_x, to_y)
+    return ranges
+
+
+def raw_of(*ranges: Float64) -> dict[tuple[int, str], Raw]:
+    count = len(ranges)
+    full = (np.full(count, value) for value in (-np.pi, STEP))
+    return {
+        (0, "/scan"): Raw(
+            np.arange(count), *full, np.full(count, 1, np.uint8), np.full(count, 360), np.array(ranges)
+        )
+    }
+
+
+def seen(poses: list[tuple[float, float, float]], side: float = 1.0, **of_thing: Any) -> Run:
+    """Sweeps with these poses; in each an object between -10 and 10 degrees where `of_thing` says anything."""
+    sweeps = [sweep(k, pose_x=x, pose_y=y, pose_yaw=yaw) for k, (x, y, yaw) in enumerate(poses)]
+    objects = []
+    for k, (x, y, yaw) in enumerate(poses):
+        box_y = 0.5
+        place = {
+            "box_x": 2.0,
+            "box_y": box_y,
+            "world_x": x + 2.0 * np.cos(yaw) - side * box_y * np.sin(yaw),
+            "world_y": y + 2.0 * np.sin(yaw) + side * box_y * np.cos(yaw),
+        }
+        edges = {"theta_i": -10 * STEP, "theta_f": 10 * STEP}
+        objects += [thing(k, 1, **{**place, **edges, **of_thing})] if of_thing else []
+    return run_of(sweeps, objects)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_walls_in_the_world(side: float) -> None:
+    poses = [(0.2 * k - 1, 0.1 * k, 0.3 * k) for k in range(10)]
+    # Far from the origin of the world, too.
+    run = seen([(x + 1e6, y - 1e6, yaw) for x, y, yaw in poses], side, set="A")
+    found = walls_of(run, raw_of(*(room(*pose, side=side) for pose in poses)))
+    assert [*found] == ["world"]
+    x, y = found["world"].x - 1e6, found["world"].y + 1e6
+    off = np.minimum(np.abs(np.abs(x) - 3), np.abs(np.abs(y) - 2))
+    assert off.max() < found["world"].cell
+    assert (x.min(), x.max()) == pytest.approx((-3, 3), abs=0.1)
+    assert (y.min(), y.max()) == pytest.approx((-2, 2), abs=0.1)
+
+
+def test_walls_as_the_viewer_holds_them() -> None:
+    walls = Walls(0.1, 1e6 + np.array([0.3, 0.0, 12.1]), np.array([-5.0, -4.2, 4.0]))
+    held = pack_walls(walls)
+    x, y = (
+        held["origin"][k] + held["cell"] * np.frombuffer(base64.b64decode(held[name]), np.uint16)
+        for k, name in enumerate("xy")
+    )
+    assert x == pytest.approx(walls.x, rel=1e-12)
+    assert y == pytest.approx(walls.y)
+
+
+def test_walls_of_a_sensor_that_stands() -> None:
+    run = run_of([sweep(k) for k in range(5)])
+    found = walls_of(run, raw_of(*[room(0.5, 0.5, 0.0)] * 5))
+    assert [*found] == ["sensor"]
+    assert found["sensor"].x.max() == pytest.approx(2.5, abs=0.06)
+    assert 100 < len(found["sensor"].x) <= MOST
+    # With poses it stands in the world, too, until it moves.
+    still = [(0.5, 0.5, 0.0)] * 5
+    assert [*walls_of(seen(still), raw_of(*[room(0.5, 0.5, 0.0)] * 5))] == ["sensor", "world"]
+    assert [*walls_of(seen([*still[1:], (0.5, 0.6, 0.0)]), raw_of(*[room(0.5, 0.5, 0.0)] * 5))] == ["world"]
+
+
+def test_beams_on_objects_are_no_walls() -> None:
+    beams = raw_of(*[room(0.0, 0.0, 0.0)] * 4)
+    still = [(0.0, 0.0, 0.0)] * 4
+
+    def ahead(run: Run) -> int:
+        walls = walls_of(run, beams)["sensor"]
+        return int(np.count_nonzero(np.abs(np.arctan2(walls.y, walls.x)) < 8 * STEP))
+
+    assert ahead(seen(still)) > 10
+    assert ahead(seen(still, set="S")) > 10
+    assert ahead(seen(still, set="O")) == ahead(seen(still, set="A")) == 0
+    # An object behind: between its edges lies the bearing where the sweep begins.
+    walls = walls_of(seen(still, set="O", theta_i=170 * STEP, theta_f=190 * STEP), beams)["sensor"]
+    behind = np.abs(np.abs(np.arctan2(walls.y, walls.x)) - np.pi) < 8 * STEP
+    assert not behind.any()
+
+
+def test_what_was_hit_once_is_no_wall() -> None:
+    ranges = [room(0.0, 0.0, 0.0) for _ in range(4)]
+    ranges[2][90] = 1.0
+    found = walls_of(run_of([sweep(k) for k in range(4)]), raw_of(*ranges))["sensor"]
+    assert np.hypot(found.x, found.y).min() > 1.9
+
+
+def test_where_there_are_no_walls() -> None:
+    run = run_of([sweep(0)], [thing(0, 1)], [track(1)])
+    assert walls_of(run, {}) == {}
+    assert walls_of(run, raw_of(np.full(360, np.nan))) == {}
+    # Sweeps that the tables do not have.
+    assert walls_of(run, {(0, "/other"): raw_of(room(0.0, 0.0, 0.0))[0, "/scan"]}) == {}
+    # Two sensors have no common frame of their own.
+    two = run_of([sweep(k, topic=topic) for topic in ("/scan", "/other") for k in range(3)])
+    beams = raw_of(*[room(0.0, 0.0, 0.0)] * 3)
+    assert walls_of(two, {**beams, (0, "/other"): beams[0, "/scan"]}) == {}
+
+
+def test_odd_bearings() -> None:
+    """Tables of other programs: nothing of it is a reason to fail, and what makes sense still counts."""
+    still = [(0.0, 0.0, 0.0)] * 4
+    beams = raw_of(*[room(0.0, 0.0, 0.0)] * 4)
+    plain = walls_of(seen(still), beams)["sensor"]
+    for odd in ({"theta_i": -1e12, "theta_f": 1e12}, {"theta_i": None, "theta_f": None}):
+        walls = walls_of(seen(still, set="O", **odd), beams)["sensor"]
+        assert walls.x.tolist() == plain.x.tolist()
+    # An object all around leaves nothing.
+    assert "sensor" not in walls_of(seen(still, set="O", theta_i=-4.0, theta_f=4.0), beams)
+    raw = beams[0, "/scan"]
+    for name in ("angle_min", "angle_increment"):
+        for value in (np.nan, 0.0, 1e-12, 1e12):
+            walls_of(seen(still, set="O"), {(0, "/scan"): replace(raw, **{name: np.full(4, value)})})
+    nothing = replace(raw, angle_min=np.full(4, np.nan))
+    assert walls_of(seen(still, set="O"), {(0, "/scan"): nothing}) == {}
+
+
+def test_sweeps_that_run_clockwise_and_see_a_part() -> None:
+    still = [(0.0, 0.0, 0.0)] * 4
+    full = raw_of(*[room(0.0, 0.0, 0.0)] * 4)[0, "/scan"]
+    # The beams from 89 degrees down to -90 degrees.
+    part = replace(
+        full,
+        angle_min=np.full(4, 89 * STEP),
+        angle_increment=np.full(4, -STEP),
+        ranges=full.ranges[:, 269:89:-1],
+        beams=np.full(4, 180),
+    )
+    edges = {"theta_i": -10 * STEP, "theta_f": 10 * STEP}
+    walls = walls_of(seen(still, set="O", **edges), {(0, "/scan"): part})["sensor"]
+    bearing = np.arctan2(walls.y, walls.x) / STEP
+    assert (bearing.min(), bearing.max()) == pytest.approx((-90, 89), abs=1.5)
+    assert np.abs(bearing).min() > 9
