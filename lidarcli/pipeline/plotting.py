@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
+from lidarcli.reports.look import AS_IT_COMES, Look
 from lidarcli.reports.paths import COLUMNS, Paths, TrackPath
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import Place
@@ -208,26 +209,40 @@ class _Work:
         return [] if self._subtracting is None else self._subtracting.notes()
 
 
-def picture_bytes(picture: Picture, view: str, suffix: str) -> bytes:
+def picture_bytes(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
     """The picture as a PNG, SVG or PDF."""
-    return draw(picture, view, suffix)
+    return draw(picture, view, suffix, look)
 
 
 def write_pictures(
-    paths: Sequence[Place], pictures: Sequence[Picture], view: str, overwrite: bool
+    paths: Sequence[Place],
+    pictures: Sequence[Picture],
+    view: str,
+    overwrite: bool,
+    look: Look = AS_IT_COMES,
 ) -> list[str]:
     """Write each picture to its file; notes as of `NewFiles.publish`."""
     notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):
-        notes += write_whole(path, draw(picture, view, path.suffix.lower()), overwrite)
+        notes += write_whole(path, draw(picture, view, path.suffix.lower(), look), overwrite)
     return notes
 
 
-def write_animation(path: Place, pictures: Sequence[Picture], view: str, overwrite: bool) -> list[str]:
-    """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`."""
+def write_animation(
+    path: Place,
+    pictures: Sequence[Picture],
+    view: str,
+    overwrite: bool,
+    look: Look = AS_IT_COMES,
+    report: Callable[[int], None] | None = None,
+) -> list[str]:
+    """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`.
+
+    `report` hears how many of its frames are drawn.
+    """
     with new_files([path], overwrite) as new:
         try:
-            animate(pictures, view, new.part(path))
+            animate(pictures, view, new.part(path), look, report)
         except OSError as err:
             raise unwritable(path, err) from err
         return new.publish()

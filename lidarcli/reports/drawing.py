@@ -54,7 +54,7 @@ def animate(
         entries: Entries = {}
         for picture in pictures:
             figure.clear()
-            entries = _entries(_fill(figure, picture, view, limits, look)) | entries
+            entries = entries_of(_fill(figure, picture, view, limits, look)) | entries
         figure.clear()
         longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
         places = [
@@ -103,10 +103,9 @@ def _whole(
     """Draw everything, and make the figure as high as it has to be; the axes."""
     drawn = _fill(figure, picture, view, limits, look)
     _title(figure, picture, look)
-    _legend(figure, _entries(drawn) if entries is None else entries, look, "outside lower left")
-    for _ in range(2):
-        fit_height(figure, drawn, places_of(picture, view, limits, look), limits)
-    figure.draw_without_rendering()
+    _legend(figure, entries_of(drawn) if entries is None else entries, look, "outside lower left")
+    heights = [place.heights for place in places_of(picture, view, limits, look)]
+    fit_height(figure, drawn, heights, limits.aspect)
     return drawn
 
 
@@ -143,7 +142,7 @@ def _title(figure: Figure, picture: Picture, look: Look) -> None:
         title.set_text("\n".join(lines))
 
 
-def _entries(drawn: Sequence[Axes]) -> Entries:
+def entries_of(drawn: Sequence[Axes]) -> Entries:
     """What the panels show, each once."""
     entries: Entries = {}
     for axes in drawn:
@@ -154,15 +153,21 @@ def _entries(drawn: Sequence[Axes]) -> Entries:
 
 
 def _legend(figure: Figure, entries: Entries, look: Look, place: str, columns: int = 0) -> None:
-    """What the marks mean, in as many columns as there is room for."""
-    if entries and look.legend:
-        add_legend(figure, entries, place, columns or _columns(figure, entries))
+    """What the marks mean, where that is asked for."""
+    if look.legend:
+        draw_legend(figure, entries, place, columns)
+
+
+def draw_legend(figure: Figure, entries: Entries, place: str, columns: int = 0) -> None:
+    """A legend in so many columns; 0: as many as there is room for."""
+    if entries:
+        _add_legend(figure, entries, place, columns or _columns(figure, entries))
 
 
 def _columns(figure: Figure, entries: Entries) -> int:
     """Most columns of a legend for which there is room."""
     for count in range(min(len(entries), MOST_COLUMNS), 1, -1):
-        legend = add_legend(figure, entries, "lower left", count)
+        legend = _add_legend(figure, entries, "lower left", count)
         width = legend.get_window_extent().width
         legend.remove()
         if width <= 0.99 * figure.bbox.width:
@@ -170,7 +175,7 @@ def _columns(figure: Figure, entries: Entries) -> int:
     return 1
 
 
-def add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> Legend:
+def _add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> Legend:
     """A legend in so many columns."""
     from matplotlib.collections import PathCollection
 

@@ -18,8 +18,12 @@ from lidarcli.sweeps import Float64
 
 SIZE = 6.5
 """Of the letters [pt]."""
+STEPS = 8
+"""Points of each piece of a line."""
 AIR = 0.8
 """Around them [pt]."""
+MARK = 2.0
+"""What a mark takes about its point [pt]."""
 MOST_POINTS = 4_000
 """Of more points some are left out: labels avoid crowds all the same."""
 
@@ -29,7 +33,7 @@ class Label(NamedTuple):
 
     text: str
     around: Float64
-    """(N, 2) outline of it in the coordinates of the axes."""
+    """(N, 2) outline of it in the coordinates of the axes; of a mark its one point."""
     colour: str = palette.BLACK
     away: tuple[float, float] | None = None
     """From this point the label stands on the other side of its thing; None: from the origin."""
@@ -67,7 +71,7 @@ class Labels(Artist):
                 Wanted(
                     box.width + 2 * AIR * unit,
                     box.height + 2 * AIR * unit,
-                    Rectangle(*around.min(axis=0).tolist(), *around.max(axis=0).tolist()),
+                    _rectangle(around, MARK * unit if len(around) == 1 else 0.0),
                     (float(way[0]) / long, float(way[1]) / long),
                 )
             )
@@ -107,7 +111,19 @@ class Labels(Artist):
                 line.draw(renderer)
 
 
-def add_labels(axes: Axes, labels: Sequence[Label], points: Float64) -> None:
-    """Put labels on axes, beside what they name and none on another; `points` (N, 2) are left free where possible."""
+def add_labels(axes: Axes, labels: Sequence[Label], points: Sequence[Float64]) -> None:
+    """Put labels on axes, beside what they name and none on another; `points`, (N, 2) each, stay free where possible."""
     if labels:
-        axes.add_artist(Labels(labels, points))
+        axes.add_artist(Labels(labels, np.concatenate([np.empty((0, 2)), *points])))
+
+
+def along(line: Float64) -> Float64:
+    """(M, 2) points all along a line of (N, 2), for labels to avoid."""
+    steps = np.linspace(0.0, 1.0, STEPS, endpoint=False)[:, None]
+    between: Float64 = line[:-1, None] * (1.0 - steps) + line[1:, None] * steps
+    return np.concatenate([between.reshape(-1, 2), line[-1:]])
+
+
+def _rectangle(around: Float64, grow: float) -> Rectangle:
+    low, high = around.min(axis=0) - grow, around.max(axis=0) + grow
+    return Rectangle(float(low[0]), float(low[1]), float(high[0]), float(high[1]))

@@ -106,21 +106,32 @@ def add_axes(figure: Figure, places: Sequence[Place], limits: Limits) -> list[Ax
     ]
 
 
-def fit_height(figure: Figure, axes: Sequence[Axes], places: Sequence[Place], limits: Limits) -> None:
-    """Make the picture so high that every panel has its place and no more; its width stays."""
+def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], aspect: float) -> None:
+    """Make the picture so high that every panel has its place and no more; its width stays.
+
+    Parameters
+    ----------
+    heights : what each row of a panel wants [inch]; 0: what its width makes of the aspect
+    aspect : how many times as wide as high is what those without a height show
+    """
+    grids = [one.get_subplotspec() for one in axes]
+    # What is drawn outside of the axes may take more room once these are larger.
+    for _ in range(2):
+        figure.draw_without_rendering()
+        width, height = figure.get_size_inches()
+        have: dict[int, float] = {}
+        want: dict[int, float] = {}
+        # The scene comes first, and last here: the rows that it spans are known from the curves beside it.
+        for one, grid, row_height in reversed([*zip(axes, grids, heights, strict=True)]):
+            assert grid is not None  # all axes stand in one grid
+            box = one.get_position(original=True)
+            rows = grid.rowspan
+            high = row_height or min(box.width * width / aspect, TALLEST * box.width * width)
+            gap = box.height * height - sum(have[row] for row in rows) if len(rows) > 1 else 0.0
+            for row in rows:
+                have[row] = max(have.get(row, 0.0), box.height * height if len(rows) == 1 else 0.0)
+                want[row] = max(want.get(row, 0.0), (high - gap) / len(rows))
+        assert grids[0] is not None
+        grids[0].get_gridspec().set_height_ratios([want[row] for row in sorted(want)])
+        figure.set_size_inches(width, height + sum(want.values()) - sum(have.values()))
     figure.draw_without_rendering()
-    width, height = figure.get_size_inches()
-    boxes = [one.get_position(original=True) for one in axes]
-    have: dict[int, float] = {}
-    want: dict[int, float] = {}
-    # The scene comes first, and last: where it spans two rows these are known from the curves beside it.
-    for box, place in reversed([*zip(boxes, places, strict=True)]):
-        rows = range(*place.rows)
-        high = place.heights or min(box.width * width / limits.aspect, TALLEST * box.width * width)
-        gap = box.height * height - sum(have[row] for row in rows) if len(rows) > 1 else 0.0
-        for row in rows:
-            have[row] = max(have.get(row, 0.0), box.height * height if len(rows) == 1 else 0.0)
-            want[row] = max(want.get(row, 0.0), (high - gap) / len(rows))
-    grid = axes[0].get_subplotspec().get_gridspec()  # type: ignore[union-attr]
-    grid.set_height_ratios([want[row] for row in sorted(want)])
-    figure.set_size_inches(width, height + sum(want.values()) - sum(have.values()))

@@ -144,7 +144,7 @@ def polar(axes: Axes, picture: Picture, limits: Limits, vertices: bool = False) 
 
         there = np.isfinite(picture.ranges)
         points = np.stack([picture.theta[there], picture.ranges[there]], axis=1)
-        add_labels(axes, [Label(str(number), around) for number, around in labels], points)
+        add_labels(axes, [Label(str(number), around) for number, around in labels], [points])
 
 
 def _free_bearing(picture: Picture) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +30,8 @@ BREAK_STEPS = 20.0
 """… so many times the way from beam to beam across their bearing."""
 ARROW = {"arrowstyle": "-|>", "lw": 1.0, "mutation_scale": 6, "shrinkA": 0.0, "shrinkB": 0.0}
 """The velocity of a track: the way of one second."""
-TURNS = np.linspace(0.0, 2.0 * np.pi, 73)
+CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(turns)], axis=1)
+"""(N, 2) points of the unit circle, closed."""
 
 
 def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: bool = False) -> None:
@@ -56,12 +57,7 @@ def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: 
     mark_vertices(axes, picture, lambda theta, r: (r * np.cos(theta), r * np.sin(theta)), vertices)
     if vertices:
         mark_nearest(axes, picture, lambda theta, r: (r * np.cos(theta), r * np.sin(theta)))
-    labels = list(_numbers(picture)) if picture.tracks is None else _tracks(axes, picture.tracks)
-    if labels:
-        from lidarcli.reports.labelling import add_labels
-
-        there = np.isfinite(picture.ranges)
-        add_labels(axes, labels, np.stack([x[there], y[there]], axis=1))
+    _label(axes, picture, _numbers(picture) if picture.tracks is None else _tracks(axes, picture.tracks))
 
 
 def sensor(axes: Axes, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, size: float = 6.0) -> None:
@@ -162,8 +158,7 @@ def _outline(picture: Picture, k: int) -> Float64:
     found = picture.detection
     if int(found.shape[k]) != ROUND:
         return picture.corners(k)
-    circle = 0.5 * float(found.box_length[k]) * np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1)
-    outline: Float64 = circle + np.array([found.box_x[k], found.box_y[k]])
+    outline: Float64 = 0.5 * float(found.box_length[k]) * CIRCLE + np.array([found.box_x[k], found.box_y[k]])
     return outline
 
 
@@ -173,6 +168,19 @@ def _faces(picture: Picture, k: int) -> Iterator[Any]:
     found, part = picture.detection, picture.faces(k)
     for low, high in zip(found.face_theta_i[part], found.face_theta_f[part], strict=True):
         yield beams[(theta >= low - 1e-6) & (theta <= high + 1e-6)]
+
+
+def _label(axes: Axes, picture: Picture, labels: Iterable[Label]) -> None:
+    """Set labels, which avoid beams, outlines, the sensor and the ways of tracks."""
+    from lidarcli.reports.labelling import add_labels, along
+
+    there = np.isfinite(picture.ranges)
+    points = np.stack(picture.points(), axis=1)[there]
+    lines = [_outline(picture, k) for k in range(len(picture.detection)) if not picture.is_wall(k)]
+    for path in picture.tracks or ():
+        way = np.stack([path.x, path.y], axis=1)
+        lines.append(np.concatenate([way, way[-1:] + path.velocity]))
+    add_labels(axes, [*labels], [points, np.zeros((8, 2)), *map(along, lines)])
 
 
 def _numbers(picture: Picture) -> Iterator[Label]:
@@ -196,7 +204,7 @@ def _tracks(axes: Axes, paths: Sequence[TrackPath]) -> list[Label]:
         colour, mark, _ = palette.SET_STYLES["A" if path.is_agent else "O"]
         if not path.is_agent:
             mark = "o"
-        axes.plot(path.x, path.y, color=colour, lw=1.1 if path.is_agent else 0.6, zorder=8)
+        axes.plot(path.x, path.y, color=colour, lw=0.9 if path.is_agent else 0.6, zorder=8)
         x, y = float(path.x[-1]), float(path.y[-1])
         face = colour if path.seen else "white"
         axes.plot(

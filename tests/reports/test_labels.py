@@ -118,7 +118,7 @@ def test_labels_follow_the_size_of_the_picture() -> None:
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, 10), ylim=(0, 10))
-    add_labels(axes, [Label("a", np.array([[5.0, 5.0]])), Label("b", np.array([[5.0, 5.2]]))], NOTHING)
+    add_labels(axes, [Label("a", np.array([[5.0, 5.0]])), Label("b", np.array([[5.0, 5.2]]))], [])
     (labels,) = (artist for artist in axes.artists if isinstance(artist, Labels))
     assert labels.places == ()
     middles = []
@@ -130,5 +130,5 @@ def test_labels_follow_the_size_of_the_picture() -> None:
     (near, far) = ((x / size, y / size) for (x, y), size in zip(middles, (300, 600), strict=True))
     # As far from its thing in points, so nearer to it on the larger picture.
     assert np.hypot(far[0] - 0.5, far[1] - 0.5) < np.hypot(near[0] - 0.5, near[1] - 0.5)
-    add_labels(axes, [], NOTHING)
+    add_labels(axes, [], [])
     assert list(axes.artists) == [labels]
