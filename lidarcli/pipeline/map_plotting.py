@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.errors import OptionError
 from lidarcli.formalism import detect
 from lidarcli.formalism.detection import ROUND
@@ -20,7 +21,6 @@ from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.delays import MAP
 from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.reports.columns import Rows
-from lidarcli.reports.look import AS_IT_COMES, Look
 from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map
 from lidarcli.reports.overview import COLUMNS, overview
 from lidarcli.stores.url import Place

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
@@ -23,7 +24,6 @@ from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
-from lidarcli.reports.look import AS_IT_COMES, Look
 from lidarcli.reports.paths import COLUMNS, Paths, TrackPath
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import Place

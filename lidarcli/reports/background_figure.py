@@ -10,7 +10,8 @@ import numpy as np
 from lidarcli.formalism.background.model import Background
 from lidarcli.reports import palette, scene
 from lidarcli.reports.drawing import draw_legend, entries_of, project_style
-from lidarcli.reports.look import file_bytes
+from lidarcli.reports.figure_file import file_bytes
+from lidarcli.reports.layout import fit_height
 from lidarcli.reports.picture import printable
 
 if TYPE_CHECKING:
@@ -41,9 +42,12 @@ def background_figure(sensors: Sequence[Background]) -> Figure:
 
     figure = Figure(figsize=(SENSOR_WIDTH * max(len(sensors), 1), SENSOR_WIDTH * 0.95), layout="constrained")
     FigureCanvasAgg(figure)
-    for number, sensor in enumerate(sensors, 1):
-        _panel(figure.add_subplot(1, len(sensors), number), sensor)
-    draw_legend(figure, entries_of(figure.axes), "outside lower left")
+    drawn = figure.subplots(1, max(len(sensors), 1), squeeze=False)[0].tolist()
+    for axes, sensor in zip(drawn, sensors, strict=False):
+        _panel(axes, sensor)
+    draw_legend(figure, entries_of(drawn), "outside lower left")
+    sides = [(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())) for axes in drawn]
+    fit_height(figure, drawn, [0.0] * len(drawn), float(min(width / height for width, height in sides)))
     return figure
 
 

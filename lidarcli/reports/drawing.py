@@ -8,10 +8,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lidarcli.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
 from lidarcli.errors import OptionError
 from lidarcli.reports import palette
+from lidarcli.reports.figure_file import file_bytes
 from lidarcli.reports.layout import add_axes, fit_height, places_of, width_of
-from lidarcli.reports.look import ANIMATED_DPI, AS_IT_COMES, Look, file_bytes
 from lidarcli.reports.picture import Limits, Picture, limits_of
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def animate(
         ]
         columns = _columns(figure, entries)
         figure.set_layout_engine("none")
-        writer = kind(fps=look.fps)  # type: ignore[arg-type]
+        writer = kind(fps=look.fps or FRAMES_PER_SECOND)  # type: ignore[arg-type]
         with writer.saving(figure, str(path), look.dpi or ANIMATED_DPI):
             for number, picture in enumerate(pictures, 1):
                 figure.clear()

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+from lidarcli.choices import Look
 from lidarcli.reports import panels
-from lidarcli.reports.look import Look
 from lidarcli.reports.picture import Limits, Picture
 from lidarcli.reports.scene import scene
 
@@ -27,6 +27,9 @@ COLUMNS = 5.0
 """… and so does every scene in a picture narrower than this [inch]."""
 CURVE, LOW_CURVE = 1.3, 1.1
 """Height of a curve beside a scene or alone at least, and of one below a scene [inch]."""
+ROUNDS = 5
+ENOUGH = 0.01
+"""A height that is as right as this [inch] is not tried again."""
 TALLEST = 1.5
 """A scene is at most so many times as high as its place is wide."""
 
@@ -116,7 +119,7 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
     """
     grids = [one.get_subplotspec() for one in axes]
     # What is drawn outside of the axes may take more room once these are larger.
-    for _ in range(2):
+    for _ in range(ROUNDS):
         figure.draw_without_rendering()
         width, height = figure.get_size_inches()
         have: dict[int, float] = {}
@@ -133,5 +136,8 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
                 want[row] = max(want.get(row, 0.0), (high - gap) / len(rows))
         assert grids[0] is not None
         grids[0].get_gridspec().set_height_ratios([want[row] for row in sorted(want)])
-        figure.set_size_inches(width, height + sum(want.values()) - sum(have.values()))
+        more = sum(want.values()) - sum(have.values())
+        figure.set_size_inches(width, height + more)
+        if abs(more) < ENOUGH:
+            break
     figure.draw_without_rendering()

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
 from lidarcli.reports import palette
 from lidarcli.reports.drawing import draw_legend, entries_of, project_style
+from lidarcli.reports.figure_file import file_bytes
 from lidarcli.reports.layout import fit_height
-from lidarcli.reports.look import AS_IT_COMES, Look, file_bytes
 from lidarcli.reports.picture import printable
 from lidarcli.reports.scene import CIRCLE, sensor
 from lidarcli.sweeps import Float32, Float64

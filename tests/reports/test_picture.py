@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 from PIL import Image
 
-from lidarcli.choices import VIEWS
+from lidarcli.choices import VIEWS, Look
 from lidarcli.formalism import Parameters, detect, sweep
 from lidarcli.formalism.detection import VERTEX_KINDS
 from lidarcli.pipeline.inputs.search import find_logs
@@ -25,7 +25,6 @@ from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.reports import palette, panels
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.labelling import Labels
-from lidarcli.reports.look import Look
 from lidarcli.reports.paths import TrackPath
 from lidarcli.reports.picture import Picture, limits_of, printable
 from lidarcli.reports.scene import scene
