@@ -63,7 +63,7 @@ ROOMS_OF = {
     "sqlite3": {"logs", "simulate"},
     "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps", "stores"},
     "distributed": {"pipeline"},
-    "PIL": {"maps"},
+    "PIL": {"maps", "reports"},
     "ruamel": {"maps"},
 }
 

@@ -6,7 +6,10 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from lidarcli.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
 from lidarcli.errors import OptionError
@@ -17,6 +20,7 @@ from lidarcli.reports.picture import Limits, Picture, limits_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.legend import Legend
 
@@ -43,37 +47,68 @@ def animate(
     report: Callable[[int], None] | None = None,
 ) -> None:
     """One frame per picture, as GIF or, where ffmpeg is there, MP4; `report` hears how many are done."""
-    from matplotlib.animation import FFMpegWriter, PillowWriter
+    from matplotlib.animation import FFMpegWriter
 
-    kind = FFMpegWriter if path.suffix.lower() == ".mp4" else PillowWriter
-    if not kind.isAvailable():
+    from lidarcli.reports.gif import write_gif
+
+    is_film = path.suffix.lower() == ".mp4"
+    if is_film and not FFMpegWriter.isAvailable():
         raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
-    limits = limits_of([picture.batch for picture in pictures])
+    fps = look.fps or FRAMES_PER_SECOND
     with project_style():
         figure = _figure(width_of(view, look))
-        # Axes and legend stay where they are, and the legend of every frame names what is in any of them.
-        entries: Entries = {}
-        for picture in pictures:
-            figure.clear()
-            entries = entries_of(_fill(figure, picture, view, limits, look)) | entries
-        figure.clear()
-        longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
-        places = [
-            axes.get_position(original=True) for axes in _whole(figure, longest, view, limits, look, entries)
-        ]
-        columns = _columns(figure, entries)
-        figure.set_layout_engine("none")
-        writer = kind(fps=look.fps or FRAMES_PER_SECOND)  # type: ignore[arg-type]
-        with writer.saving(figure, str(path), look.dpi or ANIMATED_DPI):
-            for number, picture in enumerate(pictures, 1):
-                figure.clear()
-                for axes, place in zip(_fill(figure, picture, view, limits, look), places, strict=True):
-                    axes.set_position(place)
-                _title(figure, picture, look)
-                _legend(figure, entries, look, "lower left", columns)
+        figure.set_dpi(look.dpi or ANIMATED_DPI)
+        frames = _frames(figure, pictures, view, look, report)
+        if not is_film:
+            write_gif(path, map(_pixels, frames), fps, palette.ALL)
+            return
+        writer = FFMpegWriter(fps=fps)  # type: ignore[arg-type]
+        first = next(frames)
+        with writer.saving(first, str(path), first.dpi):
+            writer.grab_frame()
+            for _ in frames:
                 writer.grab_frame()
-                if report is not None:
-                    report(number)
+
+
+def _frames(
+    figure: Figure,
+    pictures: Sequence[Picture],
+    view: str,
+    look: Look,
+    report: Callable[[int], None] | None,
+) -> Iterator[Figure]:
+    """The same figure with one picture after the other.
+
+    Axes and legend stay where they are, and the legend names what is in any of the frames.
+    """
+    limits = limits_of([picture.batch for picture in pictures])
+    entries: Entries = {}
+    for picture in pictures:
+        figure.clear()
+        entries = entries_of(_fill(figure, picture, view, limits, look)) | entries
+    figure.clear()
+    longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
+    whole = _whole(figure, longest, view, limits, look, entries)
+    places = [axes.get_position(original=True) for axes in whole]
+    columns = _columns(figure, entries)
+    figure.set_layout_engine("none")
+    for number, picture in enumerate(pictures, 1):
+        figure.clear()
+        for axes, place in zip(_fill(figure, picture, view, limits, look), places, strict=True):
+            axes.set_position(place)
+        _title(figure, picture, look)
+        _legend(figure, entries, look, "lower left", columns)
+        yield figure
+        if report is not None:
+            report(number)
+
+
+def _pixels(figure: Figure) -> NDArray[np.uint8]:
+    """(H, W, 3) what a figure shows."""
+    canvas = cast("FigureCanvasAgg", figure.canvas)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    shown = canvas.buffer_rgba()  # type: ignore[no-untyped-call]
+    return np.asarray(shown, np.uint8)[..., :3].copy()
 
 
 @contextmanager

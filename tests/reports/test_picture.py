@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -22,7 +21,7 @@ from lidarcli.formalism.detection import VERTEX_KINDS
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
-from lidarcli.reports import palette, panels
+from lidarcli.reports import drawing, palette, panels
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.labelling import Labels
 from lidarcli.reports.paths import TrackPath
@@ -287,15 +286,15 @@ def test_sweeps_with_hardly_anything_in_them(ranges: list[float]) -> None:
 def test_the_frames_of_an_animation_hold_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     legends: list[list[str]] = []
     places: list[list[float]] = []
-    grabbed = PillowWriter.grab_frame
+    shown = drawing._pixels
 
-    def grab(writer: PillowWriter, **settings: Any) -> None:
-        (legend,) = writer.fig.legends
+    def pixels(figure: Figure) -> Any:
+        (legend,) = figure.legends
         legends.append([text.get_text() for text in legend.get_texts()])
-        places.append([*legend.get_window_extent().bounds, *writer.fig.axes[0].get_window_extent().bounds])
-        grabbed(writer, **settings)
+        places.append([*legend.get_window_extent().bounds, *figure.axes[0].get_window_extent().bounds])
+        return shown(figure)
 
-    monkeypatch.setattr(PillowWriter, "grab_frame", grab)
+    monkeypatch.setattr(drawing, "_pixels", pixels)
     pictures = [picture(room()), picture(room(b10_14=2.0)), picture(room())]
     done: list[int] = []
     animate(pictures, "scene", tmp_path / "a.gif", Look(fps=5, dpi=60, width=80), done.append)
