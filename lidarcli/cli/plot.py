@@ -49,13 +49,13 @@ WITH_TRACKS = ("all", "scene")
 \b
   lidarcli plot run.mcap
   lidarcli plot run.mcap --sweep 50 -o sweep.png
-  lidarcli plot run.mcap --sweep 50 --view scene --width 89 --no-title -o fig.pdf
+  lidarcli plot run.mcap --view scene --width 89 --no-title -o fig.pdf
   lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
   lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
   lidarcli plot run.mcap --map --tracks run.tracks.parquet -o map.png
-  lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 -o run.gif""",
+  lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
 )
 @click.argument("log", metavar="LOG", type=INPUTS)
 @option(
