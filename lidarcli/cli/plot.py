@@ -11,6 +11,7 @@ from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
 from lidarcli.cli.options import (
     INPUTS,
+    SECONDS,
     STDOUT,
     GroupedCommand,
     csv_options,
@@ -99,6 +100,13 @@ WITH_TRACKS = ("all", "scene")
     "--tracks what stands and what moved.",
 )
 @option("--animate", heading=PICTURE, is_flag=True, help="One moving picture of the sweeps.")
+@option(
+    "--start",
+    heading=PICTURE,
+    type=SECONDS,
+    help="Of --animate without --sweeps: from here on, counted from the first sweep.  [default: 0]",
+)
+@option("--end", heading=PICTURE, type=SECONDS, help="The same: up to here.  [default: the end]")
 @option("--overwrite", heading=PICTURE, is_flag=True, help="Replace files that exist.")
 @option(
     "--topic",
@@ -137,6 +145,8 @@ def plot(
     view: str,
     in_world: bool,
     animate: bool,
+    start: float | None,
+    end: float | None,
     overwrite: bool,
     topic: str | None,
     background: str | None,
@@ -154,6 +164,8 @@ def plot(
     """
     wanted = wanted_sweeps(sweep, sweeps, animate)
     refuse_suffix(output, animate)
+    if (start, end) != (None, None) and (not animate or wanted is not None):
+        raise click.UsageError("--start and --end are for --animate without --sweep and --sweeps")
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
 
@@ -196,7 +208,7 @@ def plot(
         options = MapOptions(read, csv, poses, parameters=found_with, overwrite=overwrite)
         return _draw_map(say, source, paths, wanted, tracks, options, look)
     drawn = take_pictures(
-        source, PlotOptions(wanted, topic, found_with, rules, csv, background, tracks, poses)
+        source, PlotOptions(wanted, topic, found_with, rules, csv, background, tracks, poses, start, end)
     )
     for note in drawn.notes:
         say.info(f"  note     {note}")

@@ -50,6 +50,10 @@ class PlotOptions:
     """Tables of `track`, to draw the paths up to each sweep."""
     poses: PoseOptions = field(default_factory=PoseOptions)
     """For a background of several stations."""
+    start: float | None = None
+    """Of all sweeps, those from here on [s from the first one]."""
+    end: float | None = None
+    """Of all sweeps, those before this [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +89,11 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         choice = TopicChoice([options.topic] if options.topic else [], log.topics())
         topic, notes = _topic(choice)
         read = ReadOptions(
-            topics=frozenset({topic}) if topic else None, batch_size=BATCH, rules=options.rules
+            topics=frozenset({topic}) if topic else None,
+            start=options.start,
+            end=options.end,
+            batch_size=BATCH,
+            rules=options.rules,
         )
         rows: list[SweepBatch] = []
         seen = -1
@@ -103,6 +111,8 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
             if len(rows) > MOST_PICTURES:
                 raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(posing.together(report)))
+    if seen < 0 and report.notes and (options.start is not None or options.end is not None):
+        raise OptionError(f"{source.label}: {report.notes[-1]}")
     if seen < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])
     _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {seen}", damage)

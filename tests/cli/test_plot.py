@@ -231,9 +231,30 @@ def test_an_animation(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.slow
+def test_an_animation_of_a_time(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
+    found = find_logs([str(logs / "run.mcap")])[0]
+    assert isinstance(found, Source)
+    drawn = plotting.take_pictures(found, plotting.PlotOptions(None, start=0.3, end=0.65))
+    stamps = [int(picture.batch.stamp_ns[0]) for picture in drawn.pictures]
+    assert [picture.sweep for picture in drawn.pictures] == [3, 4, 5, 6]
+    assert (stamps[-1] - stamps[0]) / 1e9 == pytest.approx(0.3)
+    words = ("plot", logs / "run.mcap", "--animate", "--view", "scene", "-o", tmp_path / "a.gif")
+    ran = lidarcli(*words, "--start", 0.3, "--end", 0.65, "--width", 60)
+    assert (ran.code, ran.err) == (0, f"  wrote    {tmp_path / 'a.gif'}\n")
+    ran = lidarcli(*words, "--start", 100, "--overwrite")
+    assert (ran.code, ran.out) == (2, "")
+    assert "no sweep of /scan from 100 s on: its sweeps lie between 0.0 and 1.9 s" in ran.err
+    for more in (("--sweeps", "1,2"), ("--sweep", 3)):
+        ran = lidarcli(*words, *more, "--start", 1, "--overwrite")
+        assert ran.code == 2
+        assert "--start and --end are for --animate without --sweep and --sweeps" in ran.err
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
+        (("--end", 5, "-o", "a.png"), 2, "--start and --end are for --animate without"),
         (("--fps", 5, "-o", "a.png"), 2, "--fps is for --animate"),
         (("--dpi", 300, "-o", "a.pdf"), 2, "--dpi is for .png and animations; .svg and .pdf have no pixels"),
         (("--vertices", "--view", "sweep", "-o", "a.png"), 2, "give --view all, scene or polar"),
