@@ -140,7 +140,7 @@ def _whole(
     drawn = _fill(figure, picture, view, limits, look)
     _title(figure, picture, look)
     _legend(figure, entries_of(drawn) if entries is None else entries, look, "outside lower left")
-    heights = [place.heights for place in places_of(picture, view, limits, look)]
+    heights = [place.height for place in places_of(picture, view, limits, look)]
     fit_height(figure, drawn, heights, limits.aspect)
     return drawn
 

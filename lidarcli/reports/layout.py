@@ -30,7 +30,7 @@ CURVE, LOW_CURVE = 1.3, 1.1
 ROUNDS = 5
 ENOUGH = 0.01
 """A height that is as right as this [inch] is not tried again."""
-TALLEST = 1.5
+TALLEST = 2.2
 """A scene is at most so many times as high as its place is wide."""
 
 
@@ -42,8 +42,8 @@ class Place:
     rows: tuple[int, int]
     """First row and the one after the last."""
     column: int
-    heights: float
-    """What each row of it wants [inch]; 0 for a scene, which wants what its width and its content make."""
+    height: float
+    """What it wants [inch]; 0 for a scene, which wants what its width and its content make."""
     shares: bool = False
     """Whether the panel below tells the bearings of both."""
     polar: bool = False
@@ -114,7 +114,7 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
 
     Parameters
     ----------
-    heights : what each row of a panel wants [inch]; 0: what its width makes of the aspect
+    heights : what each panel wants [inch]; 0: what its width makes of the aspect, in as many rows as it has
     aspect : how many times as wide as high is what those without a height show
     """
     grids = [one.get_subplotspec() for one in axes]
@@ -125,11 +125,11 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
         have: dict[int, float] = {}
         want: dict[int, float] = {}
         # The scene comes first, and last here: the rows that it spans are known from the curves beside it.
-        for one, grid, row_height in reversed([*zip(axes, grids, heights, strict=True)]):
+        for one, grid, wanted in reversed([*zip(axes, grids, heights, strict=True)]):
             assert grid is not None  # all axes stand in one grid
             box = one.get_position(original=True)
             rows = grid.rowspan
-            high = row_height or min(box.width * width / aspect, TALLEST * box.width * width)
+            high = wanted or min(box.width * width / aspect, TALLEST * box.width * width)
             gap = box.height * height - sum(have[row] for row in rows) if len(rows) > 1 else 0.0
             for row in rows:
                 have[row] = max(have.get(row, 0.0), box.height * height if len(rows) == 1 else 0.0)
