@@ -47,7 +47,7 @@ class Labels(Artist):
         super().__init__()
         self.labels = tuple(labels)
         self.places: tuple[Rectangle, ...] = ()
-        """Of the labels when they were drawn last [pixel]."""
+        """Of the labels when they were drawn last [pixel]; those of things outside of the axes are left out."""
         self._points = points[:: max(1, -(-len(points) // MOST_POINTS))]
         self.set_in_layout(False)
         self.set_zorder(10)
@@ -60,24 +60,32 @@ class Labels(Artist):
         unit = renderer.points_to_pixels(1.0)
         to_pixels = axes.transData.transform
         ground = Rectangle(*axes.get_window_extent(renderer).extents)
-        texts = [self._text(label) for label in self.labels]
-        wanted = []
-        for label, text in zip(self.labels, texts, strict=True):
-            box = text.get_window_extent(renderer)
+        texts, wanted = [], []
+        for label in self.labels:
             around = to_pixels(label.around)
+            thing = _rectangle(around, MARK * unit if len(around) == 1 else 0.0)
+            if not thing.meets(ground):
+                continue
+            text = self._text(label)
+            box = text.get_window_extent(renderer)
+            texts.append(text)
             way = around.mean(axis=0) - to_pixels(np.array([label.away or (0.0, 0.0)]))[0]
             long = float(np.hypot(*way)) or 1.0
             wanted.append(
                 Wanted(
                     box.width + 2 * AIR * unit,
                     box.height + 2 * AIR * unit,
-                    _rectangle(around, MARK * unit if len(around) == 1 else 0.0),
+                    thing,
                     (float(way[0]) / long, float(way[1]) / long),
                 )
             )
         points = to_pixels(self._points) if len(self._points) else self._points
         self.places = set_labels(wanted, points, ground, unit)
-        self._lines(renderer, [one.thing for one in wanted], unit)
+        things = [one.thing for one in wanted]
+        for k, (text, place) in enumerate(zip(texts, self.places, strict=True)):
+            ends = line_to(place, things[k], things[:k] + things[k + 1 :], unit)
+            if ends is not None:
+                self._line(renderer, ends, text.get_color())
         for text, place in zip(texts, self.places, strict=True):
             text.set_position(place.middle)
             text.draw(renderer)
@@ -99,16 +107,10 @@ class Labels(Artist):
         text.set_figure(self.get_figure())  # type: ignore[arg-type]
         return text
 
-    def _lines(self, renderer: Any, things: Sequence[Rectangle], unit: float) -> None:
-        for k, (label, place) in enumerate(zip(self.labels, self.places, strict=True)):
-            others = [thing for other, thing in enumerate(things) if other != k]
-            ends = line_to(place, things[k], others, unit)
-            if ends is not None:
-                line = Line2D(
-                    ends[:, 0], ends[:, 1], color=label.colour, lw=0.5, transform=IdentityTransform()
-                )
-                line.set_figure(self.get_figure())  # type: ignore[arg-type]
-                line.draw(renderer)
+    def _line(self, renderer: Any, ends: Float64, colour: Any) -> None:
+        line = Line2D(ends[:, 0], ends[:, 1], color=colour, lw=0.5, transform=IdentityTransform())
+        line.set_figure(self.get_figure())  # type: ignore[arg-type]
+        line.draw(renderer)
 
 
 def add_labels(axes: Axes, labels: Sequence[Label], points: Sequence[Float64]) -> None:

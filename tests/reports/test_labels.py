@@ -130,5 +130,9 @@ def test_labels_follow_the_size_of_the_picture() -> None:
     (near, far) = ((x / size, y / size) for (x, y), size in zip(middles, (300, 600), strict=True))
     # As far from its thing in points, so nearer to it on the larger picture.
     assert np.hypot(far[0] - 0.5, far[1] - 0.5) < np.hypot(near[0] - 0.5, near[1] - 0.5)
+    # What lies outside of a part that somebody looks at has no label there.
+    axes.set(xlim=(0, 10), ylim=(5.1, 10))
+    canvas.draw()
+    assert len(labels.places) == 1
     add_labels(axes, [], [])
     assert list(axes.artists) == [labels]
