@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 VIEWS = ("all", "scene", "sweep", "difference", "polar")
 """What a picture of a sweep shows."""
@@ -34,3 +35,32 @@ MAX_MAP_KM2 = 0.25
 """Largest ground of a map [km²]: at 5 cm 100 million cells, 1.3 GB if all of them are seen."""
 CLOUDS = (".ply", ".pcd", ".parquet")
 """Suffixes of point clouds."""
+INCH = 25.4
+"""[mm]"""
+ANIMATED_DPI = 120
+"""Pixels per inch of an animation where nobody asked for others."""
+FRAMES_PER_SECOND = 10.0
+"""The same of its frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What papers, slides and pages want of a picture, whatever it shows."""
+
+    width: float | None = None
+    """Of the whole picture [mm]; None: as wide as its kind is by default."""
+    dpi: int | None = None
+    """Pixels per inch; None: 200, of an animation `ANIMATED_DPI`."""
+    title: bool = True
+    legend: bool = True
+    vertices: bool = False
+    """Mark the vertices and the nearest point of each object in the scene and the polar view, too."""
+    fps: float | None = None
+    """Sweeps per second of an animation; None: `FRAMES_PER_SECOND`."""
+
+    def inches(self, default: float) -> float:
+        """Its width [inch]; `default` where nobody asked for one."""
+        return default if self.width is None else self.width / INCH
+
+
+AS_IT_COMES = Look()

@@ -76,7 +76,7 @@ ROOMS_OF = {
     "sqlite3": {"logs", "simulate"},
     "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
-    "PIL": {"maps"},
+    "PIL": {"maps", "reports"},
     "ruamel": {"maps"},
 }
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.choices import ANIMATIONS, IMAGES, VIEWS
+from lidarcli.choices import VIEWS, Look
 from lidarcli.cli.grouped import GroupedCommand, option
 from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
-from lidarcli.cli.options import INPUTS, MOST, STDOUT, csv_options, one_log, pose_options, range_options
-from lidarcli.stores.url import Place, place
+from lidarcli.cli.options import INPUTS, STDOUT, TIME, csv_options, one_log, pose_options, range_options
+from lidarcli.cli.plot_options import (
+    LAST,
+    Sweeps,
+    look_options,
+    outputs,
+    refuse_look,
+    refuse_suffix,
+    wanted_sweeps,
+)
+from lidarcli.stores.url import Place
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
@@ -20,42 +28,11 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
+    from lidarcli.times import Instant
 
 PICTURE = "Picture"
 WITH_TRACKS = ("all", "scene")
 """Views with the scene, in which tracks are drawn."""
-LAST = 1_000_000_000
-"""The number of a sweep in an option is no larger: three years at 10 Hz."""
-
-
-class Sweeps(click.ParamType):  # type: ignore[type-arg]
-    """Indices of sweeps: `0,50,100`, or `0:100:10` as Python counts."""
-
-    name = "sweeps"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
-        """Each index once, in the order given."""
-        if isinstance(value, tuple):
-            return value
-        found: dict[int, None] = {}
-        for part in value.split(","):
-            try:
-                numbers = [int(text) for text in part.split(":")]
-            except ValueError:
-                self.fail(f"'{part}' is neither a number nor START:STOP nor START:STOP:STEP.", param, ctx)
-            if min(numbers) < 0 or len(numbers) > 3 or (len(numbers) == 3 and not numbers[2]):
-                self.fail(f"'{part}' is no number of a sweep, nor a range of them.", param, ctx)
-            more = range(*numbers) if len(numbers) > 1 else numbers
-            if max(numbers) > LAST:
-                self.fail(f"'{part[:40]}' goes beyond {LAST:,}.", param, ctx)
-            if len(found) + len(more) > MOST:
-                self.fail(f"'{part}' is too many sweeps.", param, ctx)
-            found |= dict.fromkeys(more)
-        if not found:
-            self.fail(f"'{value}' holds no sweep.", param, ctx)
-        return tuple(found)
 
 
 @click.command(
@@ -63,14 +40,15 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     epilog="""Examples:
 
 \b
+  lidarcli plot run.mcap
   lidarcli plot run.mcap --sweep 50 -o sweep.png
-  lidarcli plot run.mcap --sweep 50 --view scene -o figure.pdf
+  lidarcli plot run.mcap --view scene --width 89 --no-title -o fig.pdf
   lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
   lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png
   lidarcli plot run.mcap --sweep 9 --background empty.parquet -o change.png
   lidarcli plot run.mcap --sweep 80 --tracks run.tracks.parquet -o paths.png
   lidarcli plot run.mcap --map --tracks run.tracks.parquet -o map.png
-  lidarcli plot run.mcap --sweeps 0:100:2 --animate -o run.gif --overwrite""",
+  lidarcli plot run.mcap --sweeps 0:100:2 --animate --fps 20 --overwrite""",
 )
 @click.argument("log", metavar="LOG", type=INPUTS)
 @option(
@@ -89,13 +67,20 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     "[default: with --animate all, else --sweep]",
 )
 @option(
+    "--at",
+    heading=PICTURE,
+    type=TIME,
+    help="Draw the sweep nearest to this time: seconds after the first sweep (10, 2min), or date and time "
+    "(2026-11-22T10:00:00Z).  [default: none]",
+)
+@option(
     "-o",
     "--output",
     heading=PICTURE,
     metavar="FIG",
-    required=True,
     type=click.Path(),
-    help="File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on standard output.",
+    help="File to write: .png, .svg, .pdf, with --animate .gif or .mp4; - for a PNG on standard output.  "
+    "[default: LOG-N.png, LOG-map.png or LOG.gif in the current directory]",
 )
 @option(
     "--view",
@@ -113,7 +98,14 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     help="The run from above in the world instead: map and path of the sensor; with --sweep its points and boxes, with "
     "--tracks what stands and what moved.",
 )
-@option("--animate", heading=PICTURE, is_flag=True, help="One moving picture of the sweeps, 10 per second.")
+@option("--animate", heading=PICTURE, is_flag=True, help="One moving picture of the sweeps.")
+@option(
+    "--start",
+    heading=PICTURE,
+    type=TIME,
+    help="With --animate and without --sweeps: start at this time, given like --at.  [default: 0]",
+)
+@option("--end", heading=PICTURE, type=TIME, help="With --start: end before this time.  [default: the end]")
 @option("--overwrite", heading=PICTURE, is_flag=True, help="Replace files that exist.")
 @option(
     "--topic",
@@ -136,6 +128,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
     help="Table of track (the others of the log lie beside it): paths up to the sweep, numbers, velocities.  "
     "[default: none]",
 )
+@look_options
 @pose_options(delay=True)
 @object_options(walls="Also draw walls, with the corners of the room.", no_limit="paper")
 @range_options
@@ -147,14 +140,18 @@ def plot(
     log: str,
     sweep: int | None,
     sweeps: tuple[int, ...] | None,
-    output: str,
+    output: str | None,
     view: str,
     in_world: bool,
     animate: bool,
+    start: float | Instant | None,
+    end: float | Instant | None,
+    at: float | Instant | None,
     overwrite: bool,
     topic: str | None,
     background: str | None,
     tracks: str | None,
+    look: Look,
     poses: PoseOptions,
     rules: RangeRules,
     csv: CsvOptions,
@@ -162,10 +159,15 @@ def plot(
 ) -> int:
     """Draw sweeps as in the paper: scene with boxes, r(theta), s(theta).
 
-    Only the log up to the last of these sweeps is read; with --map, all of it.
+    Without -o the picture is LOG-0.png in the current directory, and so on. Only the log
+    up to the last of these sweeps is read; with --map, all of it.
     """
-    wanted = _wanted(sweep, sweeps, animate)
-    _suffix(output, animate)
+    if at is not None and (sweep is not None or sweeps is not None or animate):
+        raise click.UsageError("--at names one sweep: it excludes --sweep, --sweeps and --animate")
+    wanted = wanted_sweeps(sweep, sweeps, animate)
+    refuse_suffix(output, animate)
+    if (start, end) != (None, None) and (not animate or wanted is not None):
+        raise click.UsageError("--start and --end are for --animate without --sweep and --sweeps")
     if output == STDOUT and (animate or len(wanted or ()) != 1):
         raise click.UsageError("standard output takes one picture; give -o FIG")
 
@@ -173,10 +175,19 @@ def plot(
         raise click.UsageError("--pose, --poses, --pose-delay and --no-deskew are for --map and --background")
     if in_world:
         _refuse_beside_map(view, animate, background)
-        wanted = None if sweep is None and sweeps is None else wanted
+        wanted = None if sweep is None and sweeps is None and at is None else wanted
     if tracks is not None and view not in WITH_TRACKS:
         raise click.UsageError(f"--tracks are drawn in the scene; give --view {' or '.join(WITH_TRACKS)}")
 
+    source = one_log(log)
+    if at is not None:
+        from lidarcli.pipeline.plotting import sweep_at
+
+        wanted = (sweep_at(source, at, topic, csv),)
+    paths = outputs(output, source, wanted, animate, in_world)
+    refuse_look(look, paths, view, animate, in_world)
+
+    from lidarcli.cli.progress import counted_bar
     from lidarcli.errors import UnreadableError
     from lidarcli.formalism import Parameters
     from lidarcli.newfiles import refuse
@@ -190,9 +201,6 @@ def plot(
         write_pictures,
     )
 
-    source = one_log(log)
-    one = animate or wanted is None or len(wanted) == 1
-    paths = [place(output)] if one else _numbered(place(output), wanted or ())
     if output != STDOUT:
         others = [str(table) for table in table_files([tracks] if tracks else [])]
         others += [file for file in (background, poses.file) if file]
@@ -204,17 +212,20 @@ def plot(
 
         read = ReadOptions(topics=frozenset({topic}) if topic else None, rules=rules)
         options = MapOptions(read, csv, poses, parameters=found_with, overwrite=overwrite)
-        return _draw_map(say, source, paths, wanted, tracks, options)
+        return _draw_map(say, source, paths, wanted, tracks, options, look)
     drawn = take_pictures(
-        source, PlotOptions(wanted, topic, found_with, rules, csv, background, tracks, poses)
+        source, PlotOptions(wanted, topic, found_with, rules, csv, background, tracks, poses, start, end)
     )
     for note in drawn.notes:
         say.info(f"  note     {note}")
     if output == STDOUT:
-        standard_output().buffer.write(picture_bytes(drawn.pictures[0], view, ".png"))
+        standard_output().buffer.write(picture_bytes(drawn.pictures[0], view, ".png", look))
     else:
-        write = partial(write_animation, paths[0]) if animate else partial(write_pictures, paths)
-        notes = write(drawn.pictures, view, overwrite)
+        if animate:
+            with counted_bar(paths[0].name, len(drawn.pictures), "frames", say) as report:
+                notes = write_animation(paths[0], drawn.pictures, view, overwrite, look, report)
+        else:
+            notes = write_pictures(paths, drawn.pictures, view, overwrite, look)
         for path in paths:
             say.info(f"  wrote    {path}")
         for note in notes:
@@ -222,15 +233,6 @@ def plot(
     for line in drawn.damage:
         say.error(log, line)
     return UnreadableError.exit_code if drawn.damage else 0
-
-
-def _wanted(sweep: int | None, sweeps: tuple[int, ...] | None, animate: bool) -> tuple[int, ...] | None:
-    """The sweeps to draw; None for all."""
-    if sweep is not None and sweeps is not None:
-        raise click.UsageError("--sweep and --sweeps exclude each other")
-    if sweep is not None:
-        return (sweep,)
-    return (0,) if sweeps is None and not animate else sweeps
 
 
 def _refuse_beside_map(view: str, animate: bool, background: str | None) -> None:
@@ -246,6 +248,7 @@ def _draw_map(
     sweeps: tuple[int, ...] | None,
     tracks: str | None,
     options: MapOptions,
+    look: Look,
 ) -> int:
     """Draw the run from above; the exit code."""
     from lidarcli.errors import UnreadableError
@@ -258,9 +261,9 @@ def _draw_map(
     for note in drawn.notes:
         say.info(f"  note     {note}")
     if str(paths[0]) == STDOUT:
-        standard_output().buffer.write(map_bytes(drawn.pictures[0], ".png"))
+        standard_output().buffer.write(map_bytes(drawn.pictures[0], ".png", look))
     else:
-        notes = write_maps(paths, drawn.pictures, options.overwrite)
+        notes = write_maps(paths, drawn.pictures, options.overwrite, look)
         for path in paths:
             say.info(f"  wrote    {path}")
         for note in notes:
@@ -268,18 +271,3 @@ def _draw_map(
     for line in drawn.damage:
         say.error(source.label, line)
     return UnreadableError.exit_code if drawn.damage else 0
-
-
-def _suffix(output: str, animate: bool) -> None:
-    """Refuse a name that says no format, or the wrong one."""
-    if output == STDOUT:
-        return
-    known = ANIMATIONS if animate else IMAGES
-    if place(output).suffix.lower() not in known:
-        still = " or --animate" if place(output).suffix.lower() in ANIMATIONS else ""
-        raise click.UsageError(f"{output}: the suffix has to be one of {', '.join(known)}{still}")
-
-
-def _numbered(path: Place, sweeps: tuple[int, ...]) -> list[Place]:
-    """One name for each of several sweeps."""
-    return [path.with_name(f"{path.stem}-{index}{path.suffix}") for index in sweeps]

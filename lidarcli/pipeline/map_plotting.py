@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.errors import OptionError
 from lidarcli.formalism import detect
+from lidarcli.formalism.detection import ROUND
 from lidarcli.formalism.mapping.counts import placed
 from lidarcli.formalism.mapping.occupancy import HIT
 from lidarcli.newfiles import write_whole
@@ -71,16 +73,18 @@ def take_map(
     return DrawnMap(pictures, tuple(summary.notes), tuple(summary.damage))
 
 
-def map_bytes(picture: MapPicture, suffix: str) -> bytes:
+def map_bytes(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
     """The picture as a PNG, SVG or PDF."""
-    return draw_map(picture, suffix)
+    return draw_map(picture, suffix, look)
 
 
-def write_maps(paths: Sequence[Place], pictures: Sequence[MapPicture], overwrite: bool) -> list[str]:
+def write_maps(
+    paths: Sequence[Place], pictures: Sequence[MapPicture], overwrite: bool, look: Look = AS_IT_COMES
+) -> list[str]:
     """Write each picture to its file; notes as of `NewFiles.publish`."""
     notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):
-        notes += write_whole(path, draw_map(picture, path.suffix.lower()), overwrite)
+        notes += write_whole(path, draw_map(picture, path.suffix.lower(), look), overwrite)
     return notes
 
 
@@ -133,7 +137,12 @@ def _snapshot(one: SweepBatch, poses: SweepPoses, options: MapOptions) -> Snapsh
     )
     boxes = tuple(
         Box(
-            float(x[k]), float(y[k]), float(yaw[k]), float(objects.box_length[k]), float(objects.box_width[k])
+            float(x[k]),
+            float(y[k]),
+            float(yaw[k]),
+            float(objects.box_length[k]),
+            float(objects.box_width[k]),
+            is_round=int(objects.shape[k]) == ROUND,
         )
         for k in range(len(objects))
     )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
@@ -27,8 +28,11 @@ from lidarcli.reports.paths import COLUMNS, Paths, TrackPath
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import RangeRules, SweepBatch
+from lidarcli.times import Instant
 
 BATCH = 64
+NEAR = 1.0
+"""A sweep stands for a time that is no farther from it [s]: most sensors sweep ten times in that, and none skips it."""
 MOST_PICTURES = 2_000
 """Most pictures of one call."""
 
@@ -49,6 +53,10 @@ class PlotOptions:
     """Tables of `track`, to draw the paths up to each sweep."""
     poses: PoseOptions = field(default_factory=PoseOptions)
     """For a background of several stations."""
+    start: float | Instant | None = None
+    """Of all sweeps, those from here on [s from the first one]."""
+    end: float | Instant | None = None
+    """Of all sweeps, those before this [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +92,11 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
         choice = TopicChoice([options.topic] if options.topic else [], log.topics())
         topic, notes = _topic(choice)
         read = ReadOptions(
-            topics=frozenset({topic}) if topic else None, batch_size=BATCH, rules=options.rules
+            topics=frozenset({topic}) if topic else None,
+            start=options.start,
+            end=options.end,
+            batch_size=BATCH,
+            rules=options.rules,
         )
         rows: list[SweepBatch] = []
         seen = -1
@@ -102,6 +114,8 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
             if len(rows) > MOST_PICTURES:
                 raise OptionError(f"more than {MOST_PICTURES:,} sweeps to draw; choose some with --sweeps")
         damage = tuple(damage_lines(posing.together(report)))
+    if seen < 0 and report.notes and (options.start is not None or options.end is not None):
+        raise OptionError(f"{source.label}: {report.notes[-1]}")
     if seen < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [topic] if topic else [])
     _refuse_missing(source, rows, options.sweeps, f"{topic}: the last one is {seen}", damage)
@@ -109,6 +123,43 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
     pictures = tuple(work.picture(by_index[index]) for index in order)
     return Drawn(pictures, (*notes, *work.notes()), damage)
+
+
+def sweep_at(source: Source, time: float | Instant, topic: str | None, csv: CsvOptions) -> int:
+    """The index of the sweep that is nearest to a time; the first of several that are equally near.
+
+    Raises
+    ------
+    OptionError
+        The time is more than `NEAR` before the first sweep or after the last.
+    """
+    with open_source(source, csv) as log:
+        choice = TopicChoice([topic] if topic else [], log.topics())
+        name, _ = _topic(choice)
+        report = ReadReport()
+        best, nearest_ns, first_ns = -1, 0, 0
+        for batch in read_batches(log, ReadOptions(topics=frozenset({name}) if name else None), report):
+            name = name or batch.topic
+            if batch.topic != name:
+                continue
+            if best < 0:
+                first_ns = int(batch.stamp_ns[0])
+            target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * 1e9)
+            away = np.abs(batch.stamp_ns - target_ns)
+            row = int(np.argmin(away))
+            if best < 0 or away[row] < nearest_ns:
+                best, nearest_ns = int(batch.sweep[row]), int(away[row])
+            if int(batch.stamp_ns.min()) > target_ns + NEAR * 1e9:
+                break
+        damage = damage_lines(report)
+    if best < 0:
+        raise nothing_read(damage, NoScanError("no LaserScan in it"), [name] if name else [])
+    if nearest_ns > NEAR * 1e9:
+        raise OptionError(
+            f"{source.label}: no sweep of {name} at {time if isinstance(time, Instant) else f'{time:g} s'}: the nearest, "
+            f"sweep {best}, is {nearest_ns / 1e9:,.1f} s away"
+        )
+    return best
 
 
 def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
@@ -208,26 +259,40 @@ class _Work:
         return [] if self._subtracting is None else self._subtracting.notes()
 
 
-def picture_bytes(picture: Picture, view: str, suffix: str) -> bytes:
+def picture_bytes(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
     """The picture as a PNG, SVG or PDF."""
-    return draw(picture, view, suffix)
+    return draw(picture, view, suffix, look)
 
 
 def write_pictures(
-    paths: Sequence[Place], pictures: Sequence[Picture], view: str, overwrite: bool
+    paths: Sequence[Place],
+    pictures: Sequence[Picture],
+    view: str,
+    overwrite: bool,
+    look: Look = AS_IT_COMES,
 ) -> list[str]:
     """Write each picture to its file; notes as of `NewFiles.publish`."""
     notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):
-        notes += write_whole(path, draw(picture, view, path.suffix.lower()), overwrite)
+        notes += write_whole(path, draw(picture, view, path.suffix.lower(), look), overwrite)
     return notes
 
 
-def write_animation(path: Place, pictures: Sequence[Picture], view: str, overwrite: bool) -> list[str]:
-    """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`."""
+def write_animation(
+    path: Place,
+    pictures: Sequence[Picture],
+    view: str,
+    overwrite: bool,
+    look: Look = AS_IT_COMES,
+    report: Callable[[int], None] | None = None,
+) -> list[str]:
+    """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`.
+
+    `report` hears how many of its frames are drawn.
+    """
     with new_files([path], overwrite) as new:
         try:
-            animate(pictures, view, new.part(path))
+            animate(pictures, view, new.part(path), look, report)
         except OSError as err:
             raise unwritable(path, err) from err
         return new.publish()

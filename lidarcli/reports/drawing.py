@@ -2,62 +2,113 @@
 
 from __future__ import annotations
 
-import io
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
 from lidarcli.errors import OptionError
-from lidarcli.reports import palette, panels
+from lidarcli.reports import palette
+from lidarcli.reports.figure_file import file_bytes
+from lidarcli.reports.layout import add_axes, fit_height, places_of, width_of
 from lidarcli.reports.picture import Limits, Picture, limits_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
 
-WIDE, NARROW = 7.2, 3.5
-"""Widths of two columns and of one column of a paper [inch]."""
-NARROW_VIEWS = ("scene", "polar")
-FRAMES_PER_SECOND = 10
+MOST_COLUMNS = 8
+LEGEND_DOT = 2.8
+"""Diameter of a beam's dot in the legend [pt]: some are too small to be seen alone."""
+Entries = dict[str, Any]
+"""What a legend names: words → a mark."""
 
 
-def draw(picture: Picture, view: str, suffix: str, limits: Limits | None = None) -> bytes:
+def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
     """The picture as a file of the kind of `suffix`."""
     with project_style():
-        figure = _figure(view, picture)
-        drawn = _fill(figure, picture, view, limits or limits_of([picture.batch]))
-        _legend(figure, _entries(drawn), view)
-        out = io.BytesIO()
-        # No date in the file.
-        dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        figure.savefig(out, format=suffix[1:], metadata=dates.get(suffix))
-    return out.getvalue()
+        figure = _figure(width_of(view, look))
+        _whole(figure, picture, view, limits_of([picture.batch]), look)
+        return file_bytes(figure, suffix, look.dpi)
 
 
-def animate(pictures: Sequence[Picture], view: str, path: Path) -> None:
-    """One frame per picture, as GIF or, where ffmpeg is there, MP4."""
-    from matplotlib.animation import FFMpegWriter, PillowWriter
+def animate(
+    pictures: Sequence[Picture],
+    view: str,
+    path: Path,
+    look: Look = AS_IT_COMES,
+    report: Callable[[int], None] | None = None,
+) -> None:
+    """One frame per picture, as GIF or, where ffmpeg is there, MP4; `report` hears how many are done."""
+    from matplotlib.animation import FFMpegWriter
 
-    kind = FFMpegWriter if path.suffix.lower() == ".mp4" else PillowWriter
-    if not kind.isAvailable():
+    from lidarcli.reports.gif import write_gif
+
+    is_film = path.suffix.lower() == ".mp4"
+    if is_film and not FFMpegWriter.isAvailable():
         raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
-    limits = limits_of([picture.batch for picture in pictures])
+    fps = look.fps or FRAMES_PER_SECOND
     with project_style():
-        figure = _figure(view, pictures[0])
-        # The legend of every frame names what is in any of them, so that it does not jump.
-        entries: dict[str, Any] = {}
-        for picture in pictures:
-            figure.clear()
-            entries = _entries(_fill(figure, picture, view, limits)) | entries
-        writer = kind(fps=FRAMES_PER_SECOND)
-        with writer.saving(figure, str(path), 120):
-            for picture in pictures:
-                figure.clear()
-                _fill(figure, picture, view, limits)
-                _legend(figure, entries, view)
+        figure = _figure(width_of(view, look))
+        figure.set_dpi(look.dpi or ANIMATED_DPI)
+        frames = _frames(figure, pictures, view, look, report)
+        if not is_film:
+            write_gif(path, map(_pixels, frames), fps, palette.ALL)
+            return
+        writer = FFMpegWriter(fps=fps)  # type: ignore[arg-type]
+        first = next(frames)
+        with writer.saving(first, str(path), first.dpi):
+            writer.grab_frame()
+            for _ in frames:
                 writer.grab_frame()
+
+
+def _frames(
+    figure: Figure,
+    pictures: Sequence[Picture],
+    view: str,
+    look: Look,
+    report: Callable[[int], None] | None,
+) -> Iterator[Figure]:
+    """The same figure with one picture after the other.
+
+    Axes and legend stay where they are, and the legend names what is in any of the frames.
+    """
+    limits = limits_of([picture.batch for picture in pictures])
+    entries: Entries = {}
+    for picture in pictures:
+        figure.clear()
+        entries = entries_of(_fill(figure, picture, view, limits, look)) | entries
+    figure.clear()
+    longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
+    whole = _whole(figure, longest, view, limits, look, entries)
+    places = [axes.get_position(original=True) for axes in whole]
+    columns = _columns(figure, entries)
+    figure.set_layout_engine("none")
+    for number, picture in enumerate(pictures, 1):
+        figure.clear()
+        for axes, place in zip(_fill(figure, picture, view, limits, look), places, strict=True):
+            axes.set_position(place)
+        _title(figure, picture, look)
+        _legend(figure, entries, look, "lower left", columns)
+        yield figure
+        if report is not None:
+            report(number)
+
+
+def _pixels(figure: Figure) -> NDArray[np.uint8]:
+    """(H, W, 3) what a figure shows."""
+    canvas = cast("FigureCanvasAgg", figure.canvas)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    shown = canvas.buffer_rgba()  # type: ignore[no-untyped-call]
+    return np.asarray(shown, np.uint8)[..., :3].copy()
 
 
 @contextmanager
@@ -73,60 +124,63 @@ def project_style(other: dict[str, Any] | None = None) -> Iterator[None]:
         yield
 
 
-def _figure(view: str, picture: Picture) -> Figure:
+def _figure(width: float) -> Figure:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    height = {"all": 4.3, "scene": 3.9, "sweep": 3.6, "difference": 3.6, "polar": 4.0}[view]
-    width = {"all": WIDE, "scene": NARROW, "polar": NARROW}.get(view, WIDE * 0.7)
-    if view == "all" and picture.background is not None:
-        height += 1.7
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, 4.0), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def _fill(figure: Figure, picture: Picture, view: str, limits: Limits) -> list[Axes]:
-    """Draw all but the legend; the axes."""
-    drawn = _axes(figure, picture, view)
-    for axes, panel in drawn:
-        panel(axes, picture, limits)
-    for axes, _ in drawn[:-1] if view != "all" else drawn[1:2]:
-        axes.set_xlabel("")
-        axes.tick_params(labelbottom=False)
-    first, second = picture.title
-    narrow = view in NARROW_VIEWS
-    if narrow:
-        second = second.replace(", profile", "\nprofile")
-    figure.suptitle(f"{first}\n{second}", x=0.01, ha="left", fontsize=7 if narrow else 8)
-    return [axes for axes, _ in drawn]
+def _whole(
+    figure: Figure, picture: Picture, view: str, limits: Limits, look: Look, entries: Entries | None = None
+) -> list[Axes]:
+    """Draw everything, and make the figure as high as it has to be; the axes."""
+    drawn = _fill(figure, picture, view, limits, look)
+    _title(figure, picture, look)
+    _legend(figure, entries_of(drawn) if entries is None else entries, look, "outside lower left")
+    heights = [place.height for place in places_of(picture, view, limits, look)]
+    fit_height(figure, drawn, heights, limits.aspect)
+    return drawn
 
 
-def _axes(figure: Figure, picture: Picture, view: str) -> list[tuple[Axes, Any]]:
-    """The panels of a view; those that share their bearings with the panel below come before it."""
-    if view == "scene":
-        return [(figure.add_subplot(), panels.scene)]
-    if view == "polar":
-        return [(figure.add_subplot(projection="polar"), panels.polar)]
-    compared: list[Any] = [] if picture.background is None else [panels.backgrounds, panels.subtraction]
-    if view != "all":
-        rows = (
-            (compared or [panels.difference]) if view == "difference" else [panels.sweep, panels.difference]
-        )
-        grid = figure.add_gridspec(len(rows), 1)
-        return [(figure.add_subplot(grid[row, 0]), panel) for row, panel in enumerate(rows)]
-    grid = figure.add_gridspec(3 if compared else 2, 2, width_ratios=[1.05, 1.0])
-    return [
-        (figure.add_subplot(grid[:2, 0]), panels.scene),
-        (figure.add_subplot(grid[0, 1]), panels.sweep),
-        (figure.add_subplot(grid[1, 1]), panels.difference),
-        *((figure.add_subplot(grid[2, column]), panel) for column, panel in enumerate(compared)),
-    ]
+def _fill(figure: Figure, picture: Picture, view: str, limits: Limits, look: Look) -> list[Axes]:
+    """Draw the panels; their axes."""
+    places = places_of(picture, view, limits, look)
+    drawn = add_axes(figure, places, limits)
+    for axes, place in zip(drawn, places, strict=True):
+        place.panel(axes, picture, limits)
+        if place.shares:
+            axes.set_xlabel("")
+            axes.tick_params(labelbottom=False)
+    return drawn
 
 
-def _entries(drawn: Sequence[Axes]) -> dict[str, Any]:
-    """What the panels show: name → a mark of it, each once."""
-    entries: dict[str, Any] = {}
+def _title(figure: Figure, picture: Picture, look: Look) -> None:
+    """Two lines about the picture, broken where it is too narrow for them."""
+    if look.title:
+        width = figure.get_size_inches()[0]
+        size = 8 if width > 4.5 else 7
+        title = figure.suptitle("", x=0.01, ha="left", fontsize=size)
+        room = 0.98 * figure.bbox.width
+        lines: list[str] = []
+        for whole in picture.title:
+            lines.append("")
+            for part in whole.split(", "):
+                longer = f"{lines[-1]}, {part}" if lines[-1] else part
+                title.set_text(longer)
+                if lines[-1] and title.get_window_extent().width > room:
+                    lines[-1] += ","
+                    lines.append(part)
+                else:
+                    lines[-1] = longer
+        title.set_text("\n".join(lines))
+
+
+def entries_of(drawn: Sequence[Axes]) -> Entries:
+    """What the panels show, each once."""
+    entries: Entries = {}
     for axes in drawn:
         handles, labels = axes.get_legend_handles_labels()
         for label, handle in zip(labels, handles, strict=True):
@@ -134,15 +188,45 @@ def _entries(drawn: Sequence[Axes]) -> dict[str, Any]:
     return entries
 
 
-def _legend(figure: Figure, entries: dict[str, Any], view: str) -> None:
+def _legend(figure: Figure, entries: Entries, look: Look, place: str, columns: int = 0) -> None:
+    """What the marks mean, where that is asked for."""
+    if look.legend:
+        draw_legend(figure, entries, place, columns)
+
+
+def draw_legend(figure: Figure, entries: Entries, place: str, columns: int = 0) -> None:
+    """A legend in so many columns; 0: as many as there is room for."""
     if entries:
-        figure.legend(
-            entries.values(),
-            entries.keys(),
-            loc="outside lower left",
-            ncols=3 if view in NARROW_VIEWS else 6 if view == "all" else 4,
-            frameon=False,
-            handlelength=1.6,
-            columnspacing=1.2,
-            borderaxespad=0.2,
-        )
+        _add_legend(figure, entries, place, columns or _columns(figure, entries))
+
+
+def _columns(figure: Figure, entries: Entries) -> int:
+    """Most columns of a legend for which there is room."""
+    for count in range(min(len(entries), MOST_COLUMNS), 1, -1):
+        legend = _add_legend(figure, entries, "lower left", count)
+        width = legend.get_window_extent().width
+        legend.remove()
+        if width <= 0.99 * figure.bbox.width:
+            return count
+    return 1
+
+
+def _add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> Legend:
+    """A legend in so many columns."""
+    from matplotlib.collections import PathCollection
+
+    legend = figure.legend(
+        [*entries.values()],
+        [*entries],
+        loc=place,
+        ncols=columns,
+        frameon=False,
+        handlelength=1.4,
+        handletextpad=0.5,
+        columnspacing=1.2,
+        borderaxespad=0.2,
+    )
+    for handle in legend.legend_handles:
+        if isinstance(handle, PathCollection):
+            handle.set_sizes([LEGEND_DOT**2])
+    return legend

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
 from lidarcli.reports import palette
 from lidarcli.reports.chart_maps import draw_walls
-from lidarcli.reports.drawing import project_style
+from lidarcli.reports.drawing import draw_legend, entries_of, project_style
+from lidarcli.reports.figure_file import file_bytes
+from lidarcli.reports.layout import fit_height
 from lidarcli.reports.picture import printable
+from lidarcli.reports.scene import CIRCLE, sensor
 from lidarcli.reports.walls import Walls
 from lidarcli.sweeps import Float32, Float64
 
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 
 LONG, SHORT = 7.2, 2.2
 """Longest and shortest side of the drawn ground [inch]; the map decides which is which."""
+BESIDE = 0.7
+"""Beside the drawn ground: what the y axis takes [inch]."""
 AIR = 0.05
 """Around the map, as a share of its longer side."""
 OCCUPIED_GREY, FREE_GREY, UNKNOWN_GREY = 0.15, 1.0, 0.85
@@ -46,6 +51,8 @@ class Box:
     width: float
     name: str = ""
     """Number or label beside it."""
+    is_round: bool = False
+    """It is a circle as wide as the box is long."""
 
 
 @dataclass(frozen=True)
@@ -80,16 +87,13 @@ class MapPicture:
     """What is drawn as the ground where there is no grid."""
 
 
-def draw_map(picture: MapPicture, suffix: str) -> bytes:
+def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
     """The picture as a file of the kind of `suffix` (.png, .svg, .pdf); the same map, the same bytes."""
     with project_style({"axes.grid": False}):
-        out = io.BytesIO()
-        dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        map_figure(picture).savefig(out, format=suffix[1:], metadata=dates.get(suffix))
-    return out.getvalue()
+        return file_bytes(map_figure(picture, look=look), suffix, look.dpi)
 
 
-def map_figure(picture: MapPicture, longest: float = LONG) -> Figure:
+def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES) -> Figure:
     """The picture as a figure whose ground is so long at its longest [inch]; to be called in the project's style."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -98,7 +102,10 @@ def map_figure(picture: MapPicture, longest: float = LONG) -> Figure:
     width, height = right - left, high - low
     scale = longest / max(width, height)
     size = max(width * scale, SHORT), max(height * scale, SHORT)
-    figure = Figure(figsize=(size[0] + 0.7, size[1] + 0.9), layout="constrained")
+    if look.width is not None:
+        across = max(look.inches(0.0) - BESIDE, 0.5 * look.inches(0.0))
+        size = across, across * size[1] / size[0]
+    figure = Figure(figsize=(look.inches(size[0] + BESIDE), size[1] + 0.9), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     _ground(axes, picture.grid, OCCUPIED_GREY if picture.snapshot is None else BEHIND_GREY)
@@ -109,12 +116,12 @@ def map_figure(picture: MapPicture, longest: float = LONG) -> Figure:
     axes.set_ylim(low, high)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-    if picture.title:
+    if picture.title and look.title:
         axes.set_title(printable(picture.title), loc="left")
     _scale(axes, right - left)
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside lower left", ncols=4, frameon=False, handlelength=1.6)
+    if look.legend:
+        draw_legend(figure, entries_of([axes]), "outside lower left")
+    fit_height(figure, [axes], [0.0], width / height)
     return figure
 
 
@@ -184,10 +191,8 @@ def _marks(axes: Axes, picture: MapPicture) -> None:
             axes.plot(x[:1], y[:1], "o", color=palette.GREEN, ms=3.5, zorder=4)
     for number, (_, x, y) in enumerate(picture.agents):
         axes.plot(x, y, color=palette.VERMILION, lw=0.9, zorder=5, label="" if number else "what moved")
-    for number, (track, x, y) in enumerate(picture.agents):
-        if number < MOST_NUMBERS and len(x):
-            _number(axes, float(x[-1]), float(y[-1]), str(track), palette.VERMILION)
     _boxes(axes, picture.boxes, "what stands")
+    _labels(axes, picture)
     shot = picture.snapshot
     if shot is None:
         return
@@ -195,17 +200,7 @@ def _marks(axes: Axes, picture: MapPicture) -> None:
         *shot.points, ".", color=palette.VERMILION, ms=2.6, mew=0, zorder=4, label=f"sweep {shot.sweep}"
     )
     _boxes(axes, shot.boxes, "objects of the sweep")
-    turn = float(np.degrees(shot.yaw)) - 90.0
-    axes.plot(
-        [shot.x],
-        [shot.y],
-        marker=(3, 0, turn),
-        color=palette.BLACK,
-        ms=7,
-        ls="none",
-        zorder=8,
-        label="sensor",
-    )
+    sensor(axes, shot.x, shot.y, shot.yaw, 7.0)
 
 
 def _boxes(axes: Axes, boxes: Sequence[Box], name: str) -> None:
@@ -214,18 +209,40 @@ def _boxes(axes: Axes, boxes: Sequence[Box], name: str) -> None:
         axes.plot(
             corners[:, 0], corners[:, 1], color=palette.BLUE, lw=1.3, zorder=6, label="" if number else name
         )
-        if box.name and len(boxes) <= MOST_NUMBERS:
-            _number(axes, float(corners[:, 0].max()), float(corners[:, 1].max()), box.name, palette.BLUE)
 
 
-def _number(axes: Axes, x: float, y: float, text: str, colour: str) -> None:
-    axes.annotate(
-        printable(text), (x, y), (1.5, 1.5), textcoords="offset points", fontsize=6, color=colour, zorder=7
-    )
+def _labels(axes: Axes, picture: MapPicture) -> None:
+    """Numbers of what stands, and of what moved where it was last."""
+    from lidarcli.reports.labelling import Label, add_labels, along
+
+    labels = []
+    if len(picture.boxes) <= MOST_NUMBERS:
+        for box in picture.boxes:
+            if box.name:
+                # To the upper right, by what lies beneath on the left.
+                corners = _corners(box)
+                beneath = float(corners[:, 0].mean()) - 1.0, float(corners[:, 1].mean()) - 1.0
+                labels.append(Label(printable(box.name), corners, palette.BLUE, beneath))
+    for track, x, y in picture.agents[:MOST_NUMBERS]:
+        if len(x):
+            before = (float(x[-2]), float(y[-2])) if len(x) > 1 else None
+            labels.append(Label(str(track), np.array([[x[-1], y[-1]]]), palette.VERMILION, before))
+    ways = [np.stack([x, y], axis=1) for _, x, y in picture.agents]
+    ways += [np.stack(path, axis=1) for path in picture.paths]
+    ways += [along(_corners(box)) for box in picture.boxes]
+    grid = picture.grid
+    if grid is not None:
+        row, column = np.nonzero(grid.cells == OCCUPIED)
+        cells = np.stack([column, row], axis=1) + 0.5
+        ways.append(cells * grid.resolution + np.array([grid.x, grid.y]))
+    add_labels(axes, labels, ways)
 
 
 def _corners(box: Box) -> Float64:
-    """(5, 2) corners of a box, closed [m]."""
+    """(N, 2) corners of a box, closed, or points of its circle [m]."""
+    if box.is_round:
+        circle: Float64 = 0.5 * box.length * CIRCLE + np.array([box.x, box.y])
+        return circle
     half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * 0.5 * np.array([box.length, box.width])
     cos, sin = np.cos(box.yaw), np.sin(box.yaw)
     corners: Float64 = half @ np.array([[cos, sin], [-sin, cos]]) + np.array([box.x, box.y])

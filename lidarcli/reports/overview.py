@@ -11,7 +11,7 @@ from lidarcli.sweeps import Float64, Int64
 COLUMNS = {
     "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
     "objects": ("topic", "sweep", "set", "track", "world_x", "world_y"),
-    "tracks": ("topic", "track", "set", "label", "sweeps", "x", "y", "yaw", "length", "width"),
+    "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
 }
 """Table → columns that it is made of."""
 MOST_POINTS = 2_000
@@ -64,9 +64,11 @@ def _boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
     known = np.logical_and.reduce([np.isfinite(values) for values in columns.values()])
     labels, words = tracks.words("label")
     number = tracks.integers("track")
+    is_round = tracks.are("shape", "round")
     return [
         Box(
             **{name: float(values[row]) for name, values in columns.items()},
+            is_round=bool(is_round[row]),
             name=str(number[row]) if labels[row] < 0 else f"{number[row]} {words[labels[row]]}",
         )
         for row in np.flatnonzero(tracks.are("set", "O") & enough & known).tolist()

@@ -15,9 +15,15 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
     "#CC79A7",
 )
 DARK, GREY, LIGHT = "#4D4D4D", "#8C8C8C", "#D9D9D9"
+ALL = (BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE, DARK, GREY, LIGHT)
 
-SET_STYLES = {"S": (GREY, ".", 5.0), "O": (BLUE, "o", 7.0), "A": (VERMILION, "^", 9.0)}
-"""Set (Def. 4) → colour, mark, size."""
+WALL = "#D0D0D0"
+"""A wall is what things stand out from."""
+
+SET_STYLES = {"S": (GREY, "o", 0.7), "O": (BLUE, "o", 1.0), "A": (VERMILION, "^", 1.3)}
+"""Set (Def. 4) → colour, mark, share of the size of a dot."""
+SET_WORDS = {"S": "walls and rest", "O": "beams on objects", "A": "beams on agents"}
+"""Set (Def. 4) → how legends call its beams."""
 SHAPE_COLOURS = {
     "prismatic": SKY,
     "round": ORANGE,
@@ -28,6 +34,15 @@ SHAPE_COLOURS = {
 }
 TRACK_COLOURS = (ORANGE, SKY, GREEN, YELLOW, VERMILION, PURPLE, BLUE)
 """Of tracks, by their number."""
+SHAPE_WORDS = {
+    "prismatic": "prismatic object",
+    "round": "round object",
+    "legged": "legged object",
+    "irregular": "irregular object",
+    "unknown": "object, shape unknown",
+    "wall": "wall",
+}
+"""Shape → how legends call what has it."""
 VERTICES = {"start": (">", BLACK), "end": ("<", BLACK), "corner": ("s", VERMILION), "extremum": ("D", GREEN)}
 
 STYLE: dict[str, Any] = {

@@ -136,6 +136,11 @@ class Limits:
     r: float
     s: float
 
+    @property
+    def aspect(self) -> float:
+        """How many times as wide as high it is."""
+        return (self.x[1] - self.x[0]) / (self.y[1] - self.y[0])
+
 
 def limits_of(batches: Sequence[SweepBatch]) -> Limits:
     """Axes that hold all the sweeps, with some air around them."""
@@ -149,7 +154,8 @@ def limits_of(batches: Sequence[SweepBatch]) -> Limits:
         jumps.append(float(np.nanmax(steps, initial=0.0)))
     xy = np.concatenate([*parts, np.zeros((2, 1))], axis=1)
     low, high = xy.min(axis=1), xy.max(axis=1)
-    air = max(0.09 * float((high - low).max()), 0.1)
+    sides = high - low
+    air = max(0.09 * float(sides.min()), 0.03 * float(sides.max()), 0.1)
     reach = float(np.hypot(*xy).max())
     return Limits(
         (float(low[0]) - air, float(high[0]) + air),

@@ -26,8 +26,8 @@ def names(folder: Path) -> list[str]:
 
 
 def words_of(path: Path) -> str:
-    """All that is written in an SVG, whose letters are paths: matplotlib leaves them as comments."""
-    return "\n".join(re.findall(r"<!-- (.*?) -->", path.read_text("utf-8")))
+    """All that is written in an SVG, where text is text."""
+    return "\n".join(re.findall(r"<text[^>]*>(.*?)</text>", path.read_text("utf-8")))
 
 
 @pytest.fixture(scope="module")

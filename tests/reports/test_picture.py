@@ -9,16 +9,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
+from PIL import Image
 
-from lidarcli.choices import VIEWS
+from lidarcli.choices import VIEWS, Look
 from lidarcli.formalism import Parameters, detect, sweep
-from lidarcli.reports import palette, panels
+from lidarcli.formalism.detection import VERTEX_KINDS
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.plotting import PlotOptions, take_pictures
+from lidarcli.reports import drawing, palette, panels
 from lidarcli.reports.drawing import animate, draw
+from lidarcli.reports.labelling import Labels
 from lidarcli.reports.paths import TrackPath
 from lidarcli.reports.picture import Picture, limits_of, printable
+from lidarcli.reports.scene import scene
 from lidarcli.sweeps import Float64
+from tests.places import SAMPLES
 
 
 def picture(ranges: Sequence[float], background: Float64 | None = None, log: str = "run.mcap") -> Picture:
@@ -35,6 +45,14 @@ def room(**nearer: float) -> list[float]:
         first, last = map(int, beams[1:].split("_"))
         ranges[first : last + 1] = [value] * (last + 1 - first)
     return ranges
+
+
+def sample(name: str, number: int, walls: bool = False) -> Picture:
+    """A sweep of a sample."""
+    (source,) = find_logs([str(SAMPLES / name)])
+    assert isinstance(source, Source)
+    options = PlotOptions((number,), parameters=Parameters.for_profile("robust", walls=walls))
+    return take_pictures(source, options).pictures[0]
 
 
 def test_members_of_an_object_across_the_seam() -> None:
@@ -76,15 +94,71 @@ def test_the_title_says_where_it_comes_from() -> None:
     assert printable("a\nb\\c") == "a?b/c"
 
 
+def named(axes: Axes) -> dict[str, Any]:
+    """What a legend would name."""
+    handles, words = axes.get_legend_handles_labels()
+    return dict(zip(words, handles, strict=True))
+
+
 def test_what_the_scene_shows() -> None:
     one = picture(room(b10_14=2.0, b30_40=1.0))
     axes = Figure().add_subplot()
-    panels.scene(axes, one, limits_of([one.batch]))
-    assert [text.get_text() for text in axes.texts] == ["1", "2"]
+    scene(axes, one)
+    (labels,) = (artist for artist in axes.artists if isinstance(artist, Labels))
+    assert [label.text for label in labels.labels] == ["1", "2"]
     boxes = [line for line in axes.lines if len(line.get_xdata()) == 5 and line.get_zorder() == 4]
-    assert len(boxes) == 2
+    assert [line.get_color() for line in boxes] == [
+        palette.SHAPE_COLOURS[one.shape(0)],
+        palette.SHAPE_COLOURS[one.shape(1)],
+    ]
+    # Faces lie above the beams, in the colour of their object.
+    faces = [line for line in axes.lines if line.get_zorder() == 5]
+    assert len(faces) == len(one.detection.face_length) == 2
     points = {one.get_label(): len(one.get_offsets()) for one in axes.collections}
-    assert points == {"set O": 16, "set S": 56}
+    assert points == {"beams on objects": 16, "walls and rest": 56}
+    assert set(named(axes)) == {*points, "sensor", "prismatic object"}
+    assert axes.get_xlim() == limits_of([one.batch]).x
+
+
+def test_vertices_are_marked_on_request() -> None:
+    one = picture(room(b10_14=2.0, b30_40=1.0))
+    axes = Figure().add_subplot()
+    scene(axes, one, vertices=True)
+    found = named(axes)
+    kinds = [VERTEX_KINDS[code] for code in one.detection.vertex_kind]
+    for name in ("start", "end"):
+        assert len(found[f"vertex: {name}"].get_xdata()) == kinds.count(name) == 2
+    assert len(found["nearest point"].get_xdata()) == 2
+    near = found["nearest point"]
+    assert np.hypot(near.get_xdata(), near.get_ydata()) == pytest.approx([2.0, 1.0])
+
+
+def test_a_round_object_is_a_circle() -> None:
+    theta = np.arange(1440) * (np.pi / 720) - np.pi
+    # A post of 0.2 m radius, 1.5 m ahead.
+    inner = (1.5 * np.cos(theta)) ** 2 - (1.5**2 - 0.2**2)
+    hit = (inner >= 0) & (np.abs(theta) < 1.0)
+    ranges = np.where(hit, 1.5 * np.cos(theta) - np.sqrt(np.maximum(inner, 0.0)), 4.0)
+    batch = sweep(ranges, angle_min=-np.pi, angle_increment=np.pi / 720)
+    one = Picture("run", batch, detect(batch, Parameters(), per_beam=True), "robust", "adaptive")
+    assert one.shape(0) == "round"
+    axes = Figure().add_subplot()
+    scene(axes, one)
+    circle = named(axes)["round object"]
+    x, y = np.asarray(circle.get_xdata()), np.asarray(circle.get_ydata())
+    assert np.hypot(x - 1.5, y) == pytest.approx(np.full(len(x), 0.2), abs=0.005)
+
+
+def test_walls_are_subdued_and_break_where_nothing_was_seen() -> None:
+    one = sample("corridor.bag", 3, walls=True)
+    axes = Figure().add_subplot()
+    scene(axes, one)
+    bands = [line for line in axes.lines if line.get_color() == palette.WALL]
+    steps = np.concatenate([np.hypot(*np.diff(line.get_xydata(), axis=0).T) for line in bands])
+    # Two faces that end in one far corner were drawn as a wedge from 7.5 m to 11.5 m.
+    assert 1.0 < steps.max() < 2.0
+    corners = np.count_nonzero(one.detection.vertex_kind == VERTEX_KINDS.index("corner"))
+    assert 0 < len(named(axes)["corner of a wall"].get_xdata()) < corners
 
 
 def test_what_the_scene_shows_of_tracks() -> None:
@@ -92,11 +166,12 @@ def test_what_the_scene_shows_of_tracks() -> None:
     walking = TrackPath(12, True, "", True, np.array([1.0, 1.0, 1.0]), np.array([0.0, 0.1, 0.2]), (0.0, 1.0))
     one = replace(picture(room(b10_14=2.0)), tracks=(still, walking))
     axes = Figure().add_subplot()
-    panels.scene(axes, one, limits_of([one.batch]))
-    # The object of the sweep has no number of its own beside those of the tracks; the arrow has no text.
-    assert [text.get_text() for text in axes.texts] == ["4 pallet", "", "12"]
-    lines = {line.get_label(): line for line in axes.lines}
-    agent, thing = lines["track, agent"], lines["track, object"]
+    scene(axes, one)
+    # The object of the sweep has no number of its own beside those of the tracks.
+    (labels,) = (artist for artist in axes.artists if isinstance(artist, Labels))
+    assert [(label.text, label.away) for label in labels.labels] == [("4 pallet", None), ("12", (1.0, 1.2))]
+    lines = named(axes)
+    agent, thing = lines["track: agent"], lines["track: object"]
     assert (agent.get_marker(), agent.get_markeredgecolor(), agent.get_markerfacecolor()) == (
         "^",
         palette.VERMILION,
@@ -123,6 +198,50 @@ def test_what_the_difference_shows() -> None:
     assert list(rings.get_ydata()) == [-2.0, 2.0]
     assert list(lines["$|s| > d_{th}$"].get_ydata()) == [-2.0, 2.0]
     assert len(axes.patches) == 1
+
+
+def test_the_difference_is_logarithmic_where_its_jumps_are_many_times_d_th() -> None:
+    one = picture(room(b10_14=2.0))
+    axes = Figure().add_subplot()
+    panels.difference(axes, one, limits_of([one.batch]))
+    d_th = float(one.detection.sweep_d_th[0])
+    assert d_th == pytest.approx(0.0556, abs=1e-4)
+    assert axes.get_yscale() == "symlog"
+    low, zero, high = axes.transData.transform([(0, -d_th), (0, 0), (0, d_th)])[:, 1]
+    # ±d_th stand apart beside a jump of 36 times as much.
+    assert (high - low) / axes.bbox.height > 0.1
+    assert zero - low == pytest.approx(high - zero)
+    assert axes.get_yticks() == pytest.approx([-1.0, -0.3, 0.0, 0.3, 1.0])
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["−1", "−0.3", "0", "0.3", "1"]
+    small = replace(one, detection=replace(one.detection, sweep_d_th=np.array([0.5])))
+    axes = Figure().add_subplot()
+    panels.difference(axes, small, limits_of([one.batch]))
+    assert axes.get_yscale() == "linear"
+
+
+def test_a_legend_names_what_is_drawn_alone() -> None:
+    axes = Figure().add_subplot()
+    panels.difference(axes, picture([4.0] * 72), limits_of([picture([4.0] * 72).batch]))
+    assert set(named(axes)) == {r"$\pm d_{th}$"}
+    axes = Figure().add_subplot()
+    one = picture(room(b10_14=2.0), np.array(room()))
+    panels.subtraction(axes, one, limits_of([one.batch]))
+    assert set(named(axes)) == {"nearer", "farther"}
+
+
+def test_what_the_polar_view_shows() -> None:
+    one = picture(room(b10_14=2.0, b30_40=1.0))
+    figure = Figure()
+    axes = figure.add_subplot(projection="polar")
+    panels.polar(axes, one, limits_of([one.batch]))
+    FigureCanvasAgg(figure).draw()
+    assert [text.get_text() for text in axes.get_xticklabels()] == [
+        *("0°", "45°", "90°", "135°", "180°", "−135°", "−90°", "−45°")
+    ]
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["1 m", "2 m", "3 m", "4 m"]
+    (labels,) = (artist for artist in axes.artists if isinstance(artist, Labels))
+    assert [label.text for label in labels.labels] == ["1", "2"]
+    assert len(labels.places) == 2
 
 
 def test_an_object_across_the_seam_is_shaded_on_both_sides() -> None:
@@ -164,24 +283,26 @@ def test_sweeps_with_hardly_anything_in_them(ranges: list[float]) -> None:
 
 
 @pytest.mark.slow
-def test_the_legend_of_an_animation_is_the_same_in_every_frame(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_frames_of_an_animation_hold_still(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     legends: list[list[str]] = []
-    drawn = Figure.legend
+    places: list[list[float]] = []
+    shown = drawing._pixels
 
-    def legend(figure: Figure, handles: Any, labels: Any, **settings: Any) -> Any:
-        legends.append([*labels])
-        return drawn(figure, handles, labels, **settings)
+    def pixels(figure: Figure) -> Any:
+        (legend,) = figure.legends
+        legends.append([text.get_text() for text in legend.get_texts()])
+        places.append([*legend.get_window_extent().bounds, *figure.axes[0].get_window_extent().bounds])
+        return shown(figure)
 
-    monkeypatch.setattr(Figure, "legend", legend)
+    monkeypatch.setattr(drawing, "_pixels", pixels)
     pictures = [picture(room()), picture(room(b10_14=2.0)), picture(room())]
-    for one in pictures:
-        draw(one, "scene", ".png")
-    assert legends[0] == legends[2] != legends[1]
-    united = {*legends[0], *legends[1]}
-    legends.clear()
-    animate(pictures, "scene", tmp_path / "a.gif")
-    assert len(legends) == 3
-    assert all(one == legends[0] for one in legends)
-    assert {*legends[0]} == united
+    done: list[int] = []
+    animate(pictures, "scene", tmp_path / "a.gif", Look(fps=5, dpi=60, width=80), done.append)
+    assert done == [1, 2, 3]
+    # In any frame, though objects are seen in one alone.
+    assert {*legends[0]} == {"walls and rest", "sensor", "beams on objects", "prismatic object"}
+    assert legends[0] == legends[1] == legends[2]
+    assert places[0] == places[1] == places[2]
+    with Image.open(tmp_path / "a.gif") as image:
+        assert image.info["duration"] == 200
+        assert image.size[0] == int(80 / 25.4 * 60) == 188

@@ -1,0 +1,209 @@
+"""Where the labels of a picture go: beside what they name, none on another, and away from what is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.sweeps import Float64
+
+RINGS = (1.0, 3.0, 6.0, 10.0, 15.0, 21.0, 28.0, 38.0, 52.0)
+"""Distances from a thing at which its label is tried [pt]."""
+WAYS = 24
+"""Directions in which it is tried."""
+ROUNDS = 3
+"""The first round sets every label, the others move those that a later one left in a bad place."""
+NEAR = 6.0
+"""A label farther from its thing than this has a line to it [pt]."""
+PER_POINT, PER_THING, PER_WAY, PER_DISTANCE, PER_CROSSING, AMBIGUOUS = 0.8, 8.0, 1.2, 0.35, 6.0, 4.0
+"""What costs: a point under the label, another thing under it, a way not away from the sensor, each point [pt] of
+distance, a line across another label or thing, and a place that is nearer to another thing."""
+
+FORBIDDEN = 1e6
+"""What a place costs that is taken or lies outside."""
+
+
+class Rectangle(NamedTuple):
+    """Upright, in pixels."""
+
+    left: float
+    low: float
+    right: float
+    high: float
+
+    def meets(self, other: Rectangle) -> bool:
+        """Whether the two share any ground."""
+        return (
+            self.left < other.right
+            and other.left < self.right
+            and self.low < other.high
+            and other.low < self.high
+        )
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Its centre."""
+        return 0.5 * (self.left + self.right), 0.5 * (self.low + self.high)
+
+    def nearest(self, x: float, y: float) -> tuple[float, float]:
+        """Its point that is nearest to another."""
+        return min(max(x, self.left), self.right), min(max(y, self.low), self.high)
+
+
+class Wanted(NamedTuple):
+    """A label to set, in pixels."""
+
+    width: float
+    height: float
+    thing: Rectangle
+    """Around what it names."""
+    way: tuple[float, float]
+    """Unit vector: the side that it had best stand on."""
+
+
+def set_labels(
+    wanted: Sequence[Wanted], points: Float64, ground: Rectangle, unit: float
+) -> tuple[Rectangle, ...]:
+    """A place for each label, in `ground`; no two of them meet while there is room. The same labels, the same places.
+
+    Parameters
+    ----------
+    points : (N, 2) what labels had better not cover [pixel]
+    unit : pixels of a typographic point
+    """
+    if not wanted:
+        return ()
+    things = np.array([one.thing for one in wanted], np.float64).reshape(-1, 4)
+    tried = [_Tried(wanted, k, things, points, ground, unit) for k in range(len(wanted))]
+    places: dict[int, Rectangle] = {}
+    for _ in range(ROUNDS):
+        before = dict(places)
+        for k, one in enumerate(tried):
+            places[k] = one.best([place for other, place in places.items() if other != k])
+        if places == before:
+            break
+    return tuple(places[k] for k in range(len(wanted)))
+
+
+def line_to(place: Rectangle, thing: Rectangle, others: Sequence[Rectangle], unit: float) -> Float64 | None:
+    """(2, 2) ends of the line from a label to what it names; None where it stands close to that alone."""
+    x, y = place.middle
+    end = thing.nearest(x, y)
+    start = place.nearest(*end)
+    mine = float(np.hypot(end[0] - start[0], end[1] - start[1]))
+    crowd = any(_distance(place, other) < 1.3 * mine for other in others)
+    if mine <= (0.5 * NEAR if crowd else NEAR) * unit:
+        return None
+    return np.array([start, end])
+
+
+def _distance(one: Rectangle, other: Rectangle) -> float:
+    across = max(other.left - one.right, one.left - other.right, 0.0)
+    along = max(other.low - one.high, one.low - other.high, 0.0)
+    return float(np.hypot(across, along))
+
+
+class _Tried:
+    """The places that are tried for one label, and what each costs beside things and points."""
+
+    def __init__(
+        self,
+        wanted: Sequence[Wanted],
+        k: int,
+        things: Float64,
+        points: Float64,
+        ground: Rectangle,
+        unit: float,
+    ) -> None:
+        mine = wanted[k]
+        self._thing = mine.thing
+        turns = np.arange(WAYS) * (2.0 * np.pi / WAYS)
+        ways = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        # On a rectangle around the thing, so that the label never stands on what it names.
+        edge = ways / np.abs(ways).max(axis=1, keepdims=True)
+        rings = np.array(RINGS) * unit
+        size = np.array([mine.width, mine.height])
+        half = 0.5 * (np.array([mine.thing.right - mine.thing.left, mine.thing.high - mine.thing.low]) + size)
+        centre = np.array(mine.thing.middle)
+        middles = centre + (edge[None] * (half + rings[:, None, None])).reshape(-1, 2)
+        costs = np.repeat(PER_DISTANCE * rings / unit, WAYS)
+        costs += np.tile(PER_WAY * (1.0 - ways @ np.array(mine.way)), len(rings))
+        self._low, self._high = middles - 0.5 * size, middles + 0.5 * size
+        inside = (
+            (self._low[:, 0] >= ground.left)
+            & (self._low[:, 1] >= ground.low)
+            & (self._high[:, 0] <= ground.right)
+            & (self._high[:, 1] <= ground.high)
+        )
+        costs += PER_POINT * self._covered(points)
+        others = np.delete(things, k, axis=0)
+        costs += PER_THING * _meeting(self._low, self._high, others).sum(axis=1)
+        gaps = self._gaps(others)
+        mine_gap = self._gaps(np.array([mine.thing]))
+        costs += AMBIGUOUS * (gaps < mine_gap).any(axis=1)
+        costs += PER_CROSSING * self._crossed(middles, centre, others).sum(axis=1)
+        self._costs = np.where(inside, costs, FORBIDDEN)
+        self._middles, self._centre, self._size, self._ground = middles, centre, size, ground
+
+    def best(self, taken: Sequence[Rectangle]) -> Rectangle:
+        """The cheapest place that no other label has."""
+        costs = self._costs
+        if taken:
+            others = np.array(taken)
+            costs = costs + PER_CROSSING * self._crossed(self._middles, self._centre, others).sum(axis=1)
+            costs = np.where(_meeting(self._low, self._high, others).any(axis=1), FORBIDDEN, costs)
+        at = int(np.argmin(costs))
+        if costs[at] >= FORBIDDEN and (anywhere := self._anywhere(taken)) is not None:
+            return anywhere
+        return Rectangle(*map(float, (*self._low[at], *self._high[at])))
+
+    def _anywhere(self, taken: Sequence[Rectangle]) -> Rectangle | None:
+        """The nearest free place of the whole ground."""
+        middles = _everywhere(self._ground, self._size)
+        low, high = middles - 0.5 * self._size, middles + 0.5 * self._size
+        free = ~_meeting(low, high, np.array(taken, np.float64).reshape(-1, 4)).any(axis=1)
+        if not free.any():
+            return None
+        far = np.where(free, np.hypot(*(middles - self._centre).T), np.inf)
+        at = int(np.argmin(far))
+        return Rectangle(*map(float, (*low[at], *high[at])))
+
+    def _covered(self, points: Float64) -> Float64:
+        """(C,) points under each place."""
+        x, y = points[:, 0], points[:, 1]
+        under = (self._low[:, :1] < x) & (x < self._high[:, :1])
+        under &= (self._low[:, 1:] < y) & (y < self._high[:, 1:])
+        covered: Float64 = under.sum(axis=1).astype(np.float64)
+        return covered
+
+    def _gaps(self, others: Float64) -> Float64:
+        """(C, R) distance of each place from rectangles."""
+        low, high = self._low[:, None], self._high[:, None]
+        apart = np.maximum(np.maximum(others[None, :, :2] - high, low - others[None, :, 2:]), 0.0)
+        gaps: Float64 = np.hypot(apart[..., 0], apart[..., 1])
+        return gaps
+
+    @staticmethod
+    def _crossed(start: Float64, end: Float64, others: Float64) -> NDArray[np.bool_]:
+        """(C, R) which rectangles lie on the way from each place to the thing."""
+        steps = np.linspace(0.0, 1.0, 12)[None, :, None]
+        way = start[:, None] * (1.0 - steps) + end * steps
+        inside = (way[:, :, None] > others[None, None, :, :2]) & (way[:, :, None] < others[None, None, :, 2:])
+        return np.asarray(np.asarray(inside.all(axis=3)).any(axis=1), np.bool_)
+
+
+def _meeting(low: Float64, high: Float64, others: Float64) -> NDArray[np.bool_]:
+    """(C, R) which rectangles each place meets."""
+    met = (low[:, None] < others[:, 2:]) & (others[:, :2] < high[:, None])
+    return np.asarray(met.all(axis=2), np.bool_)
+
+
+def _everywhere(ground: Rectangle, size: Float64) -> Float64:
+    """(N, 2) middles of places all over the ground."""
+    x = np.arange(ground.left + 0.5 * size[0], ground.right - 0.5 * size[0] + 1e-9, max(size[0], 1.0))
+    y = np.arange(ground.low + 0.5 * size[1], ground.high - 0.5 * size[1] + 1e-9, max(size[1], 1.0))
+    across, along = np.meshgrid(x[:60], y[:60])
+    return np.stack([across.ravel(), along.ravel()], axis=1)
