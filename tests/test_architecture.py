@@ -32,12 +32,12 @@ MAY_IMPORT = {
     "logs": CORE,
     "poses": CORE | {"logs"},
     "formalism": CORE,
-    "tables": CORE | {"formalism", "newfiles", "stores", "threads"},
-    "simulate": CORE | {"fields", "formalism", "maps", "newfiles", "tables", "tomlfiles"},
-    "reports": CORE | {"formalism", "tables"},
-    "maps": CORE | {"formalism", "newfiles", "tables"},
+    "tabular": CORE | {"formalism", "newfiles", "stores", "threads"},
+    "simulate": CORE | {"fields", "formalism", "maps", "newfiles", "tabular", "tomlfiles"},
+    "reports": CORE | {"formalism", "tabular"},
+    "maps": CORE | {"formalism", "newfiles", "tabular"},
     "pipeline": CORE
-    | {"logs", "poses", "formalism", "tables", "reports", "maps"}
+    | {"logs", "poses", "formalism", "tabular", "reports", "maps"}
     | {"compiled", "fields", "newfiles", "stores", "threads", "tomlfiles"},
     "cli": CORE
     | {"compiled", "interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline", "stores"},
@@ -61,7 +61,7 @@ ROOMS_OF = {
     "mcap": {"logs", "simulate", "maps"},
     "rosbags": {"simulate"},
     "sqlite3": {"logs", "simulate"},
-    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps", "stores"},
+    "pyarrow": {"tabular", "pipeline", "logs", "simulate", "reports", "maps", "stores"},
     "distributed": {"pipeline"},
     "PIL": {"maps"},
     "ruamel": {"maps"},

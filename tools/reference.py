@@ -12,9 +12,9 @@ import pyarrow as pa
 from lidarcli import errors
 from lidarcli.cli import cli
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
-from lidarcli.tables import metadata
-from lidarcli.tables.background import GEOMETRY
-from lidarcli.tables.schemas import BACKGROUND, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
+from lidarcli.tabular import metadata
+from lidarcli.tabular.background import GEOMETRY
+from lidarcli.tabular.schemas import BACKGROUND, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 

@@ -178,7 +178,7 @@ def detect(
     memory: bool = False,
     **objects: Any,
 ) -> pa.Table:
-    """The objects of every sweep as an Arrow table with the schema `lidarcli.tables.OBJECTS`.
+    """The objects of every sweep as an Arrow table with the schema `lidarcli.tabular.OBJECTS`.
 
     Parameters
     ----------

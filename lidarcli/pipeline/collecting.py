@@ -17,9 +17,9 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.finders import finder
 from lidarcli.pipeline.objects.parts import Made, rows_of
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.order import RowSink, TopicOrders
-from lidarcli.tables.schemas import SCHEMAS
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.order import RowSink, TopicOrders
+from lidarcli.tabular.schemas import SCHEMAS
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class TrackTables(NamedTuple):
-    """What `track` returns: tables with the schemas of `lidarcli.tables.SCHEMAS`."""
+    """What `track` returns: tables with the schemas of `lidarcli.tabular.SCHEMAS`."""
 
     objects: pa.Table
     """One row per object per sweep, with the thing that it belongs to."""

@@ -26,7 +26,7 @@ from lidarcli.reports.summary import (
     values_of,
 )
 from lidarcli.reports.tracks import TRACK_COLUMNS
-from lidarcli.tables.schemas import LATER
+from lidarcli.tabular.schemas import LATER
 
 if TYPE_CHECKING:
     from lidarcli.reports.map_picture import MapPicture

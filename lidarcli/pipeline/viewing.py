@@ -21,7 +21,7 @@ from lidarcli.reports.summary import Summary
 from lidarcli.reports.viewer import Choice, Raw, choose_sweeps, pack
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
-from lidarcli.tables.reading import GREATEST_VALUE
+from lidarcli.tabular.reading import GREATEST_VALUE
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
 MOST_CELLS = 50_000_000

@@ -22,7 +22,7 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.simulate.writers import write_log
-from lidarcli.tables import OBJECTS
+from lidarcli.tabular import OBJECTS
 from tests.pipeline.folders import logs_apart
 from tests.pipeline.in_memory import block
 from tests.places import SAMPLES

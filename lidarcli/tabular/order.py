@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from lidarcli.errors import OutputError
 from lidarcli.newfiles import unwritable
-from lidarcli.tables.schemas import SCHEMAS
+from lidarcli.tabular.schemas import SCHEMAS
 
 MOST_BYTES = 32 << 20
 """Rows that wait in memory before they are put on disk: thousands of topics with a few rows each never are."""

@@ -12,9 +12,9 @@ from lidarcli.formalism import SETS, SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
 from lidarcli.formalism.tracking.tracked import ENDS, Followed, Tracks
 from lidarcli.sweeps import Int32, SweepBatch, UInt8
-from lidarcli.tables.arrays import answers, codes, floats, masked, plain
-from lidarcli.tables.rows import Form, beams_of, constant
-from lidarcli.tables.schemas import STAMP, TRACKS
+from lidarcli.tabular.arrays import answers, codes, floats, masked, plain
+from lidarcli.tabular.rows import Form, beams_of, constant
+from lidarcli.tabular.schemas import STAMP, TRACKS
 
 _TRACKS = Form.of(TRACKS)
 

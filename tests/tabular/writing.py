@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.tables.files import TableFiles, table_paths
-from lidarcli.tables.metadata import table_metadata
+from lidarcli.tabular.files import TableFiles, table_paths
+from lidarcli.tabular.metadata import table_metadata
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_000_223_456_789, 1_700_000_000_323_456_789])
 METADATA = table_metadata({"profile": "robust"}, {"name": "run.mcap", "size": 12, "format": "mcap"})

@@ -12,9 +12,9 @@ import pyarrow as pa
 
 from lidarcli.newfiles import WholeFiles, new_files
 from lidarcli.stores.url import Place
-from lidarcli.tables.order import TopicOrder
-from lidarcli.tables.parquet import TableFile
-from lidarcli.tables.schemas import SCHEMAS
+from lidarcli.tabular.order import TopicOrder
+from lidarcli.tabular.parquet import TableFile
+from lidarcli.tabular.schemas import SCHEMAS
 
 BY_TABLE, BY_DATE = "table", "date"
 """Layouts beside that of files with the name of their log: a folder for each table, and in it one for each day."""

@@ -20,9 +20,9 @@ from lidarcli.cli import run
 from lidarcli.pipeline.reporting import VIEWER_COLUMNS
 from lidarcli.pipeline.viewing import BEAM_COLUMNS
 from lidarcli.reports.summary import OBJECT_COLUMNS, SWEEP_COLUMNS
-from lidarcli.tables.background import GEOMETRY
-from lidarcli.tables.reading import GREATEST_VALUE, MOST_WHOLE, read_columns
-from lidarcli.tables.schemas import BACKGROUND, NULLABLE, OBJECTS, SCHEMAS
+from lidarcli.tabular.background import GEOMETRY
+from lidarcli.tabular.reading import GREATEST_VALUE, MOST_WHOLE, read_columns
+from lidarcli.tabular.schemas import BACKGROUND, NULLABLE, OBJECTS, SCHEMAS
 from tests.places import SAMPLES
 
 ALL = {**SCHEMAS, "background": BACKGROUND}

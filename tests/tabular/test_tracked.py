@@ -11,11 +11,11 @@ from lidarcli.formalism import SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, WALL
 from lidarcli.formalism.tracking.tracked import Followed
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
-from lidarcli.tables.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
+from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
+from lidarcli.tabular.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
 from tests.pipeline.patient import things
-from tests.tables.contract import CONTRACT
-from tests.tables.writing import STAMPS
+from tests.tabular.contract import CONTRACT
+from tests.tabular.writing import STAMPS
 
 
 def followed(detection: Detection, agents: list[int]) -> Followed:

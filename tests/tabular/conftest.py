@@ -10,7 +10,7 @@ import pytest
 from lidarcli.formalism import Detection, Parameters, detect, sweep
 from lidarcli.sweeps import SweepBatch
 from tests.sweeping import round_room
-from tests.tables.writing import STAMPS
+from tests.tabular.writing import STAMPS
 
 
 @pytest.fixture

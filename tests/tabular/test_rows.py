@@ -9,9 +9,9 @@ import pytest
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection, Parameters, detect
 from lidarcli.sweeps import Status, SweepBatch
-from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
-from tests.tables.contract import CONTRACT
-from tests.tables.writing import STAMPS
+from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
+from tests.tabular.contract import CONTRACT
+from tests.tabular.writing import STAMPS
 
 
 def test_object_rows_equal_the_detection(batch: SweepBatch, detection: Detection) -> None:

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
 from lidarcli.stores.url import Place, Url
-from lidarcli.tables.schemas import INFINITE, LATER, NULLABLE
+from lidarcli.tabular.schemas import INFINITE, LATER, NULLABLE
 
 GREATEST_VALUE = 1e12
 """A number of a table is no larger [m], [rad]: no place on Earth is farther, whatever the origin."""

@@ -12,11 +12,11 @@ import pytest
 
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables import OBJECTS
-from lidarcli.tables.files import TableFiles, table_paths
-from lidarcli.tables.order import TopicOrder
-from lidarcli.tables.rows import objects_rows, sweeps_rows
-from tests.tables.writing import METADATA, write_files
+from lidarcli.tabular import OBJECTS
+from lidarcli.tabular.files import TableFiles, table_paths
+from lidarcli.tabular.order import TopicOrder
+from lidarcli.tabular.rows import objects_rows, sweeps_rows
+from tests.tabular.writing import METADATA, write_files
 
 
 @pytest.mark.parametrize("first", ["/a", None])

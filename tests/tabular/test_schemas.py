@@ -5,8 +5,8 @@ from __future__ import annotations
 import pyarrow as pa
 import pytest
 
-from lidarcli.tables import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS
-from tests.tables.contract import CONTRACT
+from lidarcli.tabular import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS
+from tests.tabular.contract import CONTRACT
 
 
 @pytest.mark.parametrize("table", sorted(CONTRACT))

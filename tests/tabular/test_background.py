@@ -21,9 +21,9 @@ from lidarcli.formalism.background.grid import Grid
 from lidarcli.formalism.background.learning import Learning
 from lidarcli.formalism.background.model import Background
 from lidarcli.sweeps import SweepPoses
-from lidarcli.tables.background import GEOMETRY, background_rows, read_background, write_background
-from lidarcli.tables.metadata import PARAMETERS, SOURCE, VERSION, table_metadata
-from lidarcli.tables.schemas import BACKGROUND
+from lidarcli.tabular.background import GEOMETRY, background_rows, read_background, write_background
+from lidarcli.tabular.metadata import PARAMETERS, SOURCE, VERSION, table_metadata
+from lidarcli.tabular.schemas import BACKGROUND
 
 CONTRACT = [
     ("topic", "dictionary<values=string, indices=int32, ordered=0>"),

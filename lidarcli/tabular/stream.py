@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.errors import OutputError
-from lidarcli.tables.parquet import Output, ParquetSink
+from lidarcli.tabular.parquet import Output, ParquetSink
 
 NESTED = ("vertices", "faces")
 

@@ -12,12 +12,12 @@ from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.inputs.tables import Pair, find_pairs, read_table, table_files
 from lidarcli.pipeline.objects import following
-from lidarcli.tables import SCHEMAS
-from lidarcli.tables.reading import read_columns, read_pieces
-from lidarcli.tables.schemas import LATER, OBJECTS, TRACKS
+from lidarcli.tabular import SCHEMAS
+from lidarcli.tabular.reading import read_columns, read_pieces
+from lidarcli.tabular.schemas import LATER, OBJECTS, TRACKS
 from tests.pipeline.patient import Patient
 from tests.places import SAMPLES
-from tests.tables.test_reading import WRITERS
+from tests.tabular.test_reading import WRITERS
 
 TABLES = ("objects", "sweeps", "tracks")
 

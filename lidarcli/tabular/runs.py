@@ -13,8 +13,8 @@ import pyarrow as pa
 
 from lidarcli.errors import UnreadableError
 from lidarcli.stores.url import Place
-from lidarcli.tables.reading import read_columns
-from lidarcli.tables.schemas import RUNS
+from lidarcli.tabular.reading import read_columns
+from lidarcli.tabular.schemas import RUNS
 
 OK, DAMAGED, FAILED = OUTCOMES = ("ok", "damaged", "failed")
 """What may become of a log: read whole, read as far as it can be, without tables."""

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
 from lidarcli.formalism.detection import CHANGES
 from lidarcli.sweeps import STATUSES, SweepBatch, count_statuses
-from lidarcli.tables.arrays import codes, floats, masked, names_of, plain
-from lidarcli.tables.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX
+from lidarcli.tabular.arrays import codes, floats, masked, names_of, plain
+from lidarcli.tabular.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.tracked import Tracks

@@ -15,11 +15,11 @@ import pytest
 from lidarcli.errors import OutputError
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables import OBJECTS
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.rows import objects_rows
-from lidarcli.tables.stream import FORMATS, CountingOutput
-from tests.tables.writing import METADATA
+from lidarcli.tabular import OBJECTS
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.rows import objects_rows
+from lidarcli.tabular.stream import FORMATS, CountingOutput
+from tests.tabular.writing import METADATA
 
 
 def test_full_disk_is_one_line(batch: SweepBatch, detection: Detection) -> None:

@@ -15,11 +15,11 @@ import pytest
 from lidarcli.errors import OutputError
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables import OBJECTS, SCHEMAS
-from lidarcli.tables.files import TableFiles, table_paths
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.rows import objects_rows
-from tests.tables.writing import METADATA, write_files
+from lidarcli.tabular import OBJECTS, SCHEMAS
+from lidarcli.tabular.files import TableFiles, table_paths
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.rows import objects_rows
+from tests.tabular.writing import METADATA, write_files
 
 
 def test_file_read_back_equals_rows_and_metadata(
@@ -85,7 +85,7 @@ def test_failure_leaves_nothing(
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from lidarcli.tables.files import TableFiles, table_paths
+from lidarcli.tabular.files import TableFiles, table_paths
 files = TableFiles(table_paths(Path(sys.argv[1]), "run", ("objects", "sweeps")), None)
 os.kill(os.getpid(), signal.SIGKILL)
 """
