@@ -13,7 +13,7 @@ PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
 GROUND = {"_version", "choices", "errors", "native"}
-CORE = GROUND | {"records", "sweeps"}
+CORE = GROUND | {"records", "showing", "sweeps"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -28,7 +28,8 @@ MAY_IMPORT = {
     "records": set[str](),
     "native": set[str](),
     "ranges": {"native"},
-    "sweeps": {"errors", "ranges", "records"},
+    "showing": set[str](),
+    "sweeps": {"errors", "ranges", "records", "showing"},
     "logs": CORE,
     "poses": CORE | {"logs"},
     "formalism": CORE,
@@ -41,7 +42,7 @@ MAY_IMPORT = {
     | {"compiled", "fields", "newfiles", "stores", "threads", "tomlfiles"},
     "cli": CORE
     | {"compiled", "interrupts", "logs", "newfiles", "formalism", "simulate", "pipeline", "stores"},
-    "__init__": {"_version", "compiled", "formalism", "pipeline"},
+    "__init__": {"_version", "compiled", "errors", "formalism", "pipeline", "sweeps"},
 }
 """Room → the rooms below it that it may import."""
 
@@ -58,6 +59,7 @@ ROOMS_OF = {
     "rich": {"cli", "reports"},
     "matplotlib": {"reports"},
     "jinja2": {"reports"},
+    "pandas": {"pipeline", "sweeps"},
     "mcap": {"logs", "simulate", "maps"},
     "rosbags": {"simulate"},
     "sqlite3": {"logs", "simulate"},

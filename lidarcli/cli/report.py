@@ -96,7 +96,14 @@ def report(
     from lidarcli.pipeline.fleet.reporting import manifest_files, report_runs, understand_runs
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
-    from lidarcli.pipeline.reporting import SUFFIXES, ReportOptions, make_report, render, understand
+    from lidarcli.pipeline.reporting import (
+        SUFFIXES,
+        ReportOptions,
+        encoded,
+        make_report,
+        render,
+        understand,
+    )
 
     kinds = [_kind(name, kind, SUFFIXES) for name in outputs or (STDOUT,)]
     if len(outputs) > 1 and kind is not None:
@@ -117,9 +124,9 @@ def report(
     for name, form in zip(outputs or (STDOUT,), kinds, strict=True):
         if name == STDOUT:
             words = render(made, form, colour=coloured(standard_output()))
-            standard_output().buffer.write(_encoded(words))
+            standard_output().buffer.write(encoded(words))
         else:
-            notes = write_whole(place(name), _encoded(render(made, form)), overwrite)
+            notes = write_whole(place(name), encoded(render(made, form)), overwrite)
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")
@@ -149,15 +156,6 @@ def _are_of_runs(tables: Sequence[str], baseline: Sequence[str], logs: Sequence[
             f"{manifests[0]} is a manifest of runs and {other} is none; report on one or the other"
         )
     return bool(manifests)
-
-
-def _encoded(words: str) -> bytes:
-    r"""UTF-8; bytes of a file name that are none stand as escapes, which JSON, too, reads.
-
-    >>> _encoded("bad\udcff")
-    b'bad\\udcff'
-    """
-    return words.encode("utf-8", "backslashreplace")
 
 
 def _kind(name: str, kind: str | None, suffixes: dict[str, str]) -> str:

@@ -39,7 +39,7 @@ def test_detect_batches_in_python() -> None:
 def test_read_and_detect_a_log_in_python(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     write_log(path, [block("/b"), block("/a")])
-    batches = list(lidarcli.read(path, topics=["/b"], every=2))
+    batches = list(lidarcli.read(path, topic="/b", every=2))
     assert [(batch.topic, batch.sweep.tolist()) for batch in batches] == [("/b", [0, 2])]
     table = lidarcli.detect(path, Parameters.for_profile("robust"), start=0.1)
     assert table.schema.equals(OBJECTS)
@@ -137,7 +137,7 @@ def test_logs_of_one_name_stay_apart_in_python(tmp_path: Path) -> None:
 def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     write_log(path, [block("/scan")])
-    assert lidarcli.detect(path, topics="/scan").num_rows == 4
+    assert lidarcli.detect(path, topic="/scan").num_rows == 4
     assert lidarcli.detect(path, max_width=0.1).num_rows == 0
     assert (
         lidarcli.detect(path, profile="paper").schema.metadata[b"lidarcli.parameters"].count(b'"paper"') == 1
