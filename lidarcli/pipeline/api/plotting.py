@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from os import fspath
 from typing import Unpack
 
+from lidarcli.choices import VIEWS
+from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges
 from lidarcli.pipeline.api.options import Told, csv_options, parameters_of, pose_options, rules
@@ -56,6 +58,8 @@ def plot(
     OutputError
         The picture cannot be written.
     """
+    if options["view"] not in VIEWS:
+        raise OptionError(f"--view: '{options['view']}' is not one of {', '.join(VIEWS)}")
     picture = _picture(log, sweep, parameters, options)
     if output is not None:
         for note in write_pictures([place(fspath(output))], [picture], options["view"], overwrite=True):
