@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import pyarrow as pa
 
 from lidarcli.formalism import Parameters
-from lidarcli.pipeline.api.keywords import Detecting, Paths, Reading, Tracking
+from lidarcli.pipeline.api.keywords import Detecting, Paths, Reading, Tracking, defaults_of
 from lidarcli.pipeline.api.options import (
     Told,
     background_options,
@@ -20,7 +20,7 @@ from lidarcli.pipeline.api.options import (
     pose_options,
     read_options,
 )
-from lidarcli.pipeline.api.signatures import defaults_of, with_keywords
+from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
 from lidarcli.pipeline.collecting import TrackTables, of_batches, of_logs
 from lidarcli.pipeline.detecting import DetectOptions

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from os import PathLike
-from typing import Annotated, Any, Literal, NamedTuple, TypedDict
+from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_type_hints
 
 from lidarcli.choices import (
     MAP_RESOLUTION,
@@ -33,6 +33,17 @@ class Keyword(NamedTuple):
 
     meaning: str
     default: Any = None
+
+
+def keywords_of(group: type) -> dict[str, tuple[Any, Keyword]]:
+    """The keywords of a group, each with its type and what stands beside it."""
+    hints = get_type_hints(group, include_extras=True)
+    return {name: get_args(hint)[:2] for name, hint in hints.items()}
+
+
+def defaults_of(group: type) -> dict[str, Any]:
+    """What every keyword of a group is where nobody says it."""
+    return {name: keyword.default for name, (_, keyword) in keywords_of(group).items()}
 
 
 class Topics(TypedDict, total=False):

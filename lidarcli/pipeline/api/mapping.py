@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Unpack
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
-from lidarcli.pipeline.api.keywords import Mapping, Paths, Reading
+from lidarcli.pipeline.api.keywords import Mapping, Paths, Reading, defaults_of
 from lidarcli.pipeline.api.options import csv_options, pose_options, read_options, several
-from lidarcli.pipeline.api.signatures import defaults_of, with_keywords
+from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
 from lidarcli.pipeline.collecting import Failed
 from lidarcli.pipeline.map_files import MapRun

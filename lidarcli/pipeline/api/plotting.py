@@ -9,9 +9,9 @@ from typing import Unpack
 from lidarcli.choices import VIEWS
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters
-from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges
+from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges, defaults_of
 from lidarcli.pipeline.api.options import Told, csv_options, parameters_of, pose_options, rules
-from lidarcli.pipeline.api.signatures import defaults_of, with_keywords
+from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import one_source
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, take_pictures, write_pictures
 from lidarcli.pipeline.warned import warn

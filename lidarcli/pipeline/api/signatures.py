@@ -7,9 +7,9 @@ from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, cleandoc, signature
 from textwrap import fill
-from typing import Any, TypeVar, cast, get_args, get_type_hints
+from typing import Any, TypeVar, cast
 
-from lidarcli.pipeline.api.keywords import Keyword
+from lidarcli.pipeline.api.keywords import Keyword, keywords_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 WIDTH = 100
@@ -44,19 +44,9 @@ def with_keywords(function: F) -> F:
     return cast(F, called)
 
 
-def defaults_of(keywords: type) -> dict[str, Any]:
-    """What every keyword of a group is where nobody says it."""
-    return {name: keyword.default for name, (_, keyword) in _hints(keywords).items()}
-
-
 def _keywords(function: Callable[..., Any]) -> dict[str, tuple[Any, Keyword]]:
     told: str = function.__annotations__["options"]
-    return _hints(function.__globals__[told.removeprefix("Unpack[").removesuffix("]")])
-
-
-def _hints(keywords: type) -> dict[str, tuple[Any, Keyword]]:
-    hints = get_type_hints(keywords, include_extras=True)
-    return {name: get_args(hint)[:2] for name, hint in hints.items()}
+    return keywords_of(function.__globals__[told.removeprefix("Unpack[").removesuffix("]")])
 
 
 def _unknown(function: str, name: str, names: list[str]) -> str:
