@@ -83,4 +83,6 @@ def test_the_people_are_those_of_the_truth(ran: dict[str, list[Any]]) -> None:
     speeds = sorted(float(line.split()[-1]) for line in true[2:])
     assert speeds == [0.0, 0.81, 1.1, 1.24]
     assert [float(line.split()[-1]) for line in found[1:]] == pytest.approx(speeds[1:], abs=0.02)
+    at_once = [int(line.split()[-1]) for line in outputs(cells[7]).splitlines()[2:]]
+    assert at_once == [2, 2, 2, 3, 3, 3, 3, 3]
     assert sum("image/png" in kinds(cell) for cell in cells) == 3
