@@ -56,7 +56,9 @@ def test_names_and_defaults_are_those_of_the_command_line(function: str) -> None
     options = options_of(COMMANDS[function])
     parameters = inspect.signature(getattr(lidarcli, function)).parameters
     names = {name.replace("_", "-") for name in parameters.keys() - OWN}
-    named = {name.removeprefix("no-") if one.is_flag else name for name, one in options.items()} - OF_THE_SHELL
+    named = {
+        name.removeprefix("no-") if one.is_flag else name for name, one in options.items()
+    } - OF_THE_SHELL
     # The logs of a report are no argument of its command.
     names |= {"log"} if function == "report" else set()
     assert names == named - ONLY_SHELL.get(function, set())
