@@ -53,7 +53,8 @@ def _html(self: Telling) -> str:
         f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(words)}</td></tr>'
         for name, words in rows
     )
-    return f"<table><caption><b>{type(self).__name__}</b> {escape(title)}</caption>{cells}</table>"
+    head = f'<caption style="text-align: left"><b>{type(self).__name__}</b> {escape(title)}</caption>'
+    return f"<table>{head}{cells}</table>"
 
 
 def counted(number: int, what: str) -> str:

@@ -59,7 +59,9 @@ def test_they_print_what_they_are() -> None:
 def test_a_notebook_shows_them_as_a_table() -> None:
     (batch,) = lidarcli.read(SAMPLES / "drive.db3")
     page = replace(batch, log="<b>&", frame_ids=("",))._repr_html_()
-    assert page.startswith("<table><caption><b>SweepBatch</b> /scan: 150 sweeps x 361 beams</caption><tr>")
+    assert page.startswith(
+        '<table><caption style="text-align: left"><b>SweepBatch</b> /scan: 150 sweeps x 361 beams<'
+    )
     assert ">&lt;b&gt;&amp;</td>" in page
     assert ">without a name</td>" in page
     assert page.count("<tr>") == 10
