@@ -22,8 +22,8 @@ from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.overlaying import OverlayOptions, write_overlay
 from lidarcli.pipeline.running.memory import keep_freed_memory
 from lidarcli.ros.definitions import ROS2
-from lidarcli.tables.reading import read_columns
-from lidarcli.tables.schemas import OBJECTS
+from lidarcli.tabular.reading import read_columns
+from lidarcli.tabular.schemas import OBJECTS
 
 HERE = Path(__file__).parent
 REFERENCE = 300

@@ -20,9 +20,9 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.memory import keep_freed_memory
-from lidarcli.tables.files import TableFiles, table_paths
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.rows import objects_rows, sweeps_rows
+from lidarcli.tabular.files import TableFiles, table_paths
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.rows import objects_rows, sweeps_rows
 
 T = TypeVar("T")
 

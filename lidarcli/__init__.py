@@ -1,11 +1,11 @@
-"""From a 2D LiDAR log to a table of objects: the public Python API.
+"""From a 2D LiDAR log to a table of objects: the public Python API (docs/python.md).
 
 >>> import lidarcli
->>> objects = lidarcli.detect("run.mcap")  # doctest: +SKIP
+>>> objects = lidarcli.detect("run.mcap", max_width=1.5)  # doctest: +SKIP
 >>> objects, sweeps, tracks = lidarcli.track("run.mcap")  # doctest: +SKIP
->>> grid = lidarcli.map("run.mcap", "room.yaml")  # doctest: +SKIP
->>> for batch in lidarcli.read("run.mcap"):  # doctest: +SKIP
-...     print(batch.topic, batch.ranges.shape)
+>>> frames = lidarcli.tables("run.mcap")  # doctest: +SKIP
+>>> for batch in lidarcli.read("run.mcap", topic="/scan"):  # doctest: +SKIP
+...     print(batch)
 """
 
 from __future__ import annotations
@@ -24,17 +24,88 @@ if "LIDARCLI_COMPILED" in os.environ:
 
 if TYPE_CHECKING:
     from lidarcli import formalism
-    from lidarcli.pipeline.api import detect, learn, map, read, track
+    from lidarcli.errors import LidarcliError, NoScanError, OptionError, OutputError, UnreadableError
+    from lidarcli.formalism.background.model import Background
+    from lidarcli.formalism.catalogue import Catalogue
+    from lidarcli.formalism.mapping.occupancy import Occupancy
+    from lidarcli.formalism.parameters import Parameters
+    from lidarcli.pipeline.api.finding import detect, track
+    from lidarcli.pipeline.api.inspecting import info
+    from lidarcli.pipeline.api.learning import learn
+    from lidarcli.pipeline.api.mapping import map
+    from lidarcli.pipeline.api.plotting import plot
+    from lidarcli.pipeline.api.reading import read
+    from lidarcli.pipeline.api.reporting import RunReport, report
+    from lidarcli.pipeline.api.tabling import Tables, tables
+    from lidarcli.pipeline.collecting import TrackTables
+    from lidarcli.pipeline.inputs.catalogue import read_catalogue
+    from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 
-__all__ = ["__version__", "detect", "formalism", "learn", "map", "read", "track"]
+_HOMES = {
+    "lidarcli.errors": (
+        "LidarcliError",
+        "NoScanError",
+        "OptionError",
+        "OutputError",
+        "UnreadableError",
+    ),
+    "lidarcli.formalism.background.model": ("Background",),
+    "lidarcli.formalism.catalogue": ("Catalogue",),
+    "lidarcli.formalism.mapping.occupancy": ("Occupancy",),
+    "lidarcli.formalism.parameters": ("Parameters",),
+    "lidarcli.pipeline.api.finding": ("detect", "track"),
+    "lidarcli.pipeline.api.inspecting": ("info",),
+    "lidarcli.pipeline.api.learning": ("learn",),
+    "lidarcli.pipeline.api.mapping": ("map",),
+    "lidarcli.pipeline.api.plotting": ("plot",),
+    "lidarcli.pipeline.api.reading": ("read",),
+    "lidarcli.pipeline.api.reporting": ("RunReport", "report"),
+    "lidarcli.pipeline.api.tabling": ("Tables", "tables"),
+    "lidarcli.pipeline.collecting": ("TrackTables",),
+    "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
+    "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),
+}
+"""Module → the public names that it holds, as type checkers see them above; each is imported on first use."""
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Background",
+    "Catalogue",
+    "LidarcliError",
+    "NoScanError",
+    "Occupancy",
+    "OptionError",
+    "OutputError",
+    "Parameters",
+    "RunReport",
+    "Status",
+    "SweepBatch",
+    "SweepPoses",
+    "Tables",
+    "TrackTables",
+    "UnreadableError",
+    "__version__",
+    "detect",
+    "formalism",
+    "info",
+    "learn",
+    "map",
+    "plot",
+    "read",
+    "read_catalogue",
+    "report",
+    "tables",
+    "track",
+]
 
 
 def __getattr__(name: str) -> Any:
     """Import on first use, so that `import lidarcli` and `lidarcli --help` stay light."""
-    if name in ("detect", "learn", "map", "read", "track"):
-        return getattr(import_module("lidarcli.pipeline.api"), name)
     if name == "formalism":
         return import_module("lidarcli.formalism")
+    if name in _HOME:
+        # Kept, so that the next use asks nobody.
+        return globals().setdefault(name, getattr(import_module(_HOME[name]), name))
     raise AttributeError(f"module 'lidarcli' has no attribute '{name}'")
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,10 @@ from numpy.typing import NDArray
 from lidarcli import ranges as _ranges
 from lidarcli.errors import OptionError
 from lidarcli.records import record
+from lidarcli.showing import Facts, counted, moment, shown, span
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -237,17 +242,40 @@ class SweepPoses:
         return here.x + cos * x - sin * left, here.y + sin * x + cos * left, world_yaw
 
 
+@shown
 @record
 class SweepBatch:
-    """S sweeps of one topic in log order, ranges normalised; arrays are (S,) or (S, B), see `RawSweeps`."""
+    """S sweeps of one topic in log order, their ranges judged. Rows are sweeps, columns are beams.
+
+    What is stored costs nothing and is an attribute; what is worked out anew at each call is a method. Angles are radians,
+    ranges metres, times nanoseconds since the epoch.
+
+    Attributes
+    ----------
+    topic : name of the LaserScan topic
+    frame_ids : distinct names of the frames of these sweeps
+    frame : (S,) int32, index into `frame_ids`
+    sweep : (S,) int64, index of the sweep within its topic, in log order, from 0
+    stamp_ns : (S,) int64, header stamp, or the record time where the header has none
+    record_ns : (S,) int64, when the log recorded it
+    angle_min, angle_increment : (S,) float64, bearing of the first beam, and from beam to beam [rad]
+    range_min, range_max : (S,) float32, limits of the sensor [m]
+    beams : (S,) int32, number of beams of each sweep; B is the greatest
+    ranges : (S, B) float32, metres; NaN wherever `status` is not VALID
+    status : (S, B) uint8, a `Status`; PADDING from `beams[i]` on
+    closure : (S,) uint8, a `Closure`: whether the sweep is a full turn; derived from the geometry
+    duration : (S,) float64, from the first beam to the last [s], negative where the last is taken first; None: nobody tells
+    first_ns : stamp of the first sweep of the topic in the log, whether or not it is among these
+    poses : where the sensor was (`SweepPoses`), where that has been asked for and the log tells
+    true_poses : where it was by the delay that makes the world sharpest, where `poses` are late or early: for tracks
+    log : name of the log that it was read from, where that has been told
+    """
 
     topic: str
     frame_ids: tuple[str, ...]
     frame: Int32
     sweep: Int64
-    """(S,) index of the sweep within its topic, in log order, from 0."""
     stamp_ns: Int64
-    """(S,) header stamp, or the record time where the header has none."""
     record_ns: Int64
     angle_min: Float64
     angle_increment: Float64
@@ -255,21 +283,13 @@ class SweepBatch:
     range_max: Float32
     beams: Int32
     ranges: Float32
-    """(S, B) metres; NaN wherever `status` is not VALID."""
     status: UInt8
-    """(S, B) `Status`; PADDING from `beams[i]` on."""
     closure: UInt8 = field(default_factory=lambda: np.empty(0, np.uint8))
-    """(S,) `Closure`; derived from the geometry."""
     duration: Float64 | None = None
-    """(S,) from the first beam to the last [s], negative where the last is taken first; None: nobody tells."""
     first_ns: int = 0
-    """Stamp of the first sweep of the topic in the log, whether or not it is among these."""
     poses: SweepPoses | None = None
-    """Where the sensor was, where that has been asked for and the log tells."""
     true_poses: SweepPoses | None = None
-    """Where it was by the delay that makes the world sharpest, where `poses` are found to be late or early: for tracks."""
     log: str = ""
-    """Name of the log that it was read from, where that has been told."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -294,6 +314,36 @@ class SweepBatch:
         """B, the number of columns."""
         return int(self.ranges.shape[1])
 
+    @property
+    def stamps(self) -> NDArray[np.datetime64]:
+        """(S,) datetime64[ns] in UTC: `stamp_ns`, as pandas and matplotlib take times."""
+        return self.stamp_ns.view("datetime64[ns]")
+
+    def facts(self) -> Facts:
+        """What these sweeps are, in words."""
+        real = self.status != Status.PADDING
+        counts = np.bincount(self.status[real], minlength=len(Status))
+        last = self.angle_min + self.angle_increment * np.maximum(self.beams - 1, 0)
+        angles = np.degrees(np.concatenate([self.angle_min, last]))
+        posed = 0 if self.poses is None else int(np.count_nonzero(~np.isnan(self.poses.x)))
+        # Clocks may jump back.
+        times = [moment(int(stamp)) for stamp in self.stamp_ns[[0, -1]]] if len(self) else []
+        rows = [
+            ("log", self.log or "not told"),
+            ("topic", self.topic),
+            ("frame", ", ".join(name or "without a name" for name in self.frame_ids)),
+            ("sweeps", span(self.sweep.tolist(), "d", f"({counted(len(self), 'sweep')})")),
+            ("time", " to ".join(times) or "none"),
+            ("beams", span(self.beams.tolist(), ",", "per sweep")),
+            ("view", span(angles.tolist(), ".2f", "deg")),
+            ("ranges", span(self.ranges[self.status == Status.VALID].tolist(), ".3f", "m")),
+            ("status", ", ".join(f"{count:,} {name}" for name, count in zip(STATUSES, counts, strict=False))),
+            ("poses", f"known for {counted(posed, 'sweep')}" if posed else "none"),
+        ]
+        return Facts(
+            f"{self.topic}: {counted(len(self), 'sweep')} x {counted(self.width, 'beam')}", tuple(rows)
+        )
+
     def seconds(self) -> Float64:
         """(S,) since the first sweep of the topic [s]; below 0 where the sensor's clock was set back."""
         seconds: Float64 = (self.stamp_ns - self.first_ns) / 1e9
@@ -308,6 +358,32 @@ class SweepBatch:
         columns = np.arange(self.width)
         bearings: Float64 = self.angle_min[:, None] + self.angle_increment[:, None] * columns
         return bearings
+
+    def points(self) -> Float64:
+        """(S, B, 2) where each beam ended in the sensor frame: x ahead, y to the left [m]; NaN where it has no range."""
+        bearings = self.bearings()
+        points: Float64 = self.ranges[..., None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=-1)
+        return points
+
+    def to_pandas(self) -> pd.DataFrame:
+        """One row for each beam: sweep, stamp, beam, bearing [rad], range [m], status, x, y [m]."""
+        # Who reads no data frame does not wait for this import.
+        import pandas as pd
+
+        row, beam = np.nonzero(self.status != Status.PADDING)
+        x, y = self.points()[row, beam].T
+        return pd.DataFrame(
+            {
+                "sweep": self.sweep[row],
+                "stamp": pd.DatetimeIndex(self.stamps[row], tz="UTC"),
+                "beam": beam,
+                "bearing": self.bearings()[row, beam],
+                "range": self.ranges[row, beam],
+                "status": pd.Categorical.from_codes(self.status[row, beam], categories=pd.Index(STATUSES)),
+                "x": x,
+                "y": y,
+            }
+        )
 
     def all_shares(self) -> Float64:
         """(S, B) the share of the time of its sweep that has passed at each beam; above 1 for padding."""

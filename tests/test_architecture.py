@@ -13,7 +13,7 @@ PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
 GROUND = {"_version", "choices", "errors", "native"}
-CORE = GROUND | {"records", "sweeps", "times"}
+CORE = GROUND | {"records", "showing", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -29,18 +29,19 @@ MAY_IMPORT = {
     "times": {"errors"},
     "native": set[str](),
     "ranges": {"native"},
-    "sweeps": {"errors", "ranges", "records"},
+    "showing": set[str](),
+    "sweeps": {"errors", "ranges", "records", "showing"},
     "logs": CORE,
     "poses": CORE | {"logs"},
     "formalism": CORE,
-    "tables": CORE | {"formalism", "newfiles", "stores", "threads"},
+    "tabular": CORE | {"formalism", "newfiles", "stores", "threads"},
     "ros": CORE,
-    "simulate": CORE | {"fields", "formalism", "maps", "newfiles", "ros", "tables", "tomlfiles"},
-    "reports": CORE | {"formalism", "tables"},
-    "maps": CORE | {"formalism", "newfiles", "ros", "tables"},
+    "simulate": CORE | {"fields", "formalism", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
+    "reports": CORE | {"formalism", "tabular"},
+    "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"maps", "ros"},
     "pipeline": CORE
-    | {"logs", "poses", "formalism", "tables", "reports", "maps", "overlays", "ros"}
+    | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "ros"}
     | {"compiled", "fields", "newfiles", "stores", "threads", "tomlfiles"},
     "cli": CORE
     | {
@@ -54,7 +55,7 @@ MAY_IMPORT = {
         "stores",
         "tomlfiles",
     },
-    "__init__": {"_version", "compiled", "formalism", "pipeline"},
+    "__init__": {"_version", "compiled", "errors", "formalism", "pipeline", "sweeps"},
 }
 """Room → the rooms below it that it may import."""
 
@@ -71,10 +72,11 @@ ROOMS_OF = {
     "rich": {"cli", "reports"},
     "matplotlib": {"reports"},
     "jinja2": {"reports"},
+    "pandas": {"pipeline", "sweeps"},
     "mcap": {"logs", "simulate", "ros"},
     "rosbags": {"simulate", "ros", "overlays"},
     "sqlite3": {"logs", "simulate"},
-    "pyarrow": {"tables", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
+    "pyarrow": {"tabular", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},
     "PIL": {"maps", "reports"},
     "ruamel": {"maps"},

@@ -12,7 +12,6 @@ import pyarrow.compute as pc
 import pytest
 
 import lidarcli
-from lidarcli.logs.base import CsvOptions
 from lidarcli.simulate.csv_writer import LAYOUTS
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
@@ -88,15 +87,15 @@ def test_the_objects_are_the_same(
     assert expected.num_rows > 5 * SWEEPS
     path = tmp_path / case.name
     write_log(path, sweeps, **case.options)
-    told = CsvOptions()
+    told = {}
     if not case.geometry:
         first = sweeps[0]
-        told = CsvOptions(
-            angle_min=first.angle_min[0],
-            angle_increment=first.angle_increment[0],
-            range_max=float(first.range_max[0]),
-        )
-    table = lidarcli.detect(path, csv=told)
+        told = {
+            "angle_min": first.angle_min[0],
+            "angle_increment": first.angle_increment[0],
+            "range_max": float(first.range_max[0]),
+        }
+    table = lidarcli.detect(path, **told)
     assert table.num_rows == expected.num_rows
     for name in expected.column_names:
         if name in SOURCE:

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 from lidarcli.newfiles import NewFiles
-from lidarcli.tables.parquet import ROWS_PER_GROUP, TableFile
+from lidarcli.tabular.parquet import ROWS_PER_GROUP, TableFile
 
 IMPORTED = """
 import os, signal, time
@@ -157,7 +157,7 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
     rows = pa.record_batch([pa.array(range(ROWS_PER_GROUP), pa.float64())], schema=schema)
     interrupted_start(monkeypatch)
     working: list[bool] = []
-    monkeypatch.setattr("lidarcli.tables.parquet.ParquetSink._write", lambda *_: working.append(True))
+    monkeypatch.setattr("lidarcli.tabular.parquet.ParquetSink._write", lambda *_: working.append(True))
     path = tmp_path / "x.parquet"
     with pytest.raises(KeyboardInterrupt), NewFiles([path]) as new, TableFile(new.part(path), schema) as file:
         file.write(rows)

@@ -12,9 +12,9 @@ import pyarrow as pa
 from lidarcli import errors
 from lidarcli.cli import cli
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
-from lidarcli.tables import metadata
-from lidarcli.tables.background import GEOMETRY
-from lidarcli.tables.schemas import BACKGROUND, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
+from lidarcli.tabular import metadata
+from lidarcli.tabular.background import GEOMETRY
+from lidarcli.tabular.schemas import BACKGROUND, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
 
 NOTICE = "<!-- Written by `make docs` from {source}; a test fails when this page is stale. -->"
 
@@ -59,11 +59,11 @@ def cli_page() -> str:
         "",
         "Of several logs all are processed; the first code that is not 0 is the exit code.",
         "",
-        *_table(("code", "meaning"), ((str(code), text) for code, text in exit_codes().items())),
+        *as_table(("code", "meaning"), ((str(code), text) for code, text in exit_codes().items())),
     ]
     for name, command in commands():
         lines += _command(command, click.Context(command, context, name))
-    return _page(lines)
+    return as_page(lines)
 
 
 def _root() -> click.Context:
@@ -130,7 +130,7 @@ def tables_page() -> str:
         "A file is written under a temporary name and renamed when it is whole. The same input and parameters give the",
         "same bytes: the schema metadata of `objects`, `sweeps`, `tracks` and `beams` holds no clock and no host, only",
         "",
-        *_table(("key", "value"), ((f"`{key}`", text) for key, text in METADATA.items())),
+        *as_table(("key", "value"), ((f"`{key}`", text) for key, text in METADATA.items())),
     ]
     for name, text in TABLES.items():
         lines += [f"## {name}", "", f"`<log>.{name}.parquet`. {text}", "", *_schema(SCHEMAS[name])]
@@ -176,7 +176,7 @@ def tables_page() -> str:
         DUCKDB.strip(),
         "",
     ]
-    return _page(lines)
+    return as_page(lines)
 
 
 def option_names() -> Iterator[tuple[str, str]]:
@@ -211,7 +211,7 @@ def _options(command: click.Command, context: click.Context) -> list[str]:
     lines = []
     for heading, options in headings.items():
         lines += [f"**{heading}**", ""] if len(headings) > 1 else []
-        lines += _table(("option", "meaning"), ((_names(option), _meaning(option)) for option in options))
+        lines += as_table(("option", "meaning"), ((_names(option), _meaning(option)) for option in options))
     return lines
 
 
@@ -242,7 +242,7 @@ def _meaning(option: click.Option) -> str:
 
 
 def _schema(schema: pa.Schema) -> list[str]:
-    return _table(("column", "type", "unit", "meaning"), (_column(field) for field in schema))
+    return as_table(("column", "type", "unit", "meaning"), (_column(field) for field in schema))
 
 
 def _column(field: pa.Field) -> tuple[str, str, str, str]:
@@ -266,7 +266,9 @@ def _type(kind: pa.DataType) -> str:
     return str(kind)
 
 
-def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> list[str]:
+def as_table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> list[str]:
+    """Lines of a Markdown table."""
+
     def line(cells: tuple[str, ...]) -> str:
         return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
@@ -283,5 +285,6 @@ def _prose(text: str) -> str:
     return inspect.cleandoc(text).replace("\b\n", "").replace("<", "&lt;")
 
 
-def _page(lines: list[str]) -> str:
+def as_page(lines: list[str]) -> str:
+    """The text of a page."""
     return "\n".join(lines).strip() + "\n"

@@ -70,11 +70,11 @@ def measure(folder: Path, *, baselines: bool = True) -> ByEye:
 def _measure(found: ByEye, folder: Path, chosen: Chosen, told: dict[int, Sweep], baselines: bool) -> None:
     """Every method on one topic."""
     path = folder / chosen.log
-    batches = list(lidarcli.read(path, topics=[chosen.topic]))
+    batches = list(lidarcli.read(path, topic=chosen.topic))
     rows = {
         ROBUST: lidarcli.detect(batches),
         # By its path, as its poses may be late.
-        TRACK: lidarcli.track(path, topics=[chosen.topic]).objects,
+        TRACK: lidarcli.track(path, topic=chosen.topic).objects,
     }
     wanted = frozenset(told)
     for name, method in COMPARED.items():

@@ -32,7 +32,7 @@ def rows_of(folder: Path, chosen: Chosen) -> list[Row]:
     """All sweeps of a topic."""
     return [
         (batch, row)
-        for batch in lidarcli.read(folder / chosen.log, topics=[chosen.topic])
+        for batch in lidarcli.read(folder / chosen.log, topic=chosen.topic)
         for row in range(len(batch))
     ]
 
@@ -43,7 +43,7 @@ def judged_sweeps(folder: Path, side: Side, labels: Path = LABELS) -> Iterator[J
     for chosen in CHOSEN:
         if chosen.side != side:
             continue
-        for batch in lidarcli.read(folder / chosen.log, topics=[chosen.topic]):
+        for batch in lidarcli.read(folder / chosen.log, topic=chosen.topic):
             for row, sweep in enumerate(batch.sweep.tolist()):
                 mine = told.get((chosen.log, chosen.topic, sweep))
                 if mine is not None:

@@ -1,18 +1,18 @@
-"""A `LogInfo` as text for people and as JSON for programs."""
+"""A `LogInfo` as text for people, and as the JSON that programs read."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from typing import Any
 
 from lidarcli.cli.messages import one_line
 from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, Topic
+from lidarcli.pipeline.info_json import info_dict
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 from lidarcli.pipeline.reading.clock import ClockInfo
-from lidarcli.pipeline.reading.pose_finding import PoseInfo
+from lidarcli.showing import moment
 from lidarcli.sweeps import FARTHEST
 
 _OTHERS = 10
@@ -59,7 +59,7 @@ def _topics(topics: Sequence[Topic]) -> list[str]:
 
 def as_json(infos: Sequence[LogInfo]) -> str:
     """A list with one object per log; angles in radians, ranges in metres, times in seconds."""
-    text = json.dumps([_log_json(info) for info in infos], indent=2, ensure_ascii=False)
+    text = json.dumps([info_dict(info) for info in infos], indent=2, ensure_ascii=False)
     # File names need not be UTF-8; what is not has its escape in JSON too.
     return text.encode(errors="backslashreplace").decode()
 
@@ -78,19 +78,6 @@ def _pose_lines(info: LogInfo) -> list[str]:
         more = f" and {len(frames) - _FRAMES} more" if len(frames) > _FRAMES else ""
         lines.append(_line("", f"  {', '.join(frames[:_FRAMES])}{more}"))
     return lines
-
-
-def _pose_json(source: PoseInfo) -> dict[str, Any]:
-    return {
-        "topic": source.topic,
-        "type": source.type,
-        "poses": source.poses,
-        "rate": source.rate,
-        "start_ns": source.start_ns,
-        "end_ns": source.end_ns,
-        "span": source.span,
-        "frames": [{"parent": parent, "child": child} for parent, child in source.frames],
-    }
 
 
 def _scan_lines(scan: ScanInfo) -> list[str]:
@@ -112,7 +99,7 @@ def _scan_lines(scan: ScanInfo) -> list[str]:
         _line("rate", "unknown" if clock.rate is None else f"{clock.rate:.2f} Hz (median step)", 4),
     ]
     if clock.start_ns is not None and clock.end_ns is not None:
-        lines.append(_line("time", f"{_stamp(clock.start_ns)} to {_stamp(clock.end_ns)}", 4))
+        lines.append(_line("time", f"{moment(clock.start_ns)} to {moment(clock.end_ns)}", 4))
         lines.append(_line("span", f"{clock.span:.3f} s", 4))
     lines.append(_line("stamps", _stamps(clock, scan.sweeps), 4))
     if scan.pose:
@@ -144,56 +131,6 @@ def _stamps(clock: ClockInfo, sweeps: int) -> str:
     return "; ".join(parts)
 
 
-def _log_json(info: LogInfo) -> dict[str, Any]:
-    return {
-        "path": info.path,
-        "format": info.format,
-        "compression": info.compression,
-        "size": info.size,
-        "topics": [
-            {"name": topic.name, "type": topic.type, "encoding": topic.encoding, "messages": topic.messages}
-            for topic in info.topics
-        ],
-        "scans": [_scan_json(scan) for scan in info.scans],
-        "pose_topics": list(info.pose_topics),
-        "pose_sources": [_pose_json(source) for source in info.pose_sources],
-        "dropped": [
-            {"topic": topic, "cause": cause, "messages": count} for topic, cause, count in info.dropped
-        ],
-        "notes": list(info.notes),
-        "damage": list(info.damage),
-    }
-
-
-def _scan_json(scan: ScanInfo) -> dict[str, Any]:
-    clock = scan.clock
-    return {
-        "topic": scan.topic,
-        "frame_id": scan.frame_id,
-        "sweeps": scan.sweeps,
-        "beams": [int(scan.beams.low), int(scan.beams.high)],
-        "field_of_view": _pair(scan.view),
-        "angle_min": _pair(scan.angle_min),
-        "angle_increment": _pair(scan.increment),
-        "closure": list(scan.closure),
-        "range_min": _pair(scan.range_min),
-        "range_max": _pair(scan.range_max),
-        "rate": clock.rate,
-        "start_ns": clock.start_ns,
-        "end_ns": clock.end_ns,
-        "span": clock.span,
-        "clock": {
-            "monotonic": clock.monotonic,
-            "backward_steps": clock.backward,
-            "largest_backward_step": clock.largest_backward,
-            "zero_stamps": clock.zero_stamps,
-            "record_minus_header": clock.offset,
-        },
-        "beams_by_status": dict(scan.by_status),
-        "pose": scan.pose or None,
-    }
-
-
 def _line(name: str, value: str, indent: int = 2) -> str:
     return f"{' ' * indent}{name:<{14 - indent}}{value}"
 
@@ -201,16 +138,3 @@ def _line(name: str, value: str, indent: int = 2) -> str:
 def _span(span: Span, form: str, convert: Any = float) -> str:
     low, high = form.format(convert(span.low)), form.format(convert(span.high))
     return low if low == high else f"{low} .. {high}"
-
-
-def _pair(span: Span) -> list[float | None]:
-    """JSON has no infinity and no NaN."""
-    return [value if math.isfinite(value) else None for value in (span.low, span.high)]
-
-
-def _stamp(stamp_ns: int) -> str:
-    """Date and time of a wall clock; plain seconds of a clock that started near zero (simulation)."""
-    seconds, rest = divmod(stamp_ns, 1_000_000_000)
-    if not 10**8 <= seconds < 10**11:
-        return f"{stamp_ns * 1e-9:.3f} s"
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"

@@ -111,6 +111,7 @@ def report(
         SHORT_FORMATS,
         SUFFIXES,
         ReportOptions,
+        encoded,
         make_report,
         render,
         understand,
@@ -145,9 +146,9 @@ def report(
         short = brief and form in SHORT_FORMATS
         if name == STDOUT:
             words = render(made, form, colour=coloured(standard_output()), brief=short)
-            standard_output().buffer.write(_encoded(words))
+            standard_output().buffer.write(encoded(words))
         else:
-            notes = write_whole(place(name), _encoded(render(made, form, brief=short)), overwrite)
+            notes = write_whole(place(name), encoded(render(made, form, brief=short)), overwrite)
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")
@@ -177,15 +178,6 @@ def _are_of_runs(tables: Sequence[str], baseline: Sequence[str], logs: Sequence[
             f"{manifests[0]} is a manifest of runs and {other} is none; report on one or the other"
         )
     return bool(manifests)
-
-
-def _encoded(words: str) -> bytes:
-    r"""UTF-8; bytes of a file name that are none stand as escapes, which JSON, too, reads.
-
-    >>> _encoded("bad\udcff")
-    b'bad\\udcff'
-    """
-    return words.encode("utf-8", "backslashreplace")
 
 
 def _kinds(outputs: Sequence[str], kind: str | None, suffixes: dict[str, str]) -> list[str]:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from lidarcli.formalism.detection import SETS
 from lidarcli.records import record
 from lidarcli.sweeps import Float64, Int8, Int32, Int64
-from lidarcli.tables.arrays import codes, floats, plain
-from lidarcli.tables.parquet import ParquetSink
-from lidarcli.tables.rows import constant
-from lidarcli.tables.schemas import CLOUD, STAMP, TEXT
+from lidarcli.tabular.arrays import codes, floats, plain
+from lidarcli.tabular.parquet import ParquetSink
+from lidarcli.tabular.rows import constant
+from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
 
 Bool = NDArray[np.bool_]
 

@@ -25,8 +25,8 @@ from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables.background import read_background, write_background
-from lidarcli.tables.metadata import table_metadata
+from lidarcli.tabular.background import read_background, write_background
+from lidarcli.tabular.metadata import table_metadata
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,18 +15,18 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_sinks
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.finders import finder
 from lidarcli.pipeline.objects.parts import Made, rows_of
+from lidarcli.pipeline.warned import warn
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.order import RowSink, TopicOrders
-from lidarcli.tables.schemas import SCHEMAS
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.order import RowSink, TopicOrders
+from lidarcli.tabular.schemas import SCHEMAS
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
-    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 
 
 class TrackTables(NamedTuple):
-    """What `track` returns: tables with the schemas of `lidarcli.tables.SCHEMAS`."""
+    """What `track` returns: tables with the schemas of `lidarcli.tabular.SCHEMAS`."""
 
     objects: pa.Table
     """One row per object per sweep, with the thing that it belongs to."""
@@ -42,7 +41,7 @@ def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOpt
     collected = {table: _Collected() for table in tables}
     described: list[dict[str, Any]] = []
     damage: list[str] = []
-    failed = Failed(len(sources), level=6)
+    failed = Failed(len(sources))
     for source in sources:
         with failed.noted(source):
             summary, origin = detect_to_sinks(source, collected, options)
@@ -50,7 +49,7 @@ def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOpt
             damage += summary.damage
             # Notes are for reading, but a table without a sweep needs its reason.
             for line in [*summary.damage, *(summary.notes if not summary.sweeps else [])]:
-                warnings.warn(f"{source.path}: {line}", stacklevel=4)
+                warn(f"{source.path}: {line}")
     failed.conclude()
     origins = described[0] if len(described) == 1 else described
     metadata = table_metadata(options.as_dict(), origins, damage)
@@ -58,27 +57,26 @@ def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOpt
 
 
 def of_batches(
-    batches: Iterable[SweepBatch],
-    tables: Sequence[str],
-    parameters: Parameters,
-    background: BackgroundOptions | None,
-    catalogue: Catalogue | None,
-    tracking: TrackOptions | None,
+    batches: Iterable[SweepBatch], tables: Sequence[str], options: DetectOptions
 ) -> dict[str, pa.Table]:
     """Some tables of batches that somebody has: as they come, or, where things are followed, by log and topic."""
+    parameters, background, tracking = options.parameters, options.background, options.tracking
+    catalogue = options.catalogue
     # Where things are followed, their names are those of the tracks.
     sought = parameters if tracking is None else tracking.found_with(parameters)
-    find = finder(sought, background, catalogue if tracking is None else None)
+    find = finder(sought, background, catalogue if tracking is None else None, explain=options.explain)
+    per_beam = "beams" in tables
     told: dict[str, Any] = {} if background is None else {"background": background.as_dict()}
     told |= {} if catalogue is None else {"catalogue": catalogue.as_dict()}
     collected = {table: _Collected() for table in tables}
     if tracking is None:
         for batch in batches:
-            for table, _, rows in rows_of(batch.log, tables, batch, find(batch, False), names_in(catalogue)):
+            made = rows_of(batch.log, tables, batch, find(batch, per_beam), names_in(catalogue))
+            for table, _, rows in made:
                 collected[table].write(rows)
     else:
         told["tracking"] = tracking.as_dict()
-        found = ((batch, find(batch, False)) for batch in batches)
+        found = ((batch, find(batch, per_beam)) for batch in batches)
         _follow(found, collected, tracking, parameters, catalogue)
     metadata = table_metadata(parameters.as_dict() | told)
     return {table: _table(table, rows, metadata) for table, rows in collected.items()}
@@ -118,10 +116,8 @@ def _table(name: str, collected: _Collected, metadata: dict[bytes, bytes]) -> pa
 class Failed:
     """Logs of several that cannot be read: each is warned of, and the first one's error raised where none can."""
 
-    def __init__(self, logs: int, level: int = 4) -> None:
-        """`level`: where in the stack the caller stands that is warned."""
+    def __init__(self, logs: int) -> None:
         self._logs = logs
-        self._level = level
         self._errors: list[LidarcliError] = []
 
     @contextmanager
@@ -134,7 +130,7 @@ class Failed:
             self._errors.append(named)
             if self._logs == 1:
                 raise named from err
-            warnings.warn(str(named), stacklevel=self._level)
+            warn(str(named))
 
     def conclude(self) -> None:
         """Raise where every log failed."""

@@ -23,9 +23,9 @@ from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.cores import cores
 from lidarcli.pipeline.running.splitting import Splitting
 from lidarcli.stores.url import Place
-from lidarcli.tables.files import BY_DATE, TableFiles, table_paths
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.order import RowSink, TopicOrders
+from lidarcli.tabular.files import BY_DATE, TableFiles, table_paths
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.order import RowSink, TopicOrders
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions

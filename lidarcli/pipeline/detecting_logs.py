@@ -13,9 +13,9 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
 from lidarcli.stores.url import Place
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.schemas import OBJECTS
-from lidarcli.tables.stream import FORMATS, CountingOutput
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.schemas import OBJECTS
+from lidarcli.tabular.stream import FORMATS, CountingOutput
 
 
 def detect_files(

@@ -12,9 +12,9 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.inputs.files import files_named
 from lidarcli.stores.url import Place
-from lidarcli.tables.parquet import Output
-from lidarcli.tables.reading import read_as_is, schema_of
-from lidarcli.tables.stream import FORMATS, CountingOutput
+from lidarcli.tabular.parquet import Output
+from lidarcli.tabular.reading import read_as_is, schema_of
+from lidarcli.tabular.stream import FORMATS, CountingOutput
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,10 +28,10 @@ from lidarcli.pipeline.fleet.states import (
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.running.outcomes import Outcome
 from lidarcli.stores.url import Place, absolute, place
-from lidarcli.tables import metadata
-from lidarcli.tables.files import BY_DATE
-from lidarcli.tables.reading import file_metadata, parsed
-from lidarcli.tables.runs import DAMAGED, FAILED, OK, Entry, newest
+from lidarcli.tabular import metadata
+from lidarcli.tabular.files import BY_DATE
+from lidarcli.tabular.reading import file_metadata, parsed
+from lidarcli.tabular.runs import DAMAGED, FAILED, OK, Entry, newest
 
 
 @dataclass(frozen=True, slots=True)

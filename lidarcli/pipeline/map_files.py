@@ -29,7 +29,7 @@ from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.cores import cores
 from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
 from lidarcli.stores.url import Place, Url
-from lidarcli.tables.metadata import table_metadata
+from lidarcli.tabular.metadata import table_metadata
 
 GRIDS = (".yaml", ".png", ".mcap")
 """Suffixes of outputs that are made of the grid …"""

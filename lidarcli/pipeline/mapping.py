@@ -174,7 +174,7 @@ class Mapping:
         from lidarcli.formalism.tracking.tracker import Tracker
         from lidarcli.pipeline.objects.finders import finder
         from lidarcli.pipeline.objects.following import TrackOptions
-        from lidarcli.tables.tracked import beam_sets
+        from lidarcli.tabular.tracked import beam_sets
 
         tracking = TrackOptions()
         find = finder(tracking.found_with(self.options.parameters), None)

@@ -21,10 +21,10 @@ from lidarcli.pipeline.inputs.tracks import TracksTable, find_tracks, read_track
 from lidarcli.pipeline.reading.pose_options import of_one_run
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int32, Int64
-from lidarcli.tables.arrays import codes, floats, plain
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.schemas import MATCHES
-from lidarcli.tables.stream import FORMATS, CountingOutput
+from lidarcli.tabular.arrays import codes, floats, plain
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.schemas import MATCHES
+from lidarcli.tabular.stream import FORMATS, CountingOutput
 
 POSITION, CONSTELLATION, AUTO = MATCH_BY
 MOST_THINGS = 2000

@@ -38,8 +38,8 @@ from lidarcli.pipeline.reading.reading import Progress
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
 from lidarcli.ros.definitions import ROS2, TF
-from lidarcli.tables.metadata import SOURCE
-from lidarcli.tables.reading import file_metadata, parsed
+from lidarcli.tabular.metadata import SOURCE
+from lidarcli.tabular.reading import file_metadata, parsed
 
 COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
 DEFAULT_WORLD = "map"

@@ -15,8 +15,8 @@ from lidarcli.overlays.objects import COLUMNS, Poses
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Bool, Int64, RawSweeps
-from lidarcli.tables.reading import read_columns, read_pieces
-from lidarcli.tables.schemas import SCHEMAS
+from lidarcli.tabular.reading import read_columns, read_pieces
+from lidarcli.tabular.schemas import SCHEMAS
 
 _SWEEP_COLUMNS = ("topic", "sweep", "stamp", "pose_x", "pose_y", "pose_yaw")
 AGAIN = "write both again with lidarcli track"

@@ -162,6 +162,16 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, csv: CsvO
     return best
 
 
+def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
+    """One sweep of a batch that somebody has, with its objects (`OptionError` where it is not in the batch)."""
+    rows = np.flatnonzero(batch.sweep == sweep)
+    if not len(rows):
+        there = f"{batch.sweep[0]} to {batch.sweep[-1]}" if len(batch) else "none"
+        raise OptionError(f"no sweep {sweep} of {batch.topic} in this batch, whose sweeps are {there}")
+    name = batch.log or batch.topic.lstrip("/")
+    return _Work(Source(name, name), options).picture(one_sweep(batch, int(rows[0])))
+
+
 def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
     """The topic to draw; of several the first, and a note that names the others."""
     if choice.is_listed and (error := choice.error()) is not None:

@@ -28,7 +28,8 @@ from lidarcli.reports.summary import (
     values_of,
 )
 from lidarcli.reports.tracks import TRACK_COLUMNS
-from lidarcli.tables.schemas import LATER
+from lidarcli.stores.url import Place
+from lidarcli.tabular.schemas import LATER
 
 if TYPE_CHECKING:
     from lidarcli.reports.html import Page
@@ -217,6 +218,23 @@ def _refuse_untracked(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:
                 f"--check '{check.expression}' asks for tracks, but {missing[0]} is not there; "
                 "lidarcli track LOG writes it"
             )
+
+
+def format_of(file: Place) -> str:
+    """The format that the suffix of an output names (`OptionError` where it names none)."""
+    suffix = file.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise OptionError(f"{file}: the suffix names no format ({' '.join(SUFFIXES)})")
+    return SUFFIXES[suffix]
+
+
+def encoded(words: str) -> bytes:
+    r"""UTF-8; bytes of a file name that are none stand as escapes, which JSON, too, reads.
+
+    >>> encoded("bad\udcff")
+    b'bad\\udcff'
+    """
+    return words.encode("utf-8", "backslashreplace")
 
 
 def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool = False) -> str:

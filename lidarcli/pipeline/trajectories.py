@@ -22,11 +22,11 @@ from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables.arrays import floats, plain
-from lidarcli.tables.metadata import table_metadata
-from lidarcli.tables.parquet import ParquetSink
-from lidarcli.tables.rows import constant
-from lidarcli.tables.schemas import POSES, STAMP
+from lidarcli.tabular.arrays import floats, plain
+from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.parquet import ParquetSink
+from lidarcli.tabular.rows import constant
+from lidarcli.tabular.schemas import POSES, STAMP
 
 if TYPE_CHECKING:
     from lidarcli.poses.motion import Motion

@@ -23,7 +23,7 @@ from lidarcli.reports.viewer import Choice, choose_sweeps, pack, pack_walls
 from lidarcli.reports.walls import Walls, walls_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
-from lidarcli.tables.reading import GREATEST_VALUE
+from lidarcli.tabular.reading import GREATEST_VALUE
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
 MOST_CELLS = 50_000_000

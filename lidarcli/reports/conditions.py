@@ -16,7 +16,7 @@ from lidarcli.formalism.tracking.tracked import ENDS
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.tokens import Tokens
 from lidarcli.sweeps import Bool, Float64
-from lidarcli.tables.schemas import OBJECTS, SWEEPS, TRACKS
+from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS
 
 COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     "==": operator.eq,

@@ -35,7 +35,7 @@ def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> 
     """The picture as a file of the kind of `suffix`."""
     with project_style():
         figure = _figure(width_of(view, look))
-        _whole(figure, picture, view, limits_of([picture.batch]), look)
+        draw_whole(figure, picture, view, limits_of([picture.batch]), look)
         return file_bytes(figure, suffix, look.dpi)
 
 
@@ -88,7 +88,7 @@ def _frames(
         entries = entries_of(_fill(figure, picture, view, limits, look)) | entries
     figure.clear()
     longest = max(pictures, key=lambda picture: len(" ".join(picture.title)))
-    whole = _whole(figure, longest, view, limits, look, entries)
+    whole = draw_whole(figure, longest, view, limits, look, entries)
     places = [axes.get_position(original=True) for axes in whole]
     columns = _columns(figure, entries)
     figure.set_layout_engine("none")
@@ -133,7 +133,7 @@ def _figure(width: float) -> Figure:
     return figure
 
 
-def _whole(
+def draw_whole(
     figure: Figure, picture: Picture, view: str, limits: Limits, look: Look, entries: Entries | None = None
 ) -> list[Axes]:
     """Draw everything, and make the figure as high as it has to be; the axes."""

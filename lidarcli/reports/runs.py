@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from lidarcli.reports.report import Judged
 from lidarcli.reports.wording import counted, number, stamp
-from lidarcli.tables.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
+from lidarcli.tabular.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
 
 BAD = {FAILED: "Failed logs", DAMAGED: "Damaged logs"}
 """Outcomes that are told log by log, and the heading."""

@@ -7,7 +7,7 @@ from typing import Any
 from lidarcli.reports import json, junit
 from lidarcli.reports.runs import BAD, RunsReport
 from lidarcli.reports.wording import stamp
-from lidarcli.tables.runs import Entry
+from lidarcli.tabular.runs import Entry
 
 SCHEMA = "lidarcli.runs/1"
 """The name of the schema; the number changes when a program that reads it may break."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from lidarcli.reports.html import check_cards, page
 from lidarcli.reports.runs import BAD, RunsReport, RunsSummary, left_out, overview, shown
 from lidarcli.reports.wording import number, share
-from lidarcli.tables.runs import OUTCOMES
+from lidarcli.tabular.runs import OUTCOMES
 
 MESSAGES, LOGS = 200, 100
 """Messages of an outcome and logs of a message that a page shows."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from lidarcli.reports.markdown import beginning, table, text
 from lidarcli.reports.runs import BAD, RunsReport, RunsSummary, left_out, overview, shown
 from lidarcli.reports.wording import number
-from lidarcli.tables.runs import OUTCOMES
+from lidarcli.tabular.runs import OUTCOMES
 
 
 def render(report: RunsReport) -> str:

@@ -9,7 +9,7 @@ from lidarcli.reports.runs import BAD, RunsReport, RunsSummary, left_out, overvi
 from lidarcli.reports.text import check_parts, printed
 from lidarcli.reports.text_parts import grid, heading, share_bar
 from lidarcli.reports.wording import visible
-from lidarcli.tables.runs import OUTCOMES
+from lidarcli.tabular.runs import OUTCOMES
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -503,8 +503,8 @@ def test_from_python(scene: Path, logs: Path) -> None:
         package.learn(scene / "empty.mcap", start=60.0)
 
 
-def test_the_signature_shows_plain_numbers() -> None:
-    for name, value in (("station_distance", 0.25), ("station_angle", np.deg2rad(5.0))):
+def test_the_signature_shows_plain_numbers_in_the_units_of_the_options() -> None:
+    for name, value in (("station_distance", 0.25), ("station_angle", 5.0)):
         default = inspect.signature(package.learn).parameters[name].default
         assert type(default) is float
         assert default == value

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.tables import OBJECTS
+from lidarcli.tabular import OBJECTS
 from tests.places import SAMPLES
 
 Run = Callable[..., Any]

@@ -30,7 +30,7 @@ from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.running import outcomes
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
-from lidarcli.tables.schemas import CLOUD
+from lidarcli.tabular.schemas import CLOUD
 from tests.places import ROOT, SAMPLES
 from tests.sweeping import START, STEP, raw_sweeps, room_sweeps, round_room
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.tables.schemas import MATCHES
+from lidarcli.tabular.schemas import MATCHES
 from tests.pipeline.tracks_tables import ROOM, turned, write_tracks
 
 Run = Callable[..., Any]

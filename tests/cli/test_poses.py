@@ -13,7 +13,7 @@ import pytest
 
 from lidarcli.poses.trajectory import read_trajectory
 from lidarcli.simulate.writers import write_log
-from lidarcli.tables.schemas import POSES
+from lidarcli.tabular.schemas import POSES
 from tests.places import SAMPLES
 from tests.sweeping import START, STEP, raw_sweeps, room_sweeps, round_room
 

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.reports.runs import FIGURES
-from lidarcli.tables.schemas import RUNS
+from lidarcli.tabular.schemas import RUNS
 from tests.places import ROOT
 from tests.reports.runs import START, table
 

@@ -23,7 +23,7 @@ from lidarcli.cli.track import track
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.pipeline.objects import following
 from lidarcli.pipeline.running import outcomes
-from lidarcli.tables import SCHEMAS
+from lidarcli.tabular import SCHEMAS
 from tests.pipeline.patient import Patient
 from tests.places import SAMPLES
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from lidarcli.tables.schemas import BACKGROUND
+from lidarcli.tabular.schemas import BACKGROUND
 from tests.docs.constants import constants
 from tests.places import ROOT
 

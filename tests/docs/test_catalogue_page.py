@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from lidarcli.pipeline.inputs import catalogue
-from lidarcli.tables.schemas import MATCHES
+from lidarcli.tabular.schemas import MATCHES
 from tests.docs.constants import constants
 from tests.places import ROOT, SAMPLES
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from lidarcli.formalism.tracking.tracked import ENDS
-from lidarcli.tables import SCHEMAS
+from lidarcli.tabular import SCHEMAS
 from tests.pipeline.test_following import CHANGED
 from tests.places import ROOT
 

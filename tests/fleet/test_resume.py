@@ -18,7 +18,7 @@ import pytest
 from lidarcli import __version__
 from lidarcli.pipeline.fleet.manifest import read_entries
 from lidarcli.simulate.writers import write_log
-from lidarcli.tables.schemas import RUNS
+from lidarcli.tabular.schemas import RUNS
 from tests import unprivileged
 from tests.conftest import Ran
 from tests.fleet.conftest import tables

@@ -13,7 +13,6 @@ from lidarcli.formalism.catalogue import KINDS, Catalogue, Evidence, Thing
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, UNKNOWN, WALL, Detection
 from lidarcli.formalism.evidence import evidence_of, rectangle
 from lidarcli.formalism.shares import SEEN_AS
-from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.raycast import cast, place
 from lidarcli.simulate.scene import Entity
@@ -162,7 +161,8 @@ def test_what_has_gone_has_a_name_too() -> None:
     background = learned(batch)
     found = lidarcli.detect(
         later,
-        background=BackgroundOptions("box", (background,), removed=True),
+        background=[background],
+        removed=True,
         catalogue=Catalogue((Thing("crate", "prismatic", length=0.7, width=0.4),)),
     )
     assert found["change"].to_pylist() == ["removed"] * 3

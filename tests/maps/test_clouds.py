@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from lidarcli.maps.clouds import CloudPoints, CloudWriter, ParquetWriter, PcdWriter, PlyWriter, VoxelFilter
-from lidarcli.tables.schemas import CLOUD
+from lidarcli.tabular.schemas import CLOUD
 
 SIZES = (3, 0, 1, 1000, 9)
 

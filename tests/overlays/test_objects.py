@@ -11,7 +11,7 @@ import pytest
 from lidarcli.overlays.markers import Kind, Markers
 from lidarcli.overlays.objects import CLEAR, LEAST_SIDE, PART, SOLID, Colours, Poses, is_mirrored, markers_of
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
-from lidarcli.tables.schemas import OBJECTS
+from lidarcli.tabular.schemas import OBJECTS
 
 COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
 NOWHERE = Poses(*(np.full(9, np.nan) for _ in range(3)))

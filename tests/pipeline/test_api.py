@@ -22,7 +22,7 @@ from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.simulate.writers import write_log
-from lidarcli.tables import OBJECTS
+from lidarcli.tabular import OBJECTS
 from tests.pipeline.folders import logs_apart
 from tests.pipeline.in_memory import block
 from tests.places import SAMPLES
@@ -39,7 +39,7 @@ def test_detect_batches_in_python() -> None:
 def test_read_and_detect_a_log_in_python(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     write_log(path, [block("/b"), block("/a")])
-    batches = list(lidarcli.read(path, topics=["/b"], every=2))
+    batches = list(lidarcli.read(path, topic="/b", every=2))
     assert [(batch.topic, batch.sweep.tolist()) for batch in batches] == [("/b", [0, 2])]
     table = lidarcli.detect(path, Parameters.for_profile("robust"), start=0.1)
     assert table.schema.equals(OBJECTS)
@@ -137,7 +137,7 @@ def test_logs_of_one_name_stay_apart_in_python(tmp_path: Path) -> None:
 def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     write_log(path, [block("/scan")])
-    assert lidarcli.detect(path, topics="/scan").num_rows == 4
+    assert lidarcli.detect(path, topic="/scan").num_rows == 4
     assert lidarcli.detect(path, max_width=0.1).num_rows == 0
     assert (
         lidarcli.detect(path, profile="paper").schema.metadata[b"lidarcli.parameters"].count(b'"paper"') == 1
@@ -188,6 +188,109 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
         assert str(caught.value) == words
 
 
-def test_unknown_name_of_the_package() -> None:
-    with pytest.raises(AttributeError, match=r"^module 'lidarcli' has no attribute 'nonsense'$"):
-        _ = lidarcli.nonsense
+def test_strings_and_lists_say_the_same(tmp_path: Path) -> None:
+    """A string was taken for a list of its letters."""
+    path = tmp_path / "run.mcap"
+    write_log(path, [block("/a"), block("/b")])
+    for topic in ("/a", "a", ["/a"], ("/a",), {"/a"}, (name for name in ["/a"])):
+        assert set(lidarcli.detect(path, topic=topic)["topic"].to_pylist()) == {"/a"}
+    for topic in (None, [], ["/a", "/b"]):
+        assert set(lidarcli.detect(path, topic=topic)["topic"].to_pylist()) == {"/a", "/b"}
+    with pytest.raises(lidarcli.NoScanError, match="no LaserScan topic /scan in this log"):
+        lidarcli.detect(path, topic="/scan")
+    for source in (path, str(path), [path], [str(path)], str(tmp_path), str(tmp_path / "*.mcap")):
+        assert lidarcli.detect(source).num_rows == 8
+        assert sum(len(batch) for batch in lidarcli.read(source)) == 8
+
+
+def test_times_and_topics_are_told_as_on_the_command_line() -> None:
+    room = SAMPLES / "room.mcap"
+    (batch,) = lidarcli.read(room, start="2023-11-14T22:13:21Z", end="1500ms", topic="/sc*")
+    assert (batch.sweep[0], batch.sweep[-1]) == (10, 14)
+    assert lidarcli.detect(room, topic=["/sc*"], end="0.1s").num_rows == 5
+    with pytest.raises(OptionError, match=r"^--start: "):
+        lidarcli.read(room, start="tomorrow")
+
+
+def test_ranges_are_judged_as_on_the_command_line(tmp_path: Path) -> None:
+    room = SAMPLES / "room.mcap"
+
+    def counts(**options: object) -> list[int]:
+        status = next(lidarcli.read(room, **options)).status
+        return np.bincount(status.ravel(), minlength=4).tolist()
+
+    usual, near = counts(), counts(range=(0.1, 4.0))
+    assert sum(usual) == sum(near)
+    assert near[lidarcli.Status.NO_RETURN] > usual[lidarcli.Status.NO_RETURN]
+    assert counts(range=[0.1, 4]) == near
+    strict = counts(range=(0.1, 4.0), no_return="inf,zero")
+    assert strict == counts(range=(0.1, 4.0), no_return=["inf", "zero"]) != near
+    ranges = next(lidarcli.read(room)).ranges
+    marked = counts(no_return=["inf", "zero", "max", "above", float(ranges[0, 0])])
+    assert marked[lidarcli.Status.NO_RETURN] > usual[lidarcli.Status.NO_RETURN]
+    for options, words in (
+        ({"range": (4, 1)}, "--range: 4 to 1 m is no range; give (least, greatest)"),
+        ({"no_return": "none"}, "--no-return: 'none' is neither a number nor one of"),
+        ({"range_unit": "cm"}, "--range-unit: 'cm' is not one of m, mm"),
+        ({"fov": 270}, "--fov: 270 is more than two turns; say degrees=True where it is in degrees"),
+        ({"angle_increment": 0.0}, "--angle-increment: 0 is no step from beam to beam"),
+        ({"fov": 1.0, "angle_increment": 1.0}, "--angle-increment and --fov exclude each other"),
+    ):
+        with pytest.raises(OptionError, match=re.escape(words)):
+            lidarcli.read(room, **options)
+
+
+def test_angles_are_radians_unless_they_are_said_to_be_degrees(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("time,r0,r1,r2\n1,1234,500,inf\n")
+    (batch,) = lidarcli.read(path, fov=180, degrees=True, range_unit="mm", range_max=5)
+    assert batch.bearings()[0].tolist() == pytest.approx([-np.pi / 2, 0, np.pi / 2])
+    assert batch.ranges[0, :2].tolist() == pytest.approx([1.234, 0.5])
+    (other,) = lidarcli.read(path, fov=np.pi, range_unit="mm", range_max=5)
+    np.testing.assert_array_equal(batch.bearings(), other.bearings())
+    empty = SAMPLES / "room_empty.mcap"
+    (one,) = lidarcli.learn(empty, station_angle=10.0, station_distance=0.5)
+    assert (one.angle, one.distance) == (np.deg2rad(10.0), 0.5)
+
+
+def test_a_background_and_how_it_is_compared() -> None:
+    learned = lidarcli.learn(SAMPLES / "room_empty.mcap")
+    there, gone = (
+        lidarcli.detect(SAMPLES / "room.mcap", background=learned, removed=removed, end=1.0)
+        for removed in (False, True)
+    )
+    assert set(there["change"].to_pylist()) == {"appeared"}
+    assert gone.num_rows >= there.num_rows
+    with pytest.raises(
+        OptionError, match=r"^removed, any_frame, station_distance and station_angle are for a background$"
+    ):
+        lidarcli.detect(SAMPLES / "room.mcap", removed=True)
+    told = lidarcli.detect(SAMPLES / "room.mcap", background=learned, station_angle=90.0, end=0.5)
+    how = json.loads(told.schema.metadata[b"lidarcli.parameters"])["background"]
+    assert how["station_angle"] == pytest.approx(np.pi / 2)
+
+
+def test_why_an_object_is_a_thing_is_told_of_batches_too() -> None:
+    room = SAMPLES / "room.mcap"
+    (batch,) = lidarcli.read(room, end=1.0)
+    told = lidarcli.detect(batch, explain=True)["why"].to_pylist()
+    assert told == lidarcli.detect(room, end=1.0, explain=True)["why"].to_pylist()
+    assert all(told)
+    assert not any(lidarcli.detect(batch)["why"].to_pylist())
+
+
+def test_warnings_name_the_line_that_called(tmp_path: Path) -> None:
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    write_log(folder / "run.mcap", [block()])
+    (folder / "cut.mcap").write_bytes(b"\0\1\2nothing")
+    for call in (
+        lidarcli.detect,
+        lidarcli.track,
+        lidarcli.info,
+        lambda path: [*lidarcli.read(path)],
+        lambda path: lidarcli.detect(lidarcli.read(path)),
+    ):
+        with pytest.warns(UserWarning, match=r"cut\.mcap: not a log lidarcli knows") as caught:
+            call(folder)
+        assert [warning.filename for warning in caught] == [__file__]

@@ -27,7 +27,7 @@ from lidarcli.pipeline.objects.parts import Made, rows_of
 from lidarcli.pipeline.running import splitting
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
-from lidarcli.tables import SCHEMAS
+from lidarcli.tabular import SCHEMAS
 from tests.pipeline.in_memory import SCAN, SOURCE, Opens, block
 from tests.pipeline.patient import PATIENCE, Patient
 from tests.places import SAMPLES

@@ -11,7 +11,7 @@ import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.matching import match_tables
-from lidarcli.tables.schemas import MATCHES
+from lidarcli.tabular.schemas import MATCHES
 from tests.pipeline.tracks_tables import ROOM, turned, write_tracks
 
 LATER: list[dict[str, Any]] = [

@@ -13,7 +13,7 @@ import pytest
 from lidarcli.reports.columns import Rows, Run
 from lidarcli.reports.map_picture import MapPicture
 from lidarcli.reports.overview import MOST_AGENTS, MOST_POINTS, overview, paths_of
-from lidarcli.tables.schemas import OBJECTS, SWEEPS, TRACKS
+from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS
 from tests.places import SAMPLES
 from tests.reports.runs import run_of, sweep, table, thing, track
 from tests.reports.test_paths import driving

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.formalism.background.grid import Grid
 from lidarcli.records import record
+from lidarcli.showing import Facts, counted, shown, span
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses
 
 KNOWN_GAP = 0.05
@@ -20,39 +20,65 @@ LATERAL = 0.05
 """[m] A sensor beside a station sees things from another side: by so much they may look wider there."""
 
 
+@shown
 @record
 class Background:
     """What one sensor sees of the scene without objects of interest: K stations of B beams each.
 
     A station is a place and heading of the sensor. A sensor of which no pose is known has one, whose pose is NaN.
+
+    Attributes
+    ----------
+    topic, frame_id : names of the sensor
+    grid : the bearings of its beams
+    range_max : greatest range of the sensor [m]; inf where unknown
+    r_e : (K, B) r_e [m]: inf where the beam is open (no return is what the background is), NaN where nothing is known
+    r_near : (K, B) the nearest surface with as much support as r_e needs [m]: another than r_e at some depth edges
+    spread : (K, B) robust standard deviation of the ranges that back r_e [m]; NaN where r_e is no range
+    support : (K, B) share of the observations that back r_e; 0 where nothing is known
+    no_return : (K, B) share of the observations without a return
+    sweeps : (K,) sweeps of each station
+    poses : (K,) places in the world frame, NaN where none is known
+    distance : sweeps up to this far from a station [m] belong to it …
+    angle : … if their heading differs by no more than this [rad]
     """
 
     topic: str
     frame_id: str
     grid: Grid
     range_max: float
-    """Greatest range of the sensor [m]; inf where unknown."""
     r_e: Float64
-    """(K, B) r_e [m]: inf where the beam is open (no return is what the background is), NaN where nothing is known."""
     r_near: Float64
-    """(K, B) the nearest surface with as much support as r_e needs [m]: another than r_e at some depth edges."""
     spread: Float64
-    """(K, B) robust standard deviation of the ranges that back r_e [m]; NaN where r_e is no range."""
     support: Float64
-    """(K, B) share of the observations that back r_e; 0 where nothing is known."""
     no_return: Float64
-    """(K, B) share of the observations without a return."""
     sweeps: Int64
-    """(K,) sweeps of each station."""
     poses: SweepPoses
-    """(K,) places in the world frame, NaN where none is known."""
-    distance: float = 0.25
-    """Sweeps up to this far from a station [m] belong to it …"""
-    angle: float = math.radians(5.0)
-    """… if their heading differs by no more than this [rad]."""
+    distance: float = STATION_DISTANCE
+    angle: float = STATION_ANGLE
 
     def __len__(self) -> int:
         return len(self.sweeps)
+
+    def facts(self) -> Facts:
+        """What is known, in words."""
+        surfaces = self.r_e[np.isfinite(self.r_e)]
+        support = self.support[np.isfinite(self.r_e)]
+        unknown = int(np.count_nonzero(np.isnan(self.r_e)))
+        rows = (
+            ("topic", self.topic),
+            ("frame", self.frame_id or "without a name"),
+            ("view", span(np.degrees(self.grid.bearings()).tolist(), ".2f", "deg")),
+            ("sweeps", f"{self.sweeps.sum():,}"),
+            ("stations", f"{len(self):,}, the poses of {np.count_nonzero(self.posed):,} are known"),
+            ("r_e", span(surfaces.tolist(), ".3f", "m")),
+            ("support", f"{np.median(support):.1%} of the sweeps (median)" if len(support) else "none"),
+            ("open", counted(int(np.count_nonzero(np.isinf(self.r_e))), "beam")),
+            ("unknown", counted(unknown, "beam")),
+        )
+        return Facts(
+            f"of {self.topic}: {counted(len(self), 'station')} x {counted(self.grid.beams, 'beam')}", rows
+        )
 
     @property
     def posed(self) -> Bool:

@@ -16,8 +16,8 @@ from lidarcli.errors import OutputError, UnreadableError
 from lidarcli.newfiles import write_whole
 from lidarcli.pipeline.inputs.files import all_files
 from lidarcli.stores.url import Place, Url
-from lidarcli.tables.runs import Entry, read_run, run_rows
-from lidarcli.tables.schemas import RUNS
+from lidarcli.tabular.runs import Entry, read_run, run_rows
+from lidarcli.tabular.schemas import RUNS
 
 FOLDER = "_lidarcli"
 """Readers of folders of tables skip what begins with an underscore."""

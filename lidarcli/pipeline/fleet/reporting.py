@@ -13,7 +13,7 @@ from lidarcli.pipeline.inputs.files import Named, all_files, files_named
 from lidarcli.reports.checks import Check, parse_check, verdict_of
 from lidarcli.reports.runs import FIGURES, RunsReport, summarise_runs
 from lidarcli.stores.url import Place, absolute, place
-from lidarcli.tables.runs import Entry, read_run
+from lidarcli.tabular.runs import Entry, read_run
 
 SUFFIX = ".parquet"
 

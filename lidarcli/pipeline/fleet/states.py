@@ -12,7 +12,7 @@ from lidarcli.errors import LidarcliError, OutputError, UnreadableError
 from lidarcli.pipeline.inputs.files import all_files
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.stores.url import Place, State, Url, absolute, place
-from lidarcli.tables.runs import Entry
+from lidarcli.tabular.runs import Entry
 
 ASKED_AT_ONCE = 16
 """Requests for what a store knows of an object: each takes tens of milliseconds."""

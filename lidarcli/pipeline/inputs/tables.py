@@ -12,10 +12,10 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin
 from lidarcli.stores.url import Place, Url, place
-from lidarcli.tables import metadata
-from lidarcli.tables.files import table_suffix
-from lidarcli.tables.reading import column_names, notes_of, parsed, read_columns, read_pieces
-from lidarcli.tables.schemas import SCHEMAS
+from lidarcli.tabular import metadata
+from lidarcli.tabular.files import table_suffix
+from lidarcli.tabular.reading import column_names, notes_of, parsed, read_columns, read_pieces
+from lidarcli.tabular.schemas import SCHEMAS
 
 _OBJECTS, _SWEEPS = table_suffix("objects"), table_suffix("sweeps")
 

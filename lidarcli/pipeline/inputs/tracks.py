@@ -12,10 +12,10 @@ from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.pipeline.inputs.tables import is_table
 from lidarcli.stores.url import Place
-from lidarcli.tables import metadata
-from lidarcli.tables.files import table_suffix
-from lidarcli.tables.reading import notes_of, parsed, read_columns
-from lidarcli.tables.schemas import SCHEMAS
+from lidarcli.tabular import metadata
+from lidarcli.tabular.files import table_suffix
+from lidarcli.tabular.reading import notes_of, parsed, read_columns
+from lidarcli.tabular.schemas import SCHEMAS
 
 _TRACKS = table_suffix("tracks")
 COLUMNS = (

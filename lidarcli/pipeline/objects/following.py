@@ -18,7 +18,7 @@ from lidarcli.formalism.tracking.tracked import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.pipeline.objects.parts import Made, Rows
 from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.tables.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
+from lidarcli.tabular.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from lidarcli.formalism.catalogue import Catalogue, names_in
 from lidarcli.pipeline.objects.finders import finder
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tables.rows import beams_rows, objects_rows, sweeps_rows
+from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions

@@ -27,7 +27,7 @@ from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED
 from lidarcli.stores.url import place
 from lidarcli.sweeps import Int64, Status, SweepBatch
-from lidarcli.tables.background import read_background
+from lidarcli.tabular.background import read_background
 
 
 @dataclass(frozen=True, slots=True)

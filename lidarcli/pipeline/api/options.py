@@ -1,0 +1,122 @@
+"""What the keywords of the Python functions say, as the options that the rooms take."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from os import PathLike, fspath
+from typing import Any
+
+from lidarcli.errors import OptionError
+from lidarcli.formalism.catalogue import Catalogue
+from lidarcli.formalism.parameters import Parameters
+from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.pipeline.api.keywords import AnyPath, Objects, Paths
+from lidarcli.pipeline.inputs.catalogue import read_catalogue
+from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.sweeps import TURN, RangeRules, parse_no_return
+
+Told = Mapping[str, Any]
+"""Keywords with their values; all those of a group are there."""
+OBJECTS = tuple(Objects.__annotations__)
+"""Names of the keywords that say what an object is."""
+
+
+def several(values: Paths) -> list[str]:
+    """Paths as text, from one or several."""
+    return [fspath(each) for each in ([values] if isinstance(values, str | PathLike) else values)]
+
+
+def read_options(told: Told) -> ReadOptions:
+    """Which sweeps to read, and how ranges are judged."""
+    return ReadOptions(topics(told["topic"]), told["start"], told["end"], told["every"], rules=rules(told))
+
+
+def topics(names: str | Iterable[str] | None) -> frozenset[str] | None:
+    """Names of topics; none means all."""
+    named = [names] if isinstance(names, str) else names or []
+    return frozenset(name for name in named if name) or None
+
+
+def rules(told: Told) -> RangeRules:
+    """How ranges are judged."""
+    limits, no_return = told["range"], told["no_return"]
+    if limits is not None:
+        least, most = limits
+        if not 0 <= least < most:
+            raise OptionError(f"--range: {least:g} to {most:g} m is no range; give (least, greatest)")
+        limits = float(least), float(most)
+    words, markers = parse_no_return(
+        no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
+    )
+    return RangeRules(no_return=words, markers=markers, limits=limits)
+
+
+def csv_options(told: Told) -> CsvOptions:
+    """The geometry that a CSV may lack, angles in radians."""
+    if told["range_unit"] not in ("m", "mm"):
+        raise OptionError(f"--range-unit: '{told['range_unit']}' is not one of m, mm")
+    angles = {name: told[name] for name in ("angle_min", "angle_increment", "fov")}
+    if angles["angle_increment"] is not None and angles["fov"] is not None:
+        raise OptionError("--angle-increment and --fov exclude each other")
+    if angles["angle_increment"] == 0:
+        raise OptionError("--angle-increment: 0 is no step from beam to beam")
+    if told["degrees"]:
+        angles = {name: None if angle is None else math.radians(angle) for name, angle in angles.items()}
+    for name, angle in angles.items():
+        if angle is not None and not abs(angle) <= 2 * TURN:
+            option = name.replace("_", "-")
+            hint = "" if told["degrees"] else "; say degrees=True where it is in degrees"
+            raise OptionError(f"--{option}: {told[name]:g} is more than two turns{hint}")
+    return CsvOptions(
+        **angles, range_max=told["range_max"], range_scale=0.001 if told["range_unit"] == "mm" else 1.0
+    )
+
+
+def pose_options(told: Told) -> PoseOptions:
+    """Where poses come from, and how they are used."""
+    file = None if told["poses"] is None else fspath(told["poses"])
+    return PoseOptions(told["pose"], file, told.get("pose_delay"), told["deskew"])
+
+
+def background_options(told: Told) -> BackgroundOptions | None:
+    """What to compare sweeps with, and how."""
+    background, angle = told["background"], told["station_angle"]
+    how = {
+        "removed": told["removed"],
+        "any_frame": told["any_frame"],
+        "distance": told["station_distance"],
+        "angle": None if angle is None else math.radians(angle),
+    }
+    if background is None:
+        if any(value not in (None, False) for value in how.values()):
+            raise OptionError("removed, any_frame, station_distance and station_angle are for a background")
+        return None
+    if isinstance(background, str | PathLike):
+        return BackgroundOptions.of(fspath(background), **how)
+    if not background:
+        raise OptionError("a background of no sensor: nothing can be compared with it")
+    return BackgroundOptions("the background", tuple(background), **how)
+
+
+def catalogue_of(catalogue: AnyPath | Catalogue | None) -> Catalogue | None:
+    """Things of interest, from a file or as they are."""
+    return read_catalogue(catalogue) if isinstance(catalogue, str | PathLike) else catalogue
+
+
+def parameters_of(parameters: Parameters | None, told: Told, *, subtracted: bool = False) -> Parameters:
+    """The parameters as such, or from their keywords."""
+    given = {name: told[name] for name in OBJECTS}
+    if parameters is not None:
+        if not isinstance(parameters, Parameters):
+            raise TypeError(f"parameters have to be Parameters, not {type(parameters).__name__}")
+        asked = sorted(name for name, value in given.items() if value not in (None, False, "robust"))
+        if asked:
+            raise TypeError(f"give either parameters or {', '.join(asked)}")
+        return parameters
+    # What differs from a background is no wall, however wide it is.
+    if subtracted and given["max_width"] is None:
+        given["max_width"] = math.inf
+    return Parameters.for_profile(**given)

@@ -1,0 +1,92 @@
+"""`lidarcli.plot`: a sweep as in the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import fspath
+from typing import Unpack
+
+from lidarcli.choices import VIEWS, Look
+from lidarcli.errors import OptionError
+from lidarcli.formalism import Parameters
+from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges, defaults_of
+from lidarcli.pipeline.api.options import Told, csv_options, parameters_of, pose_options, rules
+from lidarcli.pipeline.api.signatures import with_keywords
+from lidarcli.pipeline.api.sources import one_source
+from lidarcli.pipeline.plotting import PlotOptions, picture_of, take_pictures, write_pictures
+from lidarcli.pipeline.warned import warn
+from lidarcli.reports.figure import Axes, Figure, figure_of
+from lidarcli.reports.picture import Picture
+from lidarcli.stores.url import place
+from lidarcli.sweeps import SweepBatch
+
+_UNASKED = defaults_of(Poses) | defaults_of(Delay) | defaults_of(Ranges) | {"topic": None}
+"""What says nothing of how a log is read."""
+
+_LOOK = ("width", "dpi", "title", "legend", "vertices")
+
+
+@with_keywords
+def plot(
+    log: AnyPath | SweepBatch,
+    sweep: int = 0,
+    output: AnyPath | None = None,
+    parameters: Parameters | None = None,
+    axes: Axes | Sequence[Axes] | None = None,
+    **options: Unpack[Plotting],
+) -> Figure:
+    """One sweep with its objects, as `lidarcli plot` draws it.
+
+    Parameters
+    ----------
+    log : one log as of `read`, of which no more than the sweep needs is read; or a batch of `read`
+    sweep : index of the sweep within its topic
+    output : picture to write, replaced where it exists: .png, .svg or .pdf; by default none
+    parameters : what an object is, instead of the keywords from `profile` to `walls`
+    axes : matplotlib axes to draw on, one for each panel of the view (`scene`: 1, `polar`: 1 that is polar, `sweep`: 2,
+        `all`: 3); by default a figure of its own
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The figure; a notebook shows it. It belongs to no window: give `axes` of a figure that has one.
+
+    Raises
+    ------
+    UnreadableError, NoScanError
+        As of `read`.
+    OptionError
+        As of `read`, the sweep is not there, or there are not as many axes as panels.
+    OutputError
+        The picture cannot be written.
+    """
+    if options["view"] not in VIEWS:
+        raise OptionError(f"--view: '{options['view']}' is not one of {', '.join(VIEWS)}")
+    picture = _picture(log, sweep, parameters, options)
+    look = Look(**{name: options[name] for name in _LOOK})  # type: ignore[literal-required]
+    if output is not None:
+        for note in write_pictures([place(fspath(output))], [picture], options["view"], True, look):
+            warn(note)
+    return figure_of(picture, options["view"], [axes] if isinstance(axes, Axes) else axes, look)
+
+
+def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | None, told: Told) -> Picture:
+    wanted = PlotOptions(
+        sweeps=(sweep,),
+        topic=told["topic"],
+        parameters=parameters_of(parameters, told),
+        rules=rules(told),
+        csv=csv_options(told),
+        background=None if told["background"] is None else fspath(told["background"]),
+        tracks=None if told["tracks"] is None else fspath(told["tracks"]),
+        poses=pose_options(told),
+    )
+    if isinstance(log, SweepBatch):
+        if asked := [name for name, value in _UNASKED.items() if told[name] != value]:
+            raise TypeError(f"only a log can be read with {', '.join(asked)}")
+        return picture_of(log, sweep, wanted)
+    source = one_source(log)
+    drawn = take_pictures(source, wanted)
+    for line in drawn.damage:
+        warn(f"{source.path}: {line}")
+    return drawn.pictures[0]

@@ -1,0 +1,136 @@
+"""`lidarcli.report`: the figures of runs, and checks of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Any, Unpack
+
+from lidarcli.newfiles import refuse, write_whole
+from lidarcli.pipeline.api.keywords import Paths, Reporting
+from lidarcli.pipeline.api.options import several
+from lidarcli.pipeline.api.signatures import with_keywords
+from lidarcli.pipeline.inputs.search import files_of, find_logs
+from lidarcli.pipeline.inputs.tables import table_files
+from lidarcli.pipeline.reporting import (
+    Made,
+    ReportOptions,
+    encoded,
+    format_of,
+    make_report,
+    render,
+    understand,
+)
+from lidarcli.pipeline.warned import warn
+from lidarcli.reports.checks import Verdict
+from lidarcli.reports.json import as_dict
+from lidarcli.stores.url import place
+
+HEIGHT = 720
+"""Of the report in a notebook [px]."""
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class RunReport:
+    """What is in one or many runs. `print` shows it as text, a notebook as the page with the viewer of the sweeps.
+
+    Attributes
+    ----------
+    figures : every figure by its name, as checks name it; None where it cannot be measured
+    checks : one verdict for each check: `expression`, `holds`, `expected`, `found`
+    problems : tables that could not be read, one line each
+    """
+
+    _made: Made
+    _asked: ReportOptions
+
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """Every figure by its name, as checks name it; with a baseline also its change, `delta.NAME`."""
+        report = self._made.report
+        return {**report.summary.figures, **(report.comparison.figures if report.comparison else {})}
+
+    @property
+    def checks(self) -> tuple[Verdict, ...]:
+        """One verdict for each check."""
+        return self._made.report.verdicts
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Tables that could not be read, one line each."""
+        return self._made.report.problems
+
+    @property
+    def holds(self) -> bool:
+        """Whether every check holds."""
+        return self._made.report.holds
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything as plain values: the JSON schema of docs/reports.md."""
+        return as_dict(self._made.report)
+
+    def __repr__(self) -> str:
+        title, figures = self._made.report.title, self.figures
+        held = sum(verdict.holds for verdict in self.checks)
+        judged = f", {held} of {len(self.checks)} checks hold" if self.checks else ""
+        return (
+            f"<report on {title}: {figures['sweeps']:,.0f} sweeps, {figures['objects']:,.0f} objects{judged}>"
+        )
+
+    def __str__(self) -> str:
+        return render(self._made, "text")
+
+    def _repr_html_(self) -> str:
+        # Who only looks at figures does not wait for what the viewer shows.
+        made = self._made if self._made.page is not None else make_report(self._asked, viewer=True)
+        # The page is a document of its own, with a style and a script that are not to meet the notebook's.
+        page = escape(render(made, "html"), quote=True)
+        return (
+            f'<iframe srcdoc="{page}" sandbox="allow-scripts allow-downloads" '
+            f'style="width: 100%; height: {HEIGHT}px; border: 0"></iframe>'
+        )
+
+
+@with_keywords
+def report(tables: Paths, output: Paths = (), **options: Unpack[Reporting]) -> RunReport:
+    """The figures of one or many runs, held against checks, from the tables that the command line wrote.
+
+    Parameters
+    ----------
+    tables : objects, sweeps or tracks tables (the others of a log are found beside each), folders or patterns
+    output : files to write, replaced where they exist, each in the format that its suffix says: .txt, .md, .html, .json
+        or .xml (JUnit); by default none
+
+    Returns
+    -------
+    RunReport
+        `figures`, `checks` and `holds`; a check that does not hold is no error.
+
+    Raises
+    ------
+    UnreadableError
+        None of the tables can be read, or the baseline cannot.
+    OptionError
+        A check cannot be understood, or a suffix names no format.
+    OutputError
+        A file cannot be written.
+    """
+    check = options["check"]
+    asked = ReportOptions(
+        tables=tuple(several(tables)),
+        checks=(check,) if isinstance(check, str) else tuple(check),
+        baseline=tuple(several(options["baseline"])),
+        logs=tuple(several(options["log"])),
+    )
+    understand(asked)
+    files = {place(name): format_of(place(name)) for name in several(output)}
+    read = map(str, table_files([*asked.tables, *asked.baseline]))
+    refuse(files, True, [*read, *files_of(find_logs(asked.logs))])
+    made = make_report(asked, viewer="html" in files.values())
+    for problem in made.report.problems:
+        warn(problem)
+    for file, form in files.items():
+        for note in write_whole(file, encoded(render(made, form)), overwrite=True):
+            warn(note)
+    return RunReport(made, asked)

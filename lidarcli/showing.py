@@ -1,0 +1,91 @@
+"""How data of the package print themselves: a line in a list, a few lines by `print`, a small table in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from html import escape
+from typing import NamedTuple, Protocol, TypeVar
+
+
+class Facts(NamedTuple):
+    """What there is to say of something."""
+
+    title: str
+    """One line that says what it is."""
+    rows: tuple[tuple[str, str], ...]
+    """(name, words)"""
+
+
+class Telling(Protocol):
+    """Something that says what it is."""
+
+    def facts(self) -> Facts:
+        """What it is, in words."""
+
+
+T = TypeVar("T", bound=Telling)
+
+
+def shown(cls: type[T]) -> type[T]:
+    """A class whose objects print what they are, as their `facts` tell."""
+    cls.__repr__ = _line  # type: ignore[method-assign,assignment]
+    cls.__str__ = _text  # type: ignore[method-assign,assignment]
+    cls._repr_html_ = _html  # type: ignore[attr-defined]
+    return cls
+
+
+def _line(self: Telling) -> str:
+    return f"<{type(self).__name__} {self.facts().title}>"
+
+
+def _text(self: Telling) -> str:
+    title, rows = self.facts()
+    width = max((len(name) for name, _ in rows), default=0) + 2
+    return "\n".join(
+        [f"{type(self).__name__} {title}", *(f"  {name:{width}}{words}" for name, words in rows)]
+    )
+
+
+def _html(self: Telling) -> str:
+    title, rows = self.facts()
+    cells = "".join(
+        f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(words)}</td></tr>'
+        for name, words in rows
+    )
+    head = f'<caption style="text-align: left"><b>{type(self).__name__}</b> {escape(title)}</caption>'
+    return f"<table>{head}{cells}</table>"
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "sweep"), counted(1200, "sweep")
+    ('1 sweep', '1,200 sweeps')
+    """
+    return f"{number:,} {what}{'' if number == 1 else 's'}"
+
+
+def span(values: Iterable[float], form: str, unit: str) -> str:
+    """The least and the greatest of some values, or the one that all of them are.
+
+    >>> span([1.0, 3.0, 2.0], ".1f", "m"), span([2, 2], ",", "per sweep"), span([], "g", "m")
+    ('1.0 to 3.0 m', '2 per sweep', 'none')
+    """
+    told = [*values]
+    if not told:
+        return "none"
+    low, high = format(min(told), form), format(max(told), form)
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def moment(stamp_ns: int) -> str:
+    """Date and time of a wall clock; plain seconds of a clock that started near zero (simulation).
+
+    >>> moment(1_700_000_000_250_000_000), moment(2_500_000_000)
+    ('2023-11-14T22:13:20.250Z', '2.500 s')
+    """
+    seconds, rest = divmod(stamp_ns, 1_000_000_000)
+    if not 10**8 <= seconds < 10**11:
+        return f"{stamp_ns * 1e-9:.3f} s"
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest // 1_000_000:03d}Z"

@@ -1,5 +1,0 @@
-"""Everything written is a table with a declared schema: schemas, rows, atomic streaming writers."""
-
-from lidarcli.tables.schemas import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS
-
-__all__ = ["BEAMS", "OBJECTS", "SCHEMAS", "SWEEPS", "TRACKS"]

@@ -1,0 +1,222 @@
+"""The background table: written when a scene has been learned, read to be subtracted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli.errors import UnreadableError
+from lidarcli.formalism.background.grid import SAME_BEAM, Grid
+from lidarcli.formalism.background.model import Background
+from lidarcli.newfiles import new_files
+from lidarcli.stores.url import Place
+from lidarcli.sweeps import Float64, SweepPoses
+from lidarcli.tabular.arrays import codes, floats, plain
+from lidarcli.tabular.metadata import DAMAGE, PARAMETERS, SOURCE, VERSION
+from lidarcli.tabular.parquet import TableFile
+from lidarcli.tabular.reading import GREATEST_VALUE, notes_of, parsed, read_columns
+from lidarcli.tabular.schemas import BACKGROUND
+
+GEOMETRY = "lidarcli.geometry"
+"""Metadata key: what the columns do not hold of each sensor, as JSON."""
+
+_PER_BEAM = ("r_e", "r_near", "spread", "support", "no_return")
+NEAREST = 1e-9
+"""A range of a background is no smaller [m]: no sensor measures that near, and steps of bearings are divided by it."""
+LEAST_STEP = 1e-9
+"""The angle from beam to beam is no smaller [rad]."""
+MOST_BEAMS_OF_SENSOR = 10_000_000
+"""Most beams of a sensor; sweeps have fewer."""
+SINGLE = 1e-6
+"""Relative precision of a bearing that has been kept in single precision."""
+
+
+def write_background(
+    path: Place, sensors: Sequence[Background], metadata: Mapping[bytes, bytes], overwrite: bool = True
+) -> list[str]:
+    """Write the stations of all sensors; the file appears when it is whole. Notes as of `NewFiles.publish`."""
+    geometry = json.dumps([_geometry(sensor) for sensor in sensors], sort_keys=True, ensure_ascii=False)
+    with new_files([path], overwrite) as new, TableFile(new.part(path), BACKGROUND, path) as file:
+        for sensor in sensors:
+            file.write(background_rows(sensor))
+        file.finish({**metadata, GEOMETRY.encode(): geometry.encode(errors="replace")})
+        return new.publish()
+
+
+def background_rows(sensor: Background) -> pa.RecordBatch:
+    """Rows of one sensor: one per station and beam."""
+    stations, beams = sensor.r_e.shape
+    count = stations * beams
+    each = np.repeat(np.arange(stations), beams)
+    poses = sensor.poses.rows(each)
+    columns = [
+        codes(np.zeros(count, np.int32), (sensor.topic,)),
+        codes(np.zeros(count, np.int32), (sensor.frame_id,)),
+        plain(each.astype(np.int32)),
+        plain(np.tile(np.arange(beams, dtype=np.int32), stations)),
+        floats(np.tile(sensor.grid.bearings(), stations)),
+        *(floats(getattr(sensor, name).reshape(-1)) for name in _PER_BEAM),
+        plain(sensor.sweeps[each]),
+        *map(floats, (poses.x, poses.y, poses.yaw)),
+        pa.array(poses.upside_down.tolist(), pa.bool_()),
+    ]
+    return pa.record_batch(columns, schema=BACKGROUND)
+
+
+def read_background(path: Place) -> tuple[list[Background], dict[str, Any]]:
+    """The sensors of a background table, and what its metadata says.
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, it is no Parquet file, no background, or not a whole one.
+    """
+    table = read_columns(path, "background", BACKGROUND)
+    notes = notes_of(table)
+    if GEOMETRY not in notes:
+        raise UnreadableError(
+            f"{path}: no {GEOMETRY} in its metadata, which other programs leave out when they write a table; "
+            "build it again with lidarcli background build"
+        )
+    _refuse_ranges(path, table)
+    try:
+        sensors = _sensors(table, _parsed(notes[GEOMETRY]))
+    except ValueError as err:
+        raise UnreadableError(f"{path}: its geometry and its rows do not agree; build it again") from err
+    return sensors, _told(notes) | {VERSION: notes.get(VERSION, "")}
+
+
+def _refuse_ranges(path: Place, table: pa.Table) -> None:
+    """Refuse ranges that are none: what is computed from them needs some length."""
+    for name in _PER_BEAM:
+        least = NEAREST if name.startswith("r_") else 0.0
+        wrong = (values := _values(table, name)) < least
+        if wrong.any():
+            raise UnreadableError(
+                f"{path}: column {name} holds {values[wrong][0]:g}; the least that it can be is {least:g}"
+            )
+
+
+def _told(notes: Mapping[str, str]) -> dict[str, Any]:
+    """What the metadata says of the making, as far as it can be understood."""
+    told: dict[str, Any] = {}
+    for key, kind in ((PARAMETERS, dict), (SOURCE, list), (DAMAGE, list)):
+        try:
+            value = parsed(notes[key])
+        except (KeyError, ValueError):
+            continue
+        if isinstance(value, kind):
+            told[key] = value
+    if SOURCE in told:
+        told[SOURCE] = [log for log in told[SOURCE] if isinstance(log, dict)]
+    if DAMAGE in told:
+        told[DAMAGE] = [str(line) for line in told[DAMAGE]]
+    return told
+
+
+def _geometry(sensor: Background) -> dict[str, Any]:
+    grid = sensor.grid
+    return {
+        "topic": sensor.topic,
+        "frame_id": sensor.frame_id,
+        "angle_min": grid.angle_min,
+        "angle_increment": grid.angle_increment,
+        "beams": grid.beams,
+        "period": grid.period,
+        "range_max": sensor.range_max if np.isfinite(sensor.range_max) else None,
+        "stations": len(sensor),
+        "station_distance": sensor.distance,
+        "station_angle": sensor.angle,
+    }
+
+
+def _parsed(text: str) -> list[dict[str, Any]]:
+    """The geometry of every sensor (`ValueError` where it is none)."""
+    entries = parsed(text)
+    if not isinstance(entries, list):
+        raise ValueError("no geometry")
+    return [_entry(entry) for entry in entries]
+
+
+def _entry(entry: Any) -> dict[str, Any]:
+    """The geometry of one sensor; the table may come from anybody."""
+    kinds = {
+        **dict.fromkeys(("topic", "frame_id"), str),
+        **dict.fromkeys(("beams", "period", "stations"), int),
+        **dict.fromkeys(("angle_min", "angle_increment", "station_distance", "station_angle"), float),
+    }
+    try:
+        found: dict[str, Any] = {name: kind(entry[name]) for name, kind in kinds.items()}
+        limit = entry["range_max"]
+        found["range_max"] = np.inf if limit is None else float(limit)
+    except (TypeError, KeyError, OverflowError) as err:
+        raise ValueError("no geometry") from err
+    angles = abs(found["angle_min"]), abs(found["angle_increment"])
+    stations = found["station_distance"], found["station_angle"]
+    if (
+        not (0 <= found["beams"] <= MOST_BEAMS_OF_SENSOR and 0 <= found["period"] <= found["beams"])
+        or found["stations"] < 0
+        or not max(*angles, *stations) <= GREATEST_VALUE
+        or (found["beams"] > 1 and angles[1] < LEAST_STEP)
+        or not min(stations) > 0
+        or not found["range_max"] > 0
+    ):
+        raise ValueError("no geometry of a sensor")
+    return found
+
+
+def _sensors(table: pa.Table, geometries: list[dict[str, Any]]) -> list[Background]:
+    rows = [entry["stations"] * entry["beams"] for entry in geometries]
+    if sum(rows) != table.num_rows:
+        raise ValueError("rows are missing")
+    starts = np.cumsum([0, *rows]).tolist()
+    return [
+        _sensor(table.slice(start, count), entry)
+        for start, count, entry in zip(starts, rows, geometries, strict=False)
+    ]
+
+
+def _values(table: pa.Table, name: str) -> Float64:
+    """A column as double precision, NaN for null."""
+    return np.asarray(table[name].to_numpy(), np.float64)
+
+
+def _sensor(table: pa.Table, entry: dict[str, Any]) -> Background:
+    shape = entry["stations"], entry["beams"]
+
+    def values(name: str) -> Float64:
+        return _values(table, name).reshape(shape)
+
+    first = slice(None), slice(0, 1)
+
+    def of_station(name: str) -> Float64:
+        return np.asarray(values(name)[first].reshape(-1))
+
+    grid = Grid(entry["angle_min"], entry["angle_increment"], entry["beams"], entry["period"])
+    # Other programs may keep single precision.
+    off = np.abs(values("theta") - grid.bearings()) if shape[0] else np.zeros(0)
+    if not (off <= SAME_BEAM * abs(grid.angle_increment) + SINGLE * abs(grid.angle_min)).all():
+        raise ValueError("bearings of another sensor")
+    station, beam = np.indices(shape)
+    if not (np.array_equal(values("station"), station) and np.array_equal(values("beam"), beam)):
+        raise ValueError("rows in another order")
+    return Background(
+        topic=entry["topic"],
+        frame_id=entry["frame_id"],
+        grid=grid,
+        range_max=entry["range_max"],
+        **{name: values(name) for name in _PER_BEAM},
+        sweeps=of_station("sweeps").astype(np.int64),
+        poses=SweepPoses(
+            of_station("pose_x"),
+            of_station("pose_y"),
+            of_station("pose_yaw"),
+            of_station("upside_down").astype(bool),
+        ),
+        distance=entry["station_distance"],
+        angle=entry["station_angle"],
+    )

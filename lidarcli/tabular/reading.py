@@ -1,0 +1,302 @@
+"""Tables read back, also those that another program has written in the meantime: every column of its declared type.
+
+pandas, polars and DuckDB keep the values but not the types (text in place of a dictionary, int64 in place of int32, stamps
+in microseconds): what can be cast without loss is cast, and all else is one line that names the file and the column.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lidarcli.errors import UnreadableError
+from lidarcli.stores.url import Place, Url
+from lidarcli.tabular.schemas import INFINITE, LATER, NULLABLE
+
+GREATEST_VALUE = 1e12
+"""A number of a table is no larger [m], [rad]: no place on Earth is farther, whatever the origin."""
+DEEPEST_METADATA = 20
+"""Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
+ANY = "any"
+"""The kind of a table whose columns nobody judges."""
+MOST_WHOLE = 1 << 53
+"""A count or an index is no larger: up to here a double holds every whole number."""
+
+
+def read_columns(path: Place, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
+    """Columns of a table in their declared types, with the metadata of the file; null what an earlier version had not.
+
+    Parameters
+    ----------
+    path : the file
+    kind : `objects`, `sweeps`, `tracks`, `beams` or `background`, as `schemas.NULLABLE` has it
+    schema : that of the kind
+    names : columns to read, by default all of the schema
+
+    Raises
+    ------
+    UnreadableError
+        There is no such file, it is no Parquet file, or a column is missing, there twice, of a type or with values that
+        it cannot have.
+    """
+    wanted = _wanted(schema, names)
+    with _opened(path, kind) as file:
+        there = _columns_there(path, kind, file.schema_arrow.names, wanted)
+        found = file.read(columns=there, use_threads=False)
+        columns = [
+            _fitted(path, kind, field, found[field.name])
+            if field.name in there
+            else pa.chunked_array([pa.nulls(found.num_rows, field.type)])
+            for field in wanted
+        ]
+        return pa.Table.from_arrays(columns, schema=wanted.with_metadata(file.schema_arrow.metadata))
+
+
+def read_pieces(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
+    """The same piece by piece, for a table that may be large."""
+    wanted = _wanted(schema, names)
+    with _opened(path, kind) as file:
+        there = _columns_there(path, kind, file.schema_arrow.names, wanted)
+        for rows in file.iter_batches(columns=there, use_threads=False):
+            columns = [
+                _fitted(path, kind, field, pa.chunked_array([rows[field.name]])).combine_chunks()
+                if field.name in there
+                else pa.nulls(rows.num_rows, field.type)
+                for field in wanted
+            ]
+            yield pa.RecordBatch.from_arrays(columns, schema=wanted)
+
+
+def column_names(path: Place, kind: str) -> list[str]:
+    """The columns that a table has, also those that no schema knows."""
+    with _opened(path, kind) as file:
+        return list(file.schema_arrow.names)
+
+
+def schema_of(path: Place) -> pa.Schema:
+    """The columns of any table, of whatever kind it is, with the metadata of the file."""
+    with _opened(path, ANY) as file:
+        return file.schema_arrow
+
+
+def read_as_is(path: Place, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+    """Columns of any table piece by piece, as they are."""
+    with _opened(path, ANY) as file:
+        for rows in file.iter_batches(columns=list(names), use_threads=False):
+            yield rows.select(list(names))
+
+
+def file_metadata(path: Place) -> dict[str, str]:
+    """The metadata of a table of which nothing else is read, as text."""
+    with _opened(path, ANY) as file:
+        return _as_text(file.schema_arrow.metadata)
+
+
+def notes_of(table: pa.Table) -> dict[str, str]:
+    """The metadata of a table that was read, as text."""
+    return _as_text(table.schema.metadata)
+
+
+def _as_text(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
+    notes = metadata or {}
+    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in notes.items()}
+
+
+def parsed(text: str) -> Any:
+    """A value of the metadata from its JSON; `ValueError` where it is none.
+
+    >>> parsed('{"every": 1}')
+    {'every': 1}
+    """
+    try:
+        value = json.loads(text, parse_constant=_finite, parse_float=_finite)
+    except RecursionError as err:
+        raise ValueError("nested too deeply") from err
+    level = [value]
+    for _ in range(DEEPEST_METADATA):
+        level = [
+            item
+            for part in level
+            if isinstance(part, dict | list)
+            for item in (part.values() if isinstance(part, dict) else part)
+        ]
+        if not level:
+            return value
+    raise ValueError("nested too deeply")
+
+
+def _finite(text: str) -> float:
+    """A number of JSON, which has no NaN and nothing infinite."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text} is no number of JSON")
+    return number
+
+
+@contextmanager
+def _opened(path: Place, kind: str) -> Iterator[pq.ParquetFile]:
+    """The file, closed in the end; whatever Arrow says of it is one line."""
+    refused = "no background" if kind == "background" else "cannot be read as Parquet"
+    if not path.exists():
+        raise UnreadableError(f"{path}: no such file")
+    if not path.is_file():
+        raise UnreadableError(f"{path}: {refused}: it is no file")
+    try:
+        with _file(path) as source, pq.ParquetFile(source, pre_buffer=isinstance(path, Url)) as file:
+            yield file
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as err:
+        raise UnreadableError(f"{path}: {refused}: {_first_line(err)}") from err
+
+
+def _file(path: Place) -> pa.NativeFile:
+    """The open file, of which parts are read."""
+    if isinstance(path, Url):
+        from lidarcli.stores.store import open_object
+
+        return open_object(path)
+    # A name need not be UTF-8, and Arrow takes such a one as bytes alone.
+    return pa.OSFile(os.fsencode(path), "rb")
+
+
+def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
+    chosen = schema.names if names is None else set(names)
+    return pa.schema([field for field in schema if field.name in chosen])
+
+
+def _columns_there(path: Place, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
+    """Those of the wanted columns that a file has; refused where one is missing that was always there, or there twice."""
+    missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
+    if missing:
+        maker = {"background": "background build", "tracks": "track"}.get(kind, "detect")
+        raise UnreadableError(f"{path}: not a table of lidarcli {maker}: no column {', '.join(missing)}")
+    twice = [name for name in wanted.names if there.count(name) > 1]
+    if twice:
+        raise UnreadableError(f"{path}: column {twice[0]} is there {there.count(twice[0])} times, not once")
+    return [name for name in wanted.names if name in there]
+
+
+def _fitted(path: Place, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """The column in its declared type, its values checked."""
+    place = f"{path}: column {field.name}"
+    if not _castable(column.type, field.type):
+        raise UnreadableError(f"{place} is {_words(column.type)}, not {_words(field.type)}")
+    try:
+        column.validate(full=True)
+        fitted = _cast(column, field.type)
+    except pa.ArrowException as err:
+        raise UnreadableError(
+            f"{place} holds a value that is no {_words(field.type)}: {_first_line(err)}"
+        ) from err
+    empty = fitted.null_count
+    if empty and not pa.types.is_floating(field.type) and field.name not in NULLABLE[kind]:
+        raise UnreadableError(f"{place} is empty (null) in {empty:,} of {len(fitted):,} rows")
+    _refuse_values(place, field, fitted)
+    return fitted
+
+
+def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:
+    """Whether values of one type can stand for those of the other, if each of them fits."""
+    if pa.types.is_null(found) or found.equals(wanted):
+        return True
+    if _is_text(wanted):
+        return _is_text(found)
+    if pa.types.is_integer(wanted) or pa.types.is_floating(wanted):
+        return _is_number(found)
+    if pa.types.is_timestamp(wanted):
+        return bool(pa.types.is_timestamp(found))
+    if pa.types.is_list(wanted):
+        return _is_list(found) and _castable(found.value_type, wanted.value_type)
+    if pa.types.is_struct(wanted) and pa.types.is_struct(found):
+        names = [part.name for part in found]
+        return all(
+            names.count(part.name) == 1 and _castable(found.field(part.name).type, part.type)
+            for part in wanted
+        )
+    return False
+
+
+def _cast(column: pa.ChunkedArray, wanted: pa.DataType) -> pa.ChunkedArray:
+    """The column in another type, without loss; NaN, which some write for null, is null."""
+    if pa.types.is_dictionary(wanted):
+        if column.type.equals(wanted) and not any(chunk.dictionary.null_count for chunk in column.chunks):
+            return column
+        return column.cast(pa.string()).dictionary_encode().cast(wanted)
+    if pa.types.is_floating(column.type):
+        column = _without_nan(column)
+    return column if column.type.equals(wanted) else column.cast(wanted)
+
+
+def _without_nan(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    import pyarrow.compute as pc
+
+    nan = pc.is_nan(column)
+    if not pc.any(nan).as_py():
+        return column
+    return pc.if_else(nan, pa.scalar(None, column.type), column)
+
+
+def _refuse_values(place: str, field: pa.Field, column: pa.ChunkedArray) -> None:
+    """Refuse numbers that cannot be: a negative count, a length that is not finite."""
+    whole = pa.types.is_integer(field.type)
+    if not whole and not pa.types.is_floating(field.type):
+        return
+    import pyarrow.compute as pc
+
+    if field.name in INFINITE:
+        column = pc.if_else(pc.is_inf(column), pa.scalar(None, column.type), column)
+    least, most = (0, MOST_WHOLE) if whole else (-GREATEST_VALUE, GREATEST_VALUE)
+    found = pc.min_max(column).as_py()
+    if found["min"] is not None and found["min"] < least:
+        raise UnreadableError(f"{place} holds {found['min']}; the least that it can be is {least:g}")
+    if found["max"] is not None and found["max"] > most:
+        raise UnreadableError(f"{place} holds {found['max']}; the most that it can be is {most:g}")
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind))
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind))
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    return bool(
+        pa.types.is_list(kind)
+        or pa.types.is_large_list(kind)
+        or pa.types.is_fixed_size_list(kind)
+        or pa.types.is_list_view(kind)
+        or pa.types.is_large_list_view(kind)
+    )
+
+
+def _words(kind: pa.DataType) -> str:
+    """What a type is called in a message.
+
+    >>> _words(pa.float64()), _words(pa.list_(pa.struct([("theta", pa.float64())])))
+    ('double', 'list of struct (theta)')
+    """
+    if _is_text(kind):
+        return "text"
+    if _is_list(kind):
+        return f"list of {_words(kind.value_type)}"
+    if pa.types.is_struct(kind):
+        return f"struct ({', '.join(part.name for part in kind)})"
+    if pa.types.is_timestamp(kind):
+        return "timestamp"
+    if pa.types.is_dictionary(kind):
+        return f"dictionary of {_words(kind.value_type)}"
+    return str(kind)
+
+
+def _first_line(err: Exception) -> str:
+    return (str(err).splitlines() or [type(err).__name__])[0]

@@ -1,0 +1,175 @@
+"""Objects to standard output: one JSON object per line, CSV, an Arrow stream or Parquet."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import pyarrow as pa
+
+from lidarcli.errors import OutputError
+from lidarcli.tabular.parquet import Output, ParquetSink
+
+
+class RowStream(Protocol):
+    """A stream of rows of one schema; `finish` completes it."""
+
+    def write(self, rows: pa.RecordBatch) -> None: ...
+
+    def finish(self, metadata: dict[bytes, bytes]) -> None: ...
+
+
+class NdjsonStream:
+    """One JSON object per row and line; stamps in ISO 8601, null for what is undefined."""
+
+    def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:
+        self._out = out
+
+    def write(self, rows: pa.RecordBatch) -> None:
+        """Write the rows at once, for whoever reads along."""
+        names = rows.schema.names
+        lines = [_compact(dict(zip(names, values, strict=True))) for values in _python_rows(rows)]
+        if lines:
+            self._out.write(("\n".join(lines) + "\n").encode())
+            self._out.flush()
+
+    def finish(self, metadata: dict[bytes, bytes]) -> None:
+        """Nothing follows the last line."""
+
+
+class CsvStream:
+    """A header line, then one line per row; lists as JSON text, empty for what is undefined."""
+
+    def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:
+        self._out = out
+        self._nested = [index for index, field in enumerate(schema) if pa.types.is_nested(field.type)]
+        self._lines([schema.names])
+
+    def write(self, rows: pa.RecordBatch) -> None:
+        """Write the rows at once, for whoever reads along."""
+        lines = [list(values) for values in _python_rows(rows)]
+        for line in lines:
+            for index in self._nested:
+                line[index] = "" if line[index] is None else _compact(line[index])
+        self._lines(lines)
+
+    def finish(self, metadata: dict[bytes, bytes]) -> None:
+        """Nothing follows the last line."""
+
+    def _lines(self, lines: list[list[Any]]) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(lines)
+        self._out.write(text.getvalue().encode())
+        self._out.flush()
+
+
+class ArrowStream:
+    """The Arrow IPC stream format; its schema comes first, with the metadata known by then."""
+
+    def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:
+        self._out = out
+        self._schema = schema.with_metadata(metadata)
+        self._writer = pa.ipc.new_stream(pa.PythonFile(out, mode="w"), self._schema)
+
+    def write(self, rows: pa.RecordBatch) -> None:
+        """Write the rows at once, for whoever reads along."""
+        self._writer.write_batch(rows.replace_schema_metadata(self._schema.metadata))
+        self._out.flush()
+
+    def finish(self, metadata: dict[bytes, bytes]) -> None:
+        """Write the end of the stream."""
+        self._writer.close()
+        self._out.flush()
+
+
+class ParquetStream:
+    """A Parquet file on a stream that cannot seek."""
+
+    def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:
+        self._out = out
+        self._sink = ParquetSink(out, schema)
+        self.write = self._sink.write
+
+    def finish(self, metadata: dict[bytes, bytes]) -> None:
+        """Write what waits, and the footer without which nobody can read the rest."""
+        self._sink.finish(metadata)
+        self._out.flush()
+
+
+FORMATS: dict[str, Callable[[Output, pa.Schema, dict[bytes, bytes]], RowStream]] = {
+    "ndjson": NdjsonStream,
+    "csv": CsvStream,
+    "arrow": ArrowStream,
+    "parquet": ParquetStream,
+}
+
+
+class CountingOutput(io.RawIOBase):
+    """A pipe as the writers of Arrow and Parquet want it: it knows its position. Errors become `OutputError`.
+
+    A reader that went away (`| head`) is no error of the output: `BrokenPipeError` passes through.
+    """
+
+    def __init__(self, out: Output, name: str) -> None:
+        self._out = out
+        self._name = name
+        self._position = 0
+        self._discarded = False
+
+    def writable(self) -> bool:
+        """Always."""
+        return True
+
+    def write(self, data: Any) -> int:
+        """Write all of `data`."""
+        size = memoryview(data).nbytes
+        if not self._discarded:
+            self._guard(lambda: self._out.write(data))
+        self._position += size
+        return size
+
+    def tell(self) -> int:
+        """Bytes written so far."""
+        return self._position
+
+    def flush(self) -> None:
+        """Hand on what the system has not got yet."""
+        if not self._discarded:
+            self._guard(self._out.flush)
+
+    def discard(self) -> None:
+        """Write nothing more: what follows would only be the end of a stream that is not whole."""
+        self._discarded = True
+
+    def close(self) -> None:
+        """Leave the stream below open: it belongs to the process."""
+
+    def _guard(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except BrokenPipeError:
+            raise
+        except OSError as err:
+            raise OutputError(f"cannot write {self._name}: {err.strerror or err}") from err
+
+
+def _python_rows(rows: pa.RecordBatch) -> Any:
+    """Tuples of plain values, stamps as text."""
+    columns = []
+    for field, values in zip(rows.schema, rows.columns, strict=True):
+        if pa.types.is_timestamp(field.type):
+            stamps = values.view(pa.int64()).to_numpy(zero_copy_only=False).astype("datetime64[ns]")
+            texts = np.datetime_as_string(stamps, unit="ns")
+            there = values.is_valid().to_pylist()
+            columns.append([f"{text}Z" if known else None for text, known in zip(texts, there, strict=True)])
+        else:
+            columns.append(values.to_pylist())
+    return zip(*columns, strict=True)
+
+
+def _compact(value: object) -> str:
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False)

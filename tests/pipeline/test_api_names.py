@@ -1,0 +1,147 @@
+"""The Python functions are called as the commands are, and tell of it: signatures, help, completion, wrong names."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+import lidarcli
+from tools.reference import commands
+
+FUNCTIONS = ("read", "learn", "detect", "track", "tables", "map", "plot", "info", "report")
+COMMANDS = {
+    "learn": "background build",
+    "detect": "detect",
+    "track": "track",
+    "map": "map",
+    "plot": "plot",
+    "info": "info",
+    "report": "report",
+}
+OF_THE_SHELL = {
+    *("help", "verbose", "quiet", "config", "format", "overwrite", "files-from", "base", "shard", "dry-run"),
+    *("resume", "partition", "cluster"),
+}
+"""Options of how a command is run, prints or writes."""
+ONLY_SHELL = {
+    "learn": {"plot"},
+    "detect": {"output", "beams"},
+    "track": {"output", "beams"},
+    "map": {"jobs", "compare"},
+    "plot": {"sweeps", "map", "animate", "fps"},
+}
+"""Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""
+OWN = {"log", "tables", "parameters", "axes"}
+"""What stands in the place of the arguments of a command, and what only Python has."""
+
+
+def options_of(command: str) -> dict[str, click.Option]:
+    found = dict(commands())[command]
+    return {
+        max(option.opts, key=len).removeprefix("--"): option
+        for option in found.params
+        if isinstance(option, click.Option)
+    }
+
+
+@pytest.mark.parametrize("function", COMMANDS)
+def test_names_and_defaults_are_those_of_the_command_line(function: str) -> None:
+    options = options_of(COMMANDS[function])
+    parameters = inspect.signature(getattr(lidarcli, function)).parameters
+    names = {name.replace("_", "-") for name in parameters.keys() - OWN}
+    named = {
+        name.removeprefix("no-") if one.is_flag else name for name, one in options.items()
+    } - OF_THE_SHELL
+    # The logs of a report are no argument of its command.
+    names |= {"log"} if function == "report" else set()
+    assert names == named - ONLY_SHELL.get(function, set())
+    for name, option in options.items():
+        if name.replace("-", "_") in parameters and isinstance(option.default, int | float | str):
+            default = parameters[name.replace("-", "_")].default
+            assert default == option.default or name == "output", name
+            assert type(default) in (bool, int, float, str, tuple)
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_keyword_is_in_the_signature_and_explained(name: str) -> None:
+    function = getattr(lidarcli, name)
+    words = inspect.getdoc(function)
+    for parameter in inspect.signature(function).parameters.values():
+        assert parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+        assert re.search(rf"^{parameter.name} : \S", words, re.MULTILINE), parameter.name
+    assert "\nReturns\n-------\n" in words
+    assert "\nRaises\n------\n" in words
+
+
+def test_defaults_are_plain_numbers() -> None:
+    """One was `np.float64(0.08726646259971647)`."""
+    signature = inspect.signature(lidarcli.learn)
+    assert str(signature.parameters["station_angle"]) == "station_angle: float = 5.0"
+    assert "[degrees]" in re.search(r"^station_angle : .*", inspect.getdoc(lidarcli.learn), re.MULTILINE)[0]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_wrong_name_is_told_with_the_nearest(name: str) -> None:
+    """The internal class was named."""
+    with pytest.raises(TypeError) as caught:
+        getattr(lidarcli, name)("run.mcap", outptu=1, tpoic="/scan")
+    assert str(caught.value) in (
+        f"{name}() has no option 'outptu'; did you mean 'output'?",
+        f"{name}() has no option 'outptu'; there are "
+        + ", ".join(inspect.signature(getattr(lidarcli, name)).parameters),
+    )
+    if name != "report":
+        with pytest.raises(TypeError, match=rf"^{name}\(\) has no option 'topcis'"):
+            getattr(lidarcli, name)("run.mcap", topcis="/scan")
+
+
+@pytest.mark.parametrize(
+    ("line", "names"),
+    [
+        ("lidarcli.detect('run.mcap', max_", ["max_gap=", "max_width="]),
+        ("lidarcli.plot(batch, vi", ["view="]),
+        ("lidarcli.learn('run.mcap', station_", ["station_angle=", "station_distance="]),
+    ],
+)
+def test_keywords_are_completed(line: str, names: list[str]) -> None:
+    completer = pytest.importorskip("IPython.core.completer")
+    made = completer.IPCompleter(namespace={"lidarcli": lidarcli}, use_jedi=False)
+    with completer.provisionalcompleter():
+        found = [each.text for each in made.completions(line, len(line))]
+    assert [name for name in found if name.endswith("=")] == names
+
+
+def test_the_public_names_are_there_and_typed() -> None:
+    tree = ast.parse(Path(lidarcli.__file__).read_text(encoding="utf-8"))
+    typed = next(
+        node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+    )
+    told = {alias.name: node.module for node in typed.body for alias in node.names}
+    assert told.pop("formalism") == "lidarcli"
+    assert told == lidarcli._HOME
+    assert {*told, "formalism", "__version__"} == {*lidarcli.__all__} == {*dir(lidarcli)}
+    for name in lidarcli.__all__:
+        assert getattr(lidarcli, name) is not None
+    assert issubclass(lidarcli.UnreadableError, lidarcli.LidarcliError)
+    assert lidarcli.Parameters(max_width=1.0) == lidarcli.formalism.Parameters(max_width=1.0)
+    with pytest.raises(AttributeError, match=r"^module 'lidarcli' has no attribute 'nonsense'$"):
+        _ = lidarcli.nonsense
+
+
+def test_importing_the_package_imports_no_work() -> None:
+    code = (
+        "import sys, lidarcli; dir(lidarcli); "
+        "print(sorted(m for m in sys.modules if m.startswith('lidarcli'))); "
+        "lidarcli.detect; print([m for m in ('pandas', 'matplotlib', 'click', 'rich') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[1] == "[]"
+    first = set(ast.literal_eval(done.stdout.splitlines()[0]))
+    assert first <= {"lidarcli", "lidarcli._version", "lidarcli.compiled"}

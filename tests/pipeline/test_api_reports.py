@@ -1,0 +1,76 @@
+"""`lidarcli.info` and `lidarcli.report`: what the commands tell, as values."""
+
+from __future__ import annotations
+
+import json
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+import lidarcli
+from lidarcli.cli import run
+from tests.places import SAMPLES
+
+ROOM = SAMPLES / "room.mcap"
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tables")
+    assert run(["-q", "track", str(ROOM), "-o", str(folder)]) == 0
+    return folder
+
+
+def test_info_is_what_the_command_prints(capfd: pytest.CaptureFixture[str]) -> None:
+    logs = [ROOM, SAMPLES / "drive.db3"]
+    assert run(["-q", "info", *map(str, logs), "--format", "json"]) == 0
+    assert lidarcli.info(logs) == json.loads(capfd.readouterr().out)
+    (room,) = lidarcli.info(ROOM, range=(0.1, 4.0))
+    assert room["scans"][0]["beams_by_status"]["no_return"] > 0
+    with pytest.raises(lidarcli.UnreadableError, match=r"^no\.mcap: no such file or folder$"):
+        lidarcli.info("no.mcap")
+
+
+def test_a_report_as_values(tables: Path) -> None:
+    report = lidarcli.report(tables, check=["objects_per_sweep.p95 <= 12", "objects == 0"])
+    assert (report.figures["sweeps"], report.figures["tracks"]) == (100, 5)
+    assert [verdict.holds for verdict in report.checks] == [True, False]
+    assert not report.holds
+    assert report.problems == ()
+    assert repr(report) == "<report on room: 100 sweeps, 499 objects, 1 of 2 checks hold>"
+    assert report.as_dict()["figures"]["objects"] == 499
+    assert lidarcli.report(tables, check="sweeps == 100").holds
+
+
+def test_a_report_is_shown_and_written_as_the_command_does(
+    tables: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    files = [tmp_path / f"room{suffix}" for suffix in (".md", ".html", ".json", ".xml")]
+    report = lidarcli.report(tables, files, log=ROOM)
+    for file in files:
+        other = tmp_path / f"command{file.suffix}"
+        assert run(["-q", "report", str(tables), "--log", str(ROOM), "-o", str(other)]) == 0
+        assert file.read_bytes() == other.read_bytes()
+    assert run(["-q", "report", str(tables)]) == 0
+    assert str(report) == capfd.readouterr().out
+    page = report._repr_html_()
+    assert page.startswith('<iframe srcdoc="')
+    assert unescape(page.partition('srcdoc="')[2].partition('" sandbox')[0]) == files[1].read_text("utf-8")
+    # Who has written no page gets one, too.
+    assert lidarcli.report(tables, log=ROOM)._repr_html_() == page
+
+
+def test_a_baseline_in_python(tables: Path) -> None:
+    report = lidarcli.report(tables, baseline=tables, check="changed_sweeps == 0")
+    assert report.figures["delta.objects"] == 0
+    assert report.holds
+
+
+def test_what_no_report_can_be_made_of(tables: Path, tmp_path: Path) -> None:
+    with pytest.raises(lidarcli.OptionError, match=r"room\.pdf: the suffix names no format \(\.txt \.md "):
+        lidarcli.report(tables, tmp_path / "room.pdf")
+    with pytest.raises(lidarcli.UnreadableError, match=r"nothing"):
+        lidarcli.report(tmp_path / "nothing")
+    with pytest.raises(lidarcli.OutputError):
+        lidarcli.report(tables, tables / "room.objects.parquet" / "x.md")

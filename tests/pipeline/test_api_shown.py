@@ -1,0 +1,121 @@
+"""What batches, backgrounds and maps print, and what else a batch offers to who looks at it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+import lidarcli
+from lidarcli.sweeps import STATUSES
+from tests.places import SAMPLES
+
+BATCH = """\
+SweepBatch /scan: 150 sweeps x 361 beams
+  log     drive
+  topic   /scan
+  frame   laser
+  sweeps  0 to 149 (150 sweeps)
+  time    2023-11-14T22:13:20.000Z to 2023-11-14T22:13:49.800Z
+  beams   361 per sweep
+  view    -180.00 to 180.00 deg
+  ranges  0.757 to 8.436 m
+  status  53,983 valid, 93 no_return, 0 too_close, 74 invalid
+  poses   known for 150 sweeps"""
+BACKGROUND = """\
+Background of /scan: 1 station x 361 beams
+  topic     /scan
+  frame     laser
+  view      -180.00 to 180.00 deg
+  sweeps    100
+  stations  1, the poses of 0 are known
+  r_e       2.901 to 5.199 m
+  support   100.0% of the sweeps (median)
+  open      0 beams
+  unknown   0 beams"""
+GRID = """\
+Occupancy 188 x 149 cells of 0.05 m
+  frame     odom
+  x         -4.70 to 4.70 m
+  y         -3.75 to 3.70 m
+  occupied  1,401 cells
+  free      24,452 cells
+  unknown   2,159 cells"""
+
+
+def test_they_print_what_they_are() -> None:
+    (batch,) = lidarcli.read(SAMPLES / "drive.db3")
+    assert str(batch) == BATCH
+    assert repr([batch]) == "[<SweepBatch /scan: 150 sweeps x 361 beams>]"
+    (background,) = lidarcli.learn(SAMPLES / "room_empty.mcap")
+    assert str(background) == BACKGROUND
+    assert repr(background) == "<Background of /scan: 1 station x 361 beams>"
+    grid = lidarcli.map(SAMPLES / "drive.db3")
+    assert str(grid) == GRID
+    assert (grid.occupied, grid.free, grid.cells.shape) == (1401, 24452, (149, 188))
+
+
+def test_a_notebook_shows_them_as_a_table() -> None:
+    (batch,) = lidarcli.read(SAMPLES / "drive.db3")
+    page = replace(batch, log="<b>&", frame_ids=("",))._repr_html_()
+    assert page.startswith(
+        '<table><caption style="text-align: left"><b>SweepBatch</b> /scan: 150 sweeps x 361 beams<'
+    )
+    assert ">&lt;b&gt;&amp;</td>" in page
+    assert ">without a name</td>" in page
+    assert page.count("<tr>") == 10
+
+
+def test_nothing_prints_too() -> None:
+    (batch,) = lidarcli.read(SAMPLES / "drive.db3")
+    none = batch.rows(np.empty(0, np.int64))
+    assert repr(none) == "<SweepBatch /scan: 0 sweeps x 361 beams>"
+    assert "time    none" in str(none)
+    dark = replace(batch, ranges=np.full_like(batch.ranges, np.nan), status=np.full_like(batch.status, 1))
+    assert "ranges  none" in str(dark)
+    assert "status  0 valid, 54,150 no_return" in str(dark)
+
+
+def test_points_lie_where_the_beams_ended() -> None:
+    batch = lidarcli.formalism.sweep([[1.0, 2.0, np.inf, 3.0]], angle_min=0.0, angle_increment=np.pi / 2)
+    expected = [[[1, 0], [0, 2], [np.nan, np.nan], [0, -3]]]
+    np.testing.assert_allclose(batch.points(), expected, atol=1e-15)
+
+
+def test_stamps_are_times() -> None:
+    (batch,) = lidarcli.read(SAMPLES / "drive.db3")
+    assert batch.stamps.dtype == "datetime64[ns]"
+    assert batch.stamps[1] == np.datetime64("2023-11-14T22:13:20.200", "ns")
+    assert np.shares_memory(batch.stamps, batch.stamp_ns)
+
+
+def test_a_batch_as_a_data_frame() -> None:
+    (batch,) = lidarcli.read(SAMPLES / "people.csv.gz", end=0.1)
+    short = replace(batch, beams=np.array([1081, 3], np.int32), status=batch.status.copy())
+    short.status[1, 3:] = lidarcli.Status.PADDING
+    frame = short.to_pandas()
+    assert [*frame] == ["sweep", "stamp", "beam", "bearing", "range", "status", "x", "y"]
+    assert frame.groupby("sweep").size().to_dict() == {0: 1081, 1: 3}
+    assert [*frame["status"].cat.categories] == [*STATUSES]
+    assert frame["stamp"].dtype == pd.DatetimeTZDtype("ns", "UTC")
+    found = frame[frame["sweep"] == 0]
+    np.testing.assert_array_equal(found["range"], batch.ranges[0])
+    np.testing.assert_allclose(np.hypot(found["x"], found["y"]), found["range"], rtol=1e-6)
+    np.testing.assert_allclose(
+        np.arctan2(found["y"], found["x"]).dropna(), found["bearing"][found["x"].notna()], atol=1e-9
+    )
+    assert (found["status"] == "valid").sum() == np.isfinite(batch.ranges[0]).sum()
+
+
+def test_help_tells_of_attributes() -> None:
+    for kind, name in (
+        (lidarcli.SweepBatch, "ranges : (S, B) float32, metres; NaN wherever"),
+        (lidarcli.Background, "r_e : (K, B) r_e [m]"),
+        (lidarcli.Occupancy, "resolution : side of a cell [m]"),
+    ):
+        assert name in kind.__doc__
+        fields = [field for field in kind.__dataclass_fields__ if field not in ("y", "angle_increment")]
+        told = kind.__doc__.partition("----------\n")[2]
+        for field in fields:
+            assert field in told

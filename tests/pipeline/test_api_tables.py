@@ -1,0 +1,50 @@
+"""`lidarcli.tables`: all tables as data frames, equal to what is written, whose types depend on the schema alone."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+import lidarcli
+from tests.places import SAMPLES
+
+ROOM = SAMPLES / "room.mcap"
+
+
+def test_all_tables_as_data_frames() -> None:
+    frames = lidarcli.tables(ROOM, end=2.0)
+    assert [len(frame) for frame in frames[:3]] == [100, 20, 5]
+    assert frames.beams is None
+    told = lidarcli.track(ROOM, end=2.0)
+    for frame, table in zip(frames[:3], told, strict=True):
+        assert [*frame] == table.column_names
+        expected = table.to_pandas()
+        for name in ("topic", "sweep", "x", "width", "duration", "objects", "track"):
+            if name in frame:
+                assert frame[name].dropna().tolist() == expected[name].dropna().tolist()
+
+
+def test_their_types_are_those_that_pandas_counts_with() -> None:
+    seen = lidarcli.tables(ROOM, end=1.0, beams=True)
+    empty = lidarcli.tables(ROOM, end=1.0, beams=True, max_width=0.01)
+    assert (len(seen.beams), len(empty.objects), len(empty.sweeps)) == (3610, 0, 10)
+    for frame, other in zip(seen, empty, strict=True):
+        assert [*frame] == [*other]
+        for name, kind in frame.dtypes.items():
+            if not isinstance(kind, pd.CategoricalDtype):
+                assert other[name].dtype == kind, name
+    objects = seen.objects.dtypes
+    assert objects["stamp"] == pd.DatetimeTZDtype("ns", "UTC")
+    assert isinstance(objects["shape"], pd.CategoricalDtype)
+    assert objects["track"] == pd.Int64Dtype()
+    assert objects["moving"] == pd.BooleanDtype()
+    assert seen.beams["object"].dtype == pd.Int32Dtype()
+
+
+def test_they_take_what_track_takes() -> None:
+    batches = list(lidarcli.read(ROOM, end=1.0))
+    assert lidarcli.tables(batches, beams=True).beams["sweep"].value_counts().to_dict() == dict.fromkeys(
+        range(10), 361
+    )
+    whole, of_batches = lidarcli.tables(ROOM, end=1.0), lidarcli.tables(batches)
+    assert of_batches.tracks["track"].tolist() == whole.tracks["track"].tolist()
+    assert lidarcli.tables(ROOM, end=1.0, memory=False, min_beams=60).objects.empty

@@ -1,0 +1,109 @@
+"""Tables of tracking read back, by whomever they were written, and tables from before there was any."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from lidarcli.cli import run
+from lidarcli.errors import UnreadableError
+from lidarcli.pipeline.inputs.tables import Pair, find_pairs, read_table, table_files
+from lidarcli.pipeline.objects import following
+from lidarcli.tabular import SCHEMAS
+from lidarcli.tabular.reading import read_columns, read_pieces
+from lidarcli.tabular.schemas import LATER, OBJECTS, TRACKS
+from tests.pipeline.patient import Patient
+from tests.places import SAMPLES
+from tests.tabular.test_reading import WRITERS
+
+TABLES = ("objects", "sweeps", "tracks")
+
+
+@pytest.fixture
+def tracked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Tables in which every second object is an agent; things that never moved have no stamp of it."""
+    monkeypatch.setattr(following, "Tracker", Patient)
+    assert (
+        run(["-q", "track", str(SAMPLES / "room.mcap"), "-o", str(tmp_path), "--end", "0.5", "--no-memory"])
+        == 0
+    )
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("writer", WRITERS)
+@pytest.mark.parametrize("table", TABLES)
+def test_what_other_programs_write_is_read_as_it_was(tracked: Path, table: str, writer: str) -> None:
+    path = tracked / f"room.{table}.parquet"
+    wanted = pq.read_table(path)
+    WRITERS[writer](path)
+    found = read_columns(path, table, SCHEMAS[table])
+    assert found.schema.equals(SCHEMAS[table])
+    rows = [found.to_pylist(), wanted.to_pylist()]
+    if writer == "narrow":
+        for row in (row for some in rows for row in some):
+            for name in [name for name in row if "stamp" in name or name == "moved_at"]:
+                row[name] = row[name] and row[name].value // 1000
+    assert rows[0] == rows[1]
+    if table == "objects":
+        assert {row["moving"] for row in rows[0]} == {False, True}
+
+
+@pytest.mark.parametrize("table", ["objects", "sweeps"])
+def test_a_table_from_before_has_nulls_for_what_it_did_not_know(tracked: Path, table: str) -> None:
+    path = tracked / f"room.{table}.parquet"
+    today = pq.read_table(path)
+    pq.write_table(today.drop_columns([*LATER[table]]), path)
+    found = read_columns(path, table, SCHEMAS[table])
+    assert found.schema.equals(SCHEMAS[table])
+    assert {name for name in found.column_names if found[name].null_count == today.num_rows > 0} >= LATER[
+        table
+    ]
+    kept = [name for name in today.column_names if name not in LATER[table]]
+    assert found.select(kept).equals(today.select(kept))
+    assert read_columns(path, table, SCHEMAS[table], ["t"])["t"].null_count == today.num_rows
+    pieces = list(read_pieces(path, table, SCHEMAS[table], ["sweep", "t"]))
+    assert sum(rows["t"].null_count for rows in pieces) == today.num_rows
+
+
+def test_a_report_takes_tables_from_before(tracked: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    def report() -> dict[str, object]:
+        assert run(["report", str(tracked), "--format", "json"]) == 0
+        found: dict[str, object] = json.loads(capfd.readouterr().out)
+        return found["figures"]  # type: ignore[return-value]
+
+    assert (
+        run(["-q", "detect", str(SAMPLES / "room.mcap"), "-o", str(tracked), "--end", "0.5", "--overwrite"])
+        == 0
+    )
+    (tracked / "room.tracks.parquet").unlink()
+    wanted = report()
+    for table in ("objects", "sweeps"):
+        path = tracked / f"room.{table}.parquet"
+        pq.write_table(pq.read_table(path).drop_columns([*LATER[table]]), path)
+    assert report() == wanted
+
+
+def test_a_column_that_was_always_there_is_missed(tracked: Path) -> None:
+    path = tracked / "room.objects.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["track", "vx"]), path)
+    with pytest.raises(UnreadableError, match=r"not a table of lidarcli detect: no column track$"):
+        read_columns(path, "objects", OBJECTS)
+    path = tracked / "room.tracks.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["end"]), path)
+    with pytest.raises(UnreadableError, match=r"not a table of lidarcli track: no column end$"):
+        read_columns(path, "tracks", TRACKS)
+
+
+def test_a_tracks_table_names_its_log(tracked: Path) -> None:
+    pairs, problems = find_pairs([str(tracked / "room.tracks.parquet"), str(tracked / "*.tracks.parquet")])
+    assert (pairs, problems) == ([Pair(f"{tracked}/room.", ".parquet")], [])
+    assert pairs[0].tracks == tracked / "room.tracks.parquet"
+    assert pairs[0].tracks in table_files([str(tracked)])
+    assert read_table(pairs[0], "tracks", ["track", "set"]).to_pydict() == {
+        "track": [1, 2, 3, 4, 5],
+        "set": ["O", "A", "O", "A", "O"],
+    }

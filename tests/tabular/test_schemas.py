@@ -1,0 +1,31 @@
+"""The schemas are those of the contract, each column with its unit and meaning."""
+
+from __future__ import annotations
+
+import pyarrow as pa
+import pytest
+
+from lidarcli.tabular import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS
+from tests.tabular.contract import CONTRACT
+
+
+@pytest.mark.parametrize("table", sorted(CONTRACT))
+def test_schema_is_the_contract(table: str) -> None:
+    assert [(field.name, str(field.type)) for field in SCHEMAS[table]] == CONTRACT[table]
+
+
+@pytest.mark.parametrize("table", sorted(CONTRACT))
+def test_every_column_has_unit_and_description(table: str) -> None:
+    def leaves(field: pa.Field) -> list[pa.Field]:
+        if pa.types.is_list(field.type):
+            return [field, *field.type.value_type]
+        return [field]
+
+    units = {leaf.name: leaf.metadata[b"unit"] for field in SCHEMAS[table] for leaf in leaves(field)}
+    assert all(leaf.metadata[b"description"] for field in SCHEMAS[table] for leaf in leaves(field))
+    assert set(units.values()) <= {b"rad", b"m", b"m/s", b"s", b"1", b"ns", b""}
+    assert all(units[name] == b"rad" for name in units if name.startswith("theta") or name.endswith("yaw"))
+
+
+def test_table_names() -> None:
+    assert SCHEMAS == {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}
