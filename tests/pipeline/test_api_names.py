@@ -27,7 +27,7 @@ COMMANDS = {
 }
 OF_THE_SHELL = {
     *("help", "verbose", "quiet", "config", "format", "overwrite", "files-from", "base", "shard", "dry-run"),
-    *("resume", "partition", "cluster"),
+    *("resume", "partition", "cluster", "brief"),
 }
 """Options of how a command is run, prints or writes."""
 ONLY_SHELL = {
@@ -35,7 +35,7 @@ ONLY_SHELL = {
     "detect": {"output", "beams"},
     "track": {"output", "beams"},
     "map": {"jobs", "compare"},
-    "plot": {"sweeps", "map", "animate", "fps"},
+    "plot": {"sweeps", "map", "animate", "fps", "start", "end"},
 }
 """Options whose work Python has elsewhere, or not: `tables(beams=True)`, `map` for a map, a loop for several sweeps."""
 OWN = {"log", "tables", "parameters", "axes"}

@@ -13,6 +13,7 @@ from PIL import Image
 
 import lidarcli
 from lidarcli.cli import run
+from lidarcli.errors import OptionError
 from tests.places import SAMPLES
 
 ROOM = SAMPLES / "room.mcap"
@@ -53,6 +54,12 @@ def test_a_batch_is_drawn_like_its_log(tmp_path: Path) -> None:
     assert file.read_bytes() == (tmp_path / "command.svg").read_bytes()
 
 
+@pytest.mark.parametrize("at", [3.42, "3.42s", "2023-11-14T22:13:23.42Z"])
+def test_the_sweep_at_a_time(at: float | str) -> None:
+    title = lidarcli.plot(ROOM, at=at, view="scene")._suptitle.get_text()
+    assert title == lidarcli.plot(ROOM, 34, view="scene")._suptitle.get_text()
+
+
 def test_how_large_it_is_and_what_it_says() -> None:
     figure = lidarcli.plot(ROOM, 34, view="scene", width=89, title=False, legend=False)
     assert figure.get_size_inches()[0] * 25.4 == pytest.approx(89)
@@ -75,6 +82,8 @@ def test_on_axes_that_somebody_has() -> None:
 
 
 def test_what_cannot_be_drawn() -> None:
+    with pytest.raises(OptionError, match="give either at or sweep"):
+        lidarcli.plot(ROOM, 34, at=1.0)
     (batch,) = lidarcli.read(ROOM, end=1.0)
     axes = Figure().subplots()
     for call, error, words in (

@@ -251,6 +251,12 @@ class Plotting(Poses, Delay, Ranges, Objects, total=False):
     view: Annotated[
         View, Keyword("scene from above, r(θ) with s(θ), the difference, polar, or scene and curves", "all")
     ]
+    at: Annotated[
+        float | str | None,
+        Keyword(
+            "draw the sweep nearest to this time, in seconds after the first or by date, instead of `sweep`"
+        ),
+    ]
     topic: Annotated[str | None, Keyword("LaserScan topic to draw; by default the first by name")]
     background: Annotated[AnyPath | None, Keyword("background table to compare with: also r_w, r_e")]
     tracks: Annotated[AnyPath | None, Keyword("table of `track`: paths up to the sweep, numbers, velocities")]

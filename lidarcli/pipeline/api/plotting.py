@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from os import fspath
 from typing import Unpack
 
@@ -13,14 +14,15 @@ from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Rang
 from lidarcli.pipeline.api.options import Told, csv_options, parameters_of, pose_options, rules
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import one_source
-from lidarcli.pipeline.plotting import PlotOptions, picture_of, take_pictures, write_pictures
+from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.warned import warn
 from lidarcli.reports.figure import Axes, Figure, figure_of
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch
+from lidarcli.times import parse_time
 
-_UNASKED = defaults_of(Poses) | defaults_of(Delay) | defaults_of(Ranges) | {"topic": None}
+_UNASKED = defaults_of(Poses) | defaults_of(Delay) | defaults_of(Ranges) | {"topic": None, "at": None}
 """What says nothing of how a log is read."""
 
 _LOOK = ("width", "dpi", "title", "legend", "vertices")
@@ -86,6 +88,11 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
             raise TypeError(f"only a log can be read with {', '.join(asked)}")
         return picture_of(log, sweep, wanted)
     source = one_source(log)
+    if (at := told["at"]) is not None:
+        if sweep:
+            raise OptionError("--at names one sweep: give either at or sweep")
+        time = parse_time(at) if isinstance(at, str) else at
+        wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.csv),))
     drawn = take_pictures(source, wanted)
     for line in drawn.damage:
         warn(f"{source.path}: {line}")
