@@ -108,8 +108,16 @@ function drawPoints(pen, s, k, p, frame, colours) {
 
 function ofOwner(s, j, colours) { return j < 0 ? colours.grey : s.set[j] === AGENT ? colours.vermilion : colours.blue; }
 
+// The box of an object; of a round one the circle that was fitted to it.
+function outline(s, j) {
+  if (data.shapes[s.shape[j]] !== "round") return corners(s, j);
+  const x = s.box_x[j] * s.scale, y = s.box_y[j] * s.scale, r = s.box_length[j] * s.scale / 2, found = [];
+  for (let n = 0; n < 36; n++) found.push([x + r * Math.cos(n * TURN / 36), y + r * Math.sin(n * TURN / 36)]);
+  return found;
+}
+
 function drawBox(pen, s, j, p, frame, colours, marked) {
-  const box = corners(s, j).map(([x, y]) => { const [a, b] = frame.beam(x, y); return [p.X(a), p.Y(b)]; });
+  const box = outline(s, j).map(([x, y]) => { const [a, b] = frame.beam(x, y); return [p.X(a), p.Y(b)]; });
   if (marked) { pen.strokeStyle = colours.ink; pen.lineWidth = 6; polygon(pen, box); pen.stroke(); }
   pen.strokeStyle = colours.shapes[s.shape[j]]; pen.lineWidth = 2;
   polygon(pen, box); pen.stroke();
