@@ -64,3 +64,6 @@ class Look:
 
 
 AS_IT_COMES = Look()
+
+SET_WORDS = {"O": "objects", "A": "agents", "S": "walls and rest"}
+"""Set (Def. 4) → what its beams are on, for readers."""

@@ -42,6 +42,7 @@ WITH_TRACKS = ("all", "scene")
 \b
   lidarcli plot run.mcap
   lidarcli plot run.mcap --sweep 50 -o sweep.png
+  lidarcli plot run.mcap --at 2026-11-22T10:00:00Z
   lidarcli plot run.mcap --view scene --width 89 --no-title -o fig.pdf
   lidarcli plot run.bag --topic /front_scan --sweeps 0,50,100 -o front.svg
   lidarcli plot run.mcap --sweep 50 --profile paper --view difference -o s.png

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from lidarcli.choices import SET_WORDS
 from lidarcli.cli.messages import Messages
 
 if TYPE_CHECKING:
@@ -12,13 +13,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.reading.summary import RunSummary
     from lidarcli.pipeline.running.outcomes import Outcome
 
-_WORDS = {
-    "no_return": "no return",
-    "too_close": "too close",
-    "O": "objects",
-    "A": "agents",
-    "S": "walls and rest",
-}
+_WORDS = {"no_return": "no return", "too_close": "too close", **SET_WORDS}
 _COLUMNS = 80
 TELLING_SECONDS = 1.0
 """What took less time [s] tells how long a program takes to start, not how fast it reads."""

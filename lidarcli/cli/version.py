@@ -7,8 +7,8 @@ import click
 from lidarcli import compiled
 from lidarcli._version import __version__
 
-LIBRARIES = ("numpy", "pyarrow", "mcap", "rosbags", "matplotlib", "click", "rich")
-EXTRAS = ("pandas", "distributed", "kiss-icp")
+LIBRARIES = ("numpy", "pyarrow", "mcap", "rosbags", "pandas", "matplotlib", "click", "rich")
+EXTRAS = ("distributed", "kiss-icp")
 
 
 def print_version(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
@@ -21,15 +21,20 @@ def print_version(ctx: click.Context, parameter: click.Parameter, value: bool) -
 def version_text() -> str:
     """The version of lidarcli on a line of its own, then whether it is compiled, the system and the libraries."""
     import platform
+    import textwrap
+
+    def line(name: str, words: str) -> str:
+        head = f"  {name:<11}"
+        return textwrap.fill(words, 79, initial_indent=head, subsequent_indent=" " * len(head))
 
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return "\n".join(
         (
             f"lidarcli {__version__}",
-            f"  core       {compiled.about_core()}",
-            f"  system     {system}",
-            f"  libraries  {', '.join(_found(LIBRARIES))}",
-            f"  optional   {', '.join(_found(EXTRAS)) or 'none'}",
+            line("core", compiled.about_core()),
+            line("system", system),
+            line("libraries", ", ".join(_found(LIBRARIES))),
+            line("optional", ", ".join(_found(EXTRAS)) or "none"),
         )
     )
 

@@ -12,7 +12,7 @@ from lidarcli.reports.distributions import Histogram
 from lidarcli.reports.picture import printable
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import SET_WORDS
+from lidarcli.reports.wording import BEAMS_ON
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -101,7 +101,7 @@ def course(axes: Axes, streams: tuple[Stream, ...], name: str) -> None:
 def beams(axes: Axes, summary: Summary) -> None:
     """All beams twice, by what became of them and by what they are on: two bars of their own."""
     status = {name.replace("_", " "): count for name, count in summary.status.items()}
-    sets = {SET_WORDS[name]: count for name, count in summary.sets.items()}
+    sets = {BEAMS_ON[name]: count for name, count in summary.sets.items()}
     colours = [palette.SET_STYLES[name][0] for name in summary.sets]
     for place, rows, paints in ((1.0, status, STATUS_COLOURS), (0.0, sets, colours)):
         there = [

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from lidarcli.choices import SET_WORDS
+
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
     "#000000",
     "#E69F00",
@@ -22,7 +24,7 @@ WALL = "#D0D0D0"
 
 SET_STYLES = {"S": (GREY, "o", 0.7), "O": (BLUE, "o", 1.0), "A": (VERMILION, "^", 1.3)}
 """Set (Def. 4) → colour, mark, share of the size of a dot."""
-SET_WORDS = {"S": "walls and rest", "O": "beams on objects", "A": "beams on agents"}
+SET_LEGENDS = {name: words if name == "S" else f"beams on {words}" for name, words in SET_WORDS.items()}
 """Set (Def. 4) → how legends call its beams."""
 SHAPE_COLOURS = {
     "prismatic": SKY,

@@ -92,7 +92,7 @@ def scatter_beams(axes: Axes, picture: Picture, x: Float64, y: Float64, dot: flo
                 marker=mark,
                 linewidths=0,
                 zorder=3,
-                label=palette.SET_WORDS[name],
+                label=palette.SET_LEGENDS[name],
             )
 
 

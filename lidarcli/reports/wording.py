@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 
+from lidarcli.choices import SET_WORDS
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, TRACK_SPREADS, unit_of
 from lidarcli.reports.spread import Spread
@@ -15,8 +16,8 @@ from lidarcli.reports.tracks import Track, Tracked
 from lidarcli.reports.unlike import Unlike
 
 NONE = "-"
-SET_WORDS = {"O": "on objects", "A": "on agents", "S": "walls and rest"}
-"""Beams by set."""
+BEAMS_ON = {name: words if name == "S" else f"on {words}" for name, words in SET_WORDS.items()}
+"""Set → how its beams are counted."""
 NAMED = 3
 """Most frames that are named."""
 SHOWN_SPREADS = (
@@ -206,7 +207,7 @@ def agents(summary: Summary) -> str:
 def beams_by_set(summary: Summary) -> dict[str, int]:
     """What the beams fell on; without agents where nobody looked for them."""
     sets = summary.sets
-    return {SET_WORDS[name]: sets[name] for name in sets if name != "A" or sets[name] or has_agents(summary)}
+    return {BEAMS_ON[name]: sets[name] for name in sets if name != "A" or sets[name] or has_agents(summary)}
 
 
 def kind_counts(summary: Summary, name: str) -> dict[str, int]:

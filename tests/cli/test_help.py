@@ -87,7 +87,9 @@ def test_commands_and_version(lidarcli: Run) -> None:
 
 
 def test_version_tells_what_a_report_of_a_bug_needs(lidarcli: Run) -> None:
-    first, *rest = lidarcli("--version").out.splitlines()
+    text = lidarcli("--version").out
+    assert max(map(len, text.splitlines())) < 80
+    first, *rest = text.replace("\n" + " " * 13, " ").splitlines()
     assert first == f"lidarcli {package.__version__}"
     told = {line.split()[0]: line.split(maxsplit=1)[1] for line in rest}
     assert told["core"] == about_core()

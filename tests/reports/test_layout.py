@@ -26,7 +26,7 @@ def sample(name: str, number: int) -> Picture:
 def laid_out(one: Picture, view: str, look: Look) -> Figure:
     with drawing.project_style():
         figure = drawing._figure(drawing.width_of(view, look))
-        drawing._whole(figure, one, view, limits_of([one.batch]), look)
+        drawing.draw_whole(figure, one, view, limits_of([one.batch]), look)
     return figure
 
 
