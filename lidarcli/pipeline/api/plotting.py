@@ -20,7 +20,7 @@ from lidarcli.reports.figure import Axes, Figure, figure_of
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch
-from lidarcli.times import parse_time
+from lidarcli.times import as_time
 
 _UNASKED = defaults_of(Poses) | defaults_of(Delay) | defaults_of(Ranges) | {"topic": None, "at": None}
 """What says nothing of how a log is read."""
@@ -91,7 +91,10 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
     if (at := told["at"]) is not None:
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
-        time = parse_time(at) if isinstance(at, str) else at
+        try:
+            time = as_time(at)
+        except OptionError as err:
+            raise OptionError(f"--at: {err}") from None
         wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.csv),))
     drawn = take_pictures(source, wanted)
     for line in drawn.damage:
