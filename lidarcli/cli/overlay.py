@@ -20,7 +20,6 @@ from lidarcli.cli.options import (
     SELECT,
     Selection,
     csv_options,
-    one_log,
     range_options,
     reading_options,
 )
@@ -131,6 +130,7 @@ def overlay(
     from lidarcli.formalism.tracking.parameters import TrackParameters
     from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
+    from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.overlaying import OverlayOptions, refuse_overlay, write_overlay
     from lidarcli.pipeline.running.memory import keep_freed_memory
