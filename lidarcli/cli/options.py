@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from lidarcli.choices import GREATEST_COUNT, GREATEST_NUMBER
 from lidarcli.cli.grouped import F, option
 
 if TYPE_CHECKING:
@@ -23,10 +24,6 @@ if TYPE_CHECKING:
 
 STDOUT = "-"
 """As the name of an output."""
-GREATEST_NUMBER = 1e6
-"""A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`sweeps.FARTHEST`)."""
-MOST = 1_000_000
-"""A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 
 
 class Number(click.ParamType):  # type: ignore[type-arg]
@@ -270,7 +267,7 @@ def reading_options(command: F) -> F:
         option(
             "--every",
             heading=SELECT,
-            type=click.IntRange(min=1, max=MOST),
+            type=click.IntRange(min=1, max=GREATEST_COUNT),
             default=1,
             show_default=True,
             metavar="N",

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from lidarcli.choices import SIGNIFICANCE
+from lidarcli.choices import GREATEST_COUNT, SIGNIFICANCE
 from lidarcli.cli.grouped import OUTPUT, GroupedCommand, GroupedOption, option
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.object_options import OBJECTS, THINGS, catalogue_option, object_options
 from lidarcli.cli.options import (
     INPUTS,
-    MOST,
     POSES,
     RANGES,
     SELECT,
@@ -87,7 +86,7 @@ OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES)
 @option(
     "--jobs",
     heading=OUTPUT,
-    type=click.IntRange(min=1, max=MOST),
+    type=click.IntRange(min=1, max=GREATEST_COUNT),
     metavar="N",
     help="Processors to use at most.  [default: as many as pay]",
 )

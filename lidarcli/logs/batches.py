@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 
 import numpy as np
 
@@ -40,7 +41,7 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         """Refuse values without a meaning (`OptionError`)."""
-        if not isinstance(self.every, int) or not 1 <= self.every <= MOST_EVERY:
+        if not isinstance(self.every, Integral) or not 1 <= self.every <= MOST_EVERY:
             raise OptionError(f"--every: {self.every} is no whole number from 1 to {MOST_EVERY:,}")
         for name in ("start", "end"):
             if (value := getattr(self, name)) is not None:

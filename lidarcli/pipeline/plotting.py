@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.choices import AS_IT_COMES, Look
+from lidarcli.choices import AS_IT_COMES, IMAGES, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
@@ -292,7 +292,18 @@ def write_pictures(
     overwrite: bool,
     look: Look = AS_IT_COMES,
 ) -> list[str]:
-    """Write each picture to its file; notes as of `NewFiles.publish`."""
+    """Write each picture to its file; notes as of `NewFiles.publish`.
+
+    Raises
+    ------
+    OptionError
+        A suffix is none of a picture.
+    OutputError
+        A file cannot be written.
+    """
+    for path in paths:
+        if path.suffix.lower() not in IMAGES:
+            raise OptionError(f"{path}: the suffix has to be one of {', '.join(IMAGES)}")
     notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):
         notes += write_whole(path, draw(picture, view, path.suffix.lower(), look), overwrite)

@@ -6,8 +6,10 @@ import json
 import re
 import shutil
 from collections import Counter
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -248,6 +250,42 @@ def test_ranges_are_judged_as_on_the_command_line(tmp_path: Path) -> None:
     ):
         with pytest.raises(OptionError, match=re.escape(words)):
             lidarcli.read(room, **options)
+
+
+def test_a_log_of_which_nothing_is_read_is_warned_of() -> None:
+    with pytest.warns(
+        UserWarning, match="room.mcap: no sweep of /scan from 100 s on: its sweeps lie between 0.0 and"
+    ):
+        assert list(lidarcli.read(SAMPLES / "room.mcap", start=100)) == []
+
+
+@pytest.mark.parametrize(
+    ("call", "told", "words"),
+    [
+        (lidarcli.map, {"resolution": 0}, "--resolution: 0 is below 0.001"),
+        (lidarcli.map, {"resolution": "5 cm"}, "--resolution: '5 cm' is no number"),
+        (lidarcli.map, {"max_size": 0}, "--max-size: 0 is not above 0"),
+        (lidarcli.map, {"occupied_ratio": 1.5}, "--occupied-ratio: 1.5 is above 1"),
+        (lidarcli.map, {"voxel": float("nan")}, "--voxel: nan is below 0"),
+        (lidarcli.map, {"min_hits": 1.5}, "--min-hits: 1.5 is no whole number"),
+        (lidarcli.learn, {"station_distance": -1}, "--station-distance: -1 is not above 0"),
+        (lidarcli.detect, {"jobs": -3}, "--jobs: -3 is below 1"),
+        (lidarcli.plot, {"width": 1e9}, "--width: 1e+09 is above 2000"),
+        (lidarcli.plot, {"dpi": 1}, "--dpi: 1 is below 30"),
+        (lidarcli.plot, {"output": "room.gif"}, "room.gif: the suffix has to be one of .png, .svg, .pdf"),
+    ],
+)
+def test_numbers_have_the_limits_of_the_command_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    call: Callable[..., object],
+    told: dict[str, Any],
+    words: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OptionError, match=f"^{re.escape(words)}$"):
+        call(SAMPLES / "room.mcap", **told)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_angles_are_radians_unless_they_are_said_to_be_degrees(tmp_path: Path) -> None:
