@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from lidarcli.choices import GREATEST_COUNT, GREATEST_NUMBER
-from lidarcli.cli.grouped import F, option
+from lidarcli.cli.grouped import OUTPUT, F, option
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
@@ -186,6 +186,19 @@ class Selection:
 
         with usage_errors():
             return ReadOptions(frozenset(self.topics) or None, self.start, self.end, self.every, rules=rules)
+
+
+def text_or_json(words: str = "Text for people, or JSON for programs.") -> Callable[[F], F]:
+    """`--format` of commands that tell of something: the command gets `kind`."""
+    return option(
+        "--format",
+        "kind",
+        heading=OUTPUT,
+        type=click.Choice(["text", "json"]),
+        default="text",
+        show_default=True,
+        help=words,
+    )
 
 
 def gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
