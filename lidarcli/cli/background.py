@@ -13,7 +13,7 @@ from lidarcli.cli.detect import detect
 from lidarcli.cli.grouped import OUTPUT, Commands, GroupedCommand, option, own_parameters
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages, one_line
-from lidarcli.cli.options import Number, Selection, csv_options, range_options, reading_options
+from lidarcli.cli.options import Number, Selection, csv_options, range_options, reading_options, text_or_json
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -169,15 +169,7 @@ def build(
   lidarcli background info route.parquet --format json | jq '.sensors[].stations'""",
 )
 @click.argument("file", metavar="FILE", type=click.Path())
-@option(
-    "--format",
-    "kind",
-    heading=OUTPUT,
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="For people, or JSON.",
-)
+@text_or_json("For people, or JSON.")
 def info(file: str, kind: str) -> int:
     """Show what a background knows: sensors, stations, beams, where it comes from."""
     from lidarcli.cli.background_text import as_json, as_text

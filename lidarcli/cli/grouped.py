@@ -35,6 +35,9 @@ class GroupedOption(click.Option):
         """The environment variable of the option, None where it has none."""
         if not self.allow_from_autoenv or ctx.auto_envvar_prefix is None:
             return None
+        # One variable names the settings file, for the whole program.
+        if self.key == "config" and ctx.parent is not None:
+            return None
         return f"{ctx.auto_envvar_prefix}_{self.key.upper().replace('-', '_')}"
 
     def resolve_envvar_value(self, ctx: click.Context) -> str | None:

@@ -10,7 +10,7 @@ from lidarcli.choices import VIEWS, Look
 from lidarcli.cli.grouped import GroupedCommand, option
 from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
-from lidarcli.cli.options import INPUTS, STDOUT, TIME, csv_options, one_log, pose_options, range_options
+from lidarcli.cli.options import INPUTS, STDOUT, TIME, csv_options, pose_options, range_options
 from lidarcli.cli.plot_options import (
     LAST,
     Sweeps,
@@ -180,6 +180,8 @@ def plot(
     if tracks is not None and view not in WITH_TRACKS:
         raise click.UsageError(f"--tracks are drawn in the scene; give --view {' or '.join(WITH_TRACKS)}")
 
+    from lidarcli.pipeline.inputs.search import files_of, one_log
+
     source = one_log(log)
     if at is not None:
         from lidarcli.pipeline.plotting import sweep_at
@@ -192,7 +194,6 @@ def plot(
     from lidarcli.errors import UnreadableError
     from lidarcli.formalism import Parameters
     from lidarcli.newfiles import refuse
-    from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.plotting import (
         PlotOptions,

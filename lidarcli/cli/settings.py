@@ -129,6 +129,7 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
 
     settings = read_toml(file, "settings file")
     shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}
+    for_all = _by_option(file, (), shared)
     found: dict[tuple[str, ...], dict[str, Any]] = {}
     every: set[str] = set()
     for words, command, _ in commands(ctx):
@@ -138,8 +139,8 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
         for key in table:
             if _spelled(key) not in known and not isinstance(table[key], Mapping):
                 _refuse(file, f"[{'.'.join(words)}]", key, known)
-        own = {_spelled(key): value for key, value in table.items()}
-        common = {_spelled(key): value for key, value in shared.items() if _spelled(key) in known}
+        own = _by_option(file, words, table)
+        common = {key: value for key, value in for_all.items() if key in known}
         found[words] = {
             str(known[key].name): _typed(file, words if key in own else (), known[key], value)
             for key, value in (common | own).items()
@@ -147,6 +148,8 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
         }
     for key in shared:
         if _spelled(key) not in every:
+            if any(words[0] == key for words in found):
+                raise OptionError(f"{file}: '{key}' is a command: its options stand below a line [{key}]")
             _refuse(file, "", key, every)
     _refuse_tables(file, settings, set(found))
     tree: dict[str, Any] = {}
@@ -179,7 +182,12 @@ def _refuse_tables(file: str, settings: Mapping[str, Any], known: set[tuple[str,
             here = (*words, key)
             if here in groups and isinstance(value, Mapping):
                 check(value, here)
-            elif here not in known or not isinstance(value, Mapping):
+            elif not isinstance(value, Mapping):
+                below = ", ".join(f"[{name}]" for name in names if name.startswith(f"{'.'.join(words)}."))
+                raise OptionError(
+                    f"{file}: [{'.'.join(words)}]: no option '{key}'; options stand below {below}"
+                )
+            elif here not in known:
                 near = get_close_matches(".".join(here), names, 1)
                 hint = f"; did you mean [{near[0]}]?" if near else ""
                 raise OptionError(f"{file}: [{'.'.join(here)}]: no such command{hint}")
@@ -198,9 +206,24 @@ def _spelled(key: str) -> str:
     return key.replace("_", "-")
 
 
+def _by_option(file: str, words: tuple[str, ...], table: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a table by the names of their options, each of which is set once."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        if _spelled(key) in found:
+            raise OptionError(f"{_place(file, words, key)} is set twice, with - and with _")
+        found[_spelled(key)] = value
+    return found
+
+
+def _place(file: str, words: tuple[str, ...], key: str) -> str:
+    """Where a value stands."""
+    return f"{file}: {f'[{chr(46).join(words)}]: ' if words else ''}'{key}'"
+
+
 def _typed(file: str, words: tuple[str, ...], option: GroupedOption, value: Any) -> Any:
     """A value of the file as click takes it: texts as they would be typed, lists of them, or true and false."""
-    place = f"{file}: {f'[{chr(46).join(words)}]: ' if words else ''}'{option.key}'"
+    place = _place(file, words, option.key)
     if option.is_flag:
         if not isinstance(value, bool):
             raise OptionError(f"{place} must be true or false")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -40,12 +41,16 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
     UnreadableError
         There is no such table, or one cannot be read.
     OptionError
-        The tables are of several kinds, or have no such column.
+        The tables are of several kinds, or have no such column, or it is named twice.
     """
     files = [file for text in tables for file in _tables(text)]
     schemas = [schema_of(file) for file in files]
     first = schemas[0]
     names = [_column(name, files[0], first) for name in columns] or first.names
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise OptionError(
+            f"--columns: {', '.join(twice)} is named twice; every column of a table has its own name"
+        )
     for file, schema in zip(files[1:], schemas[1:], strict=True):
         if missing := [name for name in names if name not in schema.names]:
             raise OptionError(

@@ -15,7 +15,6 @@ from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import CsvOptions, Log, ReadReport
 from lidarcli.maps.grid_message import TYPE as MAP_TYPE
 from lidarcli.maps.grid_message import occupancy_cdr
-from lidarcli.overlays.files import Outgoing
 from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays
 from lidarcli.overlays.names import FRAME, MAP, topic_name, topics_of_objects
 from lidarcli.overlays.objects import Colours, is_mirrored, markers_of
@@ -38,6 +37,7 @@ from lidarcli.pipeline.reading.reading import Progress
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
 from lidarcli.ros.definitions import ROS2, TF
+from lidarcli.ros.outgoing import Outgoing
 from lidarcli.tabular.metadata import SOURCE
 from lidarcli.tabular.reading import file_metadata, parsed
 

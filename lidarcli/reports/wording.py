@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
 
 from lidarcli.choices import SET_WORDS
 from lidarcli.reports.columns import Origin
@@ -14,6 +13,7 @@ from lidarcli.reports.spread import Spread
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.tracks import Track, Tracked
 from lidarcli.reports.unlike import Unlike
+from lidarcli.showing import date_and_time
 
 NONE = "-"
 BEAMS_ON = {name: words if name == "S" else f"on {words}" for name, words in SET_WORDS.items()}
@@ -168,10 +168,9 @@ def stamp(stamp_ns: int) -> str:
     '2023-11-14T22:13:20.123Z'
     """
     try:
-        moment = datetime.fromtimestamp(stamp_ns // 1_000_000_000, UTC)
+        return date_and_time(stamp_ns)
     except (OverflowError, ValueError, OSError):
         return f"{stamp_ns} ns"
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{stamp_ns % 1_000_000_000 // 1_000_000:03d}Z"
 
 
 def settings(source: Origin) -> str:

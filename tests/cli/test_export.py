@@ -66,6 +66,13 @@ def test_several_tables_of_one_kind(lidarcli: Run, tables: Path) -> None:
     assert "export each kind of table by itself" in mixed.err
 
 
+def test_a_column_that_is_named_twice_is_refused(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
+    source, written = str(tables / "run.sweeps.parquet"), tmp_path / "x.parquet"
+    ran = lidarcli("export", source, "-o", str(written), "--columns", "sweep,beams,sweep")
+    words = "--columns: sweep is named twice; every column of a table has its own name"
+    assert (ran.code, ran.err, written.exists()) == (2, f"lidarcli: {words}\n", False)
+
+
 def test_what_is_refused(lidarcli: Run, tables: Path, tmp_path: Path) -> None:
     source = str(tables / "run.sweeps.parquet")
     assert "is none of .parquet, .csv" in lidarcli("export", source, "-o", "x.xlsx").err
