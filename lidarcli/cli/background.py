@@ -55,6 +55,7 @@ def background() -> None:
 @option(
     "--plot",
     "figure",
+    is_output=True,
     heading=OUTPUT,
     metavar="FIG",
     type=click.Path(),

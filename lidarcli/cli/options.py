@@ -215,6 +215,7 @@ def gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
 
 _POSE = option(
     "--pose",
+    unless=("trajectory",),
     heading=POSES,
     metavar="TOPIC",
     help="Topic with the poses of the sensor (docs/poses.md); none: no poses; match: find the path from the "
@@ -223,6 +224,7 @@ _POSE = option(
 _POSES = option(
     "--poses",
     "trajectory",
+    unless=("pose",),
     heading=POSES,
     metavar="FILE.tum",
     type=click.Path(),
@@ -234,9 +236,8 @@ _POSE_DELAY = option(
     heading=POSES,
     type=Number("SECONDS"),
     default=None,
-    show_default="0; for tracks and maps what fits best",
     help="Use the pose from this long after the header stamp of a sweep; negative: before it. `info` tells where "
-    "another value than 0 fits better.",
+    "another value than 0 fits better.  [default: 0; for tracks and maps what fits best]",
 )
 _NO_DESKEW = option(
     "--no-deskew",
@@ -363,8 +364,16 @@ def csv_options(command: F) -> F:
             type=Number("METRES", above=0),
             help="Greatest range of the sensor.  [default: from the file, or none]",
         ),
-        option("--fov", heading=CSV, type=angle, help="Field of view, instead of --angle-increment."),
-        option("--angle-increment", heading=CSV, type=angle, help="Angle from beam to beam."),
+        option(
+            "--fov",
+            unless=("angle_increment",),
+            heading=CSV,
+            type=angle,
+            help="Field of view, instead of --angle-increment.",
+        ),
+        option(
+            "--angle-increment", unless=("fov",), heading=CSV, type=angle, help="Angle from beam to beam."
+        ),
         option(
             "--angle-min",
             heading=CSV,

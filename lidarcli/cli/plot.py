@@ -54,6 +54,7 @@ WITH_TRACKS = ("all", "scene")
 @click.argument("log", metavar="LOG", type=INPUTS)
 @option(
     "--sweep",
+    unless=("sweeps", "at"),
     heading=PICTURE,
     type=click.IntRange(min=0, max=LAST),
     metavar="N",
@@ -61,6 +62,7 @@ WITH_TRACKS = ("all", "scene")
 )
 @option(
     "--sweeps",
+    unless=("sweep", "at"),
     heading=PICTURE,
     type=Sweeps(),
     metavar="LIST",
@@ -69,6 +71,7 @@ WITH_TRACKS = ("all", "scene")
 )
 @option(
     "--at",
+    unless=("sweep", "sweeps", "animate"),
     heading=PICTURE,
     type=TIME,
     help="Draw the sweep nearest to this time: seconds after the first sweep (10, 2min), or date and time "
