@@ -38,7 +38,7 @@ def background() -> None:
 
 \b
   lidarcli background build empty.mcap -o empty.background.parquet
-  lidarcli background build monday.bag tuesday.bag -o hall.parquet --plot hall.png
+  lidarcli background build mon.bag tue.bag -o hall.parquet --plot hall.png
   lidarcli background build lap.mcap -o route.parquet --pose /odom \\
     --station-distance 0.5 --station-angle 10""",
 )
@@ -167,7 +167,7 @@ def build(
 
 \b
   lidarcli background info empty.background.parquet
-  lidarcli background info route.parquet --format json | jq '.sensors[].stations'""",
+  lidarcli background info lap.parquet --format json | jq .sensors""",
 )
 @click.argument("file", metavar="FILE", type=click.Path())
 @text_or_json("For people, or JSON.")
@@ -204,9 +204,11 @@ def _subtract() -> click.Command:
 
 \b
   lidarcli background subtract run.mcap --background empty.background.parquet
-  lidarcli background subtract run.mcap --background empty.background.parquet --removed -o -
-  lidarcli background subtract lap2.mcap --background route.parquet --station-distance 0.4
-  lidarcli background subtract run.bag --background hall.parquet --any-frame --threshold 0.3""",
+  lidarcli background subtract run.mcap --background empty.parquet --removed
+  lidarcli background subtract lap2.mcap --background lap.parquet \\
+    --station-distance 0.4
+  lidarcli background subtract run.bag --background hall.parquet --any-frame \\
+    --threshold 0.3""",
     )
 
 

@@ -18,6 +18,7 @@ from lidarcli.showing import date_and_time
 NONE = "-"
 BEAMS_ON = {name: words if name == "S" else f"on {words}" for name, words in SET_WORDS.items()}
 """Set → how its beams are counted."""
+TINY = 1e-12
 NAMED = 3
 """Most frames that are named."""
 SHOWN_SPREADS = (
@@ -77,6 +78,8 @@ def number(value: float | None, digits: int = 4, sign: bool = False) -> str:
     """
     if value is None or not math.isfinite(value):
         return NONE
+    # What a computation leaves of nothing is nothing.
+    value = 0.0 if abs(value) < TINY else value
     mark = "+" if sign and value else ""
     if value == int(value) or abs(value) >= 10**digits:
         return f"{value:{mark},.0f}"
