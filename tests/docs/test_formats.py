@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli.logs import base, batches, open_log, unpacking
+from lidarcli.logs import base, batches, open_log, text, unpacking
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.csv import text
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import codec, walk
 from lidarcli.logs.rosbag1 import run

@@ -18,8 +18,8 @@ from lidarcli.logs.csv.layouts import (
     Layout,
     given_geometry,
 )
-from lidarcli.logs.csv.numbers import parse_number
-from lidarcli.logs.csv.times import NS, time_unit
+from lidarcli.logs.numbers import parse_number
+from lidarcli.logs.times import NS, time_unit
 from lidarcli.sweeps import TURN
 
 SAMPLE_LINES = 3000
