@@ -34,6 +34,8 @@ _NUMBER_FIRST = re.compile(rb"[-+.\d]")
 _STEPS = {181: 1.0, 180: 1.0, 361: 0.5, 360: 0.5, 401: 0.25, 400: 0.25}
 """Ranges → degrees from beam to beam of the SICK lasers that the logs without geometry come from."""
 _FIRST = {401: -50.0, 400: -50.0}
+_ROUNDED = 6e-7
+"""By so much [rad] the sixth decimal of a step may be off."""
 _SLACK = 1.5
 """A view and a step that are told make the number of ranges, or miss it by less than this."""
 
@@ -130,7 +132,7 @@ def full_steps(view: Float64, resolution: Float64, beams: Int64) -> Float64:
     """
     gaps = np.maximum(beams - 1, 1)
     steps = np.where(resolution == 0.0, view / gaps, resolution)
-    for count in (np.maximum(beams, 1), gaps):
-        finer = view / count
-        steps = np.where(np.abs(finer - resolution) < 1e-6, finer, steps)
-    return steps
+    parts = np.stack([view / gaps, view / np.maximum(beams, 1)])
+    off = np.abs(parts - resolution)
+    nearest = np.take_along_axis(parts, np.argmin(off, axis=0)[None], axis=0)[0]
+    return np.where(off.min(axis=0) < _ROUNDED, nearest, steps)
