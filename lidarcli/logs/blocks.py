@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.logs.base import MAX_BEAMS, ReadReport
-from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps
+from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 BLOCK_ROWS = 1024
 """Most sweeps of one block."""
@@ -82,3 +82,28 @@ def as_singles(values: NDArray[np.floating]) -> Float32:
     """Values as float32; what is beyond it is infinite."""
     with np.errstate(over="ignore"):
         return values.astype(np.float32)
+
+
+def given_geometry(options: CsvOptions, beams: int) -> tuple[float, float] | None:
+    """angle_min and angle_increment [rad] from the options, for a sweep of `beams`; None where they do not say.
+
+    >>> given_geometry(CsvOptions(angle_min=-1.0, angle_increment=0.5), 5)
+    (-1.0, 0.5)
+    """
+    if options.angle_min is not None and options.angle_increment is not None:
+        return options.angle_min, options.angle_increment
+    if options.fov is None:
+        return None
+    if abs(options.fov - TURN) <= 1e-6 * TURN:
+        first, step = -np.pi, TURN / max(beams, 1)
+    else:
+        first, step = -0.5 * options.fov, options.fov / max(beams - 1, 1)
+    return (first if options.angle_min is None else options.angle_min), step
+
+
+def given_geometries(options: CsvOptions, beams: Int64) -> tuple[Float64, Float64]:
+    """The same of sweeps with `beams` (S,) each, NaN where the options do not say."""
+    distinct, inverse = np.unique(beams, return_inverse=True)
+    pairs = [given_geometry(options, count) or (np.nan, np.nan) for count in distinct.tolist()]
+    both = np.array(pairs, np.float64).reshape(-1, 2)[inverse.ravel()]
+    return both[:, 0], both[:, 1]

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.blocks import as_singles, keep_sound, pad, split_rows
+from lidarcli.logs.blocks import as_singles, given_geometries, keep_sound, pad, split_rows
 from lidarcli.logs.carmen.lines import Found, Lines
 from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, full_steps, geometry
 from lidarcli.logs.carmen.words import LASERS, Laser
 from lidarcli.logs.numbers import Cells, not_a_number
 from lidarcli.logs.text import TextBlock
-from lidarcli.sweeps import TURN, Float64, Int64, RawSweeps
+from lidarcli.sweeps import Float64, Int64, RawSweeps
 
 _START, _VIEW, _STEP, _MOST = range(4)
 _FIRST_OF_GEOMETRY = 2
@@ -112,10 +112,8 @@ class SweepDecoder:
     def _as_told(self, first: Float64, step: Float64, beams: Int64) -> tuple[Float64, Float64]:
         """What options tell in the place of what the log does."""
         told = self.options
-        if told.fov is not None:
-            full = abs(told.fov - TURN) <= 1e-6 * TURN
-            gaps = np.maximum(beams if full else beams - 1, 1)
-            step, first = told.fov / gaps, np.full(len(beams), -0.5 * told.fov)
+        if self._is_told:
+            first, step = given_geometries(told, beams)
         if told.angle_increment is not None:
             step = np.full(len(beams), told.angle_increment)
         if told.angle_min is not None:

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.blocks import as_singles
-from lidarcli.logs.csv.layouts import Columns, given_geometry
+from lidarcli.logs.blocks import as_singles, given_geometries
+from lidarcli.logs.csv.layouts import Columns
 from lidarcli.logs.numbers import not_a_number
 from lidarcli.logs.times import seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
@@ -79,10 +79,7 @@ def fill_geometry(
     elif scan.geometry is not None:
         first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
     else:
-        distinct, inverse = np.unique(beams, return_inverse=True)
-        pairs = [given_geometry(options, int(count)) or (np.nan, np.nan) for count in distinct]
-        both = np.array(pairs, np.float64).reshape(-1, 2)[inverse]
-        first, step = both[:, 0], both[:, 1]
+        first, step = given_geometries(options, beams)
     far = np.inf if options.range_max is None else options.range_max
     range_min = known.get("range_min", np.zeros(rows)) * options.range_scale
     range_max = known["range_max"] * options.range_scale if "range_max" in known else np.full(rows, far)
