@@ -157,8 +157,8 @@ def _remissions(cells: Cells, found: Found) -> Int64:
     skip = np.zeros(len(found.rows), np.int64)
     told = cells.spans(found.rows, found.after, np.minimum(found.fields, 1))
     for at, (cell, fields) in enumerate(zip(told, found.fields.tolist(), strict=True)):
-        # Numbers of remissions are whole, poses have a point.
-        if cell.isdigit() and len(cell) <= 7 and 1 + int(cell) <= fields:
+        # Numbers of remissions are whole, poses most often have a point; what leaves no room for the poses is none.
+        if cell.isdigit() and len(cell) <= 7 and 1 + int(cell) + 2 * _POSE <= fields:
             skip[at] = 1 + int(cell)
     return skip
 
