@@ -16,6 +16,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, CsvOptions, ReadReport
 from lidarcli.logs.carmen.words import LASERS
+from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.reading.pose_finding import find_poses
 from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.poses.motion import planar
@@ -201,6 +202,7 @@ def test_steps_have_more_digits_than_six_decimals(tmp_path: Path) -> None:
         f"ROBOTLASER1 {GEOMETRY} {RANGES} 0 {POSES} 0.5 0.1 0.3 0.2 12.5 nohost 3.5",
         f"ROBOTLASER1 {GEOMETRY} {RANGES} {POSES} {MOTION} 12.5 nohost 3.5",
         f"ROBOTLASER1 {GEOMETRY} {RANGES} {POSES} 12.5 nohost 3.5",
+        f"ROBOTLASER1 {GEOMETRY} {RANGES} 0 0 0 0 0 0 12.5 nohost 3.5",
     ],
 )
 def test_old_writers_leave_fields_out(line: str, tmp_path: Path) -> None:
@@ -210,7 +212,7 @@ def test_old_writers_leave_fields_out(line: str, tmp_path: Path) -> None:
     assert block.stamp_ns.tolist() == [12_500_000_000]
     told = {message.topic for message in log.messages(POSE_TYPES)}
     assert log.report.damage == []
-    if POSES in line:
+    if POSES in line or "0 0 0 0 0 0" in line:
         assert told == {"/odom", "/corrected", "/tf_static"}
     else:
         assert told == ({"/odom"} if "1.1" in line else set())
@@ -437,3 +439,14 @@ def test_a_simulated_scene_is_that_of_an_mcap(scene: str, tmp_path: Path) -> Non
     np.testing.assert_allclose(mcap[numbers], carmen[numbers], atol=1e-6)
     words = (tmp_path / "run.log").read_text()
     assert ("\nFLASER " in words, "\nRAWLASER1 " in words) == ((scene == "drive"), (scene == "room"))
+
+
+def test_a_search_finds_what_can_only_be_a_carmen_log(tmp_path: Path) -> None:
+    """A `.log` may be anything and has to be named; names go without suffixes."""
+    for name in ("a.clf", "b.GFS.gz", "c.log", "d.log.gz"):
+        (tmp_path / name).write_text(flaser())
+    assert [found.name for found in find_logs([str(tmp_path)])] == ["a", "b"]
+    assert [found.name for found in find_logs([str(tmp_path / name) for name in ("c.log", "d.log.gz")])] == [
+        "c",
+        "d",
+    ]

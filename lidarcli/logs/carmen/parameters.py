@@ -33,6 +33,8 @@ _NUMBER_FIRST = re.compile(rb"[-+.\d]")
 
 _STEPS = {181: 1.0, 180: 1.0, 361: 0.5, 360: 0.5, 401: 0.25, 400: 0.25}
 """Ranges → degrees from beam to beam of the SICK lasers that the logs without geometry come from."""
+_WITHOUT_LAST = [beams for beams in _STEPS if beams % 2 == 0]
+"""Of them those whose view goes one step beyond the last range."""
 _FIRST = {401: -50.0, 400: -50.0}
 _ROUNDED = 6e-7
 """By so much [rad] the sixth decimal of a step may be off."""
@@ -102,16 +104,10 @@ def geometry(beams: Int64, fov: Float64, resolution: Float64) -> tuple[Float64, 
     view = np.where(by_view, fov, np.where(half, 180.0, gaps * resolution))
     guessed_step, guessed_first = _guess(beams)
     told = by_step | by_view
-    step = np.where(
-        by_step, resolution, np.where(_is_of_sick(beams), view / (beams + beams % 2), view / gaps)
-    )
+    step = np.where(by_step, resolution, view / np.where(np.isin(beams, _WITHOUT_LAST), beams, gaps))
     step = np.where(told, step, guessed_step)
     first = np.where(told, -0.5 * view, guessed_first)
     return np.radians(first), np.radians(step), ~told
-
-
-def _is_of_sick(beams: Int64) -> Bool:
-    return np.isin(beams, [beams for beams in _STEPS if beams % 2 == 0])
 
 
 def _guess(beams: Int64) -> tuple[Float64, Float64]:
