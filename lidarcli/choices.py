@@ -5,6 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+GREATEST_NUMBER = 1e6
+"""A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`sweeps.FARTHEST`)."""
+GREATEST_COUNT = 1_000_000
+"""A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 VIEWS = ("all", "scene", "sweep", "difference", "polar")
 """What a picture of a sweep shows."""
 IMAGES = (".png", ".svg", ".pdf")
@@ -26,7 +30,9 @@ MATCH_BY = ("position", "constellation", "auto")
 MATCH = "match"
 """What `--pose` takes for poses that the sweeps themselves tell, and the name of the world that they are in."""
 MAP_RESOLUTION = 0.05
-"""Side of a cell of a map [m]."""
+"""Side of a cell of a map [m] …"""
+MAP_RESOLUTIONS = (0.001, 10.0)
+"""… and the least and the greatest that it may have."""
 MIN_MOVE = 0.2
 """How far a sensor goes from one sweep that counts for a map to the next [m]."""
 OCCUPIED_RATIO = 0.25
@@ -37,6 +43,10 @@ CLOUDS = (".ply", ".pcd", ".parquet")
 """Suffixes of point clouds."""
 INCH = 25.4
 """[mm]"""
+PICTURE_WIDTHS = (40.0, 2000.0)
+"""The least and the greatest width of a picture [mm]."""
+PICTURE_DPI = (30, 1200)
+"""The fewest and the most pixels per inch."""
 ANIMATED_DPI = 120
 """Pixels per inch of an animation where nobody asked for others."""
 FRAMES_PER_SECOND = 10.0

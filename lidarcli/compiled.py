@@ -9,7 +9,7 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).parent
 MISSING = (
-    "the detection is not compiled and takes a hundred times as long; "
+    "the detection is not compiled and takes about fifty times as long; "
     "install a C compiler, then lidarcli again (docs/performance.md)"
 )
 
@@ -27,7 +27,7 @@ def is_there() -> bool:
 def about_core() -> str:
     """What `--version` says of it."""
     if is_wanted():
-        return "compiled" if is_there() else "not compiled, a hundred times as slow (docs/performance.md)"
+        return "compiled" if is_there() else "not compiled, about fifty times as slow (docs/performance.md)"
     return "not compiled, as LIDARCLI_COMPILED asks for"
 
 

@@ -174,11 +174,14 @@ def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
             words.add(item)
             continue
         try:
-            markers.append(float(item))
+            marker = float(item)
         except ValueError:
             raise OptionError(
                 f"--no-return: '{item}' is neither a number nor one of {', '.join(NO_RETURN_WORDS)}"
             ) from None
+        if not abs(marker) <= FARTHEST:
+            raise OptionError(f"--no-return: {marker:g} is no range")
+        markers.append(marker)
     return frozenset(words), tuple(markers)
 
 

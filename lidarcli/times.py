@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
+from numbers import Real
 
 from lidarcli.errors import OptionError
 
@@ -29,8 +31,27 @@ class Instant:
 
     def __str__(self) -> str:
         seconds, rest = divmod(self.ns, SECOND_NS)
-        text = f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}"
+        text = (_EPOCH + timedelta(seconds=seconds)).isoformat().removesuffix("+00:00")
         return f"{text}{f'.{rest:09d}'.rstrip('0') if rest else ''}Z"
+
+
+def as_time(value: float | str | Instant) -> float | Instant:
+    """A time that is given as text, as seconds after the first sweep, or as a moment.
+
+    Raises
+    ------
+    OptionError
+        It is none of these, or no time.
+    """
+    if isinstance(value, str):
+        return parse_time(value)
+    if isinstance(value, Instant):
+        return value
+    if not isinstance(value, Real) or not math.isfinite(value):
+        raise OptionError(
+            f"{value!r} is neither a number of seconds nor a text such as 2min or 2026-11-22T10:00:00Z"
+        )
+    return float(value)
 
 
 def parse_time(text: str) -> float | Instant:

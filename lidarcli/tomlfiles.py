@@ -37,7 +37,7 @@ def _text(file: str, what: str) -> str:
     if len(data) > MAX_BYTES:
         raise UnreadableError(f"{file}: larger than a {what} may be ({MAX_BYTES:,} bytes)")
     try:
-        return data.decode("utf-8").replace("\r\n", "\n")
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as err:
         raise UnreadableError(f"{file}: byte {err.start}: not UTF-8 text; a {what} is a TOML file") from err
 

@@ -38,7 +38,7 @@ def run(package: Path, *arguments: str, **variables: str) -> subprocess.Complete
 def test_the_version_tells(package: Path) -> None:
     first, core, *_ = run(package, "--version").stdout.splitlines()
     assert first == f"lidarcli {lidarcli.__version__}"
-    assert core == "  core       not compiled, a hundred times as slow (docs/performance.md)"
+    assert core == "  core       not compiled, about fifty times as slow (docs/performance.md)"
 
 
 def test_detect_says_it_once_and_finds_the_same(package: Path, tmp_path: Path) -> None:

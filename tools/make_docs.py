@@ -14,6 +14,7 @@ PAGES = {"docs/cli.md": cli_page, "docs/tables.md": tables_page, "docs/python.md
 WITH_EXAMPLES = (
     "README.md",
     "docs/tutorial.md",
+    "docs/cheatsheet.md",
     "docs/install.md",
     "docs/questions.md",
     "docs/citing.md",

@@ -13,7 +13,7 @@ from lidarcli.cli.detect import detect
 from lidarcli.cli.grouped import OUTPUT, Commands, GroupedCommand, option, own_parameters
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages, one_line
-from lidarcli.cli.options import Number, Selection, csv_options, range_options, reading_options
+from lidarcli.cli.options import Number, Selection, csv_options, range_options, reading_options, text_or_json
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def background() -> None:
 
 \b
   lidarcli background build empty.mcap -o empty.background.parquet
-  lidarcli background build monday.bag tuesday.bag -o hall.parquet --plot hall.png
+  lidarcli background build mon.bag tue.bag -o hall.parquet --plot hall.png
   lidarcli background build lap.mcap -o route.parquet --pose /odom \\
     --station-distance 0.5 --station-angle 10""",
 )
@@ -55,6 +55,7 @@ def background() -> None:
 @option(
     "--plot",
     "figure",
+    is_output=True,
     heading=OUTPUT,
     metavar="FIG",
     type=click.Path(),
@@ -166,18 +167,10 @@ def build(
 
 \b
   lidarcli background info empty.background.parquet
-  lidarcli background info route.parquet --format json | jq '.sensors[].stations'""",
+  lidarcli background info lap.parquet --format json | jq .sensors""",
 )
 @click.argument("file", metavar="FILE", type=click.Path())
-@option(
-    "--format",
-    "kind",
-    heading=OUTPUT,
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="For people, or JSON.",
-)
+@text_or_json("For people, or JSON.")
 def info(file: str, kind: str) -> int:
     """Show what a background knows: sensors, stations, beams, where it comes from."""
     from lidarcli.cli.background_text import as_json, as_text
@@ -211,9 +204,11 @@ def _subtract() -> click.Command:
 
 \b
   lidarcli background subtract run.mcap --background empty.background.parquet
-  lidarcli background subtract run.mcap --background empty.background.parquet --removed -o -
-  lidarcli background subtract lap2.mcap --background route.parquet --station-distance 0.4
-  lidarcli background subtract run.bag --background hall.parquet --any-frame --threshold 0.3""",
+  lidarcli background subtract run.mcap --background empty.parquet --removed
+  lidarcli background subtract lap2.mcap --background lap.parquet \\
+    --station-distance 0.4
+  lidarcli background subtract run.bag --background hall.parquet --any-frame \\
+    --threshold 0.3""",
     )
 
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import click
 
-from lidarcli.cli.grouped import ORIGINS, OUTPUT, GroupedCommand, GroupedOption, option
+from lidarcli.cli.grouped import ORIGINS, GroupedCommand, GroupedOption
 from lidarcli.cli.messages import Messages, one_line
+from lidarcli.cli.options import text_or_json
 from lidarcli.cli.settings import NAME, commands, options, strange_variables, unknown_variables
 
 _DEFAULT = re.compile(r"\[default: ([^]]*)\]")
@@ -37,15 +38,7 @@ class Setting:
   lidarcli --config lab.toml config detect""",
 )
 @click.argument("words", metavar="[COMMAND]...", nargs=-1)
-@option(
-    "--format",
-    "kind",
-    heading=OUTPUT,
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="Text for people, or JSON for programs.",
-)
+@text_or_json()
 @click.pass_context
 def config(ctx: click.Context, words: tuple[str, ...], kind: str) -> int:
     """Show the settings in force, each with its origin.

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from lidarcli.choices import GREATEST_COUNT
 from lidarcli.cli.finding import Asked, into_folder, into_one
 from lidarcli.cli.grouped import OUTPUT, F, option
 from lidarcli.cli.many_logs import MANY, Chosen
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.object_options import OBJECTS, catalogue_option, object_options
-from lidarcli.cli.options import MOST, STDOUT, Number, Selection, csv_options, range_options, reading_options
+from lidarcli.cli.options import STDOUT, Number, Selection, csv_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                 option(
                     "--jobs",
                     heading=OUTPUT,
-                    type=click.IntRange(min=1, max=MOST),
+                    type=click.IntRange(min=1, max=GREATEST_COUNT),
                     metavar="N",
                     help="Most processors to use: threads share a long log, processes share many logs.  "
                     "[default: automatic]",

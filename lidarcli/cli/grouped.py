@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from typing import Any, NoReturn, TypeVar
@@ -16,15 +16,29 @@ OUTPUT = "Output"
 ORIGINS = "lidarcli.origins"
 """Where the context keeps the name of the settings file, for words about values that come from it."""
 
+TYPED = "lidarcli.typed"
+"""Where the context keeps which of -v and -q stand on the command line."""
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 class GroupedOption(click.Option):
     """An option that is listed under a heading of its command's help, and may be set in a file and in the environment."""
 
-    def __init__(self, *arguments: Any, heading: str = "Options", **settings: Any) -> None:
+    def __init__(
+        self,
+        *arguments: Any,
+        heading: str = "Options",
+        is_output: bool = False,
+        unless: Sequence[str] = (),
+        **settings: Any,
+    ) -> None:
         super().__init__(*arguments, **settings)
         self.heading = heading
+        self.is_output = is_output or self.key == "output"
+        """Whether a path is where something is written, not where it is read."""
+        self.unless = unless
+        """Parameters whose place it has: one of them on the command line goes before a setting from elsewhere."""
 
     @property
     def key(self) -> str:
@@ -34,6 +48,9 @@ class GroupedOption(click.Option):
     def variable(self, ctx: click.Context) -> str | None:
         """The environment variable of the option, None where it has none."""
         if not self.allow_from_autoenv or ctx.auto_envvar_prefix is None:
+            return None
+        # One variable names the settings file, for the whole program.
+        if self.key == "config" and ctx.parent is not None:
             return None
         return f"{ctx.auto_envvar_prefix}_{self.key.upper().replace('-', '_')}"
 
@@ -48,6 +65,14 @@ class GroupedOption(click.Option):
         """The value, or a usage error that also says which variable or file a wrong value comes from."""
         with self._origin_told(ctx):
             return super().handle_parse_result(ctx, opts, args)
+
+    def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, ParameterSource]:
+        """The value and where it comes from; what the command line says instead of it goes before a setting."""
+        value, source = super().consume_value(ctx, opts)
+        elsewhere = source in (ParameterSource.ENVIRONMENT, ParameterSource.DEFAULT_MAP)
+        if elsewhere and any(opts.get(name) for name in self.unless):
+            return self.default, ParameterSource.DEFAULT
+        return value, source
 
     def setting(self, ctx: click.Context) -> Any:
         """The value where the command line says nothing; None where nobody else says something."""
@@ -93,10 +118,17 @@ def shared_options() -> list[GroupedOption]:
         from lidarcli.cli.messages import Messages
 
         say = ctx.ensure_object(Messages)
-        if value:
-            setattr(say, str(parameter.name), True)
-        if say.verbose and say.quiet:
+        name = str(parameter.name)
+        if not value:
+            return
+        typed: set[str] = ctx.meta.setdefault(TYPED, set())
+        if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            typed.add(name)
+        if len(typed) > 1:
             raise click.UsageError("--verbose and --quiet exclude each other")
+        if not typed or name in typed:
+            # What is typed goes before a setting from elsewhere.
+            say.verbose, say.quiet = name == "verbose", name == "quiet"
 
     def configured(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
         from lidarcli.cli.settings import use_settings

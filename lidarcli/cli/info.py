@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
+from lidarcli.cli.grouped import GroupedCommand
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import csv_options, pose_options, range_options
+from lidarcli.cli.options import csv_options, pose_options, range_options, text_or_json
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
@@ -27,15 +27,7 @@ if TYPE_CHECKING:
   lidarcli info ranges.csv --fov 270 --degrees --range-unit mm""",
 )
 @many_logs
-@option(
-    "--format",
-    "kind",
-    heading=OUTPUT,
-    type=click.Choice(["text", "json"]),
-    default="text",
-    show_default=True,
-    help="Text for people, or JSON for programs: a list with one object per log.",
-)
+@text_or_json("Text for people, or JSON for programs: a list with one object per log.")
 @pose_options(delay=False)
 @range_options
 @csv_options

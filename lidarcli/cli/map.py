@@ -10,11 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.choices import CLOUDS, MAP_RESOLUTION, MAX_MAP_KM2, MIN_MOVE, OCCUPIED_RATIO
+from lidarcli.choices import (
+    CLOUDS,
+    GREATEST_COUNT,
+    MAP_RESOLUTION,
+    MAP_RESOLUTIONS,
+    MAX_MAP_KM2,
+    MIN_MOVE,
+    OCCUPIED_RATIO,
+)
 from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import METRES, MOST, Number, Selection, csv_options, range_options, reading_options
+from lidarcli.cli.options import METRES, Number, Selection, csv_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -25,8 +33,6 @@ if TYPE_CHECKING:
     from lidarcli.sweeps import RangeRules
 
 GRID, CLOUD, TRUTH = "Occupancy grid", "Point cloud", "Comparison"
-FINEST, COARSEST = 0.001, 10.0
-"""Least and greatest side of a cell [m]."""
 
 
 @click.command(
@@ -59,7 +65,7 @@ FINEST, COARSEST = 0.001, 10.0
 @option(
     "--jobs",
     heading=OUTPUT,
-    type=click.IntRange(min=1, max=MOST),
+    type=click.IntRange(min=1, max=GREATEST_COUNT),
     metavar="N",
     help="Processes for several logs at most, where no point cloud is written.  [default: as many as pay]",
 )
@@ -67,7 +73,7 @@ FINEST, COARSEST = 0.001, 10.0
 @option(
     "--resolution",
     heading=GRID,
-    type=Number("METRES", least=FINEST, most=COARSEST),
+    type=Number("METRES", least=MAP_RESOLUTIONS[0], most=MAP_RESOLUTIONS[1]),
     default=MAP_RESOLUTION,
     show_default=True,
     help="Side of a cell.",
@@ -84,7 +90,7 @@ FINEST, COARSEST = 0.001, 10.0
 @option(
     "--min-hits",
     heading=GRID,
-    type=click.IntRange(min=1, max=MOST),
+    type=click.IntRange(min=1, max=GREATEST_COUNT),
     metavar="N",
     help="Sweeps that have to hit a cell for it to be occupied.  [default: 2; with --min-move 0: 4]",
 )

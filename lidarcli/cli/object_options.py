@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import click
 
-from lidarcli.choices import MIN_THING
+from lidarcli.choices import GREATEST_COUNT, MIN_THING
 from lidarcli.cli.grouped import F, option
-from lidarcli.cli.options import METRES, MOST, Number, Threshold
+from lidarcli.cli.options import METRES, Number, Threshold
 
 OBJECTS = "Objects"
 THINGS = "Things of interest"
@@ -51,7 +51,7 @@ def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:
                 option(
                     "--min-beams",
                     heading=OBJECTS,
-                    type=click.IntRange(min=1, max=MOST),
+                    type=click.IntRange(min=1, max=GREATEST_COUNT),
                     metavar="N",
                     help="Smallest number of valid beams that an object may have.  [default: 3; paper: 1]",
                 ),
@@ -64,7 +64,7 @@ def object_options(*, walls: str, no_limit: str) -> Callable[[F], F]:
                 option(
                     "--max-gap",
                     heading=OBJECTS,
-                    type=click.IntRange(min=0, max=MOST),
+                    type=click.IntRange(min=0, max=GREATEST_COUNT),
                     metavar="N",
                     help="How many missing beams in a row may be bridged within one surface.  [default: 2; paper: 0]",
                 ),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from inspect import signature
@@ -11,24 +12,18 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from lidarcli.cli.grouped import F, option
+from lidarcli.choices import GREATEST_COUNT, GREATEST_NUMBER
+from lidarcli.cli.grouped import OUTPUT, F, option
 
 if TYPE_CHECKING:
     from lidarcli.logs.base import CsvOptions
     from lidarcli.logs.batches import ReadOptions
-    from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
     from lidarcli.times import Instant
 
 STDOUT = "-"
 """As the name of an output."""
-GREATEST_NUMBER = 1e6
-"""A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`sweeps.FARTHEST`)."""
-WIDEST = 4 * math.pi
-"""An angle of a sensor is no wider [rad]: two turns, as in a scene file."""
-MOST = 1_000_000
-"""A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 
 
 class Number(click.ParamType):  # type: ignore[type-arg]
@@ -115,9 +110,6 @@ class NoReturn(click.ParamType):  # type: ignore[type-arg]
             words, markers = parse_no_return(value)
         except OptionError as err:
             self.fail(str(err).removeprefix("--no-return: ") + ".", param, ctx)
-        wrong = [marker for marker in markers if not abs(marker) <= GREATEST_NUMBER]
-        if wrong:
-            self.fail(f"{wrong[0]:g} is no range.", param, ctx)
         return words, markers
 
 
@@ -165,6 +157,20 @@ SELECT = "Sweeps to read"
 POSES = "Where the sensor was"
 
 
+@contextmanager
+def usage_errors() -> Iterator[None]:
+    """Let click tell of an `OptionError`, whose words may begin with the option: `--fov: ...`."""
+    from lidarcli.errors import OptionError
+
+    try:
+        yield
+    except OptionError as err:
+        name, mark, words = str(err).partition(": ")
+        if mark and name.startswith("--") and " " not in name:
+            raise click.BadParameter(f"{words}.", param_hint=f"'{name}'") from err
+        raise click.UsageError(str(err)) from err
+
+
 @dataclass(frozen=True, slots=True)
 class Selection:
     """Which sweeps of a log to read."""
@@ -176,13 +182,23 @@ class Selection:
 
     def read(self, rules: RangeRules) -> ReadOptions:
         """What to read, with how ranges are judged."""
-        from lidarcli.errors import OptionError
         from lidarcli.logs.batches import ReadOptions
 
-        try:
+        with usage_errors():
             return ReadOptions(frozenset(self.topics) or None, self.start, self.end, self.every, rules=rules)
-        except OptionError as err:
-            raise click.UsageError(str(err)) from err
+
+
+def text_or_json(words: str = "Text for people, or JSON for programs.") -> Callable[[F], F]:
+    """`--format` of commands that tell of something: the command gets `kind`."""
+    return option(
+        "--format",
+        "kind",
+        heading=OUTPUT,
+        type=click.Choice(["text", "json"]),
+        default="text",
+        show_default=True,
+        help=words,
+    )
 
 
 def gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
@@ -199,6 +215,7 @@ def gathered(command: F, name: str, gather: Callable[..., Any]) -> F:
 
 _POSE = option(
     "--pose",
+    unless=("trajectory",),
     heading=POSES,
     metavar="TOPIC",
     help="Topic with the poses of the sensor (docs/poses.md); none: no poses; match: find the path from the "
@@ -207,6 +224,7 @@ _POSE = option(
 _POSES = option(
     "--poses",
     "trajectory",
+    unless=("pose",),
     heading=POSES,
     metavar="FILE.tum",
     type=click.Path(),
@@ -218,9 +236,8 @@ _POSE_DELAY = option(
     heading=POSES,
     type=Number("SECONDS"),
     default=None,
-    show_default="0; for tracks and maps what fits best",
     help="Use the pose from this long after the header stamp of a sweep; negative: before it. `info` tells where "
-    "another value than 0 fits better.",
+    "another value than 0 fits better.  [default: 0; for tracks and maps what fits best]",
 )
 _NO_DESKEW = option(
     "--no-deskew",
@@ -264,7 +281,7 @@ def reading_options(command: F) -> F:
         option(
             "--every",
             heading=SELECT,
-            type=click.IntRange(min=1, max=MOST),
+            type=click.IntRange(min=1, max=GREATEST_COUNT),
             default=1,
             show_default=True,
             metavar="N",
@@ -347,8 +364,16 @@ def csv_options(command: F) -> F:
             type=Number("METRES", above=0),
             help="Greatest range of the sensor.  [default: from the file, or none]",
         ),
-        option("--fov", heading=CSV, type=angle, help="Field of view, instead of --angle-increment."),
-        option("--angle-increment", heading=CSV, type=angle, help="Angle from beam to beam."),
+        option(
+            "--fov",
+            unless=("angle_increment",),
+            heading=CSV,
+            type=angle,
+            help="Field of view, instead of --angle-increment.",
+        ),
+        option(
+            "--angle-increment", unless=("fov",), heading=CSV, type=angle, help="Angle from beam to beam."
+        ),
         option(
             "--angle-min",
             heading=CSV,
@@ -364,12 +389,10 @@ def _range_rules(
     no_return: tuple[frozenset[str], tuple[float, ...]], limits: tuple[float, float] | None
 ) -> RangeRules:
     """`RangeRules` from the options."""
-    from lidarcli.sweeps import RangeRules
+    from lidarcli.logs.options import range_rules
 
-    if limits is not None and not limits[0] < limits[1]:
-        raise click.BadParameter(f"{limits[0]:g} is not below {limits[1]:g}.", param_hint="'--range'")
-    words, markers = no_return
-    return RangeRules(no_return=words, markers=markers, limits=limits)
+    with usage_errors():
+        return range_rules(limits, no_return)
 
 
 def _csv_geometry(
@@ -380,41 +403,15 @@ def _csv_geometry(
     degrees: bool,
     range_unit: str,
 ) -> CsvOptions:
-    """`CsvOptions` from the options, angles in radians."""
-    from lidarcli.logs.base import CsvOptions
+    """`CsvOptions` from the options."""
+    from lidarcli.logs.options import csv_geometry
 
-    if angle_increment is not None and fov is not None:
-        raise click.UsageError("--angle-increment and --fov exclude each other")
-    if angle_increment == 0:
-        raise click.BadParameter("0 is no step from beam to beam.", param_hint="'--angle-increment'")
-
-    def radians(name: str, angle: float | None) -> float | None:
-        found = math.radians(angle) if degrees and angle is not None else angle
-        if found is not None and abs(found) > WIDEST:
-            raise click.BadParameter(
-                f"{angle:g} {'degrees' if degrees else 'radians'} are more than two turns.",
-                param_hint=f"'{name}'",
-            )
-        return found
-
-    return CsvOptions(
-        angle_min=radians("--angle-min", angle_min),
-        angle_increment=radians("--angle-increment", angle_increment),
-        fov=radians("--fov", fov),
-        range_max=range_max,
-        range_scale=0.001 if range_unit == "mm" else 1.0,
-    )
-
-
-def one_log(log: str) -> Source:
-    """The log that is meant, which may be the only one in a folder."""
-    from lidarcli.errors import OptionError, UnreadableError
-    from lidarcli.pipeline.inputs.search import find_logs
-    from lidarcli.pipeline.inputs.sources import Nothing
-
-    sources = find_logs([log])
-    if len(sources) > 1:
-        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them")
-    if isinstance(sources[0], Nothing):
-        raise UnreadableError(f"{log}: {sources[0].error}")
-    return sources[0]
+    with usage_errors():
+        return csv_geometry(
+            angle_min=angle_min,
+            angle_increment=angle_increment,
+            fov=fov,
+            range_max=range_max,
+            degrees=degrees,
+            range_unit=range_unit,
+        )

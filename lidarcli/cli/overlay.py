@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from lidarcli.choices import SIGNIFICANCE
+from lidarcli.choices import GREATEST_COUNT, SIGNIFICANCE
 from lidarcli.cli.grouped import OUTPUT, GroupedCommand, GroupedOption, option
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.object_options import OBJECTS, THINGS, catalogue_option, object_options
 from lidarcli.cli.options import (
     INPUTS,
-    MOST,
     POSES,
     RANGES,
     SELECT,
     Selection,
     csv_options,
-    one_log,
     range_options,
     reading_options,
 )
@@ -88,7 +86,7 @@ OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES)
 @option(
     "--jobs",
     heading=OUTPUT,
-    type=click.IntRange(min=1, max=MOST),
+    type=click.IntRange(min=1, max=GREATEST_COUNT),
     metavar="N",
     help="Processors to use at most.  [default: as many as pay]",
 )
@@ -131,6 +129,7 @@ def overlay(
     from lidarcli.formalism.tracking.parameters import TrackParameters
     from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
+    from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.overlaying import OverlayOptions, refuse_overlay, write_overlay
     from lidarcli.pipeline.running.memory import keep_freed_memory

@@ -10,7 +10,7 @@ from lidarcli.choices import VIEWS, Look
 from lidarcli.cli.grouped import GroupedCommand, option
 from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
-from lidarcli.cli.options import INPUTS, STDOUT, TIME, csv_options, one_log, pose_options, range_options
+from lidarcli.cli.options import INPUTS, STDOUT, TIME, csv_options, pose_options, range_options
 from lidarcli.cli.plot_options import (
     LAST,
     Sweeps,
@@ -54,6 +54,7 @@ WITH_TRACKS = ("all", "scene")
 @click.argument("log", metavar="LOG", type=INPUTS)
 @option(
     "--sweep",
+    unless=("sweeps", "at"),
     heading=PICTURE,
     type=click.IntRange(min=0, max=LAST),
     metavar="N",
@@ -61,6 +62,7 @@ WITH_TRACKS = ("all", "scene")
 )
 @option(
     "--sweeps",
+    unless=("sweep", "at"),
     heading=PICTURE,
     type=Sweeps(),
     metavar="LIST",
@@ -69,6 +71,7 @@ WITH_TRACKS = ("all", "scene")
 )
 @option(
     "--at",
+    unless=("sweep", "sweeps", "animate"),
     heading=PICTURE,
     type=TIME,
     help="Draw the sweep nearest to this time: seconds after the first sweep (10, 2min), or date and time "
@@ -180,6 +183,8 @@ def plot(
     if tracks is not None and view not in WITH_TRACKS:
         raise click.UsageError(f"--tracks are drawn in the scene; give --view {' or '.join(WITH_TRACKS)}")
 
+    from lidarcli.pipeline.inputs.search import files_of, one_log
+
     source = one_log(log)
     if at is not None:
         from lidarcli.pipeline.plotting import sweep_at
@@ -192,7 +197,6 @@ def plot(
     from lidarcli.errors import UnreadableError
     from lidarcli.formalism import Parameters
     from lidarcli.newfiles import refuse
-    from lidarcli.pipeline.inputs.search import files_of
     from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.plotting import (
         PlotOptions,

@@ -6,9 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from lidarcli.choices import ANIMATED_DPI, ANIMATIONS, FRAMES_PER_SECOND, IMAGES, Look
+from lidarcli.choices import (
+    ANIMATED_DPI,
+    ANIMATIONS,
+    FRAMES_PER_SECOND,
+    GREATEST_COUNT,
+    IMAGES,
+    PICTURE_DPI,
+    PICTURE_WIDTHS,
+    Look,
+)
 from lidarcli.cli.grouped import F, option
-from lidarcli.cli.options import MOST, STDOUT, Number, gathered
+from lidarcli.cli.options import STDOUT, Number, gathered
 from lidarcli.stores.url import Place, place
 
 if TYPE_CHECKING:
@@ -17,10 +26,6 @@ if TYPE_CHECKING:
 LOOK = "Look"
 LAST = 1_000_000_000
 """The number of a sweep in an option is no larger: three years at 10 Hz."""
-NARROWEST, WIDEST = 40.0, 2000.0
-"""Width of a picture [mm]."""
-COARSEST, FINEST = 30, 1200
-"""Pixels per inch."""
 MOST_FRAMES = 50.0
 """Frames per second: viewers of GIF files show no more."""
 
@@ -47,7 +52,7 @@ class Sweeps(click.ParamType):  # type: ignore[type-arg]
             more = range(*numbers) if len(numbers) > 1 else numbers
             if max(numbers) > LAST:
                 self.fail(f"'{part[:40]}' goes beyond {LAST:,}.", param, ctx)
-            if len(found) + len(more) > MOST:
+            if len(found) + len(more) > GREATEST_COUNT:
                 self.fail(f"'{part}' is too many sweeps.", param, ctx)
             found |= dict.fromkeys(more)
         if not found:
@@ -77,14 +82,14 @@ def look_options(command: F) -> F:
         option(
             "--dpi",
             heading=LOOK,
-            type=click.IntRange(min=COARSEST, max=FINEST),
+            type=click.IntRange(min=PICTURE_DPI[0], max=PICTURE_DPI[1]),
             metavar="N",
             help=f"Pixels per inch of PNG and of animations.  [default: 200; with --animate {ANIMATED_DPI}]",
         ),
         option(
             "--width",
             heading=LOOK,
-            type=Number("MM", least=NARROWEST, most=WIDEST),
+            type=Number("MM", least=PICTURE_WIDTHS[0], most=PICTURE_WIDTHS[1]),
             default=None,
             help="Width of the picture in millimetres: 89 is a column of a paper, 183 are two.  [default: by --view]",
         ),

@@ -8,7 +8,7 @@ import click
 
 from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import INPUTS, Selection, csv_options, one_log, range_options, reading_options
+from lidarcli.cli.options import INPUTS, Selection, csv_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def poses(
     """Write where the sensor was at each sweep, as evo and others read it."""
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
+    from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.running.outcomes import outcome_of, progress_of
     from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 

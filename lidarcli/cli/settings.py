@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from datetime import date
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import click
 
-from lidarcli.cli.grouped import ORIGINS, OUTPUT, GroupedOption
+from lidarcli.cli.grouped import ORIGINS, GroupedOption
 from lidarcli.cli.messages import Messages
 from lidarcli.errors import OptionError
 
@@ -18,6 +19,10 @@ NAME = "lidarcli.toml"
 PREFIX = "LIDARCLI"
 NOT_OPTIONS = frozenset({"LIDARCLI_COMPILED", "LIDARCLI_BUILD", "LIDARCLI_REAL_LOGS", "LIDARCLI_CONFIG"})
 """Variables that do not stand for an option of a command."""
+
+
+NOT_SHARED = frozenset({"format", "output"})
+"""Options whose values mean something else in each command."""
 
 
 def find_settings(folder: Path) -> Path | None:
@@ -104,7 +109,7 @@ def tell_settings(ctx: click.Context) -> None:
     if file := ctx.meta.get(ORIGINS):
         say.detail(f"settings: {file}")
     for line in unknown_variables(ctx):
-        say.error(line)
+        say.info(f"lidarcli: {line}")
 
 
 def _words(ctx: click.Context) -> list[str]:
@@ -129,6 +134,11 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
 
     settings = read_toml(file, "settings file")
     shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}
+    for_all = _by_option(file, (), shared)
+    for key in sorted(NOT_SHARED & for_all.keys()):
+        raise OptionError(
+            f"{file}: '{key}' is not the same in every command: set it below [detect] or another one"
+        )
     found: dict[tuple[str, ...], dict[str, Any]] = {}
     every: set[str] = set()
     for words, command, _ in commands(ctx):
@@ -138,8 +148,12 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
         for key in table:
             if _spelled(key) not in known and not isinstance(table[key], Mapping):
                 _refuse(file, f"[{'.'.join(words)}]", key, known)
-        own = {_spelled(key): value for key, value in table.items()}
-        common = {_spelled(key): value for key, value in shared.items() if _spelled(key) in known}
+        own = _by_option(file, words, table)
+        common = {
+            key: value
+            for key, value in for_all.items()
+            if key in known and not (isinstance(value, list) and takes_one(known[key]))
+        }
         found[words] = {
             str(known[key].name): _typed(file, words if key in own else (), known[key], value)
             for key, value in (common | own).items()
@@ -147,6 +161,8 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
         }
     for key in shared:
         if _spelled(key) not in every:
+            if any(words[0] == key for words in found):
+                raise OptionError(f"{file}: '{key}' is a command: its options stand below a line [{key}]")
             _refuse(file, "", key, every)
     _refuse_tables(file, settings, set(found))
     tree: dict[str, Any] = {}
@@ -179,7 +195,12 @@ def _refuse_tables(file: str, settings: Mapping[str, Any], known: set[tuple[str,
             here = (*words, key)
             if here in groups and isinstance(value, Mapping):
                 check(value, here)
-            elif here not in known or not isinstance(value, Mapping):
+            elif not isinstance(value, Mapping):
+                below = ", ".join(f"[{name}]" for name in names if name.startswith(f"{'.'.join(words)}."))
+                raise OptionError(
+                    f"{file}: [{'.'.join(words)}]: no option '{key}'; options stand below {below}"
+                )
+            elif here not in known:
                 near = get_close_matches(".".join(here), names, 1)
                 hint = f"; did you mean [{near[0]}]?" if near else ""
                 raise OptionError(f"{file}: [{'.'.join(here)}]: no such command{hint}")
@@ -198,27 +219,51 @@ def _spelled(key: str) -> str:
     return key.replace("_", "-")
 
 
+def takes_one(option: GroupedOption) -> bool:
+    """Whether a list cannot be meant: an option that neither is repeated nor takes several values."""
+    is_list = option.multiple or option.nargs != 1 or getattr(option.type, "name", "") == "list"
+    return not is_list
+
+
+def _by_option(file: str, words: tuple[str, ...], table: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a table by the names of their options, each of which is set once."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        if _spelled(key) in found:
+            raise OptionError(f"{_place(file, words, key)} is set twice, with - and with _")
+        found[_spelled(key)] = value
+    return found
+
+
+def _place(file: str, words: tuple[str, ...], key: str) -> str:
+    """Where a value stands."""
+    return f"{file}: {f'[{chr(46).join(words)}]: ' if words else ''}'{key}'"
+
+
 def _typed(file: str, words: tuple[str, ...], option: GroupedOption, value: Any) -> Any:
     """A value of the file as click takes it: texts as they would be typed, lists of them, or true and false."""
-    place = f"{file}: {f'[{chr(46).join(words)}]: ' if words else ''}'{option.key}'"
+    place = _place(file, words, option.key)
     if option.is_flag:
         if not isinstance(value, bool):
             raise OptionError(f"{place} must be true or false")
         return value
-    items = value if isinstance(value, list) else [value]
+    items = [
+        item.isoformat() if isinstance(item, date) else item
+        for item in (value if isinstance(value, list) else [value])
+    ]
     if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
         raise OptionError(f"{place} must be a text, a number or a list of them")
     typed = [_text(file, option, item) for item in items]
     if option.multiple or option.nargs != 1:
         return typed
-    if isinstance(value, list) and getattr(option.type, "name", "") != "list":
+    if isinstance(value, list) and takes_one(option):
         raise OptionError(f"{place} takes one value, not a list")
     return ",".join(typed)
 
 
 def _text(file: str, option: GroupedOption, item: str | float) -> str:
     """One value as it would be typed; the path of an input is meant from the folder of the file."""
-    is_input = isinstance(option.type, click.Path) and option.heading != OUTPUT
+    is_input = isinstance(option.type, click.Path) and not option.is_output
     if not isinstance(item, str) or not is_input or item == "-" or "://" in item:
         return str(item)
     return os.path.join(os.path.dirname(file), item)  # noqa: PTH118, PTH120 (keeps what Path would tidy away)

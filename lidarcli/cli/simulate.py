@@ -62,6 +62,7 @@ RUN, LOG = "Run", "Log"
 @option(
     "--map",
     "map_file",
+    is_output=True,
     heading=LOG,
     metavar="FILE.yaml",
     type=click.Path(),
@@ -77,6 +78,7 @@ RUN, LOG = "Run", "Log"
 @option("--overwrite", heading=LOG, is_flag=True, help="Replace files that exist.")
 @option(
     "--sweeps",
+    unless=("duration",),
     heading=RUN,
     type=click.IntRange(min=0),
     metavar="N",
@@ -84,6 +86,7 @@ RUN, LOG = "Run", "Log"
 )
 @option(
     "--duration",
+    unless=("sweeps",),
     heading=RUN,
     type=Number("SECONDS", least=0, most=math.inf),
     help="Length of the run, instead of --sweeps.  [default: from the scene]",

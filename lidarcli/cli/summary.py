@@ -110,12 +110,11 @@ def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
 
 def _counts(run: RunSummary) -> str:
     """What was found: objects of sweeps, and the things that they belong to where these were followed."""
-    found = f"{_count(run.sweeps, 'sweep')}, {_count(run.objects + run.agents, 'object')}"
-    return (
-        found
-        if run.things is None
-        else f"{found}, {_count(run.things, 'thing')} ({_count(run.moved, 'agent')})"
-    )
+    sweeps = _count(run.sweeps, "sweep")
+    if run.things is None:
+        return f"{sweeps}, {_count(run.objects, 'object')}"
+    views = f"{_count(run.objects, 'object')}, {run.agents:,} of agents"
+    return f"{sweeps}, {views}, {_count(run.things, 'thing')} ({_count(run.moved, 'agent')})"
 
 
 def _speed(run: RunSummary) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field, replace
+from numbers import Integral
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.choice import TopicChoice
 from lidarcli.sweeps import Bool, Int64, RangeRules, RawSweeps, SweepBatch, concatenate, normalise
-from lidarcli.times import Instant, parse_time
+from lidarcli.times import Instant, as_time
 
 MOST_EVERY = 1_000_000
 """`every` is no larger."""
@@ -41,17 +41,14 @@ class ReadOptions:
 
     def __post_init__(self) -> None:
         """Refuse values without a meaning (`OptionError`)."""
-        if not isinstance(self.every, int) or not 1 <= self.every <= MOST_EVERY:
+        if not isinstance(self.every, Integral) or not 1 <= self.every <= MOST_EVERY:
             raise OptionError(f"--every: {self.every} is no whole number from 1 to {MOST_EVERY:,}")
         for name in ("start", "end"):
-            value = getattr(self, name)
-            if isinstance(value, str):
+            if (value := getattr(self, name)) is not None:
                 try:
-                    object.__setattr__(self, name, parse_time(value))
+                    object.__setattr__(self, name, as_time(value))
                 except OptionError as err:
                     raise OptionError(f"--{name}: {err}") from None
-            elif isinstance(value, int | float) and not math.isfinite(value):
-                raise OptionError(f"--{name}: {value} is no number of seconds")
         if not _in_order(self.start, self.end):
             raise OptionError(f"--start {_words(self.start, '')} is not before --end {_words(self.end, '')}")
 

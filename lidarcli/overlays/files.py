@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 from rosbags import rosbag1
 
@@ -12,22 +12,12 @@ from lidarcli.maps.grid_message import TYPE as MAP
 from lidarcli.overlays.markers import TYPE as MARKERS
 from lidarcli.ros.definitions import ROS1, SCAN, TF, ros2_definition
 from lidarcli.ros.mcap_file import ALL, add_channel, offered, start_ros2
+from lidarcli.ros.outgoing import Outgoing
 
 MCAP, BAG = ".mcap", ".bag"
 SUFFIXES = (MCAP, BAG)
 LATEST_NS = (1 << 32) * 1_000_000_000 - 1
 """A record time is no later [ns]: bags of ROS 1 count seconds in 32 bits."""
-
-
-class Outgoing(NamedTuple):
-    """One message on its way into a file."""
-
-    topic: str
-    type: str
-    record_ns: int
-    stamp_ns: int
-    """Where the message has one, else as `record_ns`."""
-    data: bytes
 
 
 class OverlayFile(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -16,6 +17,8 @@ from lidarcli.tabular.parquet import Output
 from lidarcli.tabular.reading import read_as_is, schema_of
 from lidarcli.tabular.stream import FORMATS, CountingOutput
 
+APART = "export each kind of table by itself, as '*.objects.parquet'"
+
 
 @dataclass(frozen=True, slots=True)
 class Export:
@@ -23,7 +26,7 @@ class Export:
 
     files: tuple[Place, ...]
     schema: pa.Schema
-    """The columns that are written, with the metadata of the first table."""
+    """The columns that are written, with the metadata that all tables share."""
 
     def pieces(self) -> Iterator[pa.RecordBatch]:
         """All rows."""
@@ -40,27 +43,28 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
     UnreadableError
         There is no such table, or one cannot be read.
     OptionError
-        The tables are of several kinds, or have no such column.
+        The tables are of several kinds, or have no such column, or it is named twice.
     """
-    files = [file for text in tables for file in _tables(text)]
+    # A table that is named twice is one.
+    files = [*dict.fromkeys(file for text in tables for file in _tables(text))]
     schemas = [schema_of(file) for file in files]
     first = schemas[0]
     names = [_column(name, files[0], first) for name in columns] or first.names
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise OptionError(
+            f"--columns: {', '.join(twice)} is named twice; every column of a table has its own name"
+        )
     for file, schema in zip(files[1:], schemas[1:], strict=True):
         if missing := [name for name in names if name not in schema.names]:
-            raise OptionError(
-                f"{file}: no column {', '.join(missing)}, which {files[0]} has; export each kind of table by itself"
-            )
+            raise OptionError(f"{file}: no column {', '.join(missing)}, which {files[0]} has; {APART}")
         if not columns and (more := [name for name in schema.names if name not in names]):
-            raise OptionError(
-                f"{files[0]}: no column {', '.join(more)}, which {file} has; export each kind of table by itself"
-            )
+            raise OptionError(f"{files[0]}: no column {', '.join(more)}, which {file} has; {APART}")
         for name in names:
             if schema.field(name).type != first.field(name).type:
                 raise OptionError(
                     f"{file}: column {name} is {schema.field(name).type}, in {files[0]} {first.field(name).type}"
                 )
-    return Export(tuple(files), pa.schema([first.field(name) for name in names], metadata=first.metadata))
+    return Export(tuple(files), pa.schema([first.field(name) for name in names], metadata=_common(schemas)))
 
 
 def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
@@ -82,6 +86,12 @@ def export_stream(export: Export, out: Output, kind: str, name: str = "standard 
         count += rows.num_rows
     stream.finish(metadata)
     return count
+
+
+def _common(schemas: Sequence[pa.Schema]) -> dict[bytes, bytes]:
+    """What the metadata of all tables say alike: of several logs no one is the source."""
+    first, *others = [dict(schema.metadata or {}) for schema in schemas]
+    return {key: value for key, value in first.items() if all(each.get(key) == value for each in others)}
 
 
 def _tables(text: str) -> list[Place]:

@@ -8,10 +8,10 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import count
 
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
-from lidarcli.overlays.files import Outgoing
 from lidarcli.overlays.names import topic_name
 from lidarcli.poses.rows import TRANSFORMS
 from lidarcli.ros.definitions import ROS2, SCAN, TF
+from lidarcli.ros.outgoing import Outgoing
 from lidarcli.ros.scans import cdr_scans, ros1_scans
 from lidarcli.sweeps import RawSweeps
 

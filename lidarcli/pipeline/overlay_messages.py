@@ -15,7 +15,6 @@ from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import CsvOptions, Log, ReadReport
 from lidarcli.maps.grid_message import TYPE as MAP_TYPE
 from lidarcli.maps.grid_message import occupancy_cdr
-from lidarcli.overlays.files import Outgoing
 from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays
 from lidarcli.overlays.names import FRAME, MAP, topic_name, topics_of_objects
 from lidarcli.overlays.objects import Colours, is_mirrored, markers_of
@@ -38,6 +37,7 @@ from lidarcli.pipeline.reading.reading import Progress
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
 from lidarcli.ros.definitions import ROS2, TF
+from lidarcli.ros.outgoing import Outgoing
 from lidarcli.tabular.metadata import SOURCE
 from lidarcli.tabular.reading import file_metadata, parsed
 
@@ -115,7 +115,7 @@ class Overlay:
         frame, told = next(iter(self._frames.items()), (FRAME, FRAME))
         if told in self._placed:
             frame = self._worlds[told]
-        if self._grid is not None:
+        if self._grid is not None and self._worlds:
             frame = self._world
         scans = tuple(self._scan_topic(topic) for topic in self._tables.topics)
         return Scene(frame, tuple(self._names.values()), scans, None if self._grid is None else MAP)
@@ -137,6 +137,16 @@ class Overlay:
             frames = ", ".join(sorted(self._placing))
             summary.notes.append(
                 f"transforms of {frames} are written by its poses, for no transforms of ROS tell of it"
+            )
+        if self._grid is not None and not self._worlds:
+            summary.notes.append(
+                f"the map is in frame {self._world}, and nothing tells where the sensor is in it: a viewer shows one "
+                "of the two; give --pose or --poses"
+            )
+        slashed = sorted(frame for frame in self._frames if frame.startswith("/"))
+        if slashed and self._is_ros2:
+            summary.notes.append(
+                f"frame {slashed[0]} begins with a slash, and RViz of ROS 2 draws nothing in it; write a .bag for ROS 1"
             )
         if "" in self._frames:
             summary.notes.append("the scans name no frame, and RViz draws nothing without one")

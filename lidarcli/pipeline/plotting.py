@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.choices import AS_IT_COMES, Look
+from lidarcli.choices import AS_IT_COMES, IMAGES, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
@@ -27,8 +27,8 @@ from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.paths import COLUMNS, Paths, TrackPath
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import RangeRules, SweepBatch
-from lidarcli.times import Instant
+from lidarcli.sweeps import Int64, RangeRules, SweepBatch
+from lidarcli.times import SECOND_NS, Instant
 
 BATCH = 64
 NEAR = 1.0
@@ -131,35 +131,46 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, csv: CsvO
     Raises
     ------
     OptionError
-        The time is more than `NEAR` before the first sweep or after the last.
+        The time is more than `NEAR` before the first sweep or after the last, or the log is standard input.
     """
+    if source.is_stdin:
+        raise OptionError("--at reads the log twice; give the name of its file instead of -, or --sweep")
     with open_source(source, csv) as log:
         choice = TopicChoice([topic] if topic else [], log.topics())
         name, _ = _topic(choice)
         report = ReadReport()
-        best, nearest_ns, first_ns = -1, 0, 0
+        best, nearest_ns, target_ns = -1, 0, 0
         for batch in read_batches(log, ReadOptions(topics=frozenset({name}) if name else None), report):
             name = name or batch.topic
             if batch.topic != name:
                 continue
             if best < 0:
                 first_ns = int(batch.stamp_ns[0])
-            target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * 1e9)
-            away = np.abs(batch.stamp_ns - target_ns)
-            row = int(np.argmin(away))
-            if best < 0 or away[row] < nearest_ns:
-                best, nearest_ns = int(batch.sweep[row]), int(away[row])
-            if int(batch.stamp_ns.min()) > target_ns + NEAR * 1e9:
+                target_ns = time.ns if isinstance(time, Instant) else first_ns + round(time * SECOND_NS)
+            row = _nearest(batch.stamp_ns, target_ns)
+            away_ns = abs(int(batch.stamp_ns[row]) - target_ns)
+            if best < 0 or away_ns < nearest_ns:
+                best, nearest_ns = int(batch.sweep[row]), away_ns
+            if int(batch.stamp_ns.min()) > target_ns + NEAR * SECOND_NS:
                 break
         damage = damage_lines(report)
     if best < 0:
         raise nothing_read(damage, NoScanError("no LaserScan in it"), [name] if name else [])
-    if nearest_ns > NEAR * 1e9:
+    if nearest_ns > NEAR * SECOND_NS:
         raise OptionError(
             f"{source.label}: no sweep of {name} at {time if isinstance(time, Instant) else f'{time:g} s'}: the nearest, "
-            f"sweep {best}, is {nearest_ns / 1e9:,.1f} s away"
+            f"sweep {best}, is {nearest_ns / SECOND_NS:,.1f} s away"
         )
     return best
+
+
+def _nearest(stamp_ns: Int64, target_ns: int) -> int:
+    """The row whose stamp is nearest; the target may be farther away than int64 can tell."""
+    least, most = np.iinfo(np.int64).min, np.iinfo(np.int64).max
+    target = np.int64(min(max(target_ns, least), most))
+    # The difference of the greater and the smaller is right in uint64, whatever their signs.
+    away = np.maximum(stamp_ns, target).view(np.uint64) - np.minimum(stamp_ns, target).view(np.uint64)
+    return int(np.argmin(away))
 
 
 def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
@@ -281,7 +292,18 @@ def write_pictures(
     overwrite: bool,
     look: Look = AS_IT_COMES,
 ) -> list[str]:
-    """Write each picture to its file; notes as of `NewFiles.publish`."""
+    """Write each picture to its file; notes as of `NewFiles.publish`.
+
+    Raises
+    ------
+    OptionError
+        A suffix is none of a picture.
+    OutputError
+        A file cannot be written.
+    """
+    for path in paths:
+        if path.suffix.lower() not in IMAGES:
+            raise OptionError(f"{path}: the suffix has to be one of {', '.join(IMAGES)}")
     notes: list[str] = []
     for path, picture in zip(paths, pictures, strict=True):
         notes += write_whole(path, draw(picture, view, path.suffix.lower(), look), overwrite)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
 
 from lidarcli.choices import SET_WORDS
 from lidarcli.reports.columns import Origin
@@ -14,10 +13,12 @@ from lidarcli.reports.spread import Spread
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.tracks import Track, Tracked
 from lidarcli.reports.unlike import Unlike
+from lidarcli.showing import date_and_time
 
 NONE = "-"
 BEAMS_ON = {name: words if name == "S" else f"on {words}" for name, words in SET_WORDS.items()}
 """Set → how its beams are counted."""
+TINY = 1e-12
 NAMED = 3
 """Most frames that are named."""
 SHOWN_SPREADS = (
@@ -77,6 +78,8 @@ def number(value: float | None, digits: int = 4, sign: bool = False) -> str:
     """
     if value is None or not math.isfinite(value):
         return NONE
+    # What a computation leaves of nothing is nothing.
+    value = 0.0 if abs(value) < TINY else value
     mark = "+" if sign and value else ""
     if value == int(value) or abs(value) >= 10**digits:
         return f"{value:{mark},.0f}"
@@ -168,10 +171,9 @@ def stamp(stamp_ns: int) -> str:
     '2023-11-14T22:13:20.123Z'
     """
     try:
-        moment = datetime.fromtimestamp(stamp_ns // 1_000_000_000, UTC)
+        return date_and_time(stamp_ns)
     except (OverflowError, ValueError, OSError):
         return f"{stamp_ns} ns"
-    return f"{moment:%Y-%m-%dT%H:%M:%S}.{stamp_ns % 1_000_000_000 // 1_000_000:03d}Z"
 
 
 def settings(source: Origin) -> str:

@@ -3,21 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
+from lidarcli.ros.outgoing import Outgoing
 from lidarcli.simulate.messages import Encoding
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
-
-
-class Outgoing(NamedTuple):
-    """One message on its way into a log."""
-
-    topic: str
-    type: str
-    record_ns: int
-    stamp_ns: int
-    data: bytes
 
 
 def outgoing(

@@ -115,6 +115,14 @@ def is_url(text: str | PathLike[str]) -> bool:
     return bool(mark) and scheme.lower() in SCHEMES
 
 
+def _refuse_scheme(text: str) -> None:
+    """Refuse what is meant as a URL and would be taken for a path, with a folder named `http:`."""
+    scheme, mark, _ = text.partition("://")
+    if mark and scheme.isalnum() and len(scheme) > 1:
+        known = ", ".join(f"{each}://" for each in SCHEMES)
+        raise OptionError(f"{text}: {scheme}:// is not supported; give a path, or a URL of {known}")
+
+
 def place(text: str | PathLike[str] | Url) -> Place:
     """The path or the URL that a name stands for.
 
@@ -129,6 +137,7 @@ def place(text: str | PathLike[str] | Url) -> Place:
     if isinstance(text, Url):
         return text
     if not is_url(text):
+        _refuse_scheme(fspath(text))
         return Path(text)
     _refuse_bytes(fspath(text))
     found = _URL.fullmatch(fspath(text))

@@ -184,9 +184,13 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
         ("--no-return", "zero,1e308", "1e+308 is no range."),
         ("--no-return", "nan,1e999", "inf is no range."),
         ("--fov", "1e9", "1e9 is above 1e+06."),
-        ("--fov", "12.6", "12.6 radians are more than two turns."),
+        ("--fov", "12.6", "12.6 radians are more than two turns; --degrees says that angles are degrees."),
         ("--angle-increment", "1e300", "1e300 is above 1e+06."),
-        ("--angle-min", "-13", "-13 radians are more than two turns."),
+        (
+            "--angle-min",
+            "-13",
+            "-13 radians are more than two turns; --degrees says that angles are degrees.",
+        ),
         ("--angle-min", "-1e300", "-1e300 is below -1e+06."),
         (
             "--no-return",
@@ -211,7 +215,10 @@ def test_unknown_option_value(lidarcli: Run, option: str, value: str, message: s
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--range", "5", "1"), "Invalid value for '--range': 5 is not below 1."),
+        (
+            ("--range", "5", "1"),
+            "Invalid value for '--range': 5 to 1 m is no range; give the least and the greatest.",
+        ),
         (("--range", "0", "1e308"), "Invalid value for '--range': 1e308 is above 1e+06."),
         (("--fov", "721", "--degrees"), "Invalid value for '--fov': 721 degrees are more than two turns."),
         (("-o", "-", "--beams"), "--beams writes a file: give -o DIR"),

@@ -56,11 +56,22 @@ def test_columns_in_the_order_asked_for(lidarcli: Run, tables: Path) -> None:
 
 
 def test_several_tables_of_one_kind(lidarcli: Run, tables: Path) -> None:
-    one = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", "-").out.splitlines()
-    two = lidarcli(
-        "export", str(tables / "run.sweeps.parquet"), str(tables / "*.sweeps.parquet"), "-o", "-"
-    ).out.splitlines()
-    assert two == one + one[1:]
+    source = tables / "run.sweeps.parquet"
+    one = lidarcli("export", str(source), "-o", "-").out.splitlines()
+    # A table that is named twice is one.
+    assert (
+        lidarcli("export", str(source), str(tables / "*.sweeps.parquet"), "-o", "-").out.splitlines() == one
+    )
+    table = pq.read_table(source)
+    other = {**table.schema.metadata, b"lidarcli.source": b'{"name": "other.mcap"}'}
+    pq.write_table(table.replace_schema_metadata(other), tables / "other.sweeps.parquet")
+    ran = lidarcli("-q", "export", str(tables / "*.sweeps.parquet"), "-o", str(tables / "both.parquet"))
+    assert ran.code == 0, ran.err
+    both = pq.read_table(tables / "both.parquet")
+    assert both.num_rows == 2 * table.num_rows
+    # Of two logs neither is the source.
+    assert both.schema.metadata.keys() == table.schema.metadata.keys() - {b"lidarcli.source"}
+    (tables / "both.parquet").unlink()
     mixed = lidarcli("export", str(tables), "-o", "-")
     assert mixed.code == 2
     assert "export each kind of table by itself" in mixed.err
@@ -85,3 +96,18 @@ def test_an_undefined_stamp_is_empty(lidarcli: Run, tmp_path: Path) -> None:
     pq.write_table(pa.table({"moved_at": stamps}), tmp_path / "x.parquet")
     ran = lidarcli("export", str(tmp_path / "x.parquet"), "-o", "-")
     assert ran.out == 'moved_at\n2023-11-14T22:13:20.000000000Z\n""\n'
+
+
+@pytest.mark.parametrize("name", ["http://host/x.csv", "file:///tmp/x.csv", "ftp://host/x.csv"])
+def test_a_url_that_is_not_supported_makes_no_folder_of_its_name(
+    lidarcli: Run, tables: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    ran = lidarcli("export", str(tables / "run.sweeps.parquet"), "-o", name)
+    scheme = name.partition(":")[0]
+    assert ran.code == 2
+    assert ran.err.startswith(
+        f"lidarcli: {name}: {scheme}:// is not supported; give a path, or a URL of s3://"
+    )
+    assert sorted(tmp_path.rglob("*")) == before

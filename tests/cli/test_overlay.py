@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -552,3 +553,17 @@ def test_real_logs(lidarcli: Run, tmp_path: Path, name: str, frame: str, suffix:
     )
     layout = json.loads((tmp_path / "o.layout.json").read_text())
     assert layout["configById"]["3D!lidarcli"]["followTf"] == frame
+
+
+def test_a_map_that_nothing_places_leaves_the_frame_of_the_sensor(lidarcli: Run, tmp_path: Path) -> None:
+    assert lidarcli("-q", "map", DRIVE, "-o", tmp_path / "room.yaml").code == 0
+    ran = lidarcli(
+        "overlay", DRIVE, "-o", tmp_path / "x.mcap", "--map", tmp_path / "room.yaml", "--pose", "none"
+    )
+    assert ran.code == 0
+    assert (
+        "  note     the map is in frame map, and nothing tells where the sensor is in it: a viewer shows one of the two; "
+        "give --pose or --poses"
+    ) in ran.err.splitlines()
+    settings = (tmp_path / "x.rviz").read_text()
+    assert re.search(r"Fixed Frame: \"?laser\"?\n", settings), settings

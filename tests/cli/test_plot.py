@@ -351,6 +351,29 @@ def test_the_sweep_at_a_time(
     assert (ran.code, ran.err.splitlines()[-1]) == (0, f"  wrote    people-{sweep}.png")
 
 
+@pytest.mark.parametrize(
+    ("time", "nearest"),
+    [
+        ("9999-01-01", "sweep 79, is 251,670,764,796.0 s away"),
+        ("2250-01-01", "sweep 79, is 7,135,955,196.1 s away"),
+        ("1700-01-01", "sweep 0, is 10,220,336,000.0 s away"),
+        ("0001-01-01", "sweep 0, is 63,835,596,800.0 s away"),
+    ],
+)
+def test_a_date_far_from_every_log(lidarcli: Run, time: str, nearest: str) -> None:
+    """Also where int64 cannot count the nanoseconds between them."""
+    log = SAMPLES / "people.csv.gz"
+    ran = lidarcli("plot", log, "--at", time)
+    words = f"no sweep of /scan at {time}T00:00:00Z: the nearest, {nearest}"
+    assert (ran.code, ran.err) == (2, f"lidarcli: {log}: {words}\n")
+
+
+def test_a_time_of_a_pipe_is_refused(lidarcli: Run) -> None:
+    ran = lidarcli("plot", "-", "--at", "1")
+    words = "--at reads the log twice; give the name of its file instead of -, or --sweep"
+    assert (ran.code, ran.err) == (2, f"lidarcli: {words}\n")
+
+
 def test_a_time_without_a_sweep_near_it(lidarcli: Run) -> None:
     log = SAMPLES / "people.csv.gz"
     ran = lidarcli("plot", log, "--at", "100")

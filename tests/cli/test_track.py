@@ -45,7 +45,9 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run, patient: 
     ran = lidarcli("track", logs / "run.mcap", "-o", tmp_path, "--beams")
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
-    assert lines[0].startswith(f"{logs / 'run.mcap'}: 20 sweeps, 30 objects, 2 things (1 agent)")
+    assert lines[0].startswith(
+        f"{logs / 'run.mcap'}: 20 sweeps, 20 objects, 10 of agents, 2 things (1 agent)"
+    )
     assert lines[2] == "  on       objects 400 (5.6%), agents 300 (4.2%), walls and rest 6,500 (90.3%)"
     assert lines[3] == "  note     2 things in 20 sweeps of /scan"
     assert lines[4:] == [f"  wrote    {tmp_path / f'run.{table}.parquet'}" for table in (*TABLES, "beams")]
@@ -125,7 +127,9 @@ def test_an_output_that_exists_is_refused(logs: Path, tmp_path: Path, lidarcli: 
 
 def test_topics_are_followed_apart(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
     ran = lidarcli("track", logs / "two.mcap", "-o", tmp_path)
-    assert ran.err.startswith(f"{logs / 'two.mcap'}: 40 sweeps, 60 objects, 4 things (2 agents)")
+    assert ran.err.startswith(
+        f"{logs / 'two.mcap'}: 40 sweeps, 40 objects, 20 of agents, 4 things (2 agents)"
+    )
     tracks = pq.read_table(tmp_path / "two.tracks.parquet")
     assert list(zip(tracks["topic"].to_pylist(), tracks["track"].to_pylist(), strict=True)) == [
         (topic, number) for topic in ("/front", "/rear") for number in (1, 2)
@@ -199,7 +203,10 @@ def test_what_has_gone_is_no_thing(tmp_path: Path, lidarcli: Run) -> None:
 def test_an_empty_selection_gives_empty_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
     ran = lidarcli("track", logs / "run.mcap", "--start", "1000", "-o", tmp_path)
     assert ran.code == 0
-    assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects, 0 things (0 agents)"
+    assert (
+        ran.err.splitlines()[0]
+        == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects, 0 of agents, 0 things (0 agents)"
+    )
     for table in TABLES:
         found = pq.read_table(tmp_path / f"run.{table}.parquet")
         assert (found.num_rows, found.schema.equals(SCHEMAS[table])) == (0, True)

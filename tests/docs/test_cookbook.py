@@ -20,6 +20,7 @@ pytestmark = pytest.mark.slow
 PAGE = (ROOT / "docs" / "cookbook.md").read_text(encoding="utf-8")
 SECTIONS = {part.splitlines()[0]: part for part in PAGE.split("\n## ")[1:]}
 QUESTIONS = [title for title, part in SECTIONS.items() if "```sql" in part and "COPY" not in part]
+TASKS = re.findall(r"^\| [^|]+ \| `(lidarcli [^`]+)`", SECTIONS["Typical tasks"], re.MULTILINE)
 Rows = list[tuple[Any, ...]]
 
 
@@ -113,6 +114,36 @@ def test_the_csv_files_hold_the_same(tables: Path, monkeypatch: pytest.MonkeyPat
     assert set(read["duckdb"].columns) - {"x", "y"} < set(pd.read_csv("objects.csv", nrows=1).columns)
     for name in ("pandas", "polars"):
         pd.testing.assert_frame_equal(read[name], read["duckdb"])
+
+
+def test_the_typical_tasks(tables: Path) -> None:
+    assert len(TASKS) == 10
+    before = {path.name for path in tables.iterdir()}
+    done = list(examples.run("".join(f"```sh\n{command}\n```\n" for command in TASKS), tables))
+    assert len(done) == len(TASKS)
+    for one in done:
+        assert one.holds, f"{one.example.command}{one.got}"
+    assert {path.name for path in tables.iterdir()} - before == {
+        "yard-1234.png",
+        "yard-1200.png",
+        "news",
+        "differences.html",
+        *("yard.shown.mcap", "yard.shown.layout.json", "yard.shown.rviz"),
+        "part",
+        "yard.csv",
+        "night",
+    }
+    part = pd.read_parquet(tables / "part" / "yard.sweeps.parquet")
+    assert (part["sweep"].min(), part["sweep"].max()) == (100, 199)
+    news = pd.read_parquet(tables / "news" / "room.objects.parquet")
+    assert set(news["change"]) == {"appeared"}
+    assert len(pd.read_csv(tables / "yard.csv")) == len(
+        pd.read_parquet(tables / "yard" / "yard.objects.parquet")
+    )
+    night = {
+        path.name.removesuffix(".objects.parquet") for path in (tables / "night").glob("*.objects.parquet")
+    }
+    assert night == {"corridor", "drive", "hall", "people", "room", "room_empty"}
 
 
 @pytest.mark.parametrize(

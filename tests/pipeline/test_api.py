@@ -6,7 +6,10 @@ import json
 import re
 import shutil
 from collections import Counter
+from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -168,7 +171,13 @@ def test_what_python_says_of_wrong_arguments(tmp_path: Path) -> None:
         (
             lambda: lidarcli.read(path, start=float("nan")),
             OptionError,
-            "--start: nan is no number of seconds",
+            "--start: nan is neither a number of seconds nor a text such as 2min or 2026-11-22T10:00:00Z",
+        ),
+        (
+            lambda: lidarcli.read(path, end=datetime(2026, 11, 22, tzinfo=UTC)),
+            OptionError,
+            "--end: datetime.datetime(2026, 11, 22, 0, 0, tzinfo=datetime.timezone.utc) is neither a number of seconds "
+            "nor a text such as 2min or 2026-11-22T10:00:00Z",
         ),
         (lambda: lidarcli.read(path, start=5, end=1), OptionError, "--start 5 is not before --end 1"),
         (
@@ -229,15 +238,54 @@ def test_ranges_are_judged_as_on_the_command_line(tmp_path: Path) -> None:
     marked = counts(no_return=["inf", "zero", "max", "above", float(ranges[0, 0])])
     assert marked[lidarcli.Status.NO_RETURN] > usual[lidarcli.Status.NO_RETURN]
     for options, words in (
-        ({"range": (4, 1)}, "--range: 4 to 1 m is no range; give (least, greatest)"),
+        ({"range": (4, 1)}, "--range: 4 to 1 m is no range; give the least and the greatest"),
         ({"no_return": "none"}, "--no-return: 'none' is neither a number nor one of"),
+        ({"no_return": "inf,1e9"}, "--no-return: 1e+09 is no range"),
+        ({"range": (-1, 1)}, "--range: -1 to 1 m is no range; give the least and the greatest"),
+        ({"range_max": -5.0}, "--range-max: -5 is not above 0 and at most 1e+06 m"),
         ({"range_unit": "cm"}, "--range-unit: 'cm' is not one of m, mm"),
-        ({"fov": 270}, "--fov: 270 is more than two turns; say degrees=True where it is in degrees"),
+        ({"fov": 270}, "--fov: 270 radians are more than two turns; --degrees says that angles are degrees"),
         ({"angle_increment": 0.0}, "--angle-increment: 0 is no step from beam to beam"),
         ({"fov": 1.0, "angle_increment": 1.0}, "--angle-increment and --fov exclude each other"),
     ):
         with pytest.raises(OptionError, match=re.escape(words)):
             lidarcli.read(room, **options)
+
+
+def test_a_log_of_which_nothing_is_read_is_warned_of() -> None:
+    with pytest.warns(
+        UserWarning, match="room.mcap: no sweep of /scan from 100 s on: its sweeps lie between 0.0 and"
+    ):
+        assert list(lidarcli.read(SAMPLES / "room.mcap", start=100)) == []
+
+
+@pytest.mark.parametrize(
+    ("call", "told", "words"),
+    [
+        (lidarcli.map, {"resolution": 0}, "--resolution: 0 is below 0.001"),
+        (lidarcli.map, {"resolution": "5 cm"}, "--resolution: '5 cm' is no number"),
+        (lidarcli.map, {"max_size": 0}, "--max-size: 0 is not above 0"),
+        (lidarcli.map, {"occupied_ratio": 1.5}, "--occupied-ratio: 1.5 is above 1"),
+        (lidarcli.map, {"voxel": float("nan")}, "--voxel: nan is below 0"),
+        (lidarcli.map, {"min_hits": 1.5}, "--min-hits: 1.5 is no whole number"),
+        (lidarcli.learn, {"station_distance": -1}, "--station-distance: -1 is not above 0"),
+        (lidarcli.detect, {"jobs": -3}, "--jobs: -3 is below 1"),
+        (lidarcli.plot, {"width": 1e9}, "--width: 1e+09 is above 2000"),
+        (lidarcli.plot, {"dpi": 1}, "--dpi: 1 is below 30"),
+        (lidarcli.plot, {"output": "room.gif"}, "room.gif: the suffix has to be one of .png, .svg, .pdf"),
+    ],
+)
+def test_numbers_have_the_limits_of_the_command_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    call: Callable[..., object],
+    told: dict[str, Any],
+    words: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(OptionError, match=f"^{re.escape(words)}$"):
+        call(SAMPLES / "room.mcap", **told)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_angles_are_radians_unless_they_are_said_to_be_degrees(tmp_path: Path) -> None:

@@ -84,6 +84,8 @@ def test_on_axes_that_somebody_has() -> None:
 def test_what_cannot_be_drawn() -> None:
     with pytest.raises(OptionError, match="give either at or sweep"):
         lidarcli.plot(ROOM, 34, at=1.0)
+    with pytest.raises(OptionError, match="--at: nan is neither a number of seconds nor a text"):
+        lidarcli.plot(ROOM, at=float("nan"))
     (batch,) = lidarcli.read(ROOM, end=1.0)
     axes = Figure().subplots()
     for call, error, words in (

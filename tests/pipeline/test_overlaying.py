@@ -13,13 +13,13 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from lidarcli.overlays.files import Outgoing
 from lidarcli.pipeline import overlay_copies
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.pipeline.overlay_copies import frames_told, in_order
 from lidarcli.pipeline.overlay_rows import Tables
+from lidarcli.ros.outgoing import Outgoing
 from tests.places import SAMPLES
 
 

@@ -10,10 +10,15 @@ from os import PathLike
 from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_type_hints
 
 from lidarcli.choices import (
+    GREATEST_COUNT,
+    GREATEST_NUMBER,
     MAP_RESOLUTION,
+    MAP_RESOLUTIONS,
     MAX_MAP_KM2,
     MIN_MOVE,
     OCCUPIED_RATIO,
+    PICTURE_DPI,
+    PICTURE_WIDTHS,
     SIGNIFICANCE,
     STATION_DEGREES,
     STATION_DISTANCE,
@@ -28,11 +33,26 @@ Paths = AnyPath | Iterable[AnyPath]
 View = Literal["all", "scene", "sweep", "difference", "polar"]
 
 
+class Limits(NamedTuple):
+    """What a number has to be, as the option of the command line has it."""
+
+    least: float = 0.0
+    most: float = GREATEST_NUMBER
+    above: bool = False
+    """Whether `least` itself is too little."""
+    whole: bool = False
+
+
+LENGTH, SOME, COUNT = Limits(), Limits(above=True), Limits(1, GREATEST_COUNT, whole=True)
+
+
 class Keyword(NamedTuple):
     """What stands beside the type of a keyword."""
 
     meaning: str
     default: Any = None
+    limits: Limits | None = None
+    """Of a number that the room which takes it does not judge."""
 
 
 def keywords_of(group: type) -> dict[str, tuple[Any, Keyword]]:
@@ -160,10 +180,12 @@ class Comparing(TypedDict, total=False):
     removed: Annotated[bool, Keyword("also what has gone, as rows of change `removed`", False)]
     any_frame: Annotated[bool, Keyword("take the background for a sensor of another name, too", False)]
     station_distance: Annotated[
-        float | None, Keyword("how far a sweep may be from a station of it [m]; by default as it was built")
+        float | None,
+        Keyword("how far a sweep may be from a station of it [m]; by default as it was built", None, SOME),
     ]
     station_angle: Annotated[
-        float | None, Keyword("how far it may be turned away from it [degrees]; by default as it was built")
+        float | None,
+        Keyword("how far it may be turned away from it [degrees]; by default as it was built", None, SOME),
     ]
 
 
@@ -179,7 +201,7 @@ class Finding(Reading, Objects, Comparing, total=False):
     explain: Annotated[
         bool, Keyword("also fill the column `why`: what speaks for and against each object", False)
     ]
-    jobs: Annotated[int | None, Keyword("processors to use at most; by default as many as pay")]
+    jobs: Annotated[int | None, Keyword("processors to use at most; by default as many as pay", None, COUNT)]
 
 
 _MEMORY = "decide what is a thing, and its shape, by all sweeps that saw it, not anew in each"
@@ -213,31 +235,38 @@ class Learning(Reading, total=False):
     """Keywords of `learn`."""
 
     station_distance: Annotated[
-        float, Keyword("sweeps up to this far from a station belong to it [m]", STATION_DISTANCE)
+        float, Keyword("sweeps up to this far from a station belong to it [m]", STATION_DISTANCE, SOME)
     ]
     station_angle: Annotated[
-        float, Keyword("if their heading differs by no more than this [degrees]", STATION_DEGREES)
+        float, Keyword("if their heading differs by no more than this [degrees]", STATION_DEGREES, SOME)
     ]
 
 
 class Mapping(Reading, total=False):
     """Keywords of `map`."""
 
-    resolution: Annotated[float, Keyword("side of a cell [m]", MAP_RESOLUTION)]
+    resolution: Annotated[float, Keyword("side of a cell [m]", MAP_RESOLUTION, Limits(*MAP_RESOLUTIONS))]
     min_move: Annotated[
         float,
-        Keyword("how far the sensor goes from one sweep that counts to the next [m]; 0: every one", MIN_MOVE),
+        Keyword(
+            "how far the sensor goes from one sweep that counts to the next [m]; 0: every one",
+            MIN_MOVE,
+            LENGTH,
+        ),
     ]
     min_hits: Annotated[
-        int | None, Keyword("sweeps that have to hit an occupied cell; 2, with `min_move=0`: 4")
+        int | None, Keyword("sweeps that have to hit an occupied cell; 2, with `min_move=0`: 4", None, COUNT)
     ]
     occupied_ratio: Annotated[
-        float, Keyword("and more than this share of the sweeps that hit or passed it", OCCUPIED_RATIO)
+        float,
+        Keyword("and more than this share of the sweeps that hit or passed it", OCCUPIED_RATIO, Limits(0, 1)),
     ]
-    free_no_return: Annotated[float, Keyword("beams without a return are free up to here [m]", 0.0)]
-    voxel: Annotated[float, Keyword("clouds have one point in each square of this side [m]; 0: all", 0.0)]
+    free_no_return: Annotated[float, Keyword("beams without a return are free up to here [m]", 0.0, LENGTH)]
+    voxel: Annotated[
+        float, Keyword("clouds have one point in each square of this side [m]; 0: all", 0.0, LENGTH)
+    ]
     without_agents: Annotated[bool, Keyword("leave out what moves", False)]
-    max_size: Annotated[float, Keyword("largest ground of a map [km²]", MAX_MAP_KM2)]
+    max_size: Annotated[float, Keyword("largest ground of a map [km²]", MAX_MAP_KM2, SOME)]
     path: Annotated[bool, Keyword("draw the path of the sensor into a picture", False)]
 
 
@@ -260,8 +289,15 @@ class Plotting(Poses, Delay, Ranges, Objects, total=False):
     topic: Annotated[str | None, Keyword("LaserScan topic to draw; by default the first by name")]
     background: Annotated[AnyPath | None, Keyword("background table to compare with: also r_w, r_e")]
     tracks: Annotated[AnyPath | None, Keyword("table of `track`: paths up to the sweep, numbers, velocities")]
-    width: Annotated[float | None, Keyword("width of the whole picture [mm]; by default that of its view")]
-    dpi: Annotated[int | None, Keyword("pixels per inch of a .png; 200")]
+    width: Annotated[
+        float | None,
+        Keyword(
+            "width of the whole picture [mm]; by default that of its view", None, Limits(*PICTURE_WIDTHS)
+        ),
+    ]
+    dpi: Annotated[
+        int | None, Keyword("pixels per inch of a .png; 200", None, Limits(*PICTURE_DPI, whole=True))
+    ]
     title: Annotated[bool, Keyword("write what it is above the picture", True)]
     legend: Annotated[bool, Keyword("explain the marks below the picture", True)]
     vertices: Annotated[bool, Keyword("mark vertices and nearest points in the scene, too", False)]

@@ -12,16 +12,19 @@ from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.logs.options import csv_geometry, range_rules
 from lidarcli.pipeline.api.keywords import AnyPath, Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.sweeps import TURN, RangeRules, parse_no_return
+from lidarcli.sweeps import RangeRules, parse_no_return
 
 Told = Mapping[str, Any]
 """Keywords with their values; all those of a group are there."""
 OBJECTS = tuple(Objects.__annotations__)
 """Names of the keywords that say what an object is."""
+GEOMETRY = ("angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit")
+"""Names of those that say what a CSV may lack."""
 
 
 def several(values: Paths) -> list[str]:
@@ -42,37 +45,14 @@ def topics(names: str | Iterable[str] | None) -> frozenset[str] | None:
 
 def rules(told: Told) -> RangeRules:
     """How ranges are judged."""
-    limits, no_return = told["range"], told["no_return"]
-    if limits is not None:
-        least, most = limits
-        if not 0 <= least < most:
-            raise OptionError(f"--range: {least:g} to {most:g} m is no range; give (least, greatest)")
-        limits = float(least), float(most)
-    words, markers = parse_no_return(
-        no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
-    )
-    return RangeRules(no_return=words, markers=markers, limits=limits)
+    no_return = told["no_return"]
+    text = no_return if isinstance(no_return, str) else ",".join(map(str, no_return))
+    return range_rules(told["range"], parse_no_return(text))
 
 
 def csv_options(told: Told) -> CsvOptions:
     """The geometry that a CSV may lack, angles in radians."""
-    if told["range_unit"] not in ("m", "mm"):
-        raise OptionError(f"--range-unit: '{told['range_unit']}' is not one of m, mm")
-    angles = {name: told[name] for name in ("angle_min", "angle_increment", "fov")}
-    if angles["angle_increment"] is not None and angles["fov"] is not None:
-        raise OptionError("--angle-increment and --fov exclude each other")
-    if angles["angle_increment"] == 0:
-        raise OptionError("--angle-increment: 0 is no step from beam to beam")
-    if told["degrees"]:
-        angles = {name: None if angle is None else math.radians(angle) for name, angle in angles.items()}
-    for name, angle in angles.items():
-        if angle is not None and not abs(angle) <= 2 * TURN:
-            option = name.replace("_", "-")
-            hint = "" if told["degrees"] else "; say degrees=True where it is in degrees"
-            raise OptionError(f"--{option}: {told[name]:g} is more than two turns{hint}")
-    return CsvOptions(
-        **angles, range_max=told["range_max"], range_scale=0.001 if told["range_unit"] == "mm" else 1.0
-    )
+    return csv_geometry(**{name: told[name] for name in GEOMETRY})
 
 
 def pose_options(told: Told) -> PoseOptions:

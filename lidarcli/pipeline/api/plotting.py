@@ -13,14 +13,15 @@ from lidarcli.formalism import Parameters
 from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges, defaults_of
 from lidarcli.pipeline.api.options import Told, csv_options, parameters_of, pose_options, rules
 from lidarcli.pipeline.api.signatures import with_keywords
-from lidarcli.pipeline.api.sources import one_source
+from lidarcli.pipeline.api.sources import path_of
+from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.warned import warn
 from lidarcli.reports.figure import Axes, Figure, figure_of
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch
-from lidarcli.times import parse_time
+from lidarcli.times import as_time
 
 _UNASKED = defaults_of(Poses) | defaults_of(Delay) | defaults_of(Ranges) | {"topic": None, "at": None}
 """What says nothing of how a log is read."""
@@ -87,11 +88,14 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
         if asked := [name for name, value in _UNASKED.items() if told[name] != value]:
             raise TypeError(f"only a log can be read with {', '.join(asked)}")
         return picture_of(log, sweep, wanted)
-    source = one_source(log)
+    source = one_log(path_of(log))
     if (at := told["at"]) is not None:
         if sweep:
             raise OptionError("--at names one sweep: give either at or sweep")
-        time = parse_time(at) if isinstance(at, str) else at
+        try:
+            time = as_time(at)
+        except OptionError as err:
+            raise OptionError(f"--at: {err}") from None
         wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.csv),))
     drawn = take_pictures(source, wanted)
     for line in drawn.damage:

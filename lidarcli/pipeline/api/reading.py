@@ -57,8 +57,12 @@ def _batches(
         with failed.noted(source), open_source(source, csv) as log:
             posing = Posing.of(log, poses, options.topics, options.rules)
             report = ReadReport()
+            is_empty = True
             for batch in read_batches(log, options, report):
+                is_empty = False
                 yield replace(posing.attach(batch), log=source.name)
-            for line in damage_lines(posing.together(report)):
+            # Notes are for reading, but a log without a sweep needs its reason.
+            notes = report.notes if is_empty else []
+            for line in [*damage_lines(posing.together(report)), *notes]:
                 warn(f"{source.path}: {line}")
     failed.conclude()

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from functools import wraps
 from inspect import Parameter, cleandoc, signature
+from numbers import Integral, Real
 from textwrap import fill
 from typing import Any, TypeVar, cast
 
-from lidarcli.pipeline.api.keywords import Keyword, keywords_of
+from lidarcli.errors import OptionError
+from lidarcli.pipeline.api.keywords import Keyword, Limits, keywords_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 WIDTH = 100
@@ -33,6 +35,8 @@ def with_keywords(function: F) -> F:
         for name in given:
             if name not in names:
                 raise TypeError(_unknown(function.__name__, name, names))
+            if name in known and (limits := known[name][1].limits) is not None:
+                _refuse(name, given[name], limits)
         return function(*arguments, **{**defaults, **given})
 
     keyword_only = [
@@ -53,6 +57,22 @@ def _unknown(function: str, name: str, names: list[str]) -> str:
     close = get_close_matches(name, names, 1)
     hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
     return f"{function}() has no option '{name}'; {hint}"
+
+
+def _refuse(name: str, value: Any, limits: Limits) -> None:
+    """Refuse a number that is out of its limits (`OptionError`); None stands for a default."""
+    if value is None:
+        return
+    option, kind = f"--{name.replace('_', '-')}", Integral if limits.whole else Real
+    if not isinstance(value, kind) or isinstance(value, bool):
+        raise OptionError(f"{option}: {value!r} is no {'whole ' if limits.whole else ''}number")
+    number = cast(float, value)
+    if not (number > limits.least if limits.above else number >= limits.least):
+        raise OptionError(
+            f"{option}: {value:g} is {'not above' if limits.above else 'below'} {limits.least:g}"
+        )
+    if number > limits.most:
+        raise OptionError(f"{option}: {value:g} is above {limits.most:g}")
 
 
 def _documented(text: str, known: dict[str, tuple[Any, Keyword]]) -> str:

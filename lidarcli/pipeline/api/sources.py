@@ -7,8 +7,6 @@ from dataclasses import replace
 from os import PathLike, fspath
 from typing import Any
 
-from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.pipeline.api.keywords import AnyPath
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.warned import warn
@@ -23,10 +21,7 @@ def sources_of(log: Any) -> list[Source]:
         What was named is not there, or holds no log.
     """
     paths: list[Any] = [log] if isinstance(log, str | PathLike) else list(log)
-    for path in paths:
-        if not isinstance(path, str | PathLike):
-            raise TypeError(f"a log is the path of a file or folder, not {type(path).__name__}")
-    named = [fspath(path) for path in paths]
+    named = [path_of(path) for path in paths]
     found = find_logs(named)
     for each in found:
         if isinstance(each, Nothing):
@@ -40,13 +35,8 @@ def sources_of(log: Any) -> list[Source]:
     return [replace(each, name=each.path) if names[each.name] > 1 else each for each in sources]
 
 
-def one_source(log: AnyPath) -> Source:
-    """The one log that is meant, which may be the only one in a folder (`OptionError` where there are several)."""
+def path_of(log: Any) -> str:
+    """The path of a log as text (`TypeError` where it is none)."""
     if not isinstance(log, str | PathLike):
         raise TypeError(f"a log is the path of a file or folder, not {type(log).__name__}")
-    sources = find_logs([fspath(log)])
-    if len(sources) > 1:
-        raise OptionError(f"{fspath(log)}: holds {len(sources)} logs; name one of them")
-    if isinstance(sources[0], Nothing):
-        raise UnreadableError(f"{fspath(log)}: {sources[0].error}")
-    return sources[0]
+    return fspath(log)

@@ -52,6 +52,24 @@ def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
     return found
 
 
+def one_log(log: str) -> Source:
+    """The one log that is meant, which may be the only one in a folder.
+
+    Raises
+    ------
+    OptionError
+        There are several.
+    UnreadableError
+        There is none.
+    """
+    sources = find_logs([log])
+    if len(sources) > 1:
+        raise OptionError(f"{log}: holds {len(sources)} logs; name one of them")
+    if isinstance(sources[0], Nothing):
+        raise UnreadableError(f"{log}: {sources[0].error}")
+    return sources[0]
+
+
 def files_of(sources: Iterable[Source | Nothing]) -> list[str]:
     """The files that sources are read from: outputs must be none of them."""
     found: list[str] = []

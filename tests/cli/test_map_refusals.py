@@ -1,0 +1,151 @@
+"""`lidarcli map`: options, outputs and true maps that it refuses before any work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.maps import (
+    DRIVE,
+    Run,
+    names,
+)
+
+
+@pytest.mark.parametrize(
+    ("options", "cause"),
+    [
+        ((), "nothing to write: give -o FILE, or --compare TRUTH.yaml"),
+        (("-o", "{}/m.yaml", "--format", "json"), "--format is for what --compare prints"),
+        (
+            ("-o", "{}/m.xyz"),
+            "lidarcli: {}/m.xyz: the suffix of a map has to be one of .yaml, .png, .mcap, .ply, .pcd, .parquet\n",
+        ),
+        (("-o", "{}/m"), "lidarcli: {}/m: the suffix of a map has to be one of "),
+        (("-o", "-"), "lidarcli: -: the suffix of a map has to be one of "),
+        (("-o", "{}/m.pgm"), ".parquet; {}/m.yaml comes with a .pgm\n"),
+        (
+            ("-o", "{}/m.png", "-o", "{}/m.ply", "-o", "{}/m.png"),
+            "lidarcli: {}/m.png and {}/m.png would be written to the same file\n",
+        ),
+        (
+            ("-o", "{}/m.YAML", "-o", "{}/m.yaml"),
+            "lidarcli: {}/m.YAML and {}/m.yaml would be written to the same file\n",
+        ),
+        (("-o", "{}/m.yaml", "--pose", "/odom", "--poses", "f.tum"), "exclude each other: leave one out\n"),
+        (("-o", "{}/m.yaml", "--resolution", "0.0001"), "'--resolution': 0.0001 is below 0.001."),
+        (("-o", "{}/m.yaml", "--resolution", "nan"), "Invalid value for '--resolution'"),
+        (("-o", "{}/m.yaml", "--occupied-ratio", "1.5"), "Invalid value for '--occupied-ratio'"),
+        (("-o", "{}/m.yaml", "--min-hits", "0"), "Invalid value for '--min-hits'"),
+        (("-o", "{}/m.yaml", "--max-size", "0"), "Invalid value for '--max-size'"),
+        (("-o", "{}/m.yaml", "--min-move", "-1"), "Invalid value for '--min-move'"),
+        (("-o", "{}/m.yaml", "--voxel", "inf"), "Invalid value for '--voxel'"),
+        (
+            ("-o", "{}/m.yaml", "-o", "{}/m.ply", "--max-size", "0.00001"),
+            f"lidarcli: {DRIVE}: the map would reach over 9 x 7 m, more than 1e-05 km²: a pose or a range may be far off; "
+            "limit the log (--range, --start, --end), take a coarser --resolution, or allow more with --max-size\n",
+        ),
+    ],
+)
+def test_what_is_refused(lidarcli: Run, tmp_path: Path, options: tuple[str, ...], cause: str) -> None:
+    ran = lidarcli("map", DRIVE, *(option.replace("{}", str(tmp_path)) for option in options))
+    assert (ran.code, ran.out) == (2, "")
+    assert cause.replace("{}", str(tmp_path)) in ran.err
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("other", ["folder/../m.png", "link/m.png"])
+def test_one_file_by_two_names(lidarcli: Run, tmp_path: Path, other: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path)
+    ran = lidarcli("map", DRIVE, "-o", tmp_path / "m.png", "-o", tmp_path / other)
+    assert (ran.code, (tmp_path / "m.png").exists()) == (2, False)
+    assert "would be written to the same file" in ran.err
+
+
+@pytest.mark.parametrize("there", ["m.yaml", "m.pgm", "m.ply"])
+def test_what_exists_is_not_replaced_unasked(lidarcli: Run, tmp_path: Path, there: str) -> None:
+    (tmp_path / there).write_text("mine")
+    words = ("map", DRIVE, "-o", tmp_path / "m.yaml", "-o", tmp_path / "m.ply")
+    ran = lidarcli(*words)
+    assert (ran.code, ran.err) == (
+        5,
+        f"lidarcli: {tmp_path / there} exists; use --overwrite to replace it, or -o to write elsewhere\n",
+    )
+    assert (names(tmp_path), (tmp_path / there).read_text()) == ([there], "mine")
+    assert lidarcli("-q", *words, "--overwrite").code == 0
+    assert names(tmp_path) == ["m.pgm", "m.ply", "m.yaml"]
+
+
+def test_an_output_that_is_an_input(lidarcli: Run, logs: Path, walk: Path, tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    log.write_bytes((walk / "walk.mcap").read_bytes())
+    before = log.read_bytes()
+    ran = lidarcli("map", log, "-o", log, "--overwrite")
+    assert (ran.code, ran.err) == (
+        5,
+        f"lidarcli: {log} is an input of this run ({log}); write elsewhere with -o\n",
+    )
+    assert log.read_bytes() == before
+    truth = walk / "truth.yaml"
+    ran = lidarcli("map", log, "-o", truth, "--compare", truth, "--overwrite")
+    assert (ran.code, ran.err) == (
+        5,
+        f"lidarcli: {truth} is an input of this run ({truth}); write elsewhere with -o\n",
+    )
+
+
+def test_the_image_of_the_true_map_is_an_input(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.yaml"
+    truth.write_bytes((walk / "truth.yaml").read_bytes().replace(b"truth.pgm", b"m.pgm"))
+    (tmp_path / "m.pgm").write_bytes((walk / "truth.pgm").read_bytes())
+    ran = lidarcli("map", walk / "walk.mcap", "-o", tmp_path / "m.yaml", "--compare", truth, "--overwrite")
+    assert (ran.code, (tmp_path / "m.pgm").read_bytes()) == (5, (walk / "truth.pgm").read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        (None, "No such file or directory; name the YAML file of a map"),
+        ("image: none.pgm\n", "no resolution, origin, negate, occupied_thresh, free_thresh"),
+        ("\0", "not YAML: "),
+        ("[1, 2]", "not the YAML of a map: it has no keys"),
+    ],
+)
+def test_a_true_map_that_is_none(lidarcli: Run, tmp_path: Path, text: str | None, cause: str) -> None:
+    truth = tmp_path / "truth.yaml"
+    if text is not None:
+        truth.write_text(text)
+    before = names(tmp_path)
+    ran = lidarcli("map", DRIVE, "--compare", truth, "-o", tmp_path / "m.yaml")
+    assert (ran.code, ran.out, len(ran.err.splitlines())) == (3, "", 1)
+    assert ran.err.startswith(f"lidarcli: {truth}: {cause}")
+    assert names(tmp_path) == before
+
+
+def test_a_true_map_of_another_resolution(lidarcli: Run, walk: Path, tmp_path: Path) -> None:
+    words = ("-q", "map", walk / "walk.mcap", "--compare", walk / "truth.yaml", "-o", tmp_path / "m.ply")
+    ran = lidarcli(*words, "--resolution", "0.1")
+    assert (ran.code, ran.out, ran.err) == (
+        2,
+        "",
+        "lidarcli: --compare: cells of 0.1 m cannot be compared with cells of 0.05 m; give --resolution 0.05\n",
+    )
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "cause"),
+    [
+        (("--path", "-o", "m.yaml"), "--path is drawn into a picture: give -o FILE.png"),
+        (
+            ("--voxel", "0.1", "-o", "m.png"),
+            "--voxel is for a point cloud: give -o with .ply, .pcd, .parquet",
+        ),
+    ],
+)
+def test_an_option_without_its_output(lidarcli: Run, words: tuple[str, ...], cause: str) -> None:
+    ran = lidarcli("map", DRIVE, *words)
+    assert ran.code == 2
+    assert cause in ran.err
