@@ -416,7 +416,7 @@ def test_any_change_of_a_column_ends_with_a_documented_code(
         command = commands[4 if what == drawn else (number + len(name)) % len(commands)]
         with monkeypatch.context() as patched:
             if what != drawn:
-                patched.setattr("lidarcli.reports.html.charts", lambda report: ())
+                patched.setattr("lidarcli.reports.html.charts", lambda *_: ())
             survive([command], capfd, f"{kind}.{name}: {what}")
 
 
@@ -483,7 +483,7 @@ def test_any_geometry_ends_with_a_documented_code(
 def test_any_metadata_of_a_run_ends_with_a_documented_code(
     original: Path, tables: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lidarcli.reports.html.charts", lambda report: ())
+    monkeypatch.setattr("lidarcli.reports.html.charts", lambda *_: ())
     path = file_of(tables, "sweeps")
     table = pq.read_table(path)
     parameters = [
