@@ -152,7 +152,7 @@ TIME = Time()
 INPUTS = click.Path(allow_dash=True, readable=False)
 
 RANGES = "Beams without a range"
-CSV = "CSV files without geometry"
+CSV = "Text logs without geometry"
 SELECT = "Sweeps to read"
 POSES = "Where the sensor was"
 

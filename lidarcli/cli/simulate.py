@@ -23,6 +23,7 @@ RUN, LOG = "Run", "Log"
   lidarcli simulate samples/room.toml -o room.bag --compression lz4 --sweeps 9
   lidarcli simulate samples/room.toml -o room.csv --layout long --seed 7
   lidarcli simulate samples/people.toml -o people --duration 2.5
+  lidarcli simulate samples/drive.toml -o drive.log --sweeps 40
   lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
 )
 @click.argument("scene", metavar="SCENE.toml", type=click.Path())
@@ -33,12 +34,13 @@ RUN, LOG = "Run", "Log"
     metavar="LOG",
     required=True,
     type=click.Path(),
-    help="Log to write: .mcap, .bag, .db3, .csv, .csv.gz, or a name without suffix for a ROS 2 bag folder.",
+    help="Log to write: .mcap, .bag, .db3, .csv, .csv.gz, .log or .clf (CARMEN), or a name without suffix for a ROS 2 "
+    "bag folder.",
 )
 @option(
     "--container",
     heading=LOG,
-    type=click.Choice(["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv"]),
+    type=click.Choice(["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen"]),
     help="Format, where the name does not say it.  [default: by suffix]",
 )
 @option(

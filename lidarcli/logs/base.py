@@ -28,6 +28,8 @@ POSE_TYPES = frozenset(
 
 BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
 """How the names of logs end that are no text."""
+CARMEN_SUFFIXES = (".clf", ".gfs", ".clf.gz", ".gfs.gz")
+"""Names that CARMEN logs alone have; those that end in `.log` may be anything."""
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 
 MAX_BEAMS = 400_000
@@ -52,7 +54,7 @@ class Topic:
     type: str
     """As `ros_type` spells it, or the schema's name (`foxglove.LaserScan`)."""
     encoding: str
-    """`cdr`, `ros1`, `json`, `protobuf`, or `csv`."""
+    """`cdr`, `ros1`, `json`, `protobuf`, `csv` or `carmen`."""
     messages: int | None = None
 
 
@@ -109,7 +111,7 @@ class ReadReport:
 
 @dataclass(frozen=True, slots=True)
 class CsvOptions:
-    """What a CSV may need to be told. Angles in radians, ranges in metres."""
+    """What a log of text may need to be told. Angles in radians, ranges in metres."""
 
     angle_min: float | None = None
     angle_increment: float | None = None
@@ -130,7 +132,7 @@ class Log(Protocol):
     path: str
     """As the user wrote it; `-` for standard input."""
     format: str
-    """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`."""
+    """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`, `carmen`."""
     compression: str
     """`none`, `lz4`, `zstd`, `bz2`, `gzip`, or several joined by `+`."""
     size: int | None

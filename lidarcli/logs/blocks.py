@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lidarcli.logs.base import MAX_BEAMS
-from lidarcli.sweeps import Float32, Int32, Int64
+from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
+from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 BLOCK_ROWS = 1024
 """Most sweeps of one block."""
@@ -44,3 +45,65 @@ def pad_rows(rows: list[Float32]) -> Float32:
     for values, row in zip(padded, rows, strict=True):
         values[: len(row)] = row
     return padded
+
+
+def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
+    """(S, B) rows of `beams` values in metres, short ones padded with NaN; `flat` holds them one after the other."""
+    values = as_singles(flat * scale) if scale != 1.0 else flat.astype(np.float32, copy=False)
+    width = int(beams.max(initial=0))
+    if (beams == width).all():
+        return values.reshape(len(beams), width)
+    ranges = np.full((len(beams), width), np.nan, np.float32)
+    ranges[np.arange(width) < beams[:, None]] = values
+    return ranges
+
+
+def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSweeps | None:
+    """The `good` rows that can be sweeps; the others are counted as refused, as in every other container."""
+    if good is not None and not good.all():
+        block = block.rows(good)
+    whole = np.ones(len(block), np.bool_)
+    for bad, cause in (
+        (block.beams > MAX_BEAMS, TOO_MANY),
+        (~np.isfinite(block.angle_min), ANGLE_MIN),
+        (~np.isfinite(block.angle_increment), INCREMENT),
+        ((block.angle_increment == 0) & (block.beams > 1), INCREMENT_ZERO),
+    ):
+        fresh = bad & whole
+        if fresh.any():
+            report.refused[(block.topic, cause)] += int(fresh.sum())
+            whole &= ~fresh
+    if not whole.any():
+        return None
+    return block if whole.all() else block.rows(whole)
+
+
+def as_singles(values: NDArray[np.floating]) -> Float32:
+    """Values as float32; what is beyond it is infinite."""
+    with np.errstate(over="ignore"):
+        return values.astype(np.float32)
+
+
+def given_geometry(options: CsvOptions, beams: int) -> tuple[float, float] | None:
+    """angle_min and angle_increment [rad] from the options, for a sweep of `beams`; None where they do not say.
+
+    >>> given_geometry(CsvOptions(angle_min=-1.0, angle_increment=0.5), 5)
+    (-1.0, 0.5)
+    """
+    if options.angle_min is not None and options.angle_increment is not None:
+        return options.angle_min, options.angle_increment
+    if options.fov is None:
+        return None
+    if abs(options.fov - TURN) <= 1e-6 * TURN:
+        first, step = -np.pi, TURN / max(beams, 1)
+    else:
+        first, step = -0.5 * options.fov, options.fov / max(beams - 1, 1)
+    return (first if options.angle_min is None else options.angle_min), step
+
+
+def given_geometries(options: CsvOptions, beams: Int64) -> tuple[Float64, Float64]:
+    """The same of sweeps with `beams` (S,) each, NaN where the options do not say."""
+    distinct, inverse = np.unique(beams, return_inverse=True)
+    pairs = [given_geometry(options, count) or (np.nan, np.nan) for count in distinct.tolist()]
+    both = np.array(pairs, np.float64).reshape(-1, 2)[inverse.ravel()]
+    return both[:, 0], both[:, 1]

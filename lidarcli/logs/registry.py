@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
+from lidarcli.logs.carmen.words import begins
 from lidarcli.logs.rosbag2.folder import is_bag, is_storage
 
 HEAD = 4096
@@ -77,6 +78,10 @@ def _is_text(head: bytes) -> bool:
     return True
 
 
+def _is_carmen(head: bytes) -> bool:
+    return begins(gunzip_start(head) if head.startswith(GZIP) else head)
+
+
 def _is_csv_folder(folder: Path) -> bool:
     return has_file(folder, TEXT_SUFFIXES) and not has_file(folder, BINARY_SUFFIXES)
 
@@ -109,6 +114,14 @@ FORMATS: tuple[Format, ...] = (
         "Rosbag2Log",
         _is_rosbag2,
         _is_rosbag2_folder,
+    ),
+    Format(
+        "CARMEN log (also .gz)",
+        "lidarcli.logs.carmen.log",
+        "CarmenLog",
+        _is_carmen,
+        streams=True,
+        options=True,
     ),
     Format(
         "CSV (also .gz, or a folder of one file per sweep)",

@@ -203,7 +203,7 @@ class PoseSources:
             ]
             way = self._by_tree(frame, FrameTree(links))
             return [way] if way is not None else []
-        mine.sort(key=lambda track: -track.messages)
+        mine.sort(key=lambda track: (frame_name(track.child) != frame, -track.messages))
         return [self._by_track(frame, track) for track in mine[:1]]
 
     def _by_tree(self, frame: str, tree: FrameTree) -> Way | None:

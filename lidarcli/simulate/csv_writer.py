@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import gzip
-import io
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
 from lidarcli.errors import OptionError
-from lidarcli.sweeps import Float32, RawSweeps
+from lidarcli.simulate.decimals import opened, seconds, shortest, texts
+from lidarcli.sweeps import RawSweeps
 
 _S = 1_000_000_000
 _GEOMETRY = (
@@ -38,7 +35,7 @@ def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic")
     if layout == "per-sweep":
         _write_files(path, blocks)
         return
-    with _opened(path) as out:
+    with opened(path) as out:
         for line in LAYOUTS[layout](_one_topic(blocks) if layout != "plotjuggler" else blocks):
             out.write(line)
             out.write("\n")
@@ -47,7 +44,7 @@ def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic")
 def _rostopic(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     first = True
     for block in blocks:
-        for row, ranges in enumerate(_texts(block)):
+        for row, ranges in enumerate(texts(block)):
             if first:
                 names = ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"]
                 names += [f"field.{name}" for name in _GEOMETRY]
@@ -61,9 +58,9 @@ def _rostopic(blocks: Iterable[RawSweeps]) -> Iterator[str]:
 
 def _ros2(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     for block in blocks:
-        for row, ranges in enumerate(_texts(block)):
-            seconds, rest = divmod(int(block.stamp_ns[row]), _S)
-            head = [str(seconds), str(rest), _frame(block, row)]
+        for row, ranges in enumerate(texts(block)):
+            whole, rest = divmod(int(block.stamp_ns[row]), _S)
+            head = [str(whole), str(rest), _frame(block, row)]
             yield ",".join(head + _geometry(block, row) + ranges + ["0.0"] * len(ranges))
 
 
@@ -79,10 +76,10 @@ def _plotjuggler(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     yield ",".join(names)
     sizes = {topic: len(_GEOMETRY) + 1 + width for topic, width in widths.items()}
     for block in kept:
-        for row, ranges in enumerate(_texts(block)):
-            cells = [_seconds(int(block.record_ns[row]))]
+        for row, ranges in enumerate(texts(block)):
+            cells = [seconds(int(block.record_ns[row]))]
             for topic, size in sizes.items():
-                own = [*_geometry(block, row), _seconds(int(block.stamp_ns[row])), *ranges]
+                own = [*_geometry(block, row), seconds(int(block.stamp_ns[row])), *ranges]
                 cells += own + [""] * (size - len(own)) if topic == block.topic else [""] * size
             yield ",".join(cells)
 
@@ -94,12 +91,12 @@ def _bagpy(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     yield ",".join(names + [f"ranges_{i}" for i in range(width)])
     seq = 0
     for block in kept:
-        for row, ranges in enumerate(_texts(block)):
-            seconds, rest = divmod(int(block.stamp_ns[row]), _S)
+        for row, ranges in enumerate(texts(block)):
+            whole, rest = divmod(int(block.stamp_ns[row]), _S)
             head = [
-                _seconds(int(block.record_ns[row])),
+                seconds(int(block.record_ns[row])),
                 str(seq),
-                str(seconds),
+                str(whole),
                 str(rest),
                 _frame(block, row),
             ]
@@ -110,12 +107,10 @@ def _bagpy(blocks: Iterable[RawSweeps]) -> Iterator[str]:
 def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     yield ",".join(["time", "header", *_GEOMETRY, "ranges", "intensities"])
     for block in blocks:
-        for row, ranges in enumerate(_texts(block)):
-            seconds, rest = divmod(int(block.stamp_ns[row]), _S)
+        for row, ranges in enumerate(texts(block)):
+            whole, rest = divmod(int(block.stamp_ns[row]), _S)
             date = str(np.datetime64(int(block.record_ns[row]), "ns")).replace("-", "/").replace("T", " ")
-            header = (
-                f"{{'stamp': {{'secs': {seconds}, 'nsecs': {rest}}}, 'frame_id': '{_frame(block, row)}'}}"
-            )
+            header = f"{{'stamp': {{'secs': {whole}, 'nsecs': {rest}}}, 'frame_id': '{_frame(block, row)}'}}"
             cells = [date, f'"{header}"', *_geometry(block, row), f'"[{", ".join(ranges)}]"', '"[]"']
             yield ",".join(cells)
 
@@ -123,18 +118,18 @@ def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:
 def _wide(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     first = True
     for block in blocks:
-        for row, ranges in enumerate(_texts(block)):
+        for row, ranges in enumerate(texts(block)):
             if first:
                 yield ",".join(["time"] + [f"r{i}" for i in range(len(ranges))])
                 first = False
-            yield ",".join([_seconds(int(block.stamp_ns[row])), *ranges])
+            yield ",".join([seconds(int(block.stamp_ns[row])), *ranges])
 
 
 def _drow(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     seq = 0
     for block in blocks:
-        for row, ranges in enumerate(_texts(block)):
-            yield ",".join([str(seq), _seconds(int(block.stamp_ns[row])), *ranges])
+        for row, ranges in enumerate(texts(block)):
+            yield ",".join([str(seq), seconds(int(block.stamp_ns[row])), *ranges])
             seq += 1
 
 
@@ -142,7 +137,7 @@ def _long(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     yield "sweep,stamp,angle,range"
     sweep = 0
     for block in blocks:
-        for row, ranges in enumerate(_texts(block)):
+        for row, ranges in enumerate(texts(block)):
             head = f"{sweep},{block.stamp_ns[row]}"
             for angle, value in zip(_bearings(block, row), ranges, strict=True):
                 yield f"{head},{angle},{value}"
@@ -157,8 +152,8 @@ def _write_files(folder: Path, blocks: Iterable[RawSweeps]) -> None:
     distinct = all(a < b for a, b in pairwise(stamps))
     number = 0
     for block in kept:
-        for row, ranges in enumerate(_texts(block)):
-            name = _seconds(stamps[number]) if distinct else f"sweep_{number:06d}"
+        for row, ranges in enumerate(texts(block)):
+            name = seconds(stamps[number]) if distinct else f"sweep_{number:06d}"
             rows = [f"{a},{r}" for a, r in zip(_bearings(block, row), ranges, strict=True)]
             (folder / f"{name}.csv").write_text("\n".join(["theta,r", *rows]) + "\n")
             number += 1
@@ -178,21 +173,6 @@ LAYOUTS: dict[str, Callable[[Iterable[RawSweeps]], Iterator[str]]] = {
 """Names of the layouts, as `write_csv` takes them."""
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[IO[str]]:
-    """A text file with bare newlines; the gzip header carries neither time nor name, so equal input gives equal bytes."""
-    if path.suffix != ".gz":
-        with path.open("w", encoding="utf-8", newline="") as out:
-            yield out
-        return
-    with (
-        path.open("wb") as raw,
-        gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed,
-        io.TextIOWrapper(packed, encoding="utf-8", newline="") as out,
-    ):
-        yield out
-
-
 def _one_topic(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
     topic = None
     for block in blocks:
@@ -204,24 +184,13 @@ def _one_topic(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
         yield block
 
 
-def _texts(block: RawSweeps) -> Iterator[list[str]]:
-    """The ranges of each sweep as shortest decimals."""
-    for row, beams in zip(block.ranges, block.beams.tolist(), strict=True):
-        yield _shortest(row[:beams])
-
-
-def _shortest(values: Float32) -> list[str]:
-    texts: list[str] = values.astype("U").tolist()
-    return texts
-
-
 def _geometry(block: RawSweeps, row: int) -> list[str]:
     beams = int(block.beams[row])
     last = block.angle_min[row] + (beams - 1) * block.angle_increment[row]
     times = (block.time_increment, block.scan_time)
-    told = [0.0 if seconds is None else seconds[row] for seconds in times]
+    told = [0.0 if each is None else each[row] for each in times]
     values = [block.angle_min[row], last, block.angle_increment[row], *told]
-    return _shortest(np.array([*values, block.range_min[row], block.range_max[row]], np.float32))
+    return shortest(np.array([*values, block.range_min[row], block.range_max[row]], np.float32))
 
 
 def _bearings(block: RawSweeps, row: int) -> list[float]:
@@ -232,8 +201,3 @@ def _bearings(block: RawSweeps, row: int) -> list[float]:
 
 def _frame(block: RawSweeps, row: int) -> str:
     return block.frame_ids[int(block.frame[row])]
-
-
-def _seconds(stamp_ns: int) -> str:
-    sign, rest = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
-    return f"{sign}{rest // _S}.{rest % _S:09d}"

@@ -17,10 +17,12 @@ from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS, write_mcap
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
-CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv")
+CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen")
 """`ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 
+_CARMEN = (".log", ".clf", ".log.gz", ".clf.gz")
 _SUFFIXES = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv", ".csv.gz": "csv", "": "ros2"}
+_SUFFIXES |= dict.fromkeys(_CARMEN, "carmen")
 
 
 def container_of(path: Path) -> str:
@@ -33,7 +35,7 @@ def container_of(path: Path) -> str:
         return _SUFFIXES[""]
     raise OptionError(
         f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-        "or no suffix for a ROS 2 bag folder"
+        ".log, .clf, or no suffix for a ROS 2 bag folder"
     )
 
 
@@ -116,4 +118,9 @@ def _writer(
         one_of("compression", compression, ("none",), "none")
         arranged = one_of("layout", layout, tuple(LAYOUTS), next(iter(LAYOUTS)))
         return lambda target, blocks: write_csv(target, blocks, arranged)
+    if container == "carmen":
+        from lidarcli.simulate.carmen_writer import write_carmen
+
+        one_of("compression", compression, ("none",), "none")
+        return lambda target, blocks: write_carmen(target, blocks, poses)
     raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from lidarcli.logs import base, batches, open_log, unpacking
+from lidarcli.logs import base, batches, open_log, text, unpacking
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.csv import text
+from lidarcli.logs.carmen.words import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import codec, walk
 from lidarcli.logs.rosbag1 import run
@@ -75,9 +75,27 @@ def test_the_bounds_are_those_of_the_code() -> None:
         ),
         "a text in the schema and the topics of a database": f"{database.MAX_TEXT >> 10} KiB",
         "`metadata.yaml`": f"{folder.MAX_METADATA >> 20} MiB",
-        "a line of a CSV": f"{text.MAX_LINE >> 20} MiB",
+        "a line of a CSV or a CARMEN log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
     }
+
+
+def test_the_example_of_a_carmen_log_is_read(tmp_path: Path) -> None:
+    example = re.search(r"^## CARMEN\n.*?^```text\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    assert example is not None
+    (tmp_path / "run.log").write_text(example[1], encoding="utf-8")
+    with open_log(tmp_path / "run.log") as log:
+        [block] = log.scans(None, ReadReport())
+    assert (log.format, block.topic, block.frame_ids) == ("carmen", "/front_laser", ("front_laser",))
+    assert block.ranges.tolist() == [pytest.approx([2.1, 2.0, 2.1, 2.0, 2.1])]
+    assert block.stamp_ns.tolist() == [12_500_000_000]
+
+
+def test_the_topics_of_a_carmen_log_are_those_of_the_code() -> None:
+    section = PAGE.split("\n## CARMEN\n")[1]
+    for word, laser in LASERS.items():
+        numbered = word.decode().startswith("RAWLASER") and word[-1:] in b"23"
+        assert numbered or (f"`{word.decode()}`" in section and f"`{laser.topic}`" in section), word
 
 
 def test_every_layout_has_an_example() -> None:

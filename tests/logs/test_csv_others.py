@@ -17,17 +17,9 @@ POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
 RECORD = (
     "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
 )
-FLASER = "FLASER 3 1.1 1.2 1.3 0.0 0.0 0.1 0.0 0.0 0.1 12.5 host 12.6\n"
 TUM = "".join(f"{1000 + row}.5 {row} 0.5 0 0 0 0.6 0.8\n" for row in range(9))
 
 TEXTS = {
-    FLASER: ("a CARMEN log", BEAMS),
-    "# CARMEN Logfile\n# file format is one message per line\n\nPARAM robot_width 0.5 nohost 0\nSYNC log 0\n": (
-        "a CARMEN log",
-        BEAMS,
-    ),
-    "ODOM 0.1 0.2 0.3 0 0 0 1.0 host 1.0\n" + FLASER * 2: ("a CARMEN log", BEAMS),
-    "ROBOTLASER1 0 -1.57 3.14 0.017 81.9 0.01 0 3 1.0 2.0 3.0 0\n" * 3: ("a CARMEN log", BEAMS),
     "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z\n": (
         "a point cloud (PCD)",
         POINTS,
@@ -111,7 +103,7 @@ def test_the_name_of_an_input_stands_once(
 
     told = {
         "hello\n": "text, but no table with columns: 'hello'",
-        FLASER: f"a CARMEN log, which lidarcli does not read: {BEAMS}",
+        TUM: f"a trajectory (TUM), which lidarcli does not read: {POSES}",
     }
     for text, cause in told.items():
         for command in (["info"], ["detect", "-o", str(tmp_path / "tables")]):

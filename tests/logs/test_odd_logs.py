@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, CsvOptions, ReadReport
-from lidarcli.logs.csv.text import MAX_LINE
+from lidarcli.logs.text import MAX_LINE
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.detecting_logs import detect_files
 from lidarcli.pipeline.inputs.search import find_logs

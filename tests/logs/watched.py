@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 from typing import Any
 
 from lidarcli.logs.base import Message, ReadReport
+from lidarcli.logs.carmen import log as carmen
 from lidarcli.logs.csv import log as csv
 from lidarcli.logs.mcap import log as mcap
 from lidarcli.logs.rosbag1 import log as rosbag1
@@ -47,3 +48,7 @@ class Rosbag2Log(_Watched, rosbag2.Rosbag2Log):
 
 class CsvLog(_Watched, csv.CsvLog):
     """A CSV."""
+
+
+class CarmenLog(_Watched, carmen.CarmenLog):
+    """A CARMEN log."""

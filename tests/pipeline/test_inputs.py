@@ -106,7 +106,8 @@ def test_what_is_no_log(tmp_path: Path) -> None:
     assert errors == [
         "no such file or folder",
         "the link leads to nothing",
-        "no log in this folder (searched for *.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd)",
+        "no log in this folder (searched for *.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd "
+        "*.clf *.gfs *.clf.gz *.gfs.gz)",
     ]
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 
 from lidarcli import tomlfiles
-from lidarcli.logs import base, batches, unpacking
-from lidarcli.logs.csv import text
+from lidarcli.logs import base, batches, text, unpacking
 from lidarcli.logs.mcap import codec
 from lidarcli.logs.rosbag1 import run
 from lidarcli.logs.rosbag2 import salvage, unpack

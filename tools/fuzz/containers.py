@@ -84,12 +84,14 @@ def poses() -> SimulatedPoses:
     )
 
 
-def _written(log: str, container: str | None = None, **options: Any) -> Sample:
+def _written(log: str, container: str | None = None, with_poses: bool = True, **options: Any) -> Sample:
     blocks = [sweeps(), sweeps("/rear", BEAMS - 5, 2)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / log
         if container == "csv":
             write_log(path, blocks[:1], container=container, **options)
+        elif container == "carmen":
+            write_log(path, blocks[:1], container=container, poses=poses() if with_poses else None)
         else:
             write_log(path, blocks, container=container, poses=poses(), **options)
         found = [path] if path.is_file() else sorted(path.iterdir())
@@ -156,7 +158,15 @@ def _folder(container: str, compression: str) -> Sample:
 
 
 def _csv(log: str, layout: str) -> Sample:
-    sample = _written(log, "csv", layout=layout)
+    return _perhaps_packed(log, _written(log, "csv", layout=layout))
+
+
+def _carmen(log: str, with_poses: bool) -> Sample:
+    """FLASER and ODOM lines, or RAWLASER1."""
+    return _perhaps_packed(log, _written(log, "carmen", with_poses))
+
+
+def _perhaps_packed(log: str, sample: Sample) -> Sample:
     if not log.endswith(".gz"):
         return sample
     return Sample(log, sample.files, {log: (gzip.decompress(sample.files[log]), _PACKERS["gzip"])})
@@ -196,6 +206,9 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
         for layout in LAYOUTS
     },
     "csv-gz": partial(_csv, "run.csv.gz", "rostopic"),
+    "carmen": partial(_carmen, "run.log", True),
+    "carmen-raw": partial(_carmen, "run.clf", False),
+    "carmen-gz": partial(_carmen, "run.log.gz", True),
 }
 
 CONTAINERS = tuple(_MAKERS)

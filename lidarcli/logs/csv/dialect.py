@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.csv.text import TextBlock
+from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Int64
 
 _QUOTED = re.compile(rb'"[^"]*"')

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.csv.times import time_unit, to_ns
+from lidarcli.logs.times import time_unit, to_ns
 from lidarcli.sweeps import RawSweeps, concatenate
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xy", ".scan", ".gz")

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.blocks import given_geometry
 from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
 from lidarcli.logs.csv.layouts import (
     DEFAULT_TOPIC,
@@ -16,10 +17,9 @@ from lidarcli.logs.csv.layouts import (
     PER_SWEEP,
     Columns,
     Layout,
-    given_geometry,
 )
-from lidarcli.logs.csv.numbers import parse_number
-from lidarcli.logs.csv.times import NS, time_unit
+from lidarcli.logs.numbers import parse_number
+from lidarcli.logs.times import NS, time_unit
 from lidarcli.sweeps import TURN
 
 SAMPLE_LINES = 3000

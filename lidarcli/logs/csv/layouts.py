@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.logs.base import CsvOptions
 from lidarcli.logs.csv.dialect import Dialect
-from lidarcli.sweeps import TURN, Float64, Int64
+from lidarcli.sweeps import Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
 ROS2 = "ros2 topic echo --csv"
@@ -71,23 +70,6 @@ class Layout:
     brackets: bytes = b"["
     """How such a list begins."""
     notes: tuple[str, ...] = ()
-
-
-def given_geometry(options: CsvOptions, beams: int) -> tuple[float, float] | None:
-    """angle_min and angle_increment [rad] from the options, for a sweep of `beams`; None where they do not say.
-
-    >>> given_geometry(CsvOptions(angle_min=-1.0, angle_increment=0.5), 5)
-    (-1.0, 0.5)
-    """
-    if options.angle_min is not None and options.angle_increment is not None:
-        return options.angle_min, options.angle_increment
-    if options.fov is None:
-        return None
-    if abs(options.fov - TURN) <= 1e-6 * TURN:
-        first, step = -np.pi, TURN / max(beams, 1)
-    else:
-        first, step = -0.5 * options.fov, options.fov / max(beams - 1, 1)
-    return (first if options.angle_min is None else options.angle_min), step
 
 
 def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -> Int64:

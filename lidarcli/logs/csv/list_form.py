@@ -10,20 +10,18 @@ from itertools import islice
 import numpy as np
 
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.blocks import split_rows
+from lidarcli.logs.blocks import keep_sound, pad, split_rows
 from lidarcli.logs.csv.dialect import csv_cells, read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout
-from lidarcli.logs.csv.numbers import not_a_number, parse_number, parse_rows, say
 from lidarcli.logs.csv.raw_sweeps import (
     NO_TIME,
     build,
     encode_frames,
-    keep_sound,
     number_type,
-    pad,
     read_times,
 )
-from lidarcli.logs.csv.text import MAX_LINE, TextBlock
+from lidarcli.logs.numbers import not_a_number, parse_number, parse_rows, say
+from lidarcli.logs.text import MAX_LINE, TextBlock
 from lidarcli.sweeps import Int32, RawSweeps
 
 _SECONDS = re.compile(r"\bsecs?['\"]?\s*[:=]\s*(-?\d+)")

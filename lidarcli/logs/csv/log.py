@@ -24,9 +24,9 @@ from lidarcli.logs.csv.list_form import ListDecoder
 from lidarcli.logs.csv.long_form import LongDecoder
 from lidarcli.logs.csv.others import other_format
 from lidarcli.logs.csv.recognise import recognise
-from lidarcli.logs.csv.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextSource
-from lidarcli.logs.csv.times import time_notes
 from lidarcli.logs.csv.wide_form import WideDecoder
+from lidarcli.logs.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextSource
+from lidarcli.logs.times import time_notes
 from lidarcli.sweeps import RawSweeps
 
 Paths = Sequence[str | os.PathLike[str]]

@@ -9,22 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
-from lidarcli.logs.blocks import TOO_MANY, split_rows
+from lidarcli.logs.blocks import TOO_MANY, keep_sound, pad, split_rows
 from lidarcli.logs.csv.dialect import Lines, read_lines
 from lidarcli.logs.csv.grid import BeamRuns, cut_restarts, even_runs
 from lidarcli.logs.csv.layouts import Columns, Layout
-from lidarcli.logs.csv.numbers import Cells, parse_rows
 from lidarcli.logs.csv.raw_sweeps import (
     NO_TIME,
     bad_cell,
     build,
     encode_frames,
-    keep_sound,
     number_type,
-    pad,
     read_times,
 )
-from lidarcli.logs.csv.text import TextBlock
+from lidarcli.logs.numbers import Cells, parse_rows
+from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Float64, Int32, Int64, RawSweeps
 
 CUT = "the file ends within this sweep: it is dropped"

@@ -24,7 +24,6 @@ class Other:
         return f"{self.name}, which lidarcli does not read: {self.way_out}"
 
 
-_CARMEN = rb"(?:FLASER|RLASER|LASER\d|ROBOTLASER\d|RAWLASER\d|ODOM|PARAM|SYNC|TRUEPOS)[ \t]+\S+"
 _COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
 _YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
 _ANY_WAY = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
@@ -37,7 +36,6 @@ TRAJECTORY = Other(
     re.compile(_COMMENTS + rb"#?[^\n]*\btx[ ,]+ty[ ,]+tz[ ,]+qx[ ,]+qy[ ,]+qz[ ,]+qw\b"),
 )
 OTHERS = (
-    Other("a CARMEN log", _ANY_WAY, re.compile(_COMMENTS + _CARMEN)),
     Other("a point cloud (PCD)", _POINTS, re.compile(rb"# \.PCD |VERSION \S+\r?\nFIELDS ")),
     Other("a point cloud or mesh (PLY)", _POINTS, re.compile(rb"ply\r?\n(?:format|comment|obj_info) ")),
     TRAJECTORY,
@@ -63,8 +61,8 @@ OTHERS = (
 def other_format(text: bytes) -> Other | None:
     """The format, where a text is plainly none of CSV.
 
-    >>> other_format(b"FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0 1.5 host 1.5").name
-    'a CARMEN log'
+    >>> other_format(b"VERTEX_SE2 0 0.0 0.0 0.0").name
+    'a pose graph (g2o)'
     """
     start = text[:MOST_TEXT]
     return next((other for other in OTHERS if other.marks.match(start)), None)

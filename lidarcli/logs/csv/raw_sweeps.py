@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
-from lidarcli.logs.blocks import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY
-from lidarcli.logs.csv.layouts import Columns, given_geometry
-from lidarcli.logs.csv.numbers import not_a_number
-from lidarcli.logs.csv.times import seconds_and_nanoseconds, to_ns
+from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.blocks import as_singles, given_geometries
+from lidarcli.logs.csv.layouts import Columns
+from lidarcli.logs.numbers import not_a_number
+from lidarcli.logs.times import seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 GEOMETRY = (
@@ -80,14 +79,11 @@ def fill_geometry(
     elif scan.geometry is not None:
         first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
     else:
-        distinct, inverse = np.unique(beams, return_inverse=True)
-        pairs = [given_geometry(options, int(count)) or (np.nan, np.nan) for count in distinct]
-        both = np.array(pairs, np.float64).reshape(-1, 2)[inverse]
-        first, step = both[:, 0], both[:, 1]
+        first, step = given_geometries(options, beams)
     far = np.inf if options.range_max is None else options.range_max
     range_min = known.get("range_min", np.zeros(rows)) * options.range_scale
     range_max = known["range_max"] * options.range_scale if "range_max" in known else np.full(rows, far)
-    return first, step, _float32(range_min), _float32(range_max)
+    return first, step, as_singles(range_min), as_singles(range_max)
 
 
 def build(
@@ -120,45 +116,9 @@ def build(
 
 def _times(known: dict[str, Float64], name: str) -> Float32 | None:
     """A column of seconds, where the file has it."""
-    return _float32(known[name]) if name in known else None
-
-
-def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSweeps | None:
-    """The `good` rows that can be sweeps; the others are counted as refused, as in every other container."""
-    if good is not None and not good.all():
-        block = block.rows(good)
-    whole = np.ones(len(block), np.bool_)
-    for bad, cause in (
-        (block.beams > MAX_BEAMS, TOO_MANY),
-        (~np.isfinite(block.angle_min), ANGLE_MIN),
-        (~np.isfinite(block.angle_increment), INCREMENT),
-        ((block.angle_increment == 0) & (block.beams > 1), INCREMENT_ZERO),
-    ):
-        fresh = bad & whole
-        if fresh.any():
-            report.refused[(block.topic, cause)] += int(fresh.sum())
-            whole &= ~fresh
-    if not whole.any():
-        return None
-    return block if whole.all() else block.rows(whole)
-
-
-def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
-    """(S, B) rows of `beams` values in metres, short ones padded with NaN; `flat` holds them one after the other."""
-    values = _float32(flat * scale) if scale != 1.0 else flat.astype(np.float32, copy=False)
-    width = int(beams.max(initial=0))
-    if (beams == width).all():
-        return values.reshape(len(beams), width)
-    ranges = np.full((len(beams), width), np.nan, np.float32)
-    ranges[np.arange(width) < beams[:, None]] = values
-    return ranges
+    return as_singles(known[name]) if name in known else None
 
 
 def number_type(options: CsvOptions) -> type[np.floating]:
     """Ranges are parsed as float32, or as float64 where they are scaled before they are rounded."""
     return np.float32 if options.range_scale == 1.0 else np.float64
-
-
-def _float32(values: NDArray[np.floating]) -> Float32:
-    with np.errstate(over="ignore"):
-        return values.astype(np.float32)

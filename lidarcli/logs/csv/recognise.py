@@ -51,8 +51,8 @@ from lidarcli.logs.csv.names import (
     list_column,
     ros_name,
 )
-from lidarcli.logs.csv.numbers import say
-from lidarcli.logs.csv.times import DATE, DATE_UNPADDED, S, time_unit
+from lidarcli.logs.numbers import say
+from lidarcli.logs.times import DATE, DATE_UNPADDED, S, time_unit
 from lidarcli.sweeps import TURN
 
 _SHOWN = 3

@@ -7,22 +7,20 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from lidarcli.logs.base import CsvOptions, ReadReport
-from lidarcli.logs.blocks import split_rows
+from lidarcli.logs.blocks import keep_sound, pad, split_rows
 from lidarcli.logs.csv.dialect import read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout, expected_beams
-from lidarcli.logs.csv.numbers import Cells
 from lidarcli.logs.csv.raw_sweeps import (
     GEOMETRY,
     NO_TIME,
     bad_cell,
     build,
     encode_frames,
-    keep_sound,
     number_type,
-    pad,
     read_times,
 )
-from lidarcli.logs.csv.text import TextBlock
+from lidarcli.logs.numbers import Cells
+from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 VIEW = ("angle_min", "angle_max", "angle_increment")

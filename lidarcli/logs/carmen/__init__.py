@@ -1,0 +1,1 @@
+"""CARMEN logs: the text that the classic data sets of indoor robots come in."""

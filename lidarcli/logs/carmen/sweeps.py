@@ -1,0 +1,134 @@
+"""From the cells of a block of lines to sweeps, by column."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.blocks import as_singles, given_geometries, keep_sound, pad, split_rows
+from lidarcli.logs.carmen.lines import Found, Lines
+from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, full_steps, geometry
+from lidarcli.logs.carmen.words import LASERS, Laser
+from lidarcli.logs.numbers import Cells, not_a_number
+from lidarcli.logs.text import TextBlock
+from lidarcli.sweeps import Float64, Int64, RawSweeps
+
+_START, _VIEW, _STEP, _MOST = range(4)
+_FIRST_OF_GEOMETRY = 2
+"""The cell with the first bearing; view, step and greatest range follow."""
+
+
+@dataclass(slots=True)
+class SweepDecoder:
+    """Sweeps of the wanted topics, block by block."""
+
+    options: CsvOptions
+    report: ReadReport
+    topics: Collection[str] | None
+    parameters: Parameters = field(default_factory=Parameters)
+    _noted: set[str] = field(default_factory=set)
+    _lines: Lines = field(init=False)
+
+    def __post_init__(self) -> None:
+        wanted = [word for word, laser in LASERS.items() if self.topics is None or laser.topic in self.topics]
+        self._lines = Lines(wanted, self.report)
+
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
+        """The sweeps of a block, topic by topic."""
+        cells, found, parameters = self._lines.read(block)
+        self.parameters.add(block.line, parameters)
+        for part in found:
+            for rows in split_rows(part.beams):
+                yield from self._decode(cells, part, rows, block.line)
+
+    def _decode(self, cells: Cells, found: Found, some: slice, first_line: int) -> Iterator[RawSweeps]:
+        laser = LASERS[found.word]
+        rows, beams, stamps = found.rows[some], found.beams[some], found.stamp_ns[some]
+        width = 2 if laser.pairs else 1
+        scale = self.options.range_scale
+        numbers = cells.numbers(
+            rows, laser.count + 1, width * beams, np.float32 if scale == 1.0 else np.float64
+        )
+        bad = dict(numbers.bad)
+        if laser.geometry:
+            told = cells.numbers(rows, _FIRST_OF_GEOMETRY, np.full(len(rows), 4), np.float64)
+            bad |= told.bad
+            first, step, most = _of_lines(told.values.reshape(-1, 4), beams)
+        else:
+            first, step, most = self._of_parameters(laser, rows + first_line, beams)
+        first, step = self._as_told(first, step, beams)
+        far = self.options.range_max
+        most = most * scale if far is None else np.full(len(rows), far)
+        for row, cell in sorted(bad.items()):
+            self.report.add_damage(f"line {first_line + int(rows[row])}", not_a_number(cell))
+        good = np.ones(len(rows), np.bool_)
+        good[[*bad]] = False
+        sound = keep_sound(
+            RawSweeps(
+                topic=laser.topic,
+                frame_ids=(laser.frame,),
+                frame=np.zeros(len(rows), np.int32),
+                stamp_ns=stamps,
+                record_ns=stamps,
+                angle_min=first,
+                angle_increment=step,
+                range_min=np.zeros(len(rows), np.float32),
+                range_max=as_singles(most),
+                beams=beams.astype(np.int32),
+                ranges=pad(numbers.values[::width], beams, scale),
+            ),
+            good,
+            self.report,
+        )
+        if sound is not None:
+            yield sound
+
+    def _of_parameters(self, laser: Laser, lines: Int64, beams: Int64) -> tuple[Float64, Float64, Float64]:
+        """Geometry and greatest range of sweeps whose lines hold none."""
+        first, step, guessed = geometry(
+            beams, *(self.parameters.at(laser.frame, what, lines) for what in ("fov", "resolution"))
+        )
+        if guessed.any() and laser.topic not in self._noted and not self._is_told:
+            self._noted.add(laser.topic)
+            row = int(np.argmax(guessed))
+            degrees = np.degrees([first[row], step[row]])
+            self.report.notes.append(
+                f"{laser.topic}: no geometry in the log; by its {beams[row]} ranges it is taken to begin at "
+                f"{degrees[0]:g} degrees and to go on by {degrees[1]:.4g}; --angle-min and --angle-increment tell better"
+            )
+        most = self.parameters.at(laser.frame, "max", lines)
+        with np.errstate(invalid="ignore"):
+            return first, step, np.where(most > 0, most, MAX_RANGE)
+
+    @property
+    def _is_told(self) -> bool:
+        """Whether options tell the whole geometry."""
+        told = self.options
+        return told.fov is not None or (told.angle_min is not None and told.angle_increment is not None)
+
+    def _as_told(self, first: Float64, step: Float64, beams: Int64) -> tuple[Float64, Float64]:
+        """What options tell in the place of what the log does."""
+        told = self.options
+        if self._is_told:
+            first, step = given_geometries(told, beams)
+        if told.angle_increment is not None:
+            step = np.full(len(beams), told.angle_increment)
+        if told.angle_min is not None:
+            first = np.full(len(beams), told.angle_min)
+        return first, step
+
+
+def _of_lines(told: Float64, beams: Int64) -> tuple[Float64, Float64, Float64]:
+    """First bearing, step [rad] and greatest range [m] as the lines tell them; guessed where view and step are zero."""
+    first, most = told[:, _START], told[:, _MOST]
+    step = full_steps(told[:, _VIEW], told[:, _STEP], beams)
+    nothing = (told[:, _VIEW] == 0.0) & (told[:, _STEP] == 0.0)
+    if nothing.any():
+        none = np.full(len(beams), np.nan)
+        guessed_first, guessed_step, _ = geometry(beams, none, none)
+        first, step = np.where(nothing, guessed_first, first), np.where(nothing, guessed_step, step)
+    with np.errstate(invalid="ignore"):
+        return first, step, np.where(most > 0, most, MAX_RANGE)

@@ -1,0 +1,67 @@
+"""The messages of a CARMEN log by their first words: where their fields stand, and which sensor they are of."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+FRONT, REAR = "front_laser", "rear_laser"
+ROBOT = "base_link"
+
+
+@dataclass(frozen=True, slots=True)
+class Laser:
+    """One kind of sweep."""
+
+    topic: str
+    frame: str
+    geometry: bool = False
+    """Seven fields before the number of ranges tell the sensor: type, first angle, view, step, greatest range, ..."""
+    pairs: bool = False
+    """A remission behind each range."""
+    posed: bool = False
+    """Poses of laser and robot behind the ranges."""
+
+    @property
+    def count(self) -> int:
+        """The cell that holds the number of ranges, which follow it."""
+        return 8 if self.geometry else 1
+
+
+LASERS: dict[bytes, Laser] = {
+    b"FLASER": Laser("/front_laser", FRONT, posed=True),
+    b"RLASER": Laser("/rear_laser", REAR, posed=True),
+    b"LASER3": Laser("/laser3", "laser3"),
+    b"LASER4": Laser("/laser4", "laser4"),
+    b"REMISSIONFLASER": Laser("/front_laser_remission", FRONT, pairs=True, posed=True),
+    b"RAWLASER1": Laser("/raw_laser1", FRONT, geometry=True),
+    b"RAWLASER2": Laser("/raw_laser2", REAR, geometry=True),
+    b"RAWLASER3": Laser("/raw_laser3", "laser3", geometry=True),
+    b"RAWLASER4": Laser("/raw_laser4", "laser4", geometry=True),
+    b"ROBOTLASER1": Laser("/robot_laser1", FRONT, geometry=True, posed=True),
+    b"ROBOTLASER2": Laser("/robot_laser2", REAR, geometry=True, posed=True),
+}
+"""First word → what it is. A sensor that is written in two ways has two topics in one frame."""
+ODOM, TRUEPOS, PARAM = b"ODOM", b"TRUEPOS", b"PARAM"
+POSES = (ODOM, TRUEPOS)
+
+UNKNOWN = re.compile(rb"[A-Za-z_]\w{0,63}")
+"""The first word of a message of another program, which is passed over."""
+
+_COMMENTS = rb"(?:\xef\xbb\xbf)?(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*"
+_BEGINS = re.compile(
+    _COMMENTS + rb"(?:[FR]LASER|LASER[34]|REMISSIONFLASER|R(?:AW|OBOT)LASER[1-4]|ODOM|TRUEPOS|PARAM|SYNC"
+    rb"|GLOBALPOS|NMEAGGA|NMEARMC|SONAR|BUMPER|IMU|GRIDMAP|SCANMARK|POSITIONLASER)[ \t]+[^\s,;]"
+)
+_HEADER = re.compile(
+    rb"(?:\xef\xbb\xbf)?# (?:CARMEN Logfile|message_name \[message contents\] ipc_timestamp)"
+)
+
+
+def begins(head: bytes) -> bool:
+    """Whether a text that begins like this is a CARMEN log: by its header, or by the first word that is no comment.
+
+    >>> begins(b"# made by hand\\nODOM 0 0 0 0 0 0 1.5 host 1.5\\n"), begins(b"time,r0,r1")
+    (True, False)
+    """
+    return _HEADER.match(head) is not None or _BEGINS.match(head) is not None

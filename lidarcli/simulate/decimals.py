@@ -1,0 +1,51 @@
+"""Numbers and times as text, and files of text: what the writers of CSV and CARMEN logs share."""
+
+from __future__ import annotations
+
+import gzip
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from lidarcli.sweeps import Float32, RawSweeps
+
+_S = 1_000_000_000
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[IO[str]]:
+    """A text file with bare newlines; the gzip header carries neither time nor name, so equal input gives equal bytes."""
+    if path.suffix != ".gz":
+        with path.open("w", encoding="utf-8", newline="") as out:
+            yield out
+        return
+    with (
+        path.open("wb") as raw,
+        gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed,
+        io.TextIOWrapper(packed, encoding="utf-8", newline="") as out,
+    ):
+        yield out
+
+
+def texts(block: RawSweeps) -> Iterator[list[str]]:
+    """The ranges of each sweep as shortest decimals."""
+    for row, beams in zip(block.ranges, block.beams.tolist(), strict=True):
+        yield shortest(row[:beams])
+
+
+def shortest(values: Float32) -> list[str]:
+    """The shortest decimals that read back as the same float32."""
+    numbers: list[str] = values.astype("U").tolist()
+    return numbers
+
+
+def seconds(stamp_ns: int) -> str:
+    """Nanoseconds as seconds with nine decimals.
+
+    >>> seconds(-1_500_000_000)
+    '-1.500000000'
+    """
+    sign, rest = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
+    return f"{sign}{rest // _S}.{rest % _S:09d}"

@@ -1,0 +1,452 @@
+"""CARMEN logs as the logger of CARMEN writes them, and as old and other writers do."""
+
+from __future__ import annotations
+
+import gzip
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidarcli
+from lidarcli.cli import run
+from lidarcli.errors import UnreadableError
+from lidarcli.logs import open_log
+from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, CsvOptions, ReadReport
+from lidarcli.logs.carmen.words import LASERS
+from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.reading.pose_finding import find_poses
+from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.poses.motion import planar
+from lidarcli.simulate import simulate
+from lidarcli.sweeps import RawSweeps, Status, concatenate
+from tests.logs.watched import CarmenLog
+from tests.places import SAMPLES
+
+HEADER = "# CARMEN Logfile\n# file format is one message per line\n"
+GEOMETRY = "0 -1.570796 3.141593 0.785398 81.920000 0.010000 0"
+RANGES = "5 1.000 2.000 81.910 4.000 5.000"
+POSES = "1.100000 2.000000 0.000000 1.000000 2.000000 0.000000"
+MOTION = "0.5 0.1 0.3 0.2 1000.0"
+
+
+def flaser(stamp: str = "12.5", ranges: Sequence[float] = (1.0, 2.0, 3.0), poses: str = POSES) -> str:
+    numbers = " ".join(f"{value:.3f}" for value in ranges)
+    return f"FLASER {len(ranges)} {numbers} {poses} {stamp} nohost 3.25\n"
+
+
+def log_of(folder: Path, text: str | bytes, name: str = "run.log") -> CarmenLog:
+    path = folder / name
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    OPENED.append(CarmenLog(path))
+    return OPENED[-1]
+
+
+OPENED: list[CarmenLog] = []
+
+
+@pytest.fixture(autouse=True)
+def closed() -> Iterator[None]:
+    """Every log is closed in the end."""
+    yield
+    while OPENED:
+        OPENED.pop().close()
+
+
+def only(log: CarmenLog) -> RawSweeps:
+    """All sweeps of a log with one topic, and nothing that was lost."""
+    block = concatenate(list(log.scans()))
+    assert (log.report.damage, log.report.refused) == ([], {})
+    return block
+
+
+LINES = {
+    "FLASER": f"FLASER {RANGES} {POSES}",
+    "RLASER": f"RLASER {RANGES} {POSES}",
+    "LASER3": f"LASER3 {RANGES}",
+    "LASER4": f"LASER4 {RANGES}",
+    "REMISSIONFLASER": f"REMISSIONFLASER 5 1.000 10 2.000 20 81.910 0 4.000 7.5 5.000 9 {POSES}",
+    "RAWLASER1": f"RAWLASER1 {GEOMETRY} {RANGES} 0",
+    "RAWLASER2": f"RAWLASER2 {GEOMETRY} {RANGES} 5 7 7 7 7 7",
+    "RAWLASER3": f"RAWLASER3 {GEOMETRY} {RANGES} 0",
+    "RAWLASER4": f"RAWLASER4 {GEOMETRY} {RANGES} 2 7 7",
+    "ROBOTLASER1": f"ROBOTLASER1 {GEOMETRY} {RANGES} 0 {POSES} {MOTION}",
+    "ROBOTLASER2": f"ROBOTLASER2 {GEOMETRY} {RANGES} 5 1 2 3 4 5 {POSES} {MOTION}",
+}
+"""Each kind of sweep, up to its time."""
+
+
+def test_every_kind_of_sweep_is_a_topic_of_its_own(tmp_path: Path) -> None:
+    assert {*LINES} == {word.decode() for word in LASERS}
+    text = HEADER + "".join(f"{line} 976052857.3 nohost 0.275\n" for line in LINES.values())
+    log = log_of(tmp_path, text)
+    blocks = {block.topic: block for block in log.scans()}
+    assert log.report.damage == []
+    assert {topic: block.frame_ids[0] for topic, block in blocks.items()} == {
+        "/front_laser": "front_laser",
+        "/rear_laser": "rear_laser",
+        "/laser3": "laser3",
+        "/laser4": "laser4",
+        "/front_laser_remission": "front_laser",
+        "/raw_laser1": "front_laser",
+        "/raw_laser2": "rear_laser",
+        "/raw_laser3": "laser3",
+        "/raw_laser4": "laser4",
+        "/robot_laser1": "front_laser",
+        "/robot_laser2": "rear_laser",
+    }
+    topics = {topic.name: topic for topic in log.topics() or []}
+    for topic, block in blocks.items():
+        assert block.ranges.tolist() == [[1.0, 2.0, pytest.approx(81.91), 4.0, 5.0]]
+        assert (block.stamp_ns.tolist(), block.beams.tolist()) == ([976_052_857_300_000_000], [5])
+        assert (topics[topic].messages, topics[topic].encoding) == (1, "carmen")
+        told = topic.startswith(("/raw", "/robot"))
+        assert block.range_max.tolist() == [np.float32(81.92) if told else 80.0]
+        # Both come to half a turn ahead: told, and guessed of five ranges.
+        assert block.angle_min[0] == pytest.approx(-np.pi / 2, abs=1e-6)
+        assert block.angle_increment[0] == pytest.approx(np.pi / 4, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("beams", "first", "step"),
+    [
+        (180, -90, 1),
+        (181, -90, 1),
+        (360, -90, 0.5),
+        (361, -90, 0.5),
+        (400, -50, 0.25),
+        (401, -50, 0.25),
+        (91, -90, 2),
+        (1, -90, 180),
+    ],
+)
+def test_geometry_is_guessed_by_the_number_of_ranges(
+    beams: int, first: float, step: float, tmp_path: Path
+) -> None:
+    log = log_of(tmp_path, flaser(ranges=[1.0] * beams) * 2)
+    block = only(log)
+    assert np.degrees(block.angle_min).tolist() == pytest.approx([first] * 2)
+    assert np.degrees(block.angle_increment).tolist() == pytest.approx([step] * 2)
+    [note] = log.report.notes
+    assert note.startswith(
+        f"/front_laser: no geometry in the log; by its {beams} ranges it is taken to begin at"
+    )
+
+
+@pytest.mark.parametrize(
+    ("parameters", "beams", "first", "step"),
+    [
+        ({"fov": 180, "resolution": 1}, 180, -90, 1),
+        ({"fov": 180, "resolution": 1}, 181, -90, 1),
+        ({"resolution": 0.5}, 361, -90, 0.5),
+        ({"resolution": 0.5}, 360, -90, 0.5),
+        ({"resolution": 0.25}, 1081, -135, 0.25),
+        ({"fov": 270}, 1081, -135, 0.25),
+        ({"fov": 180}, 180, -90, 1),
+        ({"fov": 360, "resolution": 1}, 360, -180, 1),
+        # Parameters of another sensor do not make this number of ranges.
+        ({"fov": 180, "resolution": 1}, 361, -90, 0.5),
+        ({"fov": -180, "resolution": 0}, 361, -90, 0.5),
+    ],
+)
+def test_parameters_tell_the_geometry(
+    parameters: dict[str, float], beams: int, first: float, step: float, tmp_path: Path
+) -> None:
+    lines = [f"PARAM laser_rear_laser_{name} {value} 0.1 nohost 0.1\n" for name, value in parameters.items()]
+    sweep = flaser(ranges=[1.0] * beams).replace("FLASER", "RLASER")
+    block = only(log_of(tmp_path, "".join(lines) + sweep))
+    assert np.degrees(block.angle_min[0]) == pytest.approx(first)
+    assert np.degrees(block.angle_increment[0]) == pytest.approx(step)
+
+
+def test_a_parameter_counts_for_what_comes_after_it(tmp_path: Path) -> None:
+    """Also within a block of lines, and without a number it counts for nothing."""
+    text = flaser() + "PARAM robot_front_laser_max 20.5 nohost 0\n" + flaser("13")
+    text += "PARAM robot_front_laser_max off nohost 0\nPARAM robot_front_laser_max\n" + flaser("14")
+    text += "PARAM robot_front_laser_max 30 nohost 0\n" + flaser("15")
+    assert only(log_of(tmp_path, text)).range_max.tolist() == [80.0, 20.5, 20.5, 30.0]
+
+
+def test_what_is_beyond_the_greatest_range_is_no_return(tmp_path: Path) -> None:
+    text = "PARAM robot_front_laser_max 50 nohost 0\n" + flaser(ranges=[49.9, 50.0, 81.91, 0.0])
+    log_of(tmp_path, text).close()
+    [batch] = lidarcli.read(tmp_path / "run.log")
+    assert batch.status.tolist() == [[Status.VALID, *[Status.NO_RETURN] * 3]]
+
+
+def test_steps_have_more_digits_than_six_decimals(tmp_path: Path) -> None:
+    """Of a view and a step as printf writes them the view says more."""
+    for view, beams in ((3.141593, 181), (3.141593, 180), (4.712389, 1081)):
+        step = round(view / (beams - beams % 2), 6)
+        head = f"RAWLASER1 2 {-view / 2:f} {view:f} {step:f} 30 0.01 0 {beams} {'1.0 ' * beams}0 1.5 nohost 1.5\n"
+        block = only(log_of(tmp_path, head))
+        assert block.angle_increment[0] == pytest.approx(view / (beams - beams % 2), abs=1e-15)
+    nothing = only(log_of(tmp_path, f"RAWLASER1 2 0 0 0 0 0.01 0 181 {'1.0 ' * 181}0 1.5 nohost 1.5\n"))
+    assert np.degrees([nothing.angle_min[0], nothing.angle_increment[0]]).tolist() == pytest.approx([-90, 1])
+    assert nothing.range_max[0] == 80.0
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"FLASER {RANGES} {POSES} 12.5 nohost",
+        f"FLASER {RANGES} {POSES} 12.5",
+        f"FLASER {RANGES} {POSES} 12.5 17 3.5",
+        f"FLASER {RANGES} 1.1 2.0 0.0 12.5 nohost 3.5",
+        f"FLASER {RANGES} 12.5 nohost 3.5",
+        f"LASER3 {RANGES} 12.5",
+        f"RAWLASER1 {GEOMETRY} {RANGES} 12.5 nohost 3.5",
+        f"RAWLASER1 {GEOMETRY} {RANGES} 0 12.5 nohost",
+        f"ROBOTLASER1 {GEOMETRY} {RANGES} 0 {POSES} 0.5 0.1 0.3 0.2 12.5 nohost 3.5",
+        f"ROBOTLASER1 {GEOMETRY} {RANGES} {POSES} {MOTION} 12.5 nohost 3.5",
+        f"ROBOTLASER1 {GEOMETRY} {RANGES} {POSES} 12.5 nohost 3.5",
+        f"ROBOTLASER1 {GEOMETRY} {RANGES} 0 0 0 0 0 0 12.5 nohost 3.5",
+    ],
+)
+def test_old_writers_leave_fields_out(line: str, tmp_path: Path) -> None:
+    log = log_of(tmp_path, f"{line}\n")
+    block = only(log)
+    assert block.ranges[0].tolist() == [1.0, 2.0, pytest.approx(81.91), 4.0, 5.0]
+    assert block.stamp_ns.tolist() == [12_500_000_000]
+    told = {message.topic for message in log.messages(POSE_TYPES)}
+    assert log.report.damage == []
+    if POSES in line or "0 0 0 0 0 0" in line:
+        assert told == {"/odom", "/corrected", "/tf_static"}
+    else:
+        assert told == ({"/odom"} if "1.1" in line else set())
+
+
+def test_times_may_begin_at_zero_repeat_and_go_back(tmp_path: Path) -> None:
+    stamps = ["0.000000", "0.000000", "0.000000", "1.5", "0.7", "0.7"]
+    log = log_of(tmp_path, "".join(map(flaser, stamps)))
+    expected = [0, 1, 2, 1_500_000_000, 700_000_000, 700_000_001]
+    assert only(log).stamp_ns.tolist() == expected
+    poses = [message for message in log.messages(POSE_TYPES) if message.topic == "/odom"]
+    assert [message.record_ns for message in poses] == expected
+
+
+def test_equal_times_stay_apart_from_block_to_block(tmp_path: Path) -> None:
+    block = only(log_of(tmp_path, flaser("7") * 30_000))
+    assert block.stamp_ns.tolist() == list(range(7_000_000_000, 7_000_030_000))
+
+
+def test_wrapping_and_blanks_change_nothing(tmp_path: Path) -> None:
+    text = HEADER + "".join(f"{line} 12.5 nohost 0.5\n" for line in LINES.values())
+    blocks = list(log_of(tmp_path, text).scans())
+    variants = [
+        text.replace("\n", "\r\n").encode(),
+        text.replace(" ", "\t").replace("\nFLASER\t", "\n  FLASER \t ").encode(),
+        text.replace("\n", "  \n\n").encode(),
+        b"\xef\xbb\xbf" + text.encode(),
+        gzip.compress(text.encode(), mtime=0),
+        text.removeprefix(HEADER).encode(),
+    ]
+    for variant in variants:
+        log = log_of(tmp_path, variant, "any.txt")
+        with open_log(tmp_path / "any.txt") as opened:
+            assert opened.format == "carmen"
+        found = list(log.scans())
+        assert log.report.damage == []
+        assert [block.topic for block in found] == [block.topic for block in blocks]
+        for block, other in zip(found, blocks, strict=True):
+            assert np.array_equal(block.ranges, other.ranges)
+            assert block.stamp_ns.tolist() == other.stamp_ns.tolist()
+        with open_log(io.BytesIO(variant)) as opened:
+            assert sum(map(len, opened.scans(None, ReadReport()))) == len(LINES)
+            assert opened.topics() is None
+
+
+def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
+    """Each by its number and its cause; what other programs log is passed over."""
+    bad = {
+        "FLASER 3 1.0 x 3.0 0 0 0 0 0 0 1.0 nohost 1.0": "'x' is not a number",
+        "FLASER 5 1.0 2.0": "it has less than the 5 ranges it declares",
+        "FLASER -3 1.0 2.0 3.0 0 0 0 0 0 0 1.0 nohost 1.0": "'-3' is no number of ranges",
+        "FLASER": "cut off",
+        "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0": "no time at its end",
+        "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0 late nohost 1.0": "no time at its end",
+        "RAWLASER1 0 -1.5 one 0.1 80 0.01 0 2 1.0 2.0 0 1.0 nohost 1.0": "'one' is not a number",
+        "1.0 2.0 3.0": "'1.0' is no message",
+        "\x01\x02FLASER 3": "'??FLASER' is no message",
+    }
+    others = (
+        "SYNC tag 1 h 1\nGLOBALPOS 1 2 3 4 5 6 h 1\nNMEAGGA 1\nIMU 0 0\n# remark\n\nSCANMARK\nVISION_X 1\n"
+    )
+    text = others + flaser() + "".join(f"{line}\n" for line in bad) + flaser("13")
+    log = log_of(tmp_path, text)
+    assert sum(map(len, log.scans())) == 2
+    assert {part.place: part.cause for part in log.report.damage} == {
+        f"line {10 + at}": cause for at, cause in enumerate(bad.values())
+    }
+    assert run(["info", str(tmp_path / "run.log")]) == 3
+
+
+def test_more_ranges_than_any_sensor_has_are_refused(tmp_path: Path) -> None:
+    text = flaser() + f"FLASER {MAX_BEAMS + 1} 1.0 1.0 nohost 1.0\nFLASER {10**30} 1.0 1.0 nohost 1.0\n"
+    log = log_of(tmp_path, text)
+    assert sum(map(len, log.scans())) == 1
+    assert log.report.refused == {("/front_laser", "more than 400000 beams declared"): 1}
+    assert len(log.report.damage) == 1
+
+
+def test_a_last_line_that_is_cut_is_no_sweep(tmp_path: Path) -> None:
+    """Unless all that belongs to it is there."""
+    whole = flaser("12.5") + flaser("13.5")
+    for cut in range(len(flaser()) + 1, len(whole)):
+        log = log_of(tmp_path, whole[:cut])
+        found = sum(map(len, log.scans()))
+        sure = whole[:cut].endswith(("nohost 3", "nohost 3.", "nohost 3.2", "nohost 3.25"))
+        assert (found, len(log.report.damage)) == ((2, 0) if sure else (1, 1)), whole[:cut][-30:]
+
+
+def test_a_sweep_without_ranges_and_one_of_many(tmp_path: Path) -> None:
+    text = flaser(ranges=[]) + flaser("13", ranges=[1.0] * 100_000) + flaser("14", ranges=[2.0])
+    log = log_of(tmp_path, text)
+    assert [int(beams) for block in log.scans() for beams in block.beams] == [0, 100_000, 1]
+    assert log.report.damage == []
+
+
+def test_a_line_without_end_is_skipped(tmp_path: Path) -> None:
+    text = flaser().encode() + b"FLASER 9 " + b"1.0 " * (3 << 20) + b"\n" + flaser("13").encode()
+    log = log_of(tmp_path, gzip.compress(text))
+    assert sum(map(len, log.scans())) == 2
+    assert [str(part.place) for part in log.report.damage] == ["line 2"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "2026-11-22 10:00:00 INFO started\n",
+        "PARAM,value\n1,2\n",
+        "ODOMETER 1 2 3\n",
+        "FLASERX 1 2\n",
+        "# a remark\ntime,r0,r1,r2\n",
+    ],
+)
+def test_other_texts_are_no_carmen_logs(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
+    path.write_text(text)
+    with pytest.raises(UnreadableError):
+        open_log(path)
+
+
+def test_options_tell_better(tmp_path: Path) -> None:
+    log_of(tmp_path, flaser(ranges=[1000.0, 2000.0, 3000.0])).close()
+    options = CsvOptions(angle_min=-0.5, angle_increment=0.25, range_max=2.5, range_scale=0.001)
+    report = ReadReport()
+    with open_log(tmp_path / "run.log", csv=options) as log:
+        [block] = log.scans(None, report)
+    assert block.ranges.tolist() == [[1.0, 2.0, 3.0]]
+    assert (block.angle_min[0], block.angle_increment[0], block.range_max[0]) == (-0.5, 0.25, 2.5)
+    assert report.notes == []
+    with open_log(tmp_path / "run.log", csv=CsvOptions(fov=1.0)) as log:
+        [block] = log.scans(None, report)
+    assert (block.angle_min[0], block.angle_increment[0]) == (-0.5, 0.5)
+
+
+# Poses.
+
+
+def pose_of(path: Path, frame: str, at: float, source: str | None = None) -> list[float]:
+    """x, y and yaw of a sensor frame at a time."""
+    with open_log(path) as log:
+        found = find_poses(log, PoseOptions(source=source))
+        assert found is not None
+        way = found.sources.way(frame)
+        assert way is not None
+        here = planar(way.at(np.array([round(at * 1e9)])))
+    return [float(here.x[0]), float(here.y[0]), float(here.yaw[0])]
+
+
+def moving(laser: str, word: str = "FLASER") -> str:
+    """Two sweeps of a robot that goes 1 m to the north, where the laser is said to be at `laser` from there."""
+    dx, dy = map(float, laser.split())
+    return "".join(
+        f"{word} 2 1.0 1.0 {1 + dx} {2 + y + dy} 1.570796 1.0 {2.0 + y} 1.570796 {10 + y} nohost 0\n"
+        for y in (0, 1)
+    )
+
+
+def test_odometry_is_taken_unasked_with_the_mount_of_the_parameters(tmp_path: Path) -> None:
+    """The corrected path leads elsewhere."""
+    text = "PARAM robot_frontlaser_offset 0.25 nohost 0\nPARAM robot_frontlaser_side_offset 0.5 nohost 0\n"
+    path = tmp_path / "run.gfs"
+    path.write_text(text + moving("5 7"))
+    assert pose_of(path, "front_laser", 10.5) == pytest.approx([0.5, 2.75, np.pi / 2], abs=1e-6)
+    assert pose_of(path, "front_laser", 10.5, "odom") == pytest.approx([0.5, 2.75, np.pi / 2], abs=1e-6)
+    assert pose_of(path, "front_laser", 10.5, "/corrected") == pytest.approx([6.0, 9.5, np.pi / 2], abs=1e-6)
+
+
+def test_the_mount_is_found_by_poses_that_keep_their_distance(tmp_path: Path) -> None:
+    """As long as it is one that a robot has."""
+    path = tmp_path / "run.log"
+    path.write_text(moving("0 0.3"))
+    assert pose_of(path, "front_laser", 10.5) == pytest.approx([1.0, 2.8, np.pi / 2], abs=1e-6)
+    path.write_text(moving("5 7"))
+    assert pose_of(path, "front_laser", 10.5) == pytest.approx([1.0, 2.5, np.pi / 2], abs=1e-6)
+
+
+def test_a_rear_laser_looks_backwards(tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
+    text = "PARAM robot_rearlaser_offset -0.4 nohost 0\n" + moving("0 0", "RLASER")
+    path.write_text(text)
+    assert pose_of(path, "rear_laser", 10.5) == pytest.approx([1.0, 2.1, -np.pi / 2], abs=1e-6)
+    path.write_text(f"PARAM robot_rearlaser_angular_offset 3.1 nohost 0\n{text}")
+    assert pose_of(path, "rear_laser", 10.5)[2] == pytest.approx(np.pi / 2 + 3.1 - 2 * np.pi, abs=1e-6)
+
+
+def test_each_laser_has_its_corrected_path(tmp_path: Path) -> None:
+    path = tmp_path / "run.log"
+    path.write_text(moving("0 3") * 2 + moving("0 5", "RLASER"))
+    assert pose_of(path, "front_laser", 10.5, "corrected")[1] == pytest.approx(5.5)
+    assert pose_of(path, "rear_laser", 10.5, "corrected")[1] == pytest.approx(7.5)
+
+
+def test_lines_of_odometry_tell_where_no_sweep_does(tmp_path: Path) -> None:
+    odom = "".join(f"ODOM {x} 0 0 1 0 0 {10 + x} nohost 0\n" for x in (0.0, 1.0))
+    true = "".join(f"TRUEPOS {x} 9 0 {x} 0 0 {10 + x} nohost 0\n" for x in (0.0, 1.0))
+    path = tmp_path / "run.log"
+    path.write_text(f"{odom}{true}LASER3 2 1.0 1.0 10.5 nohost 0\n")
+    assert pose_of(path, "laser3", 10.5) == pytest.approx([0.5, 0, 0])
+    assert pose_of(path, "laser3", 10.5, "truepos") == pytest.approx([0.5, 9, 0])
+    path.write_text(odom + moving("0 0"))
+    assert pose_of(path, "front_laser", 10.5)[1] == pytest.approx(2.5)
+    path.write_text(odom + "FLASER 2 1.0 1.0 10.5 nohost 0\n")
+    assert pose_of(path, "front_laser", 10.5) == pytest.approx([0.5, 0, 0])
+
+
+def test_a_pose_that_is_no_number_is_left_out(tmp_path: Path) -> None:
+    log = log_of(tmp_path, moving("0 0") + flaser("12", poses="0 0 0 0 a 0"))
+    assert sum(message.topic == "/odom" for message in log.messages(POSE_TYPES)) == 2
+    assert [part.cause for part in log.report.damage] == ["its pose: 'a' is not a number"]
+    assert sum(map(len, log.scans())) == 3
+
+
+@pytest.mark.parametrize("scene", ["drive", "room"])
+def test_a_simulated_scene_is_that_of_an_mcap(scene: str, tmp_path: Path) -> None:
+    """Objects, and where they are in the world, as far as the last digits of angles let them."""
+    tables = []
+    for name in ("run.mcap", "run.log"):
+        simulate(SAMPLES / f"{scene}.toml", tmp_path / name, sweeps=20, overwrite=True)
+        tables.append(lidarcli.detect(tmp_path / name).to_pandas())
+    mcap, carmen = tables
+    assert len(mcap) == len(carmen) > 20
+    assert mcap["stamp"].tolist() == carmen["stamp"].tolist()
+    numbers = [name for name in mcap.select_dtypes("number").columns if name != "sweep"]
+    assert len(numbers) > 10
+    np.testing.assert_allclose(mcap[numbers], carmen[numbers], atol=1e-6)
+    words = (tmp_path / "run.log").read_text()
+    assert ("\nFLASER " in words, "\nRAWLASER1 " in words) == ((scene == "drive"), (scene == "room"))
+
+
+def test_a_search_finds_what_can_only_be_a_carmen_log(tmp_path: Path) -> None:
+    """A `.log` may be anything and has to be named; names go without suffixes."""
+    for name in ("a.clf", "b.GFS.gz", "c.log", "d.log.gz"):
+        (tmp_path / name).write_text(flaser())
+    assert [found.name for found in find_logs([str(tmp_path)])] == ["a", "b"]
+    assert [found.name for found in find_logs([str(tmp_path / name) for name in ("c.log", "d.log.gz")])] == [
+        "c",
+        "d",
+    ]
