@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rosbags import rosbag1
 
@@ -20,23 +20,11 @@ LATEST_NS = (1 << 32) * 1_000_000_000 - 1
 """A record time is no later [ns]: bags of ROS 1 count seconds in 32 bits."""
 
 
-class OverlayFile(Protocol):
-    """A file that takes messages in the order in which they are to be played."""
-
-    is_ros2: bool
-    """Whether messages are CDR of ROS 2, or those of ROS 1."""
-
-    def write(self, message: Outgoing) -> None: ...
-
-    def finish(self) -> None: ...
-
-    def abandon(self) -> None: ...
-
-
 class McapFile:
     """MCAP of profile ros2: every message in CDR, every topic with the definition of its type."""
 
     is_ros2 = True
+    """Messages are CDR of ROS 2, not those of ROS 1."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("xb")
