@@ -13,11 +13,18 @@ from lidarcli.cli.detect import detect
 from lidarcli.cli.grouped import OUTPUT, Commands, GroupedCommand, option, own_parameters
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages, one_line
-from lidarcli.cli.options import Number, Selection, csv_options, range_options, reading_options, text_or_json
+from lidarcli.cli.options import (
+    Number,
+    Selection,
+    opening_options,
+    range_options,
+    reading_options,
+    text_or_json,
+)
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
@@ -82,7 +89,7 @@ def background() -> None:
     help="Sweeps belong to a viewpoint if their heading differs by no more than this.",
 )
 @range_options
-@csv_options
+@opening_options
 @click.pass_obj
 def build(
     say: Messages,
@@ -97,7 +104,7 @@ def build(
     distance: float,
     angle: float,
     rules: RangeRules,
-    csv: CsvOptions,
+    opening: OpenOptions,
 ) -> int:
     """Learn r_e, the range of the background, from logs of the scene.
 
@@ -132,7 +139,7 @@ def build(
     building = Building(
         BuildOptions(
             read=selection.read(rules),
-            csv=csv,
+            opening=opening,
             poses=poses,
             distance=distance,
             angle=math.radians(angle),

@@ -15,11 +15,11 @@ from lidarcli.cli.grouped import OUTPUT, F, option
 from lidarcli.cli.many_logs import MANY, Chosen
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.object_options import OBJECTS, catalogue_option, object_options
-from lidarcli.cli.options import STDOUT, Number, Selection, csv_options, range_options, reading_options
+from lidarcli.cli.options import STDOUT, Number, Selection, opening_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
@@ -151,7 +151,7 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                 ),
                 catalogue_option,
                 range_options,
-                csv_options,
+                opening_options,
             )
         ):
             command = add(command)
@@ -183,7 +183,7 @@ def find(
     angle: float | None,
     catalogue: str | None,
     rules: RangeRules,
-    csv: CsvOptions,
+    opening: OpenOptions,
     tracking: Callable[[], TrackOptions] | None = None,
     **parameters: Any,
 ) -> int:
@@ -212,7 +212,7 @@ def find(
     options = DetectOptions(
         parameters=Parameters.for_profile(**parameters),
         read=selection.read(rules),
-        csv=csv,
+        opening=opening,
         poses=poses,
         background=compared,
         catalogue=None if catalogue is None else read_catalogue(catalogue),

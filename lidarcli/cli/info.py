@@ -9,10 +9,10 @@ import click
 from lidarcli.cli.grouped import GroupedCommand
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import csv_options, pose_options, range_options, text_or_json
+from lidarcli.cli.options import opening_options, pose_options, range_options, text_or_json
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @text_or_json("Text for people, or JSON for programs: a list with one object per log.")
 @pose_options(delay=False)
 @range_options
-@csv_options
+@opening_options
 @click.pass_obj
 def info(
     say: Messages,
@@ -40,7 +40,7 @@ def info(
     kind: str,
     poses: PoseOptions,
     rules: RangeRules,
-    csv: CsvOptions,
+    opening: OpenOptions,
 ) -> int:
     """Show what is in a log: topics, sweeps, geometry, time, poses, damage.
 
@@ -59,7 +59,7 @@ def info(
     found: list[LogInfo] = []
     codes = []
     with progress_bar(sources, say) as report:
-        for source, result in inspect_logs(sources, csv, rules, poses, report):
+        for source, result in inspect_logs(sources, opening, rules, poses, report):
             codes.append(result.exit_code)
             if isinstance(result, Failure):
                 if result.trace:

@@ -22,12 +22,12 @@ from lidarcli.choices import (
 from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import METRES, Number, Selection, csv_options, range_options, reading_options
+from lidarcli.cli.options import METRES, Number, Selection, opening_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.formalism.mapping.comparison import Comparison
-    from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.map_files import Mapped
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
@@ -148,7 +148,7 @@ GRID, CLOUD, TRUTH = "Occupancy grid", "Point cloud", "Comparison"
     help="Of what --compare prints.  [default: text]",
 )
 @range_options
-@csv_options
+@opening_options
 @click.pass_obj
 def map(
     say: Messages,
@@ -163,7 +163,7 @@ def map(
     compare: str | None,
     kind: str | None,
     rules: RangeRules,
-    csv: CsvOptions,
+    opening: OpenOptions,
     **options: Any,
 ) -> int:
     """Make one map of one or several logs whose sensors moved.
@@ -190,7 +190,12 @@ def map(
     say.of_missing_core()
     sources = chosen.sources()
     told = MapOptions(
-        read=selection.read(rules), csv=csv, poses=poses, overwrite=overwrite, jobs=jobs or 0, **options
+        read=selection.read(rules),
+        opening=opening,
+        poses=poses,
+        overwrite=overwrite,
+        jobs=jobs or 0,
+        **options,
     )
     if dry_run:
         code = print_reads(sources)

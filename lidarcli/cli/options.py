@@ -16,7 +16,7 @@ from lidarcli.choices import GREATEST_COUNT, GREATEST_NUMBER
 from lidarcli.cli.grouped import OUTPUT, F, option
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.base import OpenOptions
     from lidarcli.logs.batches import ReadOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
@@ -342,9 +342,9 @@ def range_options(command: F) -> F:
     return command
 
 
-def csv_options(command: F) -> F:
-    """The geometry that a CSV may lack: the command gets `csv`."""
-    command = gathered(command, "csv", _csv_geometry)
+def opening_options(command: F) -> F:
+    """What a log may need to be told: the command gets `opening`."""
+    command = gathered(command, "opening", _open_options)
     angle = Number("ANGLE")
     for decorate in (
         option(
@@ -395,19 +395,19 @@ def _range_rules(
         return range_rules(limits, no_return)
 
 
-def _csv_geometry(
+def _open_options(
     angle_min: float | None,
     angle_increment: float | None,
     fov: float | None,
     range_max: float | None,
     degrees: bool,
     range_unit: str,
-) -> CsvOptions:
-    """`CsvOptions` from the options."""
-    from lidarcli.logs.options import csv_geometry
+) -> OpenOptions:
+    """`OpenOptions` from the options."""
+    from lidarcli.logs.options import open_options
 
     with usage_errors():
-        return csv_geometry(
+        return open_options(
             angle_min=angle_min,
             angle_increment=angle_increment,
             fov=fov,

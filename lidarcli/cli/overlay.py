@@ -18,14 +18,14 @@ from lidarcli.cli.options import (
     RANGES,
     SELECT,
     Selection,
-    csv_options,
+    opening_options,
     range_options,
     reading_options,
 )
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
@@ -94,7 +94,7 @@ OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES)
 @object_options(walls="Show walls, too.", no_limit="paper")
 @catalogue_option
 @range_options
-@csv_options
+@opening_options
 @click.pass_context
 def overlay(
     ctx: click.Context,
@@ -111,7 +111,7 @@ def overlay(
     poses: PoseOptions,
     catalogue: str | None,
     rules: RangeRules,
-    csv: CsvOptions,
+    opening: OpenOptions,
     **parameters: Any,
 ) -> int:
     """Write objects and tracks as markers that viewers play in step with the log.
@@ -141,7 +141,7 @@ def overlay(
     found = DetectOptions(
         parameters=Parameters.for_profile(**parameters),
         read=selection.read(rules),
-        csv=csv,
+        opening=opening,
         poses=poses,
         catalogue=None if catalogue is None else read_catalogue(catalogue),
         tracking=TrackOptions(TrackParameters(significance=SIGNIFICANCE, memory=True)),

@@ -10,7 +10,7 @@ from lidarcli.choices import VIEWS, Look
 from lidarcli.cli.grouped import GroupedCommand, option
 from lidarcli.cli.messages import Messages, standard_output
 from lidarcli.cli.object_options import object_options
-from lidarcli.cli.options import INPUTS, STDOUT, TIME, csv_options, pose_options, range_options
+from lidarcli.cli.options import INPUTS, STDOUT, TIME, opening_options, pose_options, range_options
 from lidarcli.cli.plot_options import (
     LAST,
     Sweeps,
@@ -23,7 +23,7 @@ from lidarcli.cli.plot_options import (
 from lidarcli.stores.url import Place
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
@@ -136,7 +136,7 @@ WITH_TRACKS = ("all", "scene")
 @pose_options(delay=True)
 @object_options(walls="Also draw walls, with the corners of the room.", no_limit="paper")
 @range_options
-@csv_options
+@opening_options
 @click.pass_obj
 def plot(
     say: Messages,
@@ -158,7 +158,7 @@ def plot(
     look: Look,
     poses: PoseOptions,
     rules: RangeRules,
-    csv: CsvOptions,
+    opening: OpenOptions,
     **parameters: Any,
 ) -> int:
     """Draw sweeps as in the paper: scene with boxes, r(theta), s(theta).
@@ -189,7 +189,7 @@ def plot(
     if at is not None:
         from lidarcli.pipeline.plotting import sweep_at
 
-        wanted = (sweep_at(source, at, topic, csv),)
+        wanted = (sweep_at(source, at, topic, opening),)
     paths = outputs(output, source, wanted, animate, in_world)
     refuse_look(look, paths, view, animate, in_world)
 
@@ -216,10 +216,10 @@ def plot(
         from lidarcli.pipeline.mapping import MapOptions
 
         read = ReadOptions(topics=frozenset({topic}) if topic else None, rules=rules)
-        options = MapOptions(read, csv, poses, parameters=found_with, overwrite=overwrite)
+        options = MapOptions(read, opening, poses, parameters=found_with, overwrite=overwrite)
         return _draw_map(say, source, paths, wanted, tracks, options, look)
     drawn = take_pictures(
-        source, PlotOptions(wanted, topic, found_with, rules, csv, background, tracks, poses, start, end)
+        source, PlotOptions(wanted, topic, found_with, rules, opening, background, tracks, poses, start, end)
     )
     for note in drawn.notes:
         say.info(f"  note     {note}")

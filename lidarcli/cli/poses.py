@@ -8,11 +8,11 @@ import click
 
 from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.messages import Messages
-from lidarcli.cli.options import INPUTS, Selection, csv_options, range_options, reading_options
+from lidarcli.cli.options import INPUTS, Selection, opening_options, range_options, reading_options
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.logs.base import CsvOptions
+    from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
     from lidarcli.sweeps import RangeRules
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 @option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace a file that exists.")
 @reading_options
 @range_options
-@csv_options
+@opening_options
 @click.pass_obj
 def poses(
     say: Messages,
@@ -52,7 +52,7 @@ def poses(
     selection: Selection,
     poses: PoseOptions,
     rules: RangeRules,
-    csv: CsvOptions,
+    opening: OpenOptions,
 ) -> int:
     """Write where the sensor was at each sweep, as evo and others read it."""
     from lidarcli.cli.progress import progress_bar
@@ -62,7 +62,7 @@ def poses(
     from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 
     source, path = one_log(log), place(output)
-    options = PathOptions(selection.read(rules), csv, poses, overwrite)
+    options = PathOptions(selection.read(rules), opening, poses, overwrite)
     refuse_path(path, source, options)
     with progress_bar([source], say) as report:
         outcome = outcome_of(source, lambda one: write_path(one, path, options, progress_of(one, report)))

@@ -110,8 +110,8 @@ class ReadReport:
 
 
 @dataclass(frozen=True, slots=True)
-class CsvOptions:
-    """What a log of text may need to be told. Angles in radians, ranges in metres."""
+class OpenOptions:
+    """What a log may need to be told to be read. Angles in radians, ranges in metres."""
 
     angle_min: float | None = None
     angle_increment: float | None = None

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
+from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 BLOCK_ROWS = 1024
@@ -84,10 +84,10 @@ def as_singles(values: NDArray[np.floating]) -> Float32:
         return values.astype(np.float32)
 
 
-def given_geometry(options: CsvOptions, beams: int) -> tuple[float, float] | None:
+def given_geometry(options: OpenOptions, beams: int) -> tuple[float, float] | None:
     """angle_min and angle_increment [rad] from the options, for a sweep of `beams`; None where they do not say.
 
-    >>> given_geometry(CsvOptions(angle_min=-1.0, angle_increment=0.5), 5)
+    >>> given_geometry(OpenOptions(angle_min=-1.0, angle_increment=0.5), 5)
     (-1.0, 0.5)
     """
     if options.angle_min is not None and options.angle_increment is not None:
@@ -101,7 +101,7 @@ def given_geometry(options: CsvOptions, beams: int) -> tuple[float, float] | Non
     return (first if options.angle_min is None else options.angle_min), step
 
 
-def given_geometries(options: CsvOptions, beams: Int64) -> tuple[Float64, Float64]:
+def given_geometries(options: OpenOptions, beams: Int64) -> tuple[Float64, Float64]:
     """The same of sweeps with `beams` (S,) each, NaN where the options do not say."""
     distinct, inverse = np.unique(beams, return_inverse=True)
     pairs = [given_geometry(options, count) or (np.nan, np.nan) for count in distinct.tolist()]

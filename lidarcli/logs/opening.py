@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import BINARY_SUFFIXES, CsvOptions, Log
+from lidarcli.logs.base import BINARY_SUFFIXES, Log, OpenOptions
 from lidarcli.logs.registry import (
     FORMATS,
     GZIP,
@@ -32,13 +32,13 @@ PIPE_WAIT_S = 10.0
 _BINARY = (*MCAP, *ROS1, SQLITE, ZSTD)
 
 
-def open_log(source: str | Path | BinaryIO, *, csv: CsvOptions | None = None) -> Log:
+def open_log(source: str | Path | BinaryIO, *, opening: OpenOptions | None = None) -> Log:
     """Open a log by its content: a file, a folder, `-` for standard input, or a binary stream.
 
     A pattern (`sweeps/*.csv`) is one log made of the files that match it. Raises `UnreadableError` with one line where
     there is nothing to read.
     """
-    options = csv or CsvOptions()
+    options = opening or OpenOptions()
     if not isinstance(source, str | Path):
         return _open_stream(source, str(getattr(source, "name", "-")), options)
     name = str(source)
@@ -69,7 +69,7 @@ def open_log(source: str | Path | BinaryIO, *, csv: CsvOptions | None = None) ->
     return _read_by(_sniffed(head, name), path, options)
 
 
-def _read_by(known: Format, source: object, options: CsvOptions) -> Log:
+def _read_by(known: Format, source: object, options: OpenOptions) -> Log:
     return cast(Log, known.load()(source, options) if known.options else known.load()(source))
 
 
@@ -88,7 +88,7 @@ def _known() -> str:
     return ", ".join(known.name for known in FORMATS)
 
 
-def _open_folder(path: Path, name: str, options: CsvOptions) -> Log:
+def _open_folder(path: Path, name: str, options: OpenOptions) -> Log:
     for known in FORMATS:
         if known.sniff_folder(path):
             return _read_by(known, path, options)
@@ -97,7 +97,7 @@ def _open_folder(path: Path, name: str, options: CsvOptions) -> Log:
     raise UnreadableError(f"{name}: a folder without a log; lidarcli reads {_known()}")
 
 
-def _open_pattern(name: str, options: CsvOptions) -> Log:
+def _open_pattern(name: str, options: OpenOptions) -> Log:
     files = [Path(match) for match in sorted(glob.glob(name))]  # noqa: PTH207 (absolute patterns too)
     if not files:
         raise UnreadableError(f"{name}: no file matches this pattern")
@@ -115,7 +115,7 @@ def _open_pattern(name: str, options: CsvOptions) -> Log:
     return log
 
 
-def _open_stream(stream: BinaryIO, name: str, options: CsvOptions, owned: bool = False) -> Log:
+def _open_stream(stream: BinaryIO, name: str, options: OpenOptions, owned: bool = False) -> Log:
     """A log from a stream, which the log closes in the end if it is `owned`."""
     try:
         head = _read_start(stream)

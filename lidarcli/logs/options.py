@@ -1,11 +1,11 @@
-"""What a user says of the ranges of a log and of the geometry of a CSV, checked: for the command line and for Python."""
+"""What a user says of the ranges of a log and of what it lacks, checked: for the command line and for Python."""
 
 from __future__ import annotations
 
 import math
 
 from lidarcli.errors import OptionError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.sweeps import FARTHEST, TURN, RangeRules
 
 UNITS = {"m": 1.0, "mm": 0.001}
@@ -33,7 +33,7 @@ def range_rules(
     return RangeRules(no_return=words, markers=markers, limits=limits)
 
 
-def csv_geometry(
+def open_options(
     *,
     angle_min: float | None,
     angle_increment: float | None,
@@ -41,7 +41,7 @@ def csv_geometry(
     range_max: float | None,
     degrees: bool,
     range_unit: str,
-) -> CsvOptions:
+) -> OpenOptions:
     """The geometry that a CSV may lack; the three angles are radians, or `degrees`.
 
     Raises
@@ -67,7 +67,7 @@ def csv_geometry(
             raise OptionError(f"{name}: {angle:g} {unit} are more than two turns{hint}")
         return found
 
-    return CsvOptions(
+    return OpenOptions(
         angle_min=radians("--angle-min", angle_min),
         angle_increment=radians("--angle-increment", angle_increment),
         fov=radians("--fov", fov),

@@ -42,7 +42,7 @@ class Format:
     many: bool = False
     """Whether the reader also takes a list of files that make one log."""
     options: bool = False
-    """Whether the reader takes `CsvOptions` as its second argument."""
+    """Whether the reader takes `OpenOptions` as its second argument."""
 
     def load(self) -> Any:
         """The reader's class; imported only now, so that a log costs the libraries of its own container alone."""

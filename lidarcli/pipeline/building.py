@@ -13,7 +13,7 @@ from lidarcli.errors import NoScanError, OptionError
 from lidarcli.formalism.background.grid import Grid
 from lidarcli.formalism.background.learning import Learning
 from lidarcli.formalism.background.model import MAJORITY, Background
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.inputs.opening import open_source
@@ -34,7 +34,7 @@ class BuildOptions:
     """Everything that `background build` lets a user choose, apart from inputs and outputs."""
 
     read: ReadOptions = field(default_factory=ReadOptions)
-    csv: CsvOptions = field(default_factory=CsvOptions)
+    opening: OpenOptions = field(default_factory=OpenOptions)
     poses: PoseOptions = field(default_factory=PoseOptions)
     distance: float = STATION_DISTANCE
     """Sweeps up to this far from a station [m] belong to it …"""
@@ -44,7 +44,7 @@ class BuildOptions:
     def as_dict(self) -> dict[str, Any]:
         """Everything that the result depends on, as plain values, for the table's metadata."""
         stations = {"station_distance": self.distance, "station_angle": self.angle}
-        return reading_as_dict(self.read, self.csv, self.poses) | stations
+        return reading_as_dict(self.read, self.opening, self.poses) | stations
 
 
 class Building:
@@ -60,7 +60,7 @@ class Building:
         """Learn from the sweeps of one log."""
         options = self._options
         with (
-            open_source(source, options.csv) as log,
+            open_source(source, options.opening) as log,
             Reading(log, options.read, options.poses) as reading,
         ):
             for batch in reading.batches(progress):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.catalogue import Catalogue
-from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.base import Log, OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse
 from lidarcli.pipeline.inputs.opening import open_source
@@ -38,7 +38,7 @@ class DetectOptions:
 
     parameters: Parameters = field(default_factory=Parameters)
     read: ReadOptions = field(default_factory=ReadOptions)
-    csv: CsvOptions = field(default_factory=CsvOptions)
+    opening: OpenOptions = field(default_factory=OpenOptions)
     poses: PoseOptions = field(default_factory=PoseOptions)
     background: BackgroundOptions | None = None
     """Only what differs from this background is an object."""
@@ -106,7 +106,7 @@ class DetectOptions:
         as_told = {"pose_delay": 0.0} if self.tracking is not None and self.poses.delay == 0.0 else {}
         return {
             **self.parameters.as_dict(),
-            **reading_as_dict(self.read, self.csv, self.poses),
+            **reading_as_dict(self.read, self.opening, self.poses),
             **as_told,
             **background,
             **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),
@@ -122,7 +122,7 @@ def detect_to_files(
     if known_before:
         refuse(options.outputs(source, folder).values(), options.overwrite, options.inputs([source]))
     with (
-        open_source(source, options.csv) as log,
+        open_source(source, options.opening) as log,
         options.reading(log) as reading,
         ExitStack() as stack,
     ):
@@ -156,7 +156,7 @@ def detect_to_sinks(
 ) -> tuple[RunSummary, dict[str, Any]]:
     """Pass the rows of one log to the sink of their table, in its order; also the description of the source."""
     with (
-        open_source(source, options.csv) as log,
+        open_source(source, options.opening) as log,
         options.reading(log) as reading,
         TopicOrders(sinks, reading.first) as orders,
         Splitting(reading, options.recipe(source, tuple(sinks)), options.threads) as work,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, POSE_TYPES, CsvOptions, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.choice import scan_topics
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -94,7 +94,7 @@ class LogInfo:
 
 def inspect_log(
     source: Source,
-    csv: CsvOptions | None = None,
+    opening: OpenOptions | None = None,
     rules: RangeRules | None = None,
     poses_from: PoseOptions | None = None,
     progress: Callable[[int], None] | None = None,
@@ -104,7 +104,7 @@ def inspect_log(
     wanted = poses_from or PoseOptions()
     found: dict[tuple[str, str], _Scan] = {}
     only_counted: Counter[str] = Counter()
-    with open_source(source, csv) as log:
+    with open_source(source, opening) as log:
         poses = find_poses(log, wanted, rules=rules)
         search = poses is not None and wanted.source != MATCH
         delays = DelaySearch(poses.sources, wanted.deskew) if poses is not None and search else None
@@ -236,7 +236,7 @@ def _with_counts(
 
 def inspect_logs(
     sources: Sequence[Source | Nothing],
-    csv: CsvOptions,
+    opening: OpenOptions,
     rules: RangeRules,
     poses: PoseOptions,
     report: LogProgress | None = None,
@@ -245,5 +245,5 @@ def inspect_logs(
     for source in sources:
         yield (
             source,
-            attempt(source, lambda log: inspect_log(log, csv, rules, poses, progress_of(log, report))),
+            attempt(source, lambda log: inspect_log(log, opening, rules, poses, progress_of(log, report))),
         )

@@ -109,7 +109,7 @@ def _snapshots(source: Source, options: MapOptions, sweeps: Sequence[int]) -> di
     wanted = np.array(sorted(set(sweeps)))
     found: dict[int, Snapshot] = {}
     with (
-        open_source(source, options.csv) as log,
+        open_source(source, options.opening) as log,
         Reading(log, options.read, options.poses, MAP) as reading,
     ):
         for batch in reading.batches(None):

@@ -18,7 +18,7 @@ from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
 from lidarcli.formalism.mapping.motion_filter import MIN_TURN, PAUSE_NS, MotionFilter
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
 from lidarcli.pipeline.inputs.opening import open_source
@@ -40,7 +40,7 @@ class MapOptions:
     """Everything that `map` lets a user choose, apart from inputs and outputs."""
 
     read: ReadOptions = field(default_factory=ReadOptions)
-    csv: CsvOptions = field(default_factory=CsvOptions)
+    opening: OpenOptions = field(default_factory=OpenOptions)
     poses: PoseOptions = field(default_factory=PoseOptions)
     resolution: float = MAP_RESOLUTION
     """Side of a cell [m]."""
@@ -76,7 +76,7 @@ class MapOptions:
         """Everything that the result depends on, as plain values, for the cloud's metadata."""
         names = ("resolution", "min_move", "occupied_ratio", "free_no_return", "voxel", "without_agents")
         told = {name: getattr(self, name) for name in names}
-        return reading_as_dict(self.read, self.csv, self.poses) | told | {"min_hits": self.min_hits}
+        return reading_as_dict(self.read, self.opening, self.poses) | told | {"min_hits": self.min_hits}
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class Mapping:
         """
         options = self.options
         with (
-            open_source(source, options.csv) as log,
+            open_source(source, options.opening) as log,
             Reading(log, options.read, options.poses, MAP) as reading,
         ):
             taken = _Taken(options.min_move, bool(options.read.topics))

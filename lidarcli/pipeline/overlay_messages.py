@@ -12,7 +12,7 @@ from operator import attrgetter
 import numpy as np
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
-from lidarcli.logs.base import CsvOptions, Log, ReadReport
+from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.maps.grid_message import TYPE as MAP_TYPE
 from lidarcli.maps.grid_message import occupancy_cdr
 from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays
@@ -54,14 +54,14 @@ class Overlay:
         source: Source,
         pair: Pair,
         grid: Occupancy | None,
-        csv: CsvOptions,
+        opening: OpenOptions,
         is_ros2: bool,
         with_log: bool,
     ) -> None:
         """`grid`: a map to show; `is_ros2`: whether for ROS 2, else for ROS 1; `with_log`: copy the log, too."""
         self._source = source
         self._grid = grid
-        self._csv = csv
+        self._opening = opening
         self._is_ros2 = is_ros2
         self._with_log = with_log
         self._tables = Tables(pair)
@@ -86,7 +86,7 @@ class Overlay:
 
     def messages(self, stack: ExitStack, progress: Progress | None) -> Iterator[Outgoing]:
         """All messages in the order in which they are to be played."""
-        log = stack.enter_context(open_source(self._source, self._csv))
+        log = stack.enter_context(open_source(self._source, self._opening))
         self._encodings = scan_encodings(log)
         transforming = transform_topics(log, of_ros=self._with_log)
         self._placed = {frame for frame, (_, topic) in self._ways.items() if topic in transforming}
@@ -101,7 +101,7 @@ class Overlay:
         everything = drawn
         if self._with_log:
             # Both passes go on at the same time, and each needs a log of its own.
-            other = stack.enter_context(open_source(self._source, self._csv))
+            other = stack.enter_context(open_source(self._source, self._opening))
             everything = heapq.merge(self._copies.of(other, self._copied), drawn, key=RECORDED)
         first = next(everything, None)
         if self._grid is not None:

@@ -11,7 +11,7 @@ from lidarcli.choices import AS_IT_COMES, IMAGES, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.newfiles import new_files, unwritable, write_whole
@@ -46,7 +46,7 @@ class PlotOptions:
     topic: str | None = None
     parameters: Parameters = field(default_factory=Parameters)
     rules: RangeRules = field(default_factory=RangeRules)
-    csv: CsvOptions = field(default_factory=CsvOptions)
+    opening: OpenOptions = field(default_factory=OpenOptions)
     background: str | None = None
     """A background table, to draw r_w - r_e."""
     tracks: str | None = None
@@ -88,7 +88,7 @@ def take_pictures(source: Source, options: PlotOptions) -> Drawn:
 
 
 def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
-    with open_source(source, options.csv) as log:
+    with open_source(source, options.opening) as log:
         choice = TopicChoice([options.topic] if options.topic else [], log.topics())
         topic, notes = _topic(choice)
         read = ReadOptions(
@@ -125,7 +125,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     return Drawn(pictures, (*notes, *work.notes()), damage)
 
 
-def sweep_at(source: Source, time: float | Instant, topic: str | None, csv: CsvOptions) -> int:
+def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:
     """The index of the sweep that is nearest to a time; the first of several that are equally near.
 
     Raises
@@ -135,7 +135,7 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, csv: CsvO
     """
     if source.is_stdin:
         raise OptionError("--at reads the log twice; give the name of its file instead of -, or --sweep")
-    with open_source(source, csv) as log:
+    with open_source(source, opening) as log:
         choice = TopicChoice([topic] if topic else [], log.topics())
         name, _ = _topic(choice)
         report = ReadReport()

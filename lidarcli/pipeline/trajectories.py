@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from lidarcli.choices import MATCH
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import new_files, refuse, unwritable
 from lidarcli.pipeline.inputs.opening import open_source
@@ -41,7 +41,7 @@ class PathOptions:
     """Everything that `poses` lets a user choose, apart from input and output."""
 
     read: ReadOptions = field(default_factory=ReadOptions)
-    csv: CsvOptions = field(default_factory=CsvOptions)
+    opening: OpenOptions = field(default_factory=OpenOptions)
     poses: PoseOptions = field(default_factory=PoseOptions)
     overwrite: bool = False
 
@@ -76,7 +76,7 @@ def write_path(
     """
     is_table = path.suffix.lower() == PARQUET
     with (
-        open_source(source, options.csv) as log,
+        open_source(source, options.opening) as log,
         Reading(log, options.read, options.poses) as reading,
         new_files([path], options.overwrite) as new,
     ):
@@ -94,7 +94,7 @@ def write_path(
                     summary = reading.close()
                     written.conclude(summary)
                     if sink is not None:
-                        parameters = reading_as_dict(options.read, options.csv, options.poses)
+                        parameters = reading_as_dict(options.read, options.opening, options.poses)
                         sink.finish(table_metadata(parameters, reading.describe(source), summary.damage))
                 finally:
                     if sink is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
@@ -200,14 +200,14 @@ def _rules(parameters: dict[str, Any]) -> RangeRules:
     )
 
 
-def _csv(parameters: dict[str, Any]) -> CsvOptions:
+def _csv(parameters: dict[str, Any]) -> OpenOptions:
     """What the run has been told of a CSV."""
     told = parameters.get("csv")
     names = ("angle_min", "angle_increment", "fov", "range_max", "range_scale")
     return (
-        CsvOptions(**{name: float(told[name]) for name in names if _is_number(told.get(name))})
+        OpenOptions(**{name: float(told[name]) for name in names if _is_number(told.get(name))})
         if isinstance(told, dict)
-        else CsvOptions()
+        else OpenOptions()
     )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lidarcli.logs import base, batches, open_log, text, unpacking
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.carmen.words import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import codec, walk
@@ -106,8 +106,8 @@ def test_every_layout_has_an_example() -> None:
 def test_an_example_is_read_as_its_layout(layout: str, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text(EXAMPLES[layout], encoding="utf-8")
-    told = CsvOptions(angle_min=-0.5, angle_increment=0.5) if layout == "plain wide" else CsvOptions()
-    with open_log(path, csv=told) as log:
+    told = OpenOptions(angle_min=-0.5, angle_increment=0.5) if layout == "plain wide" else OpenOptions()
+    with open_log(path, opening=told) as log:
         assert log.format == f"csv ({layout})"
         blocks = list(log.scans(None, ReadReport()))
     for block in blocks:

@@ -38,7 +38,7 @@ def read(path: Path) -> tuple[dict[str, list[Sweep]], ReadReport]:
     """The sweeps of each topic in the order of the log."""
     sweeps: dict[str, list[Sweep]] = {}
     report = ReadReport()
-    with open_log(path, csv=CSV) as log:
+    with open_log(path, opening=CSV) as log:
         for block in log.scans(None, report):
             for row, beams in enumerate(block.beams.tolist()):
                 sweeps.setdefault(block.topic, []).append(

@@ -14,7 +14,7 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, CsvOptions, ReadReport
+from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.logs.carmen.words import LASERS
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.reading.pose_finding import find_poses
@@ -334,14 +334,14 @@ def test_other_texts_are_no_carmen_logs(text: str, tmp_path: Path) -> None:
 
 def test_options_tell_better(tmp_path: Path) -> None:
     log_of(tmp_path, flaser(ranges=[1000.0, 2000.0, 3000.0])).close()
-    options = CsvOptions(angle_min=-0.5, angle_increment=0.25, range_max=2.5, range_scale=0.001)
+    options = OpenOptions(angle_min=-0.5, angle_increment=0.25, range_max=2.5, range_scale=0.001)
     report = ReadReport()
-    with open_log(tmp_path / "run.log", csv=options) as log:
+    with open_log(tmp_path / "run.log", opening=options) as log:
         [block] = log.scans(None, report)
     assert block.ranges.tolist() == [[1.0, 2.0, 3.0]]
     assert (block.angle_min[0], block.angle_increment[0], block.range_max[0]) == (-0.5, 0.25, 2.5)
     assert report.notes == []
-    with open_log(tmp_path / "run.log", csv=CsvOptions(fov=1.0)) as log:
+    with open_log(tmp_path / "run.log", opening=OpenOptions(fov=1.0)) as log:
         [block] = log.scans(None, report)
     assert (block.angle_min[0], block.angle_increment[0]) == (-0.5, 0.5)
 

@@ -13,27 +13,27 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, CsvOptions, Damage, Topic
+from lidarcli.logs.base import LASERSCAN, Damage, OpenOptions, Topic
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.csv_sweeps import FIRST, START, STEP, sweeps
 from tests.logs.watched import CsvLog
 from tests.places import REAL_LOGS, needs_real_logs
 
-GEOMETRY = CsvOptions(angle_min=FIRST, angle_increment=STEP)
+GEOMETRY = OpenOptions(angle_min=FIRST, angle_increment=STEP)
 NO_GEOMETRY = ("wide", "drow")
 NO_FRAME = ("plotjuggler", "wide", "drow", "long", "per-sweep")
 OWN_RECORD = ("rostopic", "plotjuggler", "bagpy", "list")
 ROS2 = "1,5,laser,-0.5,0.5,0.5,0.0,0.1,0.1,8.0,"
 
 
-def read(source: object, options: CsvOptions = GEOMETRY) -> tuple[RawSweeps, CsvLog]:
+def read(source: object, options: OpenOptions = GEOMETRY) -> tuple[RawSweeps, CsvLog]:
     """All sweeps of a log as one block."""
     with CsvLog(source, options) as log:  # type: ignore[arg-type]
         return concatenate(list(log.scans())), log
 
 
-def read_text(text: str | bytes, options: CsvOptions = GEOMETRY) -> tuple[RawSweeps, CsvLog]:
+def read_text(text: str | bytes, options: OpenOptions = GEOMETRY) -> tuple[RawSweeps, CsvLog]:
     return read(io.BytesIO(text.encode() if isinstance(text, str) else text), options)
 
 
@@ -166,7 +166,7 @@ def test_plotjuggler_dots_in_alphabetical_order() -> None:
     names = ["__time", "/odom/x", *(f"/base_scan/ranges.{i}" for i in order), "/base_scan/angle_increment"]
     names += ["/base_scan/angle_min"]
     rows = ["1.5,0.1" + "," * 14, "1.75,," + ",".join(f"{i}.5" for i in order) + ",0.25,-1.0"]
-    got, log = read_text("\n".join([",".join(names), *rows, ""]), CsvOptions())
+    got, log = read_text("\n".join([",".join(names), *rows, ""]), OpenOptions())
     assert rows_of(got) == [[i + 0.5 for i in range(12)]]
     assert (got.topic, got.stamp_ns.tolist()) == ("/base_scan", [1_750_000_000])
     assert (got.angle_min[0], got.angle_increment[0]) == (-1.0, 0.25)
@@ -187,7 +187,7 @@ def test_one_range_column_with_lists_as_people_write_them() -> None:
     ]
     head = "timestamp,frame_id,angle_min,angle_increment,range_max,ranges,intensities\n"
     text = head + "".join(f"{i}.25,base,-0.5,0.5,8.0,{cell},[]\n" for i, cell in enumerate(cells))
-    got, log = read_text(text, CsvOptions())
+    got, log = read_text(text, OpenOptions())
     np.testing.assert_array_equal(got.ranges, np.tile(np.array([1, np.inf, np.nan], np.float32), (9, 1)))
     assert got.stamp_ns.tolist() == [i * 10**9 + 250_000_000 for i in range(9)]
     assert (got.frame_ids, log.report.damage) == (("base",), [])
@@ -207,7 +207,7 @@ def test_one_range_column_with_lists_as_people_write_them() -> None:
 )
 def test_printed_headers(header: str) -> None:
     row = f'"{header}",0.0,0.1,"array(\'f\', [1.0, 2.0])"\n'
-    got, log = read_text("header,angle_min,angle_increment,ranges\n" + row * 3, CsvOptions())
+    got, log = read_text("header,angle_min,angle_increment,ranges\n" + row * 3, OpenOptions())
     assert (rows_of(got), got.frame_ids) == ([[1.0, 2.0]] * 3, ("base",))
     assert got.stamp_ns.tolist() == got.record_ns.tolist() == [5_000_000_006] * 3
     assert log.report.damage == []
@@ -224,7 +224,7 @@ def test_list_damage_is_named_and_passed_over() -> None:
     good = "1.0,\"{'stamp': {'sec': 3, 'nanosec': 4}, 'frame_id': 'a'}\",0.0,0.1,\"[1.0, 2.0]\"\n"
     text = "time,header,angle_min,angle_increment,ranges\n" + good + '2.0,"{}",0.0,0.1,"[1.0, 2\n' + good
     text += "garbage\n" + good.replace("2.0]", "x]") + good + good[:-9]
-    got, log = read_text(text, CsvOptions())
+    got, log = read_text(text, OpenOptions())
     assert rows_of(got) == [[1.0, 2.0]] * 3
     assert (got.stamp_ns.tolist(), got.frame_ids) == ([3_000_000_004] * 3, ("a",))
     assert got.record_ns.tolist() == [10**9] * 3
@@ -240,7 +240,7 @@ def test_list_damage_is_named_and_passed_over() -> None:
 @needs_real_logs
 def test_real_csv_equals_its_bag() -> None:
     folder = REAL_LOGS / "ros2_selfdriving" / "full_bag_nav"
-    got, log = read(folder / "scan.csv", CsvOptions())
+    got, log = read(folder / "scan.csv", OpenOptions())
     with sqlite3.connect(f"file:{folder}/full_bag_nav_0.db3?immutable=1", uri=True) as bag:
         messages = bag.execute(
             "select timestamp, data from messages where topic_id ="
@@ -306,7 +306,7 @@ def test_missing_cells_and_words() -> None:
 
 def test_short_rows_are_sweeps_of_fewer_beams() -> None:
     text = "1.0,5,6,7,8,5,6,7,8\n2.0,5,6\n3.0,5,6,7,8,5,6,7,8,9\n"
-    got, log = read_text(text, CsvOptions(fov=np.pi))
+    got, log = read_text(text, OpenOptions(fov=np.pi))
     assert rows_of(got) == [[5, 6, 7, 8, 5, 6, 7, 8], [5, 6], [5, 6, 7, 8, 5, 6, 7, 8, 9]]
     np.testing.assert_array_equal(got.angle_increment, np.pi / np.array([7, 1, 8]))
     np.testing.assert_array_equal(got.angle_min, np.full(3, -np.pi / 2))
@@ -315,7 +315,7 @@ def test_short_rows_are_sweeps_of_fewer_beams() -> None:
 
 def test_ros2_counts_ranges_by_the_view() -> None:
     text = f"{ROS2}1,2,3\n{ROS2}1,2\n{ROS2}1,2,3,4\n{ROS2}1,2,3,9,9,9\n{ROS2}1,2,3,\n{ROS2}1,2,9,9\n{ROS2}1,2,3,4,5\n"
-    got, log = read_text(text, CsvOptions())
+    got, log = read_text(text, OpenOptions())
     assert rows_of(got) == [[1, 2, 3], [1, 2], [1, 2, 3, 4], [1, 2, 3], [1, 2, 3], [1, 2, 9, 9]]
     assert got.stamp_ns.tolist() == [1_000_000_005] * 6
     assert log.report.damage == [Damage("line 7", "15 cells where 13 are usual: the row is dropped")]
@@ -332,7 +332,7 @@ def test_abbreviated_arrays_are_explained() -> None:
 
 def test_refused_geometry_is_counted() -> None:
     rows = [ROS2, ROS2.replace("0.5,0.5,0.5", "nan,0.5,0.5"), ROS2.replace(",0.5,0.0,", ",0.0,0.0,"), ROS2]
-    got, log = read_text("".join(f"{row}1,2,3\n" for row in rows), CsvOptions())
+    got, log = read_text("".join(f"{row}1,2,3\n" for row in rows), OpenOptions())
     assert len(got) == 2
     assert log.report.refused == {
         ("/scan", "angle_min is not finite"): 1,
@@ -348,7 +348,7 @@ def test_trailing_empty_cells_are_no_beams_where_the_view_says_so() -> None:
 
 def test_millimetres() -> None:
     got, _ = read_text(
-        "time,r0,r1,r2\n1,1234,0.5,inf\n", CsvOptions(fov=1.0, range_scale=0.001, range_max=5.0)
+        "time,r0,r1,r2\n1,1234,0.5,inf\n", OpenOptions(fov=1.0, range_scale=0.001, range_max=5.0)
     )
     np.testing.assert_array_equal(got.ranges, np.array([[1.234, 0.0005, np.inf]], np.float32))
     assert (got.range_max[0], got.range_min[0]) == (5.0, 0.0)
@@ -357,22 +357,22 @@ def test_millimetres() -> None:
 @pytest.mark.parametrize(
     ("options", "first", "step"),
     [
-        (CsvOptions(angle_min=-1.0, angle_increment=-0.5), -1.0, -0.5),
-        (CsvOptions(fov=3.5), -1.75, 0.5),
-        (CsvOptions(fov=2 * np.pi), -np.pi, np.pi / 4),
-        (CsvOptions(fov=3.5, angle_min=0.0), 0.0, 0.5),
+        (OpenOptions(angle_min=-1.0, angle_increment=-0.5), -1.0, -0.5),
+        (OpenOptions(fov=3.5), -1.75, 0.5),
+        (OpenOptions(fov=2 * np.pi), -np.pi, np.pi / 4),
+        (OpenOptions(fov=3.5, angle_min=0.0), 0.0, 0.5),
     ],
 )
-def test_given_geometry(options: CsvOptions, first: float, step: float) -> None:
+def test_given_geometry(options: OpenOptions, first: float, step: float) -> None:
     got, _ = read_text("1.0,5,6,7,8,5,6,7,8\n2.0,5,6,7,8,5,6,7,9\n", options)
     assert (got.angle_min[0], got.angle_increment[0], got.range_max[0]) == (first, step, np.inf)
 
 
 @pytest.mark.parametrize(
-    "options", [CsvOptions(), CsvOptions(angle_min=0.0), CsvOptions(angle_increment=0.1)]
+    "options", [OpenOptions(), OpenOptions(angle_min=0.0), OpenOptions(angle_increment=0.1)]
 )
 @pytest.mark.parametrize("text", ["1.0,5,6,7,8,5,6,7,8\n", "time,r0,r1,r2\n1,2,3,4\n"])
-def test_missing_geometry_names_the_options(options: CsvOptions, text: str, tmp_path: Path) -> None:
+def test_missing_geometry_names_the_options(options: OpenOptions, text: str, tmp_path: Path) -> None:
     path = tmp_path / "x.csv"
     path.write_text(text)
     with pytest.raises(UnreadableError) as error:
@@ -384,29 +384,29 @@ def test_missing_geometry_names_the_options(options: CsvOptions, text: str, tmp_
 
 
 def test_bearings_as_column_names() -> None:
-    got, log = read_text("time,-90.0,-45.0,0.0,45.0,90.0\n1.0,1,2,3,4,5\n", CsvOptions())
+    got, log = read_text("time,-90.0,-45.0,0.0,45.0,90.0\n1.0,1,2,3,4,5\n", OpenOptions())
     np.testing.assert_allclose([got.angle_min[0], got.angle_increment[0]], [-np.pi / 2, np.pi / 4])
     assert rows_of(got) == [[1, 2, 3, 4, 5]]
     assert "bearings from the column names, taken as degrees" in log.report.notes[0]
-    got, _ = read_text("stamp;-0.5;0.0;0.5\n1.0;1;2;3\n", CsvOptions())
+    got, _ = read_text("stamp;-0.5;0.0;0.5\n1.0;1;2;3\n", OpenOptions())
     assert (got.angle_min[0], got.angle_increment[0]) == (-0.5, 0.5)
     with pytest.raises(UnreadableError):
-        read_text("time,0,1,2,3\n1.0,5,6,7,8\n", CsvOptions())
+        read_text("time,0,1,2,3\n1.0,5,6,7,8\n", OpenOptions())
 
 
 def test_header_in_a_comment() -> None:
-    got, _ = read_text("# time r_0 r_1 r_2\n1.0 5 6 7\n2.0 5 6 8\n", CsvOptions(fov=1.0))
+    got, _ = read_text("# time r_0 r_1 r_2\n1.0 5 6 7\n2.0 5 6 8\n", OpenOptions(fov=1.0))
     assert (rows_of(got), got.stamp_ns.tolist()) == ([[5, 6, 7], [5, 6, 8]], [10**9, 2 * 10**9])
 
 
 def test_drow_columns_and_a_bare_matrix() -> None:
     ranges = [5.5, 6, 7, 5.5, 6, 7]
     text = "7,100.5,5.5,6,7,5.5,6,7\n8,100.6,5.5,6,7,5.5,6,7\n"
-    got, log = read_text(text, CsvOptions(fov=1.0))
+    got, log = read_text(text, OpenOptions(fov=1.0))
     assert (rows_of(got), got.stamp_ns.tolist()) == ([ranges, ranges], [100500000000, 100600000000])
     assert log.report.notes == ["CSV layout: plain wide; no header; columns taken as seq, record, ranges"]
     text = "5.5,6,7,8,5.5,6,7,8\n5.25,6,8,8,5.5,6,7,8\n5.5,6,7,7,5.5,6,7,8\n"
-    got, log = read_text(text, CsvOptions(fov=1.0))
+    got, log = read_text(text, OpenOptions(fov=1.0))
     assert (got.beams.tolist(), got.stamp_ns.tolist()) == ([8, 8, 8], [0, 0, 0])
     assert "no time column: all stamps are 0" in log.report.notes[0]
 
@@ -414,14 +414,14 @@ def test_drow_columns_and_a_bare_matrix() -> None:
 def test_long_form_in_any_order_of_columns_and_in_degrees() -> None:
     rows = [(s, a, s + 0.5 + a / 100) for s in range(3) for a in range(-90, 91, 30)]
     text = "distance\tbearing_deg\ttimestamp\n" + "".join(f"{r}\t{a}\t{s}.25\n" for s, a, r in rows)
-    got, log = read_text(text, CsvOptions())
+    got, log = read_text(text, OpenOptions())
     np.testing.assert_array_equal(got.ranges.ravel(), np.array([r for *_, r in rows], np.float32))
     np.testing.assert_allclose(got.angle_min, np.full(3, -np.pi / 2))
     np.testing.assert_allclose(got.angle_increment, np.full(3, np.pi / 6))
     assert got.stamp_ns.tolist() == [250_000_000, 1_250_000_000, 2_250_000_000]
     assert log.format == "csv (long form)"
     bare = "".join(f"{s},{a},{r}\n" for s, a, r in rows)
-    got, log = read_text(bare, CsvOptions())
+    got, log = read_text(bare, OpenOptions())
     assert (got.beams.tolist(), got.stamp_ns.tolist()) == ([7, 7, 7], [0, 0, 0])
     assert "bearings beyond a turn in radians: taken as degrees" in log.report.notes[0]
 
@@ -445,7 +445,7 @@ def test_long_form_across_blocks_and_with_damage(tmp_path: Path) -> None:
 def test_long_form_with_bearings_that_are_not_even() -> None:
     angles = np.delete(np.linspace(0, 2 * np.pi, 63, endpoint=False), [5, 6, 40])
     rows = [f"{s},{a},{1 + a}" for s in range(2) for a in np.roll(angles, 9) % (2 * np.pi)]
-    got, log = read_text("scan,theta,r\n" + "\n".join(rows) + "\n", CsvOptions())
+    got, log = read_text("scan,theta,r\n" + "\n".join(rows) + "\n", OpenOptions())
     assert got.beams.tolist() == [63, 63]
     assert np.isnan(got.ranges).sum(axis=1).tolist() == [3, 3]
     valid = ~np.isnan(got.ranges[0])
@@ -460,23 +460,23 @@ def test_one_sweep_per_file(tmp_path: Path) -> None:
         (tmp_path / name).write_text("".join(f"{a / 10},{number + a}\n" for a in range(5)))
     (tmp_path / "README.md").write_text("three sweeps")
     (tmp_path / "scan_11.csv").write_text("what is this\n")
-    got, log = read(tmp_path, CsvOptions())
+    got, log = read(tmp_path, OpenOptions())
     assert got.ranges[:, 0].tolist() == [9, 10, 100]
     assert (got.stamp_ns.tolist(), got.angle_increment[0]) == ([0, 0, 0], 0.1)
     assert [damage.place for damage in log.report.damage] == ["scan_11.csv"]
-    got, _ = read([tmp_path / "scan_9.csv", tmp_path / "scan_10.csv"], CsvOptions())
+    got, _ = read([tmp_path / "scan_9.csv", tmp_path / "scan_10.csv"], OpenOptions())
     assert got.ranges[:, 0].tolist() == [9, 10]
     (tmp_path / "1714555596.445048407").write_text("theta,r\n0.0,1\n0.5,2\n")
-    got, log = read(tmp_path / "1714555596.445048407", CsvOptions())
+    got, log = read(tmp_path / "1714555596.445048407", OpenOptions())
     assert (got.stamp_ns.tolist(), log.format) == ([START], "csv (one file per sweep)")
 
 
 def test_two_columns_with_many_turns_are_many_sweeps() -> None:
     turn = "".join(f"{a},{a / 100 + 1}\n" for a in range(0, 360, 10))
-    got, _ = read_text("angle_deg,distance\n" + turn * 3, CsvOptions())
+    got, _ = read_text("angle_deg,distance\n" + turn * 3, OpenOptions())
     assert got.beams.tolist() == [36, 36, 36]
     half = turn.splitlines(keepends=True)
-    got, _ = read_text("angle_deg,distance\n" + "".join(half[20:] + half[:20]), CsvOptions())
+    got, _ = read_text("angle_deg,distance\n" + "".join(half[20:] + half[:20]), OpenOptions())
     assert got.beams.tolist() == [36]
 
 
@@ -653,7 +653,7 @@ class _Endless(io.RawIOBase):
 def test_a_line_without_end_stays_within_bounds(fill: bytes) -> None:
     head = b"time,r0,r1,r2\n1.0,5,6,7\n2.0,5,6,7\n"
     tracemalloc.start()
-    got, log = read(_Endless(head, fill, b"\n4.0,5,6,8\n"), CsvOptions(fov=1.0))
+    got, log = read(_Endless(head, fill, b"\n4.0,5,6,8\n"), OpenOptions(fov=1.0))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert got.ranges[:, 2].tolist() == [7, 7, 8]

@@ -13,14 +13,14 @@ import pytest
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, UNLIKE, no_ranges
 from lidarcli.logs.csv.grid import BACK, DOUBLED, TURNS
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.watched import CsvLog
 from tests.places import REAL_LOGS, needs_real_logs
 
-FOV = CsvOptions(fov=2 * np.pi)
+FOV = OpenOptions(fov=2 * np.pi)
 Table = Sequence[Sequence[object]] | np.ndarray
 
 
@@ -31,12 +31,12 @@ def text_of(table: Table, names: str = "", separator: str = ",") -> bytes:
     return "\n".join([*([names] if names else []), *lines, ""]).encode()
 
 
-def read(text: bytes, options: CsvOptions = FOV) -> tuple[RawSweeps, CsvLog]:
+def read(text: bytes, options: OpenOptions = FOV) -> tuple[RawSweeps, CsvLog]:
     with CsvLog(io.BytesIO(text), options) as log:
         return concatenate(list(log.scans())), log
 
 
-def refusal(text: bytes, options: CsvOptions = FOV) -> str:
+def refusal(text: bytes, options: OpenOptions = FOV) -> str:
     with pytest.raises(UnreadableError) as error:
         CsvLog(io.BytesIO(text), options)
     message = str(error.value)
@@ -58,9 +58,9 @@ def turns(sweeps: int, step: float = 1.5, unit: float = 1.0, jitter: float = 0.0
     return rows
 
 
-@pytest.mark.parametrize("options", [CsvOptions(), FOV, CsvOptions(angle_min=-1.0, angle_increment=0.1)])
+@pytest.mark.parametrize("options", [OpenOptions(), FOV, OpenOptions(angle_min=-1.0, angle_increment=0.1)])
 @pytest.mark.parametrize("jitter", [0.0, 1.4])
-def test_bearing_range_quality_without_names(options: CsvOptions, jitter: float) -> None:
+def test_bearing_range_quality_without_names(options: OpenOptions, jitter: float) -> None:
     rows = turns(4, jitter=jitter)
     low, high = min(row[0] for row in rows), max(row[0] for row in rows)
     assert refusal(text_of(rows), options) == (
@@ -71,7 +71,7 @@ def test_bearing_range_quality_without_names(options: CsvOptions, jitter: float)
 
 def test_what_the_refusal_says_is_a_way_out() -> None:
     rows = turns(4)
-    got, log = read(text_of(rows, "angle,range,quality"), CsvOptions(range_scale=0.001))
+    got, log = read(text_of(rows, "angle,range,quality"), OpenOptions(range_scale=0.001))
     assert got.beams.tolist() == [240] * 4
     np.testing.assert_allclose(np.rad2deg(got.angle_increment), 1.5)
     np.testing.assert_allclose(got.ranges.ravel(), np.array([row[1] / 1000 for row in rows], np.float32))
@@ -96,7 +96,7 @@ def test_a_long_table_in_radians_and_with_many_columns() -> None:
 
 def test_two_columns_of_shaken_bearings_are_read() -> None:
     rows = [row[:2] for row in turns(5, jitter=1.4)]
-    got, log = read(text_of(rows), CsvOptions())
+    got, log = read(text_of(rows), OpenOptions())
     assert len(got) == 5
     assert log.format == "csv (one file per sweep)"
     assert (np.isfinite(got.ranges).sum(axis=1) > 190).all()
@@ -121,7 +121,7 @@ def test_a_key_that_comes_back_is_none() -> None:
     layers = [
         (elevation, angle, 2) for _ in range(2) for elevation in (-2, 0, 2) for angle in range(0, 360, 4)
     ]
-    assert "looks like one beam per row" in refusal(text_of(layers), CsvOptions())
+    assert "looks like one beam per row" in refusal(text_of(layers), OpenOptions())
 
 
 # One sweep per row: what a scan looks like, and what does not.
@@ -221,7 +221,7 @@ def test_odometry_before_the_ranges_is_no_beam(kind: str) -> None:
         *(f"odometry{place}" for place in range(before.shape[1])),
         *(f"r{beam}" for beam in range(180)),
     ]
-    got, log = read(text_of(whole(table), ",".join(names)), CsvOptions(fov=np.pi, range_scale=0.001))
+    got, log = read(text_of(whole(table), ",".join(names)), OpenOptions(fov=np.pi, range_scale=0.001))
     assert got.ranges.shape == (len(before), 180)
     np.testing.assert_allclose(got.ranges, ranges / 1000, atol=1e-6)
     assert got.stamp_ns[:3].tolist() == [0, 100_000_000, 200_000_000]

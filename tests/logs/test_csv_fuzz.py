@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import LidarcliError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from lidarcli.sweeps import RangeRules, normalise
 from tests.logs.watched import CsvLog
@@ -122,7 +122,7 @@ def mutate(data: bytes, random: np.random.Generator) -> bytes:
 def check(data: bytes) -> None:
     """Read it all; what is read must also pass the border between logs and everything else."""
     started = time.monotonic()
-    with suppress(LidarcliError), CsvLog(io.BytesIO(data), CsvOptions(fov=3.0)) as log:
+    with suppress(LidarcliError), CsvLog(io.BytesIO(data), OpenOptions(fov=3.0)) as log:
         log.topics()
         for block in log.scans():
             assert len(block) > 0

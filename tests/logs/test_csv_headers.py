@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import LidarcliError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.csv.dialect import _unlisted, empty_lists
 from lidarcli.logs.csv.names import _FIELDS, FieldIndex, canonical
 from tests.logs.watched import CsvLog
@@ -131,7 +131,7 @@ def test_a_header_of_a_megabyte_is_looked_at_quickly(begin: str, unit: str) -> N
     data = f"{header}\n{row}\n{row}\n".encode()
     started = time.process_time()
     with suppress(LidarcliError):
-        CsvLog(io.BytesIO(data), CsvOptions(fov=1.0))
+        CsvLog(io.BytesIO(data), OpenOptions(fov=1.0))
     assert time.process_time() - started < SECONDS
 
 
@@ -141,6 +141,6 @@ def test_many_scans_beside_many_columns_of_time() -> None:
     header = f"time,{ranges}," + "t," * 200_000
     row = ",".join(["1"] * (header.count(",") + 1))
     started = time.process_time()
-    with CsvLog(io.BytesIO(f"{header}\n{row}\n".encode()), CsvOptions(fov=1.0)) as log:
+    with CsvLog(io.BytesIO(f"{header}\n{row}\n".encode()), OpenOptions(fov=1.0)) as log:
         assert len(log.topics() or []) == 10_000
     assert time.process_time() - started < SECONDS

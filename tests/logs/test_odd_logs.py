@@ -23,7 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, CsvOptions, ReadReport
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, OpenOptions, ReadReport
 from lidarcli.logs.text import MAX_LINE
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.detecting_logs import detect_files
@@ -180,16 +180,16 @@ def test_a_log_without_a_laser_scan(name: str, topic: str, kind: str, tmp_path: 
 PEAK = """
 import resource, sys
 from lidarcli.errors import LidarcliError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
 def peak():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-inspect_log(Source(sys.argv[1], "warm"), CsvOptions(fov=3.0))
+inspect_log(Source(sys.argv[1], "warm"), OpenOptions(fov=3.0))
 before = peak()
 try:
-    info = inspect_log(Source(sys.argv[2], "run"), CsvOptions(fov=3.0))
+    info = inspect_log(Source(sys.argv[2], "run"), OpenOptions(fov=3.0))
     said = list(info.damage)
     sweeps = sum(scan.sweeps for scan in info.scans)
 except LidarcliError as err:
@@ -331,7 +331,7 @@ def test_a_log_that_grows_while_it_is_read(name: str, tmp_path: Path) -> None:
 def test_a_csv_that_grows_while_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text("time,r0,r1,r2\n" + "".join(f"{k / 10},1.0,2.0,3.0\n" for k in range(60_000)))
-    with open_log(path, csv=CsvOptions(fov=3.0)) as log:
+    with open_log(path, opening=OpenOptions(fov=3.0)) as log:
         blocks = log.scans(None, ReadReport())
         found = len(next(iter(blocks)))
         with path.open("a") as file:

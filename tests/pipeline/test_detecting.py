@@ -11,7 +11,7 @@ import pytest
 
 from lidarcli.errors import NoScanError, OutputError, UnreadableError
 from lidarcli.formalism import Parameters
-from lidarcli.logs.base import CsvOptions, ReadReport, Topic
+from lidarcli.logs.base import OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
@@ -51,7 +51,7 @@ def test_parameters_are_in_the_metadata_and_nothing_else(tmp_path: Path) -> None
     options = DetectOptions(
         parameters=Parameters.for_profile("paper"),
         read=ReadOptions(topics=frozenset({"/b", "/a"}), start=1.0, every=2),
-        csv=CsvOptions(fov=1.5, range_scale=0.001),
+        opening=OpenOptions(fov=1.5, range_scale=0.001),
     )
     assert options.as_dict() == {
         **Parameters.for_profile("paper").as_dict(),

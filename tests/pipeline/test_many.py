@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import DetectOptions
 from lidarcli.pipeline.detecting_logs import detect_files
@@ -18,7 +18,7 @@ from tests.pipeline.in_memory import SCAN, SOURCE, block
 
 
 def test_one_bad_log_does_not_stop_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def opens(source: Source, csv: CsvOptions) -> FakeLog:
+    def opens(source: Source, csv: OpenOptions) -> FakeLog:
         if source.path == "bad":
             raise UnreadableError("bad: byte 0: not a log")
         if source.path == "bug":

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import log_name
@@ -39,13 +39,13 @@ def readers() -> list[str]:
 
 def read(source: Source) -> tuple[list[SweepBatch], list[int]]:
     positions: list[int] = []
-    with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
+    with open_source(source, OpenOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
         batches = list(reading.batches(positions.append))
     return batches, positions
 
 
 def test_small_files_need_no_thread(source: Source) -> None:
-    with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
+    with open_source(source, OpenOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
         next(iter(reading.batches(None)))
         assert readers() == []
 
@@ -66,7 +66,7 @@ def test_the_same_batches_at_the_same_places(source: Source, monkeypatch: pytest
 @pytest.mark.usefixtures("ahead")
 def test_no_thread_is_left_when_a_run_breaks_off(source: Source) -> None:
     def break_off() -> None:
-        with open_source(source, CsvOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
+        with open_source(source, OpenOptions()) as log, Reading(log, OPTIONS, PoseOptions()) as reading:
             for _ in reading.batches(None):
                 assert len(readers()) == 1
                 raise RuntimeError("enough")
@@ -90,7 +90,7 @@ def test_what_goes_wrong_is_raised_in_its_place(monkeypatch: pytest.MonkeyPatch)
     source = Source(str(SAMPLES / "room.mcap"), "room")
     seen: list[SweepBatch] = []
     with (
-        open_source(source, CsvOptions()) as log,
+        open_source(source, OpenOptions()) as log,
         Reading(log, OPTIONS, PoseOptions()) as reading,
         pytest.raises(MemoryError, match="too much"),
     ):

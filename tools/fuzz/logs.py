@@ -17,7 +17,7 @@ from lidarcli.cli.messages import Messages
 from lidarcli.cli.summary import show
 from lidarcli.errors import LidarcliError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
@@ -27,7 +27,7 @@ from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 
-CSV = CsvOptions(angle_min=-1.5, angle_increment=0.125, range_max=8.0)
+CSV = OpenOptions(angle_min=-1.5, angle_increment=0.125, range_max=8.0)
 """For the layouts that hold no geometry."""
 LONGEST = 1000
 """Characters of one line that is told to a user."""
@@ -62,7 +62,7 @@ def _inspected(log: Path) -> Iterator[str]:
 
 def _detected(log: Path, out: Path, least: int) -> Iterator[str]:
     # Following things is all that detection is, and more.
-    options = DetectOptions(csv=CSV, beams=True, tracking=TrackOptions())
+    options = DetectOptions(opening=CSV, beams=True, tracking=TrackOptions())
     outcome = outcome_of(Source(str(log), "run"), lambda source: detect_to_files(source, out, options))
     if outcome.exit_code == INTERNAL_ERROR:
         yield f"track: {outcome.trace}"
@@ -85,7 +85,7 @@ def _detected(log: Path, out: Path, least: int) -> Iterator[str]:
 def _streamed(data: bytes) -> Iterator[str]:
     """The same bytes from a stream that cannot seek."""
     try:
-        with open_log(_Pipe(data), csv=CSV) as log:
+        with open_log(_Pipe(data), opening=CSV) as log:
             for _ in read_batches(log, ReadOptions(), ReadReport()):
                 pass
     except LidarcliError:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import LASERSCAN, CsvOptions, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.carmen.lines import Index
 from lidarcli.logs.carmen.poses import CORRECTED, ENCODING, MOUNTS, ODOMETRY, TRUE, TYPES, PoseDecoder
 from lidarcli.logs.carmen.sweeps import SweepDecoder
@@ -23,8 +23,8 @@ class CarmenLog:
 
     format = "carmen"
 
-    def __init__(self, source: str | os.PathLike[str] | BinaryIO, options: CsvOptions | None = None) -> None:
-        self._options = options or CsvOptions()
+    def __init__(self, source: str | os.PathLike[str] | BinaryIO, options: OpenOptions | None = None) -> None:
+        self._options = options or OpenOptions()
         self._stream: BinaryIO | None = None
         self._once = not isinstance(source, str | os.PathLike)
         self._used = False

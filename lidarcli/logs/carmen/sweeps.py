@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.blocks import as_singles, given_geometries, keep_sound, pad, split_rows
 from lidarcli.logs.carmen.lines import Found, Lines
 from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, full_steps, geometry
@@ -25,7 +25,7 @@ _FIRST_OF_GEOMETRY = 2
 class SweepDecoder:
     """Sweeps of the wanted topics, block by block."""
 
-    options: CsvOptions
+    options: OpenOptions
     report: ReadReport
     topics: Collection[str] | None
     parameters: Parameters = field(default_factory=Parameters)

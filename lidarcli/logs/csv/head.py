@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.blocks import given_geometry
 from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
 from lidarcli.logs.csv.layouts import (
@@ -38,7 +38,7 @@ class Head:
     start: int
     lines: list[bytes]
     rows: list[list[bytes]]
-    options: CsvOptions
+    options: OpenOptions
 
     def column(self, index: int) -> list[bytes]:
         """The cells of a column that are not empty, in rows as long as the header where there is one."""
@@ -47,7 +47,7 @@ class Head:
         return cells or [row[index] for row in self.rows if len(row) > index and row[index]]
 
 
-def read_head(lines: Sequence[bytes], options: CsvOptions, path: str) -> Head:
+def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
     """Find the table, its dialect and its names; UnreadableError where there is no table."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
     comment = b""

@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.blocks import keep_sound, pad, split_rows
 from lidarcli.logs.csv.dialect import csv_cells, read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout
@@ -51,7 +51,7 @@ class ListDecoder:
     """Blocks of lines → blocks of sweeps; a record whose quotes are open goes on in the next block."""
 
     def __init__(
-        self, layout: Layout, options: CsvOptions, report: ReadReport, topics: Collection[str] | None
+        self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
     ) -> None:
         self._layout = layout
         self._options = options

@@ -17,7 +17,7 @@ from typing import BinaryIO, Protocol
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import LASERSCAN, CsvOptions, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.csv.folder import in_order, join_blocks, stamp_of_name, sweep_files
 from lidarcli.logs.csv.layouts import PER_SWEEP, Layout
 from lidarcli.logs.csv.list_form import ListDecoder
@@ -44,9 +44,9 @@ class CsvLog:
     """A CSV file, a stream of CSV text, or many files with one sweep each (a folder, a list of paths)."""
 
     def __init__(
-        self, source: str | os.PathLike[str] | Paths | BinaryIO, options: CsvOptions | None = None
+        self, source: str | os.PathLike[str] | Paths | BinaryIO, options: OpenOptions | None = None
     ) -> None:
-        self._options = options or CsvOptions()
+        self._options = options or OpenOptions()
         self._files: list[Path] = []
         self._stream: BinaryIO | None = None
         self._once = False

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.logs.base import MAX_BEAMS, CsvOptions, ReadReport
+from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
 from lidarcli.logs.blocks import TOO_MANY, keep_sound, pad, split_rows
 from lidarcli.logs.csv.dialect import Lines, read_lines
 from lidarcli.logs.csv.grid import BeamRuns, cut_restarts, even_runs
@@ -45,7 +45,7 @@ class _Rows:
 class LongDecoder:
     """Blocks of lines → blocks of sweeps; the lines of the last sweep wait for the next block."""
 
-    def __init__(self, layout: Layout, options: CsvOptions, report: ReadReport) -> None:
+    def __init__(self, layout: Layout, options: OpenOptions, report: ReadReport) -> None:
         self._layout = layout
         self._scan: Columns = layout.scans[0]
         self._options = options

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.blocks import as_singles, given_geometries
 from lidarcli.logs.csv.layouts import Columns
 from lidarcli.logs.numbers import not_a_number
@@ -70,7 +70,7 @@ def encode_frames(names: Sequence[bytes]) -> tuple[Int32, tuple[str, ...]]:
 
 
 def fill_geometry(
-    scan: Columns, known: dict[str, Float64], beams: Int64, options: CsvOptions
+    scan: Columns, known: dict[str, Float64], beams: Int64, options: OpenOptions
 ) -> tuple[Float64, Float64, Float32, Float32]:
     """angle_min, angle_increment [rad], range_min and range_max [m] of each row: the file's, else the options'."""
     rows = len(beams)
@@ -93,7 +93,7 @@ def build(
     known: dict[str, Float64],
     beams: Int64,
     ranges: Float32,
-    options: CsvOptions,
+    options: OpenOptions,
 ) -> RawSweeps:
     """A block from its columns; `known` is the geometry that the file gives."""
     first, step, range_min, range_max = fill_geometry(scan, known, beams, options)
@@ -119,6 +119,6 @@ def _times(known: dict[str, Float64], name: str) -> Float32 | None:
     return as_singles(known[name]) if name in known else None
 
 
-def number_type(options: CsvOptions) -> type[np.floating]:
+def number_type(options: OpenOptions) -> type[np.floating]:
     """Ranges are parsed as float32, or as float64 where they are scaled before they are rounded."""
     return np.float32 if options.range_scale == 1.0 else np.float64

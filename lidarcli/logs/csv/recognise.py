@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.csv.dialect import csv_cells, empty_lists
 from lidarcli.logs.csv.doubts import COUNTER_ROWS, is_turn, refuse_other_tables, restarts
 from lidarcli.logs.csv.head import (
@@ -66,7 +66,7 @@ _SEQ_STEP_MOST = 1000
 """... or by less than this, where what follows is a time for sure."""
 
 
-def recognise(lines: Sequence[bytes], options: CsvOptions, path: str) -> Layout:
+def recognise(lines: Sequence[bytes], options: OpenOptions, path: str) -> Layout:
     """The layout of a file that begins with `lines` (all of them, as they stand).
 
     Raises UnreadableError where the text is no table, no layout that is known, or lacks its geometry.

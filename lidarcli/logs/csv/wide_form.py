@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.blocks import keep_sound, pad, split_rows
 from lidarcli.logs.csv.dialect import read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout, expected_beams
@@ -30,7 +30,7 @@ class WideDecoder:
     """Blocks of lines → blocks of sweeps, topic by topic; no state is kept but the usual number of cells."""
 
     def __init__(
-        self, layout: Layout, options: CsvOptions, report: ReadReport, topics: Collection[str] | None
+        self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
     ) -> None:
         self._layout = layout
         self._options = options

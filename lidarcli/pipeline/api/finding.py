@@ -15,7 +15,7 @@ from lidarcli.pipeline.api.options import (
     Told,
     background_options,
     catalogue_of,
-    csv_options,
+    opening_options,
     parameters_of,
     pose_options,
     read_options,
@@ -106,7 +106,7 @@ def found(
     options = DetectOptions(
         parameters=parameters_of(parameters, told, subtracted=background is not None),
         read=read_options(told),
-        csv=csv_options(told),
+        opening=opening_options(told),
         poses=pose_options(told),
         background=background,
         catalogue=catalogue_of(told["catalogue"]),

@@ -7,7 +7,7 @@ from typing import Any, Unpack
 from lidarcli.errors import NoScanError
 from lidarcli.logs.choice import no_scan_topic
 from lidarcli.pipeline.api.keywords import Inspecting, Paths
-from lidarcli.pipeline.api.options import csv_options, pose_options, rules
+from lidarcli.pipeline.api.options import opening_options, pose_options, rules
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
 from lidarcli.pipeline.collecting import Failed
@@ -34,13 +34,13 @@ def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
     UnreadableError, OptionError
         As of `read`. A log without LaserScan is warned of.
     """
-    csv, judged, poses = csv_options(options), rules(options), pose_options(options)
+    opening, judged, poses = opening_options(options), rules(options), pose_options(options)
     sources = sources_of(log)
     failed = Failed(len(sources))
     told = []
     for source in sources:
         with failed.noted(source):
-            found = inspect_log(source, csv, judged, poses)
+            found = inspect_log(source, opening, judged, poses)
             for line in found.damage:
                 warn(f"{source.path}: {line}")
             if found.exit_code == NoScanError.exit_code:

@@ -8,7 +8,7 @@ from typing import Unpack
 
 from lidarcli.formalism.background.model import Background
 from lidarcli.pipeline.api.keywords import AnyPath, Learning, Paths
-from lidarcli.pipeline.api.options import csv_options, pose_options, read_options
+from lidarcli.pipeline.api.options import opening_options, pose_options, read_options
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
 from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
@@ -40,7 +40,7 @@ def learn(log: Paths, output: AnyPath | None = None, **options: Unpack[Learning]
     building = Building(
         BuildOptions(
             read=read_options(options),
-            csv=csv_options(options),
+            opening=opening_options(options),
             poses=pose_options(options),
             distance=options["station_distance"],
             angle=math.radians(options["station_angle"]),

@@ -6,7 +6,7 @@ from typing import Unpack
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.pipeline.api.keywords import Mapping, Paths, Reading, defaults_of
-from lidarcli.pipeline.api.options import csv_options, pose_options, read_options, several
+from lidarcli.pipeline.api.options import opening_options, pose_options, read_options, several
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
 from lidarcli.pipeline.collecting import Failed
@@ -43,7 +43,7 @@ def map(log: Paths, output: Paths = (), **options: Unpack[Mapping]) -> Occupancy
     """
     made_with = MapOptions(
         read=read_options(options),
-        csv=csv_options(options),
+        opening=opening_options(options),
         poses=pose_options(options),
         overwrite=True,
         **{name: value for name, value in options.items() if name not in _READING},  # type: ignore[arg-type]

@@ -10,9 +10,9 @@ from typing import Any
 from lidarcli.errors import OptionError
 from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.logs.base import CsvOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.logs.options import csv_geometry, range_rules
+from lidarcli.logs.options import open_options, range_rules
 from lidarcli.pipeline.api.keywords import AnyPath, Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
@@ -50,9 +50,9 @@ def rules(told: Told) -> RangeRules:
     return range_rules(told["range"], parse_no_return(text))
 
 
-def csv_options(told: Told) -> CsvOptions:
+def opening_options(told: Told) -> OpenOptions:
     """The geometry that a CSV may lack, angles in radians."""
-    return csv_geometry(**{name: told[name] for name in GEOMETRY})
+    return open_options(**{name: told[name] for name in GEOMETRY})
 
 
 def pose_options(told: Told) -> PoseOptions:

@@ -11,7 +11,7 @@ from lidarcli.choices import VIEWS, Look
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges, defaults_of
-from lidarcli.pipeline.api.options import Told, csv_options, parameters_of, pose_options, rules
+from lidarcli.pipeline.api.options import Told, opening_options, parameters_of, pose_options, rules
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import path_of
 from lidarcli.pipeline.inputs.search import one_log
@@ -79,7 +79,7 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
         topic=told["topic"],
         parameters=parameters_of(parameters, told),
         rules=rules(told),
-        csv=csv_options(told),
+        opening=opening_options(told),
         background=None if told["background"] is None else fspath(told["background"]),
         tracks=None if told["tracks"] is None else fspath(told["tracks"]),
         poses=pose_options(told),
@@ -96,7 +96,7 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
             time = as_time(at)
         except OptionError as err:
             raise OptionError(f"--at: {err}") from None
-        wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.csv),))
+        wanted = replace(wanted, sweeps=(sweep_at(source, time, wanted.topic, wanted.opening),))
     drawn = take_pictures(source, wanted)
     for line in drawn.damage:
         warn(f"{source.path}: {line}")

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Unpack
 
-from lidarcli.logs.base import CsvOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.api.keywords import Paths, Reading
-from lidarcli.pipeline.api.options import csv_options, pose_options, read_options
+from lidarcli.pipeline.api.options import opening_options, pose_options, read_options
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
 from lidarcli.pipeline.collecting import Failed
@@ -46,15 +46,15 @@ def read(log: Paths, **options: Unpack[Reading]) -> Iterator[SweepBatch]:
     OptionError
         A value has no meaning.
     """
-    return _batches(sources_of(log), read_options(options), csv_options(options), pose_options(options))
+    return _batches(sources_of(log), read_options(options), opening_options(options), pose_options(options))
 
 
 def _batches(
-    sources: Sequence[Source], options: ReadOptions, csv: CsvOptions, poses: PoseOptions
+    sources: Sequence[Source], options: ReadOptions, opening: OpenOptions, poses: PoseOptions
 ) -> Iterator[SweepBatch]:
     failed = Failed(len(sources))
     for source in sources:
-        with failed.noted(source), open_source(source, csv) as log:
+        with failed.noted(source), open_source(source, opening) as log:
             posing = Posing.of(log, poses, options.topics, options.rules)
             report = ReadReport()
             is_empty = True

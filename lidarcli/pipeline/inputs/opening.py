@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.base import Log, OpenOptions
 from lidarcli.stores.url import Url, place
 
 if TYPE_CHECKING:
@@ -21,24 +21,24 @@ _TRIED = 3
 
 
 @contextmanager
-def open_source(source: Source, csv: CsvOptions | None = None) -> Iterator[Log]:
+def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[Log]:
     """The open log of a source, closed in the end; many CSV files with one sweep each are one log."""
     if (url := source.url) is not None:
         from lidarcli.pipeline.inputs.stored import open_stored
 
         with open_stored(
-            url, [found for file in source.files if isinstance(found := place(file), Url)], csv
+            url, [found for file in source.files if isinstance(found := place(file), Url)], opening
         ) as log:
             yield log
         return
-    with _of_files(source.files, csv) if source.files else open_log(source.path, csv=csv) as log:
+    with _of_files(source.files, opening) if source.files else open_log(source.path, opening=opening) as log:
         yield log
 
 
-def _of_files(files: Sequence[str], csv: CsvOptions | None) -> Log:
+def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
     from lidarcli.logs.csv.log import CsvLog
 
-    return CsvLog(files, csv)
+    return CsvLog(files, opening)
 
 
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:

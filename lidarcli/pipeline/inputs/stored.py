@@ -11,7 +11,7 @@ from typing import BinaryIO, cast
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import CsvOptions, Log
+from lidarcli.logs.base import Log, OpenOptions
 from lidarcli.logs.registry import HEAD, MCAP, ROS1
 from lidarcli.newfiles import scratch_folder
 from lidarcli.stores.reading import StoreFile, fetch
@@ -20,7 +20,7 @@ from lidarcli.stores.url import Url
 
 
 @contextmanager
-def open_stored(url: Url, files: Sequence[Url], csv: CsvOptions | None) -> Iterator[Log]:
+def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> Iterator[Log]:
     """The open log of an object, or of the `files` that are one log together; nothing of it is left here afterwards.
 
     Raises
@@ -29,12 +29,14 @@ def open_stored(url: Url, files: Sequence[Url], csv: CsvOptions | None) -> Itera
         There is none of this name, the store does not hand it out, or it is no log.
     """
     with ExitStack() as stack:
-        log = stack.enter_context(_fetched(url, files, csv, stack) if files else _opened(url, csv, stack))
+        log = stack.enter_context(
+            _fetched(url, files, opening, stack) if files else _opened(url, opening, stack)
+        )
         log.path = str(url)
         yield log
 
 
-def _opened(url: Url, csv: CsvOptions | None, stack: ExitStack) -> Log:
+def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
     """An object that is a log by itself."""
     file = stack.enter_context(StoreFile(url))
     stream = cast(BinaryIO, file)
@@ -55,10 +57,10 @@ def _opened(url: Url, csv: CsvOptions | None, stack: ExitStack) -> Log:
     with copy.open("wb") as out:
         shutil.copyfileobj(file, out, PIECE)
     with _named(url, str(copy)):
-        return open_log(copy, csv=csv)
+        return open_log(copy, opening=opening)
 
 
-def _fetched(url: Url, files: Sequence[Url], csv: CsvOptions | None, stack: ExitStack) -> Log:
+def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack: ExitStack) -> Log:
     """A log of several objects, which are copied to this machine first."""
     folder = _scratch(stack) / "log"
     # The folders below a pattern tell apart files of one name.
@@ -69,10 +71,10 @@ def _fetched(url: Url, files: Sequence[Url], csv: CsvOptions | None, stack: Exit
         fetch(file, copy)
     with _named(url, *map(str, [*copies, folder])):
         if all(file.key.startswith(f"{url.key}/") for file in files):
-            return open_log(folder, csv=csv)
+            return open_log(folder, opening=opening)
         from lidarcli.logs.csv.log import CsvLog
 
-        return CsvLog(copies, csv)
+        return CsvLog(copies, opening)
 
 
 def _scratch(stack: ExitStack) -> Path:

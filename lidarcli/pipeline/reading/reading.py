@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from lidarcli.choices import MATCH
-from lidarcli.logs.base import CsvOptions, Log, ReadReport
+from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.pipeline.inputs.sources import Source
@@ -35,13 +35,13 @@ Progress = Callable[[int], None]
 """Called with the position in the source [bytes]."""
 
 
-def reading_as_dict(read: ReadOptions, csv: CsvOptions, poses: PoseOptions) -> dict[str, Any]:
+def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions) -> dict[str, Any]:
     """What of a log is read and how, as plain values, for the tables' metadata."""
     rules = read.rules
-    geometry = {name: getattr(csv, name) for name in ("angle_min", "angle_increment", "fov", "range_max")}
+    geometry = {name: getattr(opening, name) for name in ("angle_min", "angle_increment", "fov", "range_max")}
     told = {name: value for name, value in geometry.items() if value is not None}
-    if csv.range_scale != 1.0:
-        told["range_scale"] = csv.range_scale
+    if opening.range_scale != 1.0:
+        told["range_scale"] = opening.range_scale
     return {
         "topics": sorted(read.topics) if read.topics else None,
         "start": _plain(read.start),
