@@ -18,19 +18,15 @@ from lidarcli.poses.rows import (
     MAX_TRANSFORMS,
     ODOMETRY,
     TRANSFORMS,
-    BadPoseError,
     PoseRows,
     frame_name,
 )
+from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import UInt8
 
-SHORT = "shorter than its type"
-ENCAPSULATION = "not plain CDR (unknown encapsulation)"
 NAME_LONG = f"a frame name of more than {MAX_NAME} bytes"
 TOO_MANY = f"more than {MAX_TRANSFORMS} transforms declared"
 
-# Encapsulation → byte order and alignment of doubles, which XCDR2 puts on four bytes.
-_CDR = {0: (">", 8), 1: ("<", 8), 6: (">", 4), 7: ("<", 4), 16: (">", 4), 17: ("<", 4)}
 _NUMBERS = 56
 """Bytes of a position and a quaternion."""
 
@@ -53,70 +49,43 @@ class _Walker:
     kind: str
     encoding: str
     order: str = "<"
-    align: int = 1
-    base: int = 0
-    at: int = 0
     fixed: list[tuple[int, int]] = field(default_factory=list)
     """Bytes that decide where all others stand."""
     entries: list[_Entry] = field(default_factory=list)
 
     def walk(self) -> None:
         """Find every pose of the message."""
-        if self.encoding == "cdr":
-            head = self.data[:4]
-            if len(head) < 4 or head[0] or head[1] not in _CDR:
-                raise BadPoseError(ENCAPSULATION)
-            self.order, self.align = _CDR[head[1]]
-            self.base = self.at = 4
+        cursor = Cursor(self.data, self.encoding)
+        self.order = cursor.order
+        if cursor.at:
             self.fixed.append((0, 2))
         count = 1
         if self.kind in TRANSFORMS:
-            start = self.at
-            count = self._word()
-            self.fixed.append((start, self.at))
+            start = cursor.at
+            count = cursor.word()
+            self.fixed.append((start, cursor.at))
             if count > MAX_TRANSFORMS:
-                raise BadPoseError(TOO_MANY)
+                raise BadMessageError(TOO_MANY)
         for _ in range(count):
-            self._entry()
+            self._entry(cursor)
 
-    def _entry(self) -> None:
+    def _entry(self, cursor: Cursor) -> None:
         if self.encoding == "ros1":
-            self.at += 4  # the sequence number
-        self._to(4)
-        stamp = self.at
-        self.at += 8
-        parent = self._text()
-        child = self._text() if self.kind in TRANSFORMS or self.kind == ODOMETRY else ""
-        self._to(8)
-        numbers = self.at
-        self.at += _NUMBERS
-        if self.at > len(self.data):
-            raise BadPoseError(SHORT)
+            cursor.skip(4)  # the sequence number
+        cursor.align(4)
+        stamp = cursor.skip(8)
+        parent = self._name(cursor)
+        child = self._name(cursor) if self.kind in TRANSFORMS or self.kind == ODOMETRY else ""
+        cursor.align(8)
+        numbers = cursor.skip(_NUMBERS)
         self.entries.append(_Entry(stamp, numbers, frame_name(parent), frame_name(child)))
 
-    def _to(self, size: int) -> None:
-        """Pass the padding before a value of this size."""
-        self.at += -(self.at - self.base) % min(size, self.align)
-
-    def _word(self) -> int:
-        self._to(4)
-        raw = self.data[self.at : self.at + 4]
-        if len(raw) < 4:
-            raise BadPoseError(SHORT)
-        self.at += 4
-        return int.from_bytes(raw, "little" if self.order == "<" else "big")
-
-    def _text(self) -> str:
-        self._to(4)
-        start = self.at
-        length = self._word()
-        if length > MAX_NAME:
-            raise BadPoseError(NAME_LONG)
-        self.at += length
-        if self.at > len(self.data):
-            raise BadPoseError(SHORT)
-        self.fixed.append((start, self.at))
-        return self.data[self.at - length : self.at].split(b"\0")[0].decode("utf-8", "replace")
+    def _name(self, cursor: Cursor) -> str:
+        cursor.align(4)
+        start = cursor.at
+        text = cursor.text(MAX_NAME, NAME_LONG)
+        self.fixed.append((start, cursor.at))
+        return text
 
 
 def decode(kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]) -> Iterator[PoseRows]:
@@ -138,7 +107,7 @@ def decode(kind: str, encoding: str, messages: Sequence[bytes], refused: Counter
             walker = _Walker(messages[rows[0]], kind, encoding)
             try:
                 walker.walk()
-            except BadPoseError as err:
+            except BadMessageError as err:
                 refused[str(err)] += 1
                 rows, matrix = rows[1:], matrix[1:]
                 continue

@@ -11,6 +11,7 @@ import pytest
 
 from lidarcli.poses import foxglove, rosbytes
 from lidarcli.poses.rows import PoseRows
+from lidarcli.ros import cursor
 from lidarcli.simulate.foxglove import JSON, PROTOBUF
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.simulate.scene import Odometry
@@ -108,10 +109,10 @@ def test_causes_of_refusal() -> None:
     refused: Counter[str] = Counter()
     (rows,) = rosbytes.decode(POSE, "cdr", [b"", b"\1\2\3\4" + good[4:], long_name, good], refused)
     assert rows.row.tolist() == [3]
-    assert refused == {rosbytes.ENCAPSULATION: 2, rosbytes.NAME_LONG: 1}
+    assert refused == {cursor.ENCAPSULATION: 2, rosbytes.NAME_LONG: 1}
     refused.clear()
     assert not list(rosbytes.decode(TF, "cdr", [good[:4] + many, good[:4]], refused))
-    assert refused == {rosbytes.TOO_MANY: 1, rosbytes.SHORT: 1}
+    assert refused == {rosbytes.TOO_MANY: 1, cursor.SHORT: 1}
 
 
 def test_random_bytes_do_no_harm() -> None:

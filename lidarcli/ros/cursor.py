@@ -1,0 +1,79 @@
+"""Going through one message in ROS serialisation from field to field: CDR of ROS 2, or that of ROS 1."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+
+# Encapsulation → byte order and alignment of doubles, which XCDR2 puts on four bytes.
+_CDR = {0: (">", 8), 1: ("<", 8), 6: (">", 4), 7: ("<", 4), 16: (">", 4), 17: ("<", 4)}
+
+
+class BadMessageError(ValueError):
+    """A message that is not what its type says; the text is the cause."""
+
+
+SHORT = "shorter than its type"
+ENCAPSULATION = "not plain CDR (unknown encapsulation)"
+
+
+@dataclass(slots=True)
+class Cursor:
+    """A place in a message; what is read moves it on."""
+
+    data: bytes
+    encoding: str
+    """`cdr` or `ros1`."""
+    order: str = field(default="<", init=False)
+    """Byte order: `<` or `>`."""
+    at: int = field(default=0, init=False)
+    _align: int = field(default=1, init=False)
+    _base: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        """Read the encapsulation of CDR."""
+        if self.encoding == "cdr":
+            head = self.data[:4]
+            if len(head) < 4 or head[0] or head[1] not in _CDR:
+                raise BadMessageError(ENCAPSULATION)
+            self.order, self._align = _CDR[head[1]]
+            self._base = self.at = 4
+
+    def align(self, size: int) -> None:
+        """Pass the padding before a value of this size."""
+        self.at += -(self.at - self._base) % min(size, self._align)
+
+    def skip(self, size: int) -> int:
+        """Pass so many bytes; where they begin."""
+        start = self.at
+        self.at += size
+        if self.at > len(self.data):
+            raise BadMessageError(SHORT)
+        return start
+
+    def byte(self) -> int:
+        """One byte."""
+        return self.data[self.skip(1)]
+
+    def word(self) -> int:
+        """Four bytes as an unsigned integer."""
+        self.align(4)
+        (value,) = struct.unpack_from(f"{self.order}I", self.data, self.skip(4))
+        return int(value)
+
+    def text(self, most: int, too_long: str) -> str:
+        """A string of at most `most` bytes."""
+        length = self.word()
+        if length > most:
+            raise BadMessageError(too_long)
+        start = self.skip(length)
+        return self.data[start : self.at].split(b"\0")[0].decode("utf-8", "replace")
+
+    def stamp_ns(self) -> int:
+        """The stamp of a header, whose sequence number in ROS 1 is passed over [ns]."""
+        if self.encoding == "ros1":
+            self.skip(4)
+        seconds, nanoseconds = self.word(), self.word()
+        if self.encoding == "cdr" and seconds >= 1 << 31:
+            seconds -= 1 << 32
+        return seconds * 1_000_000_000 + nanoseconds
