@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from lidarcli.cli.messages import one_line
-from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, Topic
+from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Topic
 from lidarcli.pipeline.info_json import info_dict
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 from lidarcli.pipeline.reading.clock import ClockInfo
@@ -48,8 +48,9 @@ def _topics(topics: Sequence[Topic]) -> list[str]:
     lines = []
     others = 0
     for topic in topics:
-        others += topic.type not in SCAN_TYPES | POSE_TYPES
-        if topic.type in SCAN_TYPES | POSE_TYPES or others <= _OTHERS:
+        known = topic.is_scan or topic.type in POSE_TYPES | CLOUD_TYPES
+        others += not known
+        if known or others <= _OTHERS:
             count = "" if topic.messages is None else f"  {topic.messages:,}"
             lines.append(f"{topic.name}  {topic.type}{count}")
     if (more := others - _OTHERS) > 0:
@@ -102,6 +103,8 @@ def _scan_lines(scan: ScanInfo) -> list[str]:
         lines.append(_line("time", f"{moment(clock.start_ns)} to {moment(clock.end_ns)}", 4))
         lines.append(_line("span", f"{clock.span:.3f} s", 4))
     lines.append(_line("stamps", _stamps(clock, scan.sweeps), 4))
+    if scan.made_of:
+        lines.append(_line("made of", f"point clouds ({scan.made_of})", 4))
     if scan.pose:
         lines.append(_line("pose", scan.pose, 4))
     for name, count in scan.by_status.items():

@@ -153,6 +153,7 @@ INPUTS = click.Path(allow_dash=True, readable=False)
 
 RANGES = "Beams without a range"
 CSV = "Text logs without geometry"
+CLOUDS = "Point clouds"
 SELECT = "Sweeps to read"
 POSES = "Where the sensor was"
 
@@ -348,6 +349,24 @@ def opening_options(command: F) -> F:
     angle = Number("ANGLE")
     for decorate in (
         option(
+            "--bins",
+            heading=CLOUDS,
+            type=click.INT,
+            metavar="N",
+            help="Beams of such a sweep; their view is a full turn, or that of --angle-min and --fov.  [default: 720]",
+        ),
+        option(
+            "--slice",
+            "heights",
+            heading=CLOUDS,
+            type=Number("ZMIN ZMAX"),
+            nargs=2,
+            default=None,
+            metavar="ZMIN ZMAX",
+            help="Read point clouds as sweeps: of the points between these heights [m] the nearest in each direction. "
+            "Heights count from the robot's base, level by tf.  [default: clouds are not read]",
+        ),
+        option(
             "--range-unit",
             heading=CSV,
             type=click.Choice(["m", "mm"]),
@@ -402,8 +421,10 @@ def _open_options(
     range_max: float | None,
     degrees: bool,
     range_unit: str,
+    heights: tuple[float, float] | None,
+    bins: int | None,
 ) -> OpenOptions:
-    """`OpenOptions` from the options."""
+    """`OpenOptions` from the options; the range limits also say which points of a cloud are the robot itself."""
     from lidarcli.logs.options import open_options
 
     with usage_errors():
@@ -414,4 +435,7 @@ def _open_options(
             range_max=range_max,
             degrees=degrees,
             range_unit=range_unit,
+            heights=heights,
+            bins=bins,
+            limits=click.get_current_context().params.get("limits"),
         )

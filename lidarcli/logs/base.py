@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+from lidarcli import foxglove
 from lidarcli.sweeps import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
-FOXGLOVE_SCAN = "foxglove.LaserScan"
-SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, FOXGLOVE_SCAN})
+SCAN_TYPES = frozenset({LASERSCAN, MULTI_ECHO, foxglove.SCAN})
+
+POINTCLOUD2 = "sensor_msgs/msg/PointCloud2"
+CLOUD_TYPES = frozenset({POINTCLOUD2, foxglove.CLOUD})
+"""Point clouds, of which `OpenOptions.slice` makes sweeps."""
 
 POSE_TYPES = frozenset(
     {
@@ -21,8 +25,8 @@ POSE_TYPES = frozenset(
         "tf/msg/tfMessage",
         "geometry_msgs/msg/PoseStamped",
         "geometry_msgs/msg/PoseWithCovarianceStamped",
-        "foxglove.PoseInFrame",
-        "foxglove.FrameTransform",
+        foxglove.POSE,
+        foxglove.TRANSFORM,
     }
 )
 
@@ -56,6 +60,13 @@ class Topic:
     encoding: str
     """`cdr`, `ros1`, `json`, `protobuf`, `csv` or `carmen`."""
     messages: int | None = None
+    sliced: bool = False
+    """Whether it holds point clouds that are read as sweeps."""
+
+    @property
+    def is_scan(self) -> bool:
+        """Whether sweeps are read from it."""
+        return self.type in SCAN_TYPES or self.sliced
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +111,17 @@ class ReadReport:
         else:
             self.damage_more += 1
 
+    def add_new(self, other: ReadReport) -> None:
+        """Take over what another pass over the same log has met, of its damage only what this report does not tell yet."""
+        met = {part.place for part in self.damage}
+        self.add(replace(other, damage=[], damage_more=0))
+        for part in other.damage:
+            if part.place not in met:
+                self.add_damage(part.place, part.cause)
+        if not met:
+            # Past the limit nobody knows which parts are the same; where this pass met none, none are.
+            self.damage_more += other.damage_more
+
     def add(self, other: ReadReport, within: str = "") -> None:
         """Take over what else has been met; `within` names the part of the log whose places `other` tells."""
         for part in other.damage:
@@ -107,6 +129,20 @@ class ReadReport:
         self.damage_more += other.damage_more
         self.refused.update(other.refused)
         self.notes += [note for note in other.notes if note not in self.notes]
+
+
+@dataclass(frozen=True, slots=True)
+class Slice:
+    """Which points of a cloud are a sweep: those of some heights, and in each direction the nearest."""
+
+    low: float
+    """Least height [m] in a level frame."""
+    high: float
+    """Greatest."""
+    bins: int
+    """Beams of the sweep."""
+    limits: tuple[float, float] | None = None
+    """Nearest and farthest point that counts [m]; what is nearer is the robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +155,8 @@ class OpenOptions:
     range_max: float | None = None
     range_scale: float = 1.0
     """Factor from the file's unit to metres (`--range-unit mm`: 0.001)."""
+    slice: Slice | None = None
+    """How point clouds are read as sweeps; None: they are not."""
 
 
 class Log(Protocol):
@@ -133,10 +171,14 @@ class Log(Protocol):
     """As the user wrote it; `-` for standard input."""
     format: str
     """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`, `carmen`."""
-    compression: str
-    """`none`, `lz4`, `zstd`, `bz2`, `gzip`, or several joined by `+`."""
-    size: int | None
-    """Bytes of the source; None where unknown (a pipe)."""
+
+    @property
+    def compression(self) -> str:
+        """`none`, `lz4`, `zstd`, `bz2`, `gzip`, or several joined by `+`."""
+
+    @property
+    def size(self) -> int | None:
+        """Bytes of the source; None where unknown (a pipe)."""
 
     @property
     def position(self) -> int:

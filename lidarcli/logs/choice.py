@@ -6,14 +6,14 @@ from collections.abc import Collection, Iterable, Sequence
 from fnmatch import fnmatchcase
 
 from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, SCAN_TYPES, Topic
+from lidarcli.logs.base import CLOUD_TYPES, LASERSCAN, SCAN_TYPES, Topic
 
 _SHOWN = 5
 
 
 def scan_topics(topics: Iterable[Topic]) -> list[str]:
-    """Names of the LaserScan topics, sorted."""
-    return sorted({topic.name for topic in topics if topic.type in SCAN_TYPES})
+    """Names of the topics that sweeps are read from, sorted."""
+    return sorted({topic.name for topic in topics if topic.is_scan})
 
 
 def bare(name: str) -> str:
@@ -104,7 +104,8 @@ class TopicChoice:
             return NoScanError(self._absent(missing))
         if self.wanted or self._there:
             return None
-        return NoScanError(f"{no_scan_topic()} ({self._list()})" if self.is_listed else "no LaserScan in it")
+        words = f"{no_scan_topic()} ({self._list()})" if self.is_listed else "no LaserScan in it"
+        return NoScanError(words + self._hint(topic.name for topic in self._topics))
 
     def _found(self, name: str) -> list[str]:
         """The topics that a name or a pattern means: the very one where it is there."""
@@ -116,18 +117,28 @@ class TopicChoice:
     def _absent(self, missing: Sequence[str]) -> str:
         types = {bare(topic.name): topic.type for topic in self._topics}
         kind = types.get(bare(missing[0]), LASERSCAN)
+        hint = self._hint(missing)
         if kind not in SCAN_TYPES:
-            return f"topic {missing[0]} is {kind}, not a LaserScan"
+            return f"topic {missing[0]} is {kind}, not a LaserScan{hint}"
         has = f"its LaserScan topics: {', '.join(self.there)}" if self._there else self._list()
         return f"{no_scan_topic(missing)} ({has})"
+
+    def _hint(self, names: Iterable[str]) -> str:
+        """What to type where some of the topics hold point clouds."""
+        named = {bare(name) for name in names}
+        clouds = sorted(
+            topic.name for topic in self._topics if topic.type in CLOUD_TYPES and bare(topic.name) in named
+        )
+        if not clouds:
+            return ""
+        return f"; to read its point clouds as sweeps add --slice ZMIN ZMAX, the heights that count [m] ({_some(clouds)})"
 
     def _list(self) -> str:
         """What the log has instead."""
         if not self._topics:
             return "it has no topics"
         names = [f"{topic.name} {topic.type}" for topic in sorted(self._topics, key=lambda topic: topic.name)]
-        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-        return f"its topics: {', '.join(names[:_SHOWN])}{more}"
+        return f"its topics: {_some(names)}"
 
 
 def nothing_read(damage: Sequence[str], error: NoScanError, wanted: Sequence[str]) -> LidarcliError:
@@ -136,6 +147,11 @@ def nothing_read(damage: Sequence[str], error: NoScanError, wanted: Sequence[str
         return error
     topics = f" topic{_named(wanted)}" if wanted else ""
     return UnreadableError(f"no LaserScan{topics} in the part that could be read; {damage[0]}")
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return f"{', '.join(names[:_SHOWN])}{more}"
 
 
 def _named(names: Sequence[str]) -> str:

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 
 from lidarcli.errors import OptionError
-from lidarcli.logs.base import OpenOptions
+from lidarcli.logs.base import OpenOptions, Slice
 from lidarcli.sweeps import FARTHEST, TURN, RangeRules
 
+BINS = 720
+"""Beams of a sweep that is made of a point cloud: half a degree each in a full turn …"""
+MOST_BINS = 100_000
+"""… and no more than these."""
 UNITS = {"m": 1.0, "mm": 0.001}
 """Units that the ranges of a CSV may have, in metres."""
 
@@ -41,8 +45,13 @@ def open_options(
     range_max: float | None,
     degrees: bool,
     range_unit: str,
+    heights: tuple[float, float] | None = None,
+    bins: int | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> OpenOptions:
-    """The geometry that a CSV may lack; the three angles are radians, or `degrees`.
+    """What a log may need to be told; the three angles are radians, or `degrees`.
+
+    `heights`, `bins` and `limits` say which points of a cloud are a sweep (`Slice`); without heights none are.
 
     Raises
     ------
@@ -73,4 +82,21 @@ def open_options(
         fov=radians("--fov", fov),
         range_max=range_max,
         range_scale=UNITS[range_unit],
+        slice=_slice(heights, bins, limits),
     )
+
+
+def _slice(
+    heights: tuple[float, float] | None, bins: int | None, limits: tuple[float, float] | None
+) -> Slice | None:
+    if heights is None:
+        if bins is not None:
+            raise OptionError("--bins is for point clouds, which --slice reads as sweeps")
+        return None
+    low, high = map(float, heights)
+    if not low <= high:
+        raise OptionError(f"--slice: {low:g} to {high:g} m are no heights; give the least and the greatest")
+    count = BINS if bins is None else bins
+    if not 1 < count <= MOST_BINS:
+        raise OptionError(f"--bins: {count} is not from 2 to {MOST_BINS:,}")
+    return Slice(low, high, count, None if limits is None else (float(limits[0]), float(limits[1])))

@@ -57,6 +57,7 @@ def _scan_json(scan: ScanInfo) -> dict[str, Any]:
         },
         "beams_by_status": dict(scan.by_status),
         "pose": scan.pose or None,
+        "made_of": scan.made_of or None,
     }
 
 

@@ -15,6 +15,7 @@ from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.choice import scan_topics
 from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.sliced import made_of_clouds
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.clock import Clock, ClockInfo
 from lidarcli.pipeline.reading.delays import DelaySearch
@@ -63,6 +64,8 @@ class ScanInfo:
     """`valid`, `no_return`, `too_close`, `invalid` → beams."""
     pose: str = ""
     """Topics and frames by which `detect` would tell where the sensor was; empty where it could not."""
+    made_of: str = ""
+    """Type of the messages that the sweeps are made of, where that is no LaserScan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,13 +127,16 @@ def inspect_log(
                 progress(log.position)
         topics = _with_counts(log.topics() or (), found, only_counted)
         report = report if poses is None else poses.together(report)
+        made_of = made_of_clouds(log)
         return LogInfo(
             path=source.label,
             format=log.format,
             compression=log.compression,
             size=log.size,
             topics=topics,
-            scans=tuple(found[key].info(*key, _pose(poses, key[1])) for key in sorted(found)),
+            scans=tuple(
+                found[key].info(*key, _pose(poses, key[1]), made_of.get(key[0], "")) for key in sorted(found)
+            ),
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
@@ -198,7 +204,7 @@ class _Scan:
         batch = normalise(block, np.arange(len(block)), rules)
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
 
-    def info(self, topic: str, frame_id: str, pose: str) -> ScanInfo:
+    def info(self, topic: str, frame_id: str, pose: str, made_of: str) -> ScanInfo:
         """The state so far."""
         return ScanInfo(
             topic=topic,
@@ -207,6 +213,7 @@ class _Scan:
             closure=tuple(Closure(code).name.lower() for code in sorted(self._closures)),
             clock=self._clock.info(),
             pose=pose,
+            made_of=made_of,
             by_status={
                 status.name.lower(): int(self._statuses[status])
                 for status in Status

@@ -18,6 +18,8 @@ from lidarcli.sweeps import RawSweeps
 WINDOW = 4096
 """Messages among which those of several topics are put in order: more than come of one topic at a stretch."""
 _ROS = ("cdr", "ros1")
+SLICED = "sliced"
+"""In the place of an encoding: sweeps that are made of point clouds, which no message of the log holds."""
 _OLD_TF = "tf/msg/tfMessage"
 
 
@@ -25,7 +27,7 @@ def scan_encodings(log: Log) -> dict[str, str]:
     """Topic of sweeps → how its messages are encoded; where the log has no index, by reading it once."""
     topics = log.topics()
     if topics is not None:
-        return {topic.name: topic.encoding for topic in topics if topic.type in SCAN_TYPES}
+        return {topic.name: SLICED if topic.sliced else topic.encoding for topic in topics if topic.is_scan}
     return {message.topic: message.encoding for message in log.messages(SCAN_TYPES, ReadReport())}
 
 

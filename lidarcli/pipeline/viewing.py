@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import OpenOptions, ReadReport
+from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inputs.tables import Pair, batches
+from lidarcli.pipeline.reading.reading import GEOMETRY
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.raw import Raw
 from lidarcli.reports.summary import Summary
@@ -131,7 +132,7 @@ def _from_log(
 ) -> dict[tuple[int, str], Raw]:
     """The ranges as `detect` has judged them, by the parameters in the tables."""
     gathered: dict[str, _Gathered] = {}
-    with open_source(log, _csv(source.parameters)) as opened:
+    with open_source(log, _opening(source.parameters)) as opened:
         options = ReadOptions(topics=frozenset(topics), rules=_rules(source.parameters))
         for batch in read_batches(opened, options, ReadReport()):
             rows = np.flatnonzero(np.isin(batch.sweep, topics.get(batch.topic, [])))
@@ -200,15 +201,19 @@ def _rules(parameters: dict[str, Any]) -> RangeRules:
     )
 
 
-def _csv(parameters: dict[str, Any]) -> OpenOptions:
-    """What the run has been told of a CSV."""
+def _opening(parameters: dict[str, Any]) -> OpenOptions:
+    """What the run has been told of its log."""
     told = parameters.get("csv")
-    names = ("angle_min", "angle_increment", "fov", "range_max", "range_scale")
-    return (
-        OpenOptions(**{name: float(told[name]) for name in names if _is_number(told.get(name))})
-        if isinstance(told, dict)
-        else OpenOptions()
-    )
+    told = told if isinstance(told, dict) else {}
+    numbers: dict[str, Any] = {
+        name: float(value) for name, value in told.items() if name in GEOMETRY and _is_number(value)
+    }
+    heights, bins = parameters.get("slice"), parameters.get("bins")
+    known = isinstance(heights, list) and len(heights) == 2 and all(map(_is_number, heights))
+    part = None
+    if known and heights and isinstance(bins, int) and 0 < bins <= MAX_BEAMS:
+        part = Slice(float(heights[0]), float(heights[1]), bins, _rules(parameters).limits)
+    return OpenOptions(slice=part, **numbers)
 
 
 def _is_number(value: object) -> bool:

@@ -5,36 +5,16 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import cache
-from typing import Any
 
 import numpy as np
-from google.protobuf import descriptor_pb2, timestamp_pb2
-from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError
-from google.protobuf.message_factory import GetMessageClass
 
+from lidarcli.foxglove import TRANSFORM, classes
 from lidarcli.poses.rows import BadPoseError, PoseRows, frame_name
 
-TRANSFORM = "foxglove.FrameTransform"
 NOT_JSON = "not JSON"
 NOT_POSE = "not what its type says"
 NOT_PROTOBUF = "not protobuf of its schema"
-
-_FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
-    "Vector3": (("x", "double"), ("y", "double"), ("z", "double")),
-    "Quaternion": (("x", "double"), ("y", "double"), ("z", "double"), ("w", "double")),
-    "Pose": (("position", "Vector3"), ("orientation", "Quaternion")),
-    "PoseInFrame": (("timestamp", "Timestamp"), ("frame_id", "string"), ("pose", "Pose")),
-    "FrameTransform": (
-        ("timestamp", "Timestamp"),
-        ("parent_frame_id", "string"),
-        ("child_frame_id", "string"),
-        ("translation", "Vector3"),
-        ("rotation", "Quaternion"),
-    ),
-}
-"""Message → its fields, which the published schemas number from 1."""
 
 _Pose = tuple[str, str, int, list[float]]
 
@@ -90,7 +70,7 @@ def _json(kind: str, data: bytes) -> _Pose:
 
 def _proto(kind: str, data: bytes) -> _Pose:
     try:
-        fields = _classes()[kind.rpartition(".")[2]].FromString(data)
+        fields = classes()[kind].FromString(data)
     except DecodeError:
         raise BadPoseError(NOT_PROTOBUF) from None
     stamp_ns = int(fields.timestamp.seconds) * 1_000_000_000 + int(fields.timestamp.nanos)
@@ -109,29 +89,3 @@ def _checked(stamp_ns: int) -> int:
     if not -(2**63) <= stamp_ns < 2**63:
         raise BadPoseError("timestamp out of range")
     return stamp_ns
-
-
-@cache
-def _classes() -> dict[str, Any]:
-    """The message classes; the log's own schemas can only say the same."""
-    file = descriptor_pb2.FileDescriptorProto(
-        name="foxglove_poses.proto", package="foxglove", syntax="proto3"
-    )
-    file.dependency.append(timestamp_pb2.DESCRIPTOR.name)
-    kinds = descriptor_pb2.FieldDescriptorProto
-    for name, fields in _FIELDS.items():
-        message = file.message_type.add(name=name)
-        for number, (field_name, kind) in enumerate(fields, 1):
-            added = message.field.add(name=field_name, number=number, label=kinds.LABEL_OPTIONAL)
-            if kind in ("double", "string"):
-                added.type = kinds.TYPE_DOUBLE if kind == "double" else kinds.TYPE_STRING
-            else:
-                added.type = kinds.TYPE_MESSAGE
-                known = ".google.protobuf.Timestamp" if kind == "Timestamp" else f".foxglove.{kind}"
-                added.type_name = known
-    stamp = descriptor_pb2.FileDescriptorProto()
-    timestamp_pb2.DESCRIPTOR.CopyToProto(stamp)
-    pool = DescriptorPool()
-    pool.Add(stamp)
-    pool.Add(file)
-    return {name: GetMessageClass(pool.FindMessageTypeByName(f"foxglove.{name}")) for name in _FIELDS}

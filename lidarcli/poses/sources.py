@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidarcli.poses.motion import Motion, compose, inverse, planar
+from lidarcli.poses.motion import Motion, planar
 from lidarcli.poses.rows import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
 from lidarcli.poses.tracks import Track
-from lidarcli.poses.tree import FrameTree, Step
+from lidarcli.poses.tree import FrameTree, Step, along
 from lidarcli.sweeps import TURN, Float64, Int64, SweepPoses
 
 _OF_ROBOT = re.compile(
@@ -67,12 +67,7 @@ class Way:
 
     def at(self, stamp_ns: Int64) -> Motion:
         """The pose of the sensor in the world at each time (S,), NaN outside the span of any moving link."""
-        count = len(stamp_ns)
-        pose = Motion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
-        for track, down in self.steps:
-            link = track.at(stamp_ns)
-            pose = compose(inverse(link) if down else link, pose)
-        return pose
+        return along(self.steps, stamp_ns)
 
     def going(self, here: SweepPoses, at_ns: Int64, lasts_ns: Int64 | None) -> SweepPoses:
         """Poses `here`, which are those at `at_ns` (S,), with the way that the sensor goes in the time after each.

@@ -6,10 +6,18 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from lidarcli.poses.motion import Motion, compose, inverse
 from lidarcli.poses.tracks import Track
+from lidarcli.sweeps import Int64
 
 WORLDS = ("map", "odom", "world")
 """Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
+
+
+BASES = ("base_footprint", "base_link", "base")
+"""Names of the frame of the robot itself, the one on the floor first."""
 
 
 class Step(NamedTuple):
@@ -28,6 +36,19 @@ class Step(NamedTuple):
     def source(self) -> str:
         """The frame that the step comes from."""
         return self.track.parent if self.down else self.track.child
+
+
+def along(steps: Sequence[Step], stamp_ns: Int64) -> Motion:
+    """The pose of the frame that the steps begin at in the one that they lead to, at each time (S,).
+
+    NaN outside the span of any link that moves.
+    """
+    count = len(stamp_ns)
+    pose = Motion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
+    for track, down in steps:
+        link = track.at(stamp_ns)
+        pose = compose(inverse(link) if down else link, pose)
+    return pose
 
 
 class FrameTree:
@@ -71,6 +92,20 @@ class FrameTree:
             seen.add(frame)
         moves = any(not step.track.static for step in climbed)
         return tuple(climbed) if moves and not _last(frame).startswith("base") else None
+
+    def to_base(self, start: str) -> tuple[Step, ...]:
+        """The way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`."""
+        reached = self._reached(start)
+        for name in BASES:
+            for frame in reached:
+                if _last(frame) == name:
+                    return _way(reached, frame)
+        climbed: list[Step] = []
+        frame = start
+        while (link := self._parent.get(frame)) is not None and link.static and len(climbed) < len(reached):
+            climbed.append(Step(link, down=False))
+            frame = link.parent
+        return tuple(climbed)
 
     def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
         """Every frame that can be reached, the nearest first, with the step that leads to it."""

@@ -7,92 +7,10 @@ from collections.abc import Callable
 from math import cos, isfinite, sin
 from typing import Any
 
-from google.protobuf import descriptor_pb2, timestamp_pb2
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message_factory import GetMessageClass
-
+from lidarcli.foxglove import POSE, SCAN, TRANSFORM, classes
 from lidarcli.simulate.messages import Encoding
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
-
-SCAN = "foxglove.LaserScan"
-POSE = "foxglove.PoseInFrame"
-TRANSFORM = "foxglove.FrameTransform"
-
-_STAMP = "google.protobuf.Timestamp"
-_FIELDS: dict[str, tuple[tuple[str, str], ...]] = {
-    "foxglove.Vector3": (("x", "double"), ("y", "double"), ("z", "double")),
-    "foxglove.Quaternion": (("x", "double"), ("y", "double"), ("z", "double"), ("w", "double")),
-    "foxglove.Pose": (("position", "foxglove.Vector3"), ("orientation", "foxglove.Quaternion")),
-    SCAN: (
-        ("timestamp", _STAMP),
-        ("frame_id", "string"),
-        ("pose", "foxglove.Pose"),
-        ("start_angle", "double"),
-        ("end_angle", "double"),
-        ("ranges", "double[]"),
-        ("intensities", "double[]"),
-    ),
-    POSE: (("timestamp", _STAMP), ("frame_id", "string"), ("pose", "foxglove.Pose")),
-    TRANSFORM: (
-        ("timestamp", _STAMP),
-        ("parent_frame_id", "string"),
-        ("child_frame_id", "string"),
-        ("translation", "foxglove.Vector3"),
-        ("rotation", "foxglove.Quaternion"),
-    ),
-}
-"""Message type → its fields; their protobuf numbers count from 1."""
-
-
-def json_schema(name: str) -> str:
-    """The JSON schema of a message type."""
-
-    def of(kind: str) -> dict[str, Any]:
-        if kind.endswith("[]"):
-            return {"type": "array", "items": of(kind[:-2])}
-        if kind == _STAMP:
-            parts = {part: {"type": "integer", "minimum": 0} for part in ("sec", "nsec")}
-            return {"type": "object", "title": "time", "properties": parts}
-        if kind in _FIELDS:
-            return {"type": "object", "properties": {field: of(inner) for field, inner in _FIELDS[kind]}}
-        return {"type": {"double": "number", "string": "string"}[kind]}
-
-    return json.dumps({"title": name, **of(name)})
-
-
-def _descriptor_set() -> descriptor_pb2.FileDescriptorSet:
-    """All message types and what they import, as an MCAP schema holds them."""
-    file = descriptor_pb2.FileDescriptorProto(name="foxglove.proto", package="foxglove", syntax="proto3")
-    file.dependency.append(timestamp_pb2.DESCRIPTOR.name)
-    field_type = descriptor_pb2.FieldDescriptorProto
-    for name, fields in _FIELDS.items():
-        message = file.message_type.add(name=name.partition(".")[2])
-        for number, (field_name, kind) in enumerate(fields, 1):
-            field = message.field.add(name=field_name, number=number, label=field_type.LABEL_OPTIONAL)
-            if kind.endswith("[]"):
-                field.label, kind = field_type.LABEL_REPEATED, kind[:-2]
-            if "." in kind:
-                field.type, field.type_name = field_type.TYPE_MESSAGE, f".{kind}"
-            else:
-                field.type = field_type.TYPE_DOUBLE if kind == "double" else field_type.TYPE_STRING
-    stamp = descriptor_pb2.FileDescriptorProto()
-    timestamp_pb2.DESCRIPTOR.CopyToProto(stamp)
-    return descriptor_pb2.FileDescriptorSet(file=[stamp, file])
-
-
-DESCRIPTORS = _descriptor_set()
-
-
-def _classes() -> dict[str, Any]:
-    pool = DescriptorPool()
-    for file in DESCRIPTORS.file:
-        pool.Add(file)
-    return {name: GetMessageClass(pool.FindMessageTypeByName(name)) for name in _FIELDS}
-
-
-_CLASSES = _classes()
-
 
 _WORDS = {"inf": "Infinity", "-inf": "-Infinity", "nan": "NaN"}
 
@@ -106,7 +24,7 @@ def _json_bytes(_: str, message: dict[str, Any]) -> bytes:
 
 def _protobuf_bytes(name: str, message: dict[str, Any]) -> bytes:
     stamp = message.pop("timestamp")
-    filled = _CLASSES[name](**message)
+    filled = classes()[name](**message)
     filled.timestamp.seconds, filled.timestamp.nanos = stamp["sec"], stamp["nsec"]
     data: bytes = filled.SerializeToString(deterministic=True)
     return data

@@ -8,6 +8,7 @@ from pathlib import Path
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
+from lidarcli.foxglove import descriptors, json_schema
 from lidarcli.ros.definitions import SCAN, ros1_definition, ros2_definition
 from lidarcli.simulate import foxglove
 from lidarcli.simulate.definitions import LASERSCAN_IDL
@@ -35,11 +36,11 @@ def _ros1_schema(name: str) -> tuple[str, str, bytes]:
 
 
 def _json_schema(name: str) -> tuple[str, str, bytes]:
-    return name, SchemaEncoding.JSONSchema, foxglove.json_schema(name).encode()
+    return name, SchemaEncoding.JSONSchema, json_schema(name).encode()
 
 
 def _protobuf_schema(name: str) -> tuple[str, str, bytes]:
-    return name, SchemaEncoding.Protobuf, foxglove.DESCRIPTORS.SerializeToString(deterministic=True)
+    return name, SchemaEncoding.Protobuf, descriptors().SerializeToString(deterministic=True)
 
 
 ENCODINGS: dict[str, tuple[Encoding, str, str, SchemaOf]] = {

@@ -11,8 +11,9 @@ import pytest
 from mcap.writer import IndexType, Writer
 
 from lidarcli.errors import UnreadableError
+from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
 from lidarcli.logs import foxglove
-from lidarcli.logs.base import FOXGLOVE_SCAN, LASERSCAN, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.mcap import walk as mcap_walk
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs import mcap_samples as samples

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError
+from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
 from lidarcli.logs import foxglove
-from lidarcli.logs.base import FOXGLOVE_SCAN, LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic
 from lidarcli.logs.definition import differs
 from lidarcli.logs.gather import Gather
 from lidarcli.logs.mcap.catalogue import MAGIC, Catalogue, Summary, index_is_complete, read_summary

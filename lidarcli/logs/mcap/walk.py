@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from mcap.opcode import Opcode
 
-from lidarcli.logs.base import POSE_TYPES, SCAN_TYPES, ReadReport, ros_type
+from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, SCAN_TYPES, ReadReport, ros_type
 from lidarcli.logs.mcap.catalogue import MAGIC, Catalogue
 from lidarcli.logs.mcap.codec import MAX_CHUNK, CodecError, inflate, inflate_start
 from lidarcli.logs.mcap.cursor import Cursor
@@ -336,7 +336,7 @@ class Walker:
             if (
                 key not in self.catalogue.channels
                 and schema
-                and ros_type(schema.name) in SCAN_TYPES | POSE_TYPES
+                and ros_type(schema.name) in SCAN_TYPES | CLOUD_TYPES | POSE_TYPES
             ):
                 self.catalogue.define(schema, channel)
                 note = f"{channel.topic} is described only in the damaged chunk at byte {chunk.place}"

@@ -140,6 +140,16 @@ class Ranges(TypedDict, total=False):
         bool, Keyword("the three angles above are in degrees; without, they are radians", False)
     ]
     range_unit: Annotated[Literal["m", "mm"], Keyword("unit of the ranges in a CSV file", "m")]
+    slice: Annotated[
+        tuple[float, float] | None,
+        Keyword(
+            "read point clouds as sweeps: of the points between these heights above the robot's base [m] the nearest "
+            "in each direction"
+        ),
+    ]
+    bins: Annotated[
+        int | None, Keyword("beams of such a sweep, 720; a full turn, or `angle_min` and `fov`", None, COUNT)
+    ]
 
 
 class Reading(Topics, Poses, Delay, Ranges, total=False):

@@ -51,8 +51,13 @@ def rules(told: Told) -> RangeRules:
 
 
 def opening_options(told: Told) -> OpenOptions:
-    """The geometry that a CSV may lack, angles in radians."""
-    return open_options(**{name: told[name] for name in GEOMETRY})
+    """What a log may need to be told, angles in radians."""
+    return open_options(
+        **{name: told[name] for name in GEOMETRY},
+        heights=told["slice"],
+        bins=told["bins"],
+        limits=told["range"],
+    )
 
 
 def pose_options(told: Told) -> PoseOptions:

@@ -22,7 +22,21 @@ _TRIED = 3
 
 @contextmanager
 def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[Log]:
-    """The open log of a source, closed in the end; many CSV files with one sweep each are one log."""
+    """The open log of a source, closed in the end; many CSV files with one sweep each are one log.
+
+    Where it is said which points of clouds are sweeps, it has these, too.
+    """
+    with _opened_source(source, opening) as log:
+        if opening is None or opening.slice is None:
+            yield log
+            return
+        from lidarcli.pipeline.inputs.sliced import SlicedLog
+
+        yield SlicedLog(log, opening, opening.slice)
+
+
+@contextmanager
+def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]:
     if (url := source.url) is not None:
         from lidarcli.pipeline.inputs.stored import open_stored
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,8 @@ from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
 from lidarcli.logs.choice import TopicChoice
+from lidarcli.pipeline.inputs.pose_messages import read_pose_messages
+from lidarcli.pipeline.inputs.sliced import SlicedLog
 from lidarcli.pipeline.reading.delays import SECOND
 from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
 from lidarcli.sweeps import RangeRules
@@ -34,15 +36,8 @@ class FoundPoses:
     def together(self, sweeps: ReadReport) -> ReadReport:
         """What the passes over poses and sweeps have met, each damaged part once: the sweeps may have met it, too."""
         both = ReadReport()
-        both.add(replace(self.report, damage=[], damage_more=0))
         both.add(sweeps)
-        met = {part.place for part in sweeps.damage}
-        for part in self.report.damage:
-            if part.place not in met:
-                both.add_damage(part.place, part.cause)
-        if not met:
-            # Past the limit nobody knows which parts are the same; where the sweeps met none, none are.
-            both.damage_more += self.report.damage_more
+        both.add_new(self.report)
         return both
 
 
@@ -86,20 +81,11 @@ def find_poses(
         raise NoScanError(_absent(wanted, listed, there))
     if not any(topic.messages != 0 for topic in there):
         return None
-    # Most logs have no poses and need not wait for the imports.
+    # Most logs have no poses and need not wait for the import.
     from lidarcli.poses.sources import PoseSources
-    from lidarcli.poses.tracks import Tracks
 
-    tracks = Tracks()
-    report = ReadReport()
-    tracks.add(log.messages(POSE_TYPES, report))
-    found = tracks.finish()
-    notes = [
-        f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())
-    ]
-    if tracks.left_out:
-        notes.append(f"{tracks.left_out:,} poses left out: too many to keep")
-    return FoundPoses(PoseSources(found, wanted), tuple(notes), report)
+    told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
+    return FoundPoses(PoseSources(told.tracks, wanted), told.notes, told.report)
 
 
 def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> FoundPoses:

@@ -14,6 +14,7 @@ from lidarcli.choices import MATCH
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
+from lidarcli.pipeline.inputs.sliced import made_of_clouds
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.reading.delays import first_delays
 from lidarcli.pipeline.reading.pose_options import PoseOptions
@@ -31,6 +32,10 @@ AHEAD = 2
 WORTH_A_THREAD = 4 << 20
 """Bytes of a file whose reading outweighs a thread for it."""
 
+GEOMETRY = ("angle_min", "angle_increment", "fov", "range_max", "range_scale")
+"""What of `OpenOptions` a log of text may lack."""
+_AS_IT_IS = OpenOptions()
+
 Progress = Callable[[int], None]
 """Called with the position in the source [bytes]."""
 
@@ -38,10 +43,8 @@ Progress = Callable[[int], None]
 def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions) -> dict[str, Any]:
     """What of a log is read and how, as plain values, for the tables' metadata."""
     rules = read.rules
-    geometry = {name: getattr(opening, name) for name in ("angle_min", "angle_increment", "fov", "range_max")}
-    told = {name: value for name, value in geometry.items() if value is not None}
-    if opening.range_scale != 1.0:
-        told["range_scale"] = opening.range_scale
+    told = {name: value for name in GEOMETRY if (value := getattr(opening, name)) != getattr(_AS_IT_IS, name)}
+    part = opening.slice
     return {
         "topics": sorted(read.topics) if read.topics else None,
         "start": _plain(read.start),
@@ -50,6 +53,7 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
         **({"csv": told} if told else {}),
+        **({} if part is None else {"slice": [part.low, part.high], "bins": part.bins}),
         **poses.as_dict(),
     }
 
@@ -161,8 +165,9 @@ class Reading:
 
     def describe(self, source: Source) -> dict[str, Any]:
         """What the tables' metadata says of the source, and of its poses where it has some."""
-        poses = self._posing.described()
-        return describe_source(source, self._log) | ({"poses": poses} if poses else {})
+        poses, clouds = self._posing.described(), made_of_clouds(self._log)
+        told = {name: what for name, what in (("poses", poses), ("made_of_clouds", clouds)) if what}
+        return describe_source(source, self._log) | told
 
     def __enter__(self) -> Self:
         return self

@@ -1,0 +1,122 @@
+"""A log whose point clouds are read as sweeps."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from lidarcli.logs.base import CLOUD_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.clouds.bins import Bins
+from lidarcli.logs.clouds.slicing import Slicer
+from lidarcli.pipeline.inputs.pose_messages import PoseMessages, read_pose_messages
+from lidarcli.sweeps import RawSweeps
+
+if TYPE_CHECKING:
+    from lidarcli.poses.level import TreeLevels
+
+_PIPE = (
+    "a pipe is read only once: of its topics the point clouds alone, which are taken for level; give the file's name "
+    "for LaserScan and transforms"
+)
+MOST_WAITING = 256 << 20
+"""After so many bytes of clouds none of them waits for others of its topic."""
+
+
+class SlicedLog:
+    """A `Log` that makes sweeps of another one's point clouds as well; what is level is found before the first."""
+
+    def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
+        self._log = log
+        self._part = part
+        self._bins = Bins.of(options, part.bins)
+        self._poses: PoseMessages | None = None
+        self._levels: TreeLevels | None = None
+        self.path, self.format = log.path, log.format
+
+    @property
+    def compression(self) -> str:
+        """As of the log itself."""
+        return self._log.compression
+
+    @property
+    def size(self) -> int | None:
+        """As of the log itself."""
+        return self._log.size
+
+    @property
+    def position(self) -> int:
+        """As of the log itself."""
+        return self._log.position
+
+    def topics(self) -> list[Topic] | None:
+        """All topics; those of point clouds hold sweeps."""
+        topics = self._log.topics()
+        return topics and [replace(topic, sliced=topic.type in CLOUD_TYPES) for topic in topics]
+
+    def poses(self) -> PoseMessages:
+        """What the log tells of poses, read once."""
+        if self._poses is None:
+            self._poses = read_pose_messages(self._log)
+        return self._poses
+
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        """Sweeps of LaserScan topics, then those of clouds, in log order within each topic."""
+        listed = self.topics()
+        if listed is None:
+            report.notes.append(_PIPE)
+            yield from self._of_clouds(None, report)
+            return
+        wanted = [topic for topic in listed if topic.is_scan and (topics is None or topic.name in topics)]
+        if not any(topic.sliced for topic in listed):
+            report.notes.append("no point cloud in this log: --slice changes nothing")
+        if any(not topic.sliced for topic in wanted) or not wanted:
+            yield from self._log.scans(topics, report)
+        clouds = {topic.name for topic in wanted if topic.sliced}
+        if clouds:
+            own = ReadReport()
+            yield from self._of_clouds(clouds, own)
+            report.add_new(own)
+
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
+        """As of the log itself."""
+        return self._log.messages(types, report)
+
+    def close(self) -> None:
+        """Close the log itself."""
+        self._log.close()
+
+    def __enter__(self) -> SlicedLog:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        from lidarcli.poses.level import TreeLevels
+
+        if self._levels is None:
+            self._levels = TreeLevels(() if topics is None else self.poses().tracks)
+        slicers: dict[str, Slicer] = {}
+        waiting = 0
+        for message in self._log.messages(CLOUD_TYPES, report):
+            if topics is not None and message.topic not in topics:
+                continue
+            slicer = slicers.get(message.topic)
+            if slicer is None:
+                slicer = Slicer(message.topic, self._part, self._bins, self._levels, report)
+                slicers[message.topic] = slicer
+            yield from slicer.take(message)
+            waiting += len(message.data)
+            if waiting > MOST_WAITING:
+                for each in slicers.values():
+                    yield from each.flush()
+                waiting = 0
+        for slicer in slicers.values():
+            yield from slicer.flush()
+            report.notes += slicer.notes()
+
+
+def made_of_clouds(log: Log) -> dict[str, str]:
+    """Topics whose sweeps are made of point clouds → the type of their messages."""
+    return {topic.name: topic.type for topic in log.topics() or () if topic.sliced}
