@@ -22,6 +22,7 @@ RUN, LOG = "Run", "Log"
   lidarcli simulate samples/room.toml -o room.mcap
   lidarcli simulate samples/room.toml -o room.bag --compression lz4 --sweeps 9
   lidarcli simulate samples/room.toml -o room.csv --layout long --seed 7
+  lidarcli simulate samples/people.toml -o people3d.mcap --clouds
   lidarcli simulate samples/people.toml -o people --duration 2.5
   lidarcli simulate samples/drive.toml -o drive.log --sweeps 40
   lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
@@ -58,6 +59,12 @@ RUN, LOG = "Run", "Log"
 )
 @option(
     "--layout", heading=LOG, metavar="NAME", help="Layout of a csv (docs/formats.md).  [default: rostopic]"
+)
+@option(
+    "--clouds",
+    heading=LOG,
+    is_flag=True,
+    help="Write point clouds with a floor and a ceiling instead of LaserScan, to be read by --slice.",
 )
 @option(
     "--map",
@@ -110,6 +117,7 @@ def simulate(
     compression: str | None,
     encoding: str | None,
     layout: str | None,
+    clouds: bool,
     map_file: str | None,
     map_resolution: float | None,
     overwrite: bool,
@@ -141,6 +149,7 @@ def simulate(
             compression=compression,
             encoding=encoding,
             layout=layout,
+            clouds=clouds,
             overwrite=overwrite,
             map_file=map_file,
             map_resolution=MAP_RESOLUTION if map_resolution is None else map_resolution,

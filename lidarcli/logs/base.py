@@ -36,6 +36,8 @@ CARMEN_SUFFIXES = (".clf", ".gfs", ".clf.gz", ".gfs.gz")
 """Names that CARMEN logs alone have; those that end in `.log` may be anything."""
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 
+MAX_MESSAGE = 64 << 20
+"""Longest message that is read into memory [bytes]: any sweep, and clouds of a million points and more."""
 MAX_BEAMS = 400_000
 """A sweep that declares more beams than this is refused: no 2D LiDAR comes near it."""
 

@@ -13,6 +13,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from lidarcli.errors import OutputError
 from lidarcli.ros.definitions import ROS1, ROS2
+from lidarcli.simulate.clouds import as_clouds
 from lidarcli.simulate.messages import CDR, ROS1_BYTES
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.simulate.outgoing import outgoing
@@ -39,15 +40,21 @@ FOLDER_COMPRESSIONS = {
 
 
 def write_bag(
-    path: Path, blocks: Iterable[RawSweeps], *, compression: str = "none", poses: SimulatedPoses | None = None
+    path: Path,
+    blocks: Iterable[RawSweeps],
+    *,
+    compression: str = "none",
+    poses: SimulatedPoses | None = None,
+    clouds: bool = False,
 ) -> None:
-    """Write a ROS 1 bag."""
+    """Write a ROS 1 bag; with `clouds` its sweeps are point clouds."""
+    encode = as_clouds(ROS1_BYTES) if clouds else ROS1_BYTES
     writer = rosbag1.Writer(path)
     if (form := BAG_COMPRESSIONS[compression]) is not None:
         writer.set_compression(form)
     with writer:
         channels: dict[str, Connection] = {}
-        for message in outgoing(blocks, poses, ROS1_BYTES):
+        for message in outgoing(blocks, poses, encode):
             if message.topic not in channels:
                 channels[message.topic] = writer.add_connection(message.topic, message.type, typestore=ROS1)
             writer.write(channels[message.topic], message.record_ns, message.data)
@@ -60,8 +67,10 @@ def write_folder(
     storage: str = "sqlite3",
     compression: str = "none",
     poses: SimulatedPoses | None = None,
+    clouds: bool = False,
 ) -> None:
-    """Write a ROS 2 bag: a folder with its metadata and one file, `sqlite3` or `mcap`."""
+    """Write a ROS 2 bag: a folder with its metadata and one file, `sqlite3` or `mcap`; sweeps as of `write_bag`."""
+    encode = as_clouds(CDR) if clouds else CDR
     plugin = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[storage]
     writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
     mode = FOLDER_COMPRESSIONS[compression]
@@ -72,7 +81,7 @@ def write_folder(
     try:
         with writer:
             channels: dict[str, Connection] = {}
-            for message in outgoing(blocks, poses, CDR):
+            for message in outgoing(blocks, poses, encode):
                 if message.topic not in channels:
                     channels[message.topic] = writer.add_connection(
                         message.topic, message.type, typestore=ROS2
@@ -82,9 +91,11 @@ def write_folder(
         raise OutputError(f"{path}: cannot write the database: {err}") from err
 
 
-def write_db3(path: Path, blocks: Iterable[RawSweeps], *, poses: SimulatedPoses | None = None) -> None:
-    """Write the bare database of a ROS 2 bag, without its folder."""
+def write_db3(
+    path: Path, blocks: Iterable[RawSweeps], *, poses: SimulatedPoses | None = None, clouds: bool = False
+) -> None:
+    """Write the bare database of a ROS 2 bag, without its folder; sweeps as of `write_bag`."""
     with tempfile.TemporaryDirectory(prefix=f".{path.stem}.", dir=path.parent) as scratch:
         folder = Path(scratch) / path.stem
-        write_folder(folder, blocks, poses=poses)
+        write_folder(folder, blocks, poses=poses, clouds=clouds)
         next(folder.glob("*.db3")).replace(path)

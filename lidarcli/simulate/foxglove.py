@@ -15,14 +15,15 @@ from lidarcli.sweeps import RawSweeps
 _WORDS = {"inf": "Infinity", "-inf": "-Infinity", "nan": "NaN"}
 
 
-def _json_bytes(_: str, message: dict[str, Any]) -> bytes:
+def json_bytes(_: str, message: dict[str, Any]) -> bytes:
     """JSON has no infinity and no NaN: they are words, as in the JSON mapping of protobuf."""
     if "ranges" in message:
         message["ranges"] = [value if isfinite(value) else _WORDS[repr(value)] for value in message["ranges"]]
     return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
 
 
-def _protobuf_bytes(name: str, message: dict[str, Any]) -> bytes:
+def protobuf_bytes(name: str, message: dict[str, Any]) -> bytes:
+    """A message of the published schemas."""
     stamp = message.pop("timestamp")
     filled = classes()[name](**message)
     filled.timestamp.seconds, filled.timestamp.nanos = stamp["sec"], stamp["nsec"]
@@ -30,7 +31,8 @@ def _protobuf_bytes(name: str, message: dict[str, Any]) -> bytes:
     return data
 
 
-def _stamp(stamp_ns: int) -> dict[str, int]:
+def stamp_of(stamp_ns: int) -> dict[str, int]:
+    """A time as messages tell it."""
     return {"sec": stamp_ns // 10**9, "nsec": stamp_ns % 10**9}
 
 
@@ -42,6 +44,11 @@ def _turn(yaw: float) -> dict[str, float]:
     return {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}
 
 
+def standing() -> dict[str, dict[str, float]]:
+    """The pose that changes nothing."""
+    return {"position": _vector(0.0, 0.0), "orientation": _turn(0.0)}
+
+
 def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encoding:
     """The encoding that packs messages, given as plain dictionaries, in one way."""
 
@@ -51,9 +58,9 @@ def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
             pack(
                 SCAN,
                 {
-                    "timestamp": _stamp(int(raw.stamp_ns[row])),
+                    "timestamp": stamp_of(int(raw.stamp_ns[row])),
                     "frame_id": raw.frame_ids[raw.frame[row]],
-                    "pose": {"position": _vector(0.0, 0.0), "orientation": _turn(0.0)},
+                    "pose": standing(),
                     "start_angle": float(raw.angle_min[row]),
                     "end_angle": float(last[row]),
                     "ranges": raw.ranges[row, : raw.beams[row]].tolist(),
@@ -66,14 +73,14 @@ def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
     def odometry(rows: SimulatedPoses, row: int) -> bytes:
         x, y, yaw = rows.poses[row].tolist()
         pose = {"position": _vector(x, y), "orientation": _turn(yaw)}
-        stamp = _stamp(int(rows.stamp_ns[row]))
+        stamp = stamp_of(int(rows.stamp_ns[row]))
         return pack(POSE, {"timestamp": stamp, "frame_id": rows.odometry.frame_id, "pose": pose})
 
     def frame_transform(stamp_ns: int, parent: str, child: str, pose: tuple[float, float, float]) -> bytes:
         return pack(
             TRANSFORM,
             {
-                "timestamp": _stamp(stamp_ns),
+                "timestamp": stamp_of(stamp_ns),
                 "parent_frame_id": parent,
                 "child_frame_id": child,
                 "translation": _vector(pose[0], pose[1]),
@@ -93,5 +100,5 @@ def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
     return Encoding(name, SCAN, POSE, TRANSFORM, scans, odometry, transform, mounting)
 
 
-JSON = _encoding("json", _json_bytes)
-PROTOBUF = _encoding("protobuf", _protobuf_bytes)
+JSON = _encoding("json", json_bytes)
+PROTOBUF = _encoding("protobuf", protobuf_bytes)

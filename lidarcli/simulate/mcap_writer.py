@@ -11,6 +11,7 @@ from mcap.writer import CompressionType, Writer
 from lidarcli.foxglove import descriptors, json_schema
 from lidarcli.ros.definitions import SCAN, ros1_definition, ros2_definition
 from lidarcli.simulate import foxglove
+from lidarcli.simulate.clouds import as_clouds
 from lidarcli.simulate.definitions import LASERSCAN_IDL
 from lidarcli.simulate.messages import CDR, ROS1_BYTES, Encoding
 from lidarcli.simulate.odometry import SimulatedPoses
@@ -61,9 +62,11 @@ def write_mcap(
     compression: str = "zstd",
     chunk_size: int = 1 << 20,
     poses: SimulatedPoses | None = None,
+    clouds: bool = False,
 ) -> None:
-    """Write an MCAP file, indexed and with checksums."""
+    """Write an MCAP file, indexed and with checksums; with `clouds` its sweeps are point clouds."""
     encode, channel_encoding, profile, schema_of = ENCODINGS[encoding]
+    encode = as_clouds(encode) if clouds else encode
     with path.open("xb") as file:
         writer = Writer(file, chunk_size=chunk_size, compression=COMPRESSIONS[compression])
         # The library names its version here by default, and the bytes would change with it.

@@ -49,6 +49,7 @@ def simulate(
     compression: str | None = None,
     encoding: str | None = None,
     layout: str | None = None,
+    clouds: bool = False,
     chunk_size: int = 1 << 20,
     overwrite: bool = False,
     map_file: str | Path | None = None,
@@ -83,7 +84,7 @@ def simulate(
             f"--map-resolution must be at least {LEAST_CELL:g} and at most {LARGEST_CELL:g} m, not {map_resolution:g}"
         )
     log = Path(out)
-    check_options(log, container, compression, encoding, layout)
+    check_options(log, container, compression, encoding, layout, clouds)
     targets = (log, *truth_paths(log))
     map_files = () if map_file is None else _map_files(Path(map_file), targets)
     scene = load_scene(scene_path)
@@ -139,6 +140,7 @@ def simulate(
                     compression=compression,
                     encoding=encoding,
                     layout=layout,
+                    clouds=clouds,
                     chunk_size=chunk_size,
                     poses=simulate_odometry(scene, count, seed),
                 )

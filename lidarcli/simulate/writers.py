@@ -49,26 +49,33 @@ def write_log(
     layout: str | None = None,
     chunk_size: int = 1 << 20,
     poses: SimulatedPoses | None = None,
+    clouds: bool = False,
 ) -> None:
     """Write sweeps into a new log; the same sweeps and options give the same bytes.
 
     `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
     folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout`: of a CSV. `poses` go where they fit: a CSV
-    has no place for them. Raises OptionError for options that do not fit the container, OutputError for a path that exists.
+    has no place for them. `clouds`: point clouds instead of LaserScan, in logs of messages. Raises OptionError for options
+    that do not fit the container, OutputError for a path that exists.
     """
     target = Path(path)
     kind = container or container_of(target)
-    write = _writer(str(path), kind, compression, encoding, layout, chunk_size, poses)
+    write = _writer(str(path), kind, compression, encoding, layout, chunk_size, poses, clouds)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{path}: exists already")
     write(target, blocks)
 
 
 def check_options(
-    path: Path, container: str | None, compression: str | None, encoding: str | None, layout: str | None
+    path: Path,
+    container: str | None,
+    compression: str | None,
+    encoding: str | None,
+    layout: str | None,
+    clouds: bool = False,
 ) -> None:
     """Raise OptionError where `write_log` would, before any work is done."""
-    _writer(str(path), container or container_of(path), compression, encoding, layout, 1, None)
+    _writer(str(path), container or container_of(path), compression, encoding, layout, 1, None, clouds)
 
 
 def _writer(
@@ -79,6 +86,7 @@ def _writer(
     layout: str | None,
     chunk_size: int,
     poses: SimulatedPoses | None,
+    clouds: bool,
 ) -> Callable[[Path, Iterable[RawSweeps]], None]:
     """Check the options against the container and bind them to its writer."""
 
@@ -95,23 +103,33 @@ def _writer(
     encode = one_of("encoding", encoding, encodings, "cdr")
     if container != "csv":
         one_of("layout", layout, (), "")
+    if clouds and container in ("csv", "carmen"):
+        raise OptionError(f"{path}: clouds do not apply to the container '{container}'")
     if container == "mcap":
         packed = one_of("compression", compression, tuple(COMPRESSIONS), "zstd")
         return lambda target, blocks: write_mcap(
-            target, blocks, encoding=encode, compression=packed, chunk_size=chunk_size, poses=poses
+            target,
+            blocks,
+            encoding=encode,
+            compression=packed,
+            chunk_size=chunk_size,
+            poses=poses,
+            clouds=clouds,
         )
     if container == "bag":
         packed = one_of("compression", compression, tuple(BAG_COMPRESSIONS), "none")
-        return lambda target, blocks: write_bag(target, blocks, compression=packed, poses=poses)
+        return lambda target, blocks: write_bag(
+            target, blocks, compression=packed, poses=poses, clouds=clouds
+        )
     if container in ("ros2", "ros2-mcap"):
         packed = one_of("compression", compression, tuple(FOLDER_COMPRESSIONS), "none")
         storage = "mcap" if container == "ros2-mcap" else "sqlite3"
         return lambda target, blocks: write_folder(
-            target, blocks, storage=storage, compression=packed, poses=poses
+            target, blocks, storage=storage, compression=packed, poses=poses, clouds=clouds
         )
     if container == "db3":
         one_of("compression", compression, ("none",), "none")
-        return lambda target, blocks: write_db3(target, blocks, poses=poses)
+        return lambda target, blocks: write_db3(target, blocks, poses=poses, clouds=clouds)
     if container == "csv":
         from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 

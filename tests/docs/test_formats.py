@@ -12,8 +12,7 @@ from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.carmen.words import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import codec, walk
-from lidarcli.logs.rosbag1 import run
-from lidarcli.logs.rosbag2 import database, folder, salvage
+from lidarcli.logs.rosbag2 import database, folder
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -58,7 +57,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
         for row in table.splitlines()
         if " | " in row
     }
-    small, message = unpacking.SMALL >> 20, run.MAX_MESSAGE >> 20
+    small = unpacking.SMALL >> 20
     assert said == {
         "what": "bound",
         "a sweep": f"{base.MAX_BEAMS:,} beams",
@@ -68,7 +67,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
             f"{codec.MAX_CHUNK >> 30} GiB; compressed {small} MiB and {unpacking.CHUNK_RATIO} times what is packed"
         ),
         "messages of an MCAP": f"{walk.FREE_MESSAGES:,}, and one for each byte of the file",
-        "a message of a ROS 1 bag; of a ROS 2 database": f"{message} MiB; {salvage.MAX_BLOB >> 20} MiB",
+        "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "messages of a ROS 2 database together": "the bytes of its file",
         "steps of SQLite for one statement": (
             f"{database.STEPS:,}, and {database.STEPS_PER_BYTE} for each byte of the file"

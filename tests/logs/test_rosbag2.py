@@ -16,9 +16,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import unpacking
+from lidarcli.logs import base, unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag2 import database, unpack
+from lidarcli.logs.rosbag2 import database
 from lidarcli.logs.rosbag2.folder import natural, read_folder
 from lidarcli.logs.rosbag2.salvage import Salvage
 from lidarcli.logs.rosbag2.unpack import unpack_file, unpack_message
@@ -178,7 +178,7 @@ def test_rows_that_are_no_message_are_refused_alone(tmp_path: Path) -> None:
         (45, 1, record_time(4), scan(4)[:60]),
         (55, 1, "noon", scan(5)),
         (65, 7, record_time(6), scan(6)),
-        (75, 1, record_time(6), bytes(database.MAX_BLOB + 1)),
+        (75, 1, record_time(6), bytes(base.MAX_MESSAGE + 1)),
     ]
     plain_database(tmp_path / "a.db3", sorted(good + odd))
     with Rosbag2Log(str(tmp_path / "a.db3")) as log:
@@ -617,7 +617,7 @@ def test_unpacking_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 def test_messages_that_do_not_unpack_are_refused_alone(tmp_path: Path) -> None:
     packed = [zstandard.compress(scan(index)) for index in range(20)]
     packed[3] = packed[3][:40]
-    packed[7] = zstandard.compress(bytes(unpack.MAX_MESSAGE + 1))
+    packed[7] = zstandard.compress(bytes(base.MAX_MESSAGE + 1))
     streamed = zstandard.ZstdCompressor().compressobj()
     packed[9] = streamed.compress(scan(9)) + streamed.flush()
     plain_database(tmp_path / "a.db3", [(i + 1, 1, record_time(i), data) for i, data in enumerate(packed)])
@@ -629,7 +629,7 @@ def test_messages_that_do_not_unpack_are_refused_alone(tmp_path: Path) -> None:
 
 def test_unpack_message_bounds_undeclared_sizes() -> None:
     bomb = zstandard.ZstdCompressor().compressobj()
-    data = bomb.compress(bytes(unpack.MAX_MESSAGE + 1)) + bomb.flush()
+    data = bomb.compress(bytes(base.MAX_MESSAGE + 1)) + bomb.flush()
     assert zstandard.frame_content_size(data) == -1
     assert unpack_message(data, Unpacking()) is None
     assert unpack_message(b"\x28\xb5\x2f\xfd" + bytes(3), Unpacking()) is None

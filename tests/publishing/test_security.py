@@ -7,8 +7,6 @@ import re
 from lidarcli import tomlfiles
 from lidarcli.logs import base, batches, text, unpacking
 from lidarcli.logs.mcap import codec
-from lidarcli.logs.rosbag1 import run
-from lidarcli.logs.rosbag2 import salvage, unpack
 from lidarcli.maps import mapserver
 from tests.places import ROOT
 from tools.fuzz import judge
@@ -19,14 +17,13 @@ PAGE = (ROOT / "SECURITY.md").read_text("utf-8")
 def test_the_bounds_are_those_of_the_code() -> None:
     rows = re.findall(r"^\| (.+?) \| (.+?) \|$", PAGE, re.MULTILINE)
     small, ratio = unpacking.SMALL >> 20, unpacking.MAX_RATIO
-    assert salvage.MAX_BLOB == unpack.MAX_MESSAGE
     assert dict(rows) == {
         "what": "bound",
         "what a compressed log unpacks to": f"{small} MiB, and {ratio:,} times what is packed",
         "a compressed chunk of an MCAP, which is held as a whole": (
             f"{small} MiB, and {unpacking.CHUNK_RATIO} times what is packed; never more than {codec.MAX_CHUNK >> 30} GiB"
         ),
-        "a message of a ROS 1 bag; of a ROS 2 database": f"{run.MAX_MESSAGE >> 20} MiB; {salvage.MAX_BLOB >> 20} MiB",
+        "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
         "a line of a CSV": f"{text.MAX_LINE >> 20} MiB",
         "beams of a sweep; LaserScan topics of a log": f"{base.MAX_BEAMS:,}; {batches.MAX_TOPICS:,}",
         "a scene, catalogue or other TOML file": f"{tomlfiles.MAX_BYTES:,} bytes, {tomlfiles.MAX_DEPTH} brackets deep",

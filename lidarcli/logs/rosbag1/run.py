@@ -8,6 +8,7 @@ from enum import Enum
 
 import numpy as np
 
+from lidarcli.logs.base import MAX_MESSAGE
 from lidarcli.logs.rosbag1.feeds import Feed
 from lidarcli.logs.rosbag1.records import (
     MAX_HEADER,
@@ -29,8 +30,6 @@ MAX_WINDOW = 4 << 20
 """Most bytes read at once to have a whole chunk in one piece."""
 BEHIND = 1024
 """Bytes read beyond a chunk, so that the record behind it proves its end."""
-MAX_MESSAGE = 64 << 20
-"""Longest message that is read into memory [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)

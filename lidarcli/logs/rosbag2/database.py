@@ -16,13 +16,12 @@ from typing import BinaryIO
 from urllib.parse import quote
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import ReadReport, ros_type
+from lidarcli.logs.base import MAX_MESSAGE, ReadReport, ros_type
 from lidarcli.logs.rosbag2.journal import JOURNAL, WAL, is_needed, merge
 from lidarcli.logs.rosbag2.salvage import (
     BEFORE_ALL,
     HEADER,
     MAGIC,
-    MAX_BLOB,
     Found,
     MessageRow,
     Salvage,
@@ -42,7 +41,9 @@ SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError, UnsoundError)
 """What reading by SQLite raises for a damaged database: SQLite's messages may quote bytes of it that are no text."""
 DISK_SHARE = 0.9
 BATCH = 32
-"""Messages fetched at a time: at most BATCH times `MAX_BLOB` bytes are held."""
+"""Messages fetched at a time …"""
+BATCH_BYTES = 16 << 20
+"""… or fewer, when they have come to so many bytes."""
 
 MAX_TEXT = 1 << 16
 """Longest text of the schema and of the topics table that is read [bytes]."""
@@ -68,7 +69,7 @@ _COUNTED = (
 _ROWS = (
     "SELECT id, CAST(topic_id AS INTEGER), CASE WHEN typeof(timestamp) IN ('integer', 'real') THEN"
     " CAST(timestamp AS INTEGER) END,"
-    f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_BLOB} THEN data END"
+    f" CASE WHEN typeof(data) = 'blob' AND length(data) <= {MAX_MESSAGE} THEN data END"
     " FROM messages NOT INDEXED WHERE topic_id IN ({})"
 )
 _ALLOWED = {
@@ -158,7 +159,7 @@ class SqliteBag:
                 sql = _ROWS.format(", ".join(map(str, topics)))
                 cursor = self._ask(self._database, sql)
                 left = self._size
-                while rows := cursor.fetchmany(BATCH):
+                while rows := _fetch(cursor):
                     ids = [self._last, *(row[0] for row in rows)]
                     if not _ascending(ids):
                         raise UnsoundError("row numbers are out of order")
@@ -197,7 +198,7 @@ class SqliteBag:
             if not _ascending([row[0] for row in topics]):
                 raise UnsoundError("row numbers of topics are out of order")
             self.topics = {row[0]: TopicRow(*row) for row in topics}
-            self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOB)
+            self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE)
             self._ask(self._database, _NEWEST).fetchone()
         except SQLITE_ERRORS as err:
             self._cause = _cause(err)
@@ -366,6 +367,16 @@ def _cause(err: Exception) -> str:
     if "interrupted" in str(err):
         return "reading it takes far more steps than a sound file of its size needs"
     return f"SQLite says: {err if isinstance(err, sqlite3.Error) else 'malformed database schema'}"
+
+
+def _fetch(cursor: sqlite3.Cursor) -> list[Row]:
+    """The next messages, as many as are held at a time; none at the end."""
+    rows: list[Row] = []
+    size = 0
+    while len(rows) < BATCH and size < BATCH_BYTES and (row := cursor.fetchone()) is not None:
+        rows.append(row)
+        size += len(row[3] or b"")
+    return rows
 
 
 def has_type(topic: TopicRow, types: Collection[str]) -> bool:

@@ -14,7 +14,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from lidarcli.logs.base import LASERSCAN, ReadReport
+from lidarcli.logs.base import LASERSCAN, MAX_MESSAGE, ReadReport
 from lidarcli.logs.laserscan import decode
 
 MAGIC = b"SQLite format 3\0"
@@ -23,8 +23,6 @@ HEADER = 100
 """Bytes of the file header, which stands before the first page's own."""
 PIECE = 4 << 20
 """Bytes read at a time while looking for rows."""
-MAX_BLOB = 8 << 20
-"""Longest message that is read [bytes]; a sweep of the largest number of beams fits, with intensities."""
 
 BEFORE_ALL = -(1 << 63) - 1
 """Below every row id."""
@@ -187,7 +185,7 @@ class Salvage:
         at = place % self._page
         page = self._at(place - at, self._page)
         cell = self._cell(page, at)
-        if cell is None or cell.size > MAX_BLOB:
+        if cell is None or cell.size > MAX_MESSAGE:
             return None
         row = page[cell.start : cell.start + cell.local]
         if cell.overflow:

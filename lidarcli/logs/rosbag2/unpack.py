@@ -7,13 +7,12 @@ from pathlib import Path
 
 import zstandard
 
+from lidarcli.logs.base import MAX_MESSAGE
 from lidarcli.logs.unpacking import Unpacking
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 PACKED_CAUSE = "zstd message that is broken or too long"
 """Why a packed message is left out."""
-MAX_MESSAGE = 8 << 20
-"""Longest message that is unpacked [bytes]; a sweep of the largest number of beams fits."""
 DISK_SHARE = 0.9
 """A storage file may unpack to this share of the free space of the temporary folder."""
 PIECE = 1 << 12
