@@ -46,7 +46,7 @@ class Maker:
     def _new(self, name: str, *values: Any) -> Any:
         return self.store.types[name](*values)
 
-    def _header(self, stamp_ns: int, frame: str) -> Any:
+    def header(self, stamp_ns: int, frame: str) -> Any:
         stamp = self._new("builtin_interfaces/msg/Time", stamp_ns // SECOND, stamp_ns % SECOND)
         return self._new("std_msgs/msg/Header", *([7] if self.encoding == "ros1" else []), stamp, frame)
 
@@ -58,7 +58,7 @@ class Maker:
             self._new("geometry_msgs/msg/Quaternion", *values[3:]),
         )
 
-    def _bytes(self, message: Any, name: str) -> bytes:
+    def bytes_of(self, message: Any, name: str) -> bytes:
         if self.encoding == "ros1":
             return bytes(self.store.serialize_ros1(message, name))
         return bytes(self.store.serialize_cdr(message, name, little_endian=not self.big_endian))
@@ -75,10 +75,10 @@ class Maker:
             )
             entries.append(
                 self._new(
-                    "geometry_msgs/msg/TransformStamped", self._header(stamp_ns, parent), child, transform
+                    "geometry_msgs/msg/TransformStamped", self.header(stamp_ns, parent), child, transform
                 )
             )
-        return self._bytes(self._new(name, entries), name)
+        return self.bytes_of(self._new(name, entries), name)
 
     def odometry(self, stamp_ns: int, parent: str, child: str, pose: Pose) -> bytes:
         """An Odometry."""
@@ -86,12 +86,12 @@ class Maker:
         twist = self._new("geometry_msgs/msg/Twist", vector, vector)
         message = self._new(
             ODOMETRY,
-            self._header(stamp_ns, parent),
+            self.header(stamp_ns, parent),
             child,
             self._new("geometry_msgs/msg/PoseWithCovariance", self._pose(pose), np.arange(36.0)),
             self._new("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
         )
-        return self._bytes(message, ODOMETRY)
+        return self.bytes_of(message, ODOMETRY)
 
     def pose(self, stamp_ns: int, parent: str, pose: Pose, covariance: bool = False) -> bytes:
         """A PoseStamped, or a PoseWithCovarianceStamped."""
@@ -99,7 +99,7 @@ class Maker:
         here = self._pose(pose)
         if covariance:
             here = self._new("geometry_msgs/msg/PoseWithCovariance", here, np.zeros(36))
-        return self._bytes(self._new(name, self._header(stamp_ns, parent), here), name)
+        return self.bytes_of(self._new(name, self.header(stamp_ns, parent), here), name)
 
 
 CDR = Maker("cdr")

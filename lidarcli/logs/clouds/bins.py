@@ -108,7 +108,7 @@ class Fill:
             first, last = np.degrees(blind)
             notes.append(
                 f"no cloud has a point from {first:.0f} to {last:.0f} degrees: if the sensor does not look there, "
-                "--angle-min and --fov tell its view"
+                f"--angle-min {last - 360:.0f} --fov {360 - (last - first):.0f} --degrees say so"
             )
         return notes
 

@@ -1,0 +1,334 @@
+"""Point clouds as sweeps: every layout of points reads the same, and what cannot be a cloud is refused alone."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarcli.foxglove import CLOUD, classes
+from lidarcli.logs.base import OpenOptions, ReadReport, Slice
+from lidarcli.logs.clouds import cloud as clouds
+from lidarcli.logs.clouds import foxglove, pointcloud2, slicing
+from lidarcli.logs.clouds.bins import Bins, Fill
+from lidarcli.logs.clouds.slicing import Slicer, slice_cloud
+from lidarcli.ros import cursor
+from lidarcli.sweeps import TURN
+from tests.logs.cloud_messages import XYZ, message, point_bytes
+from tests.logs.cloud_messages import pointcloud2 as make
+from tests.poses.pose_messages import Pose
+
+NAN = float("nan")
+POINTS = np.array(
+    [
+        [[2.0, 0.0, 0.1], [0.0, 3.0, -0.2], [-1.5, 0.0, 0.0], [0.0, -4.0, 0.3]],
+        [[1.0, 0.0, 2.0], [0.0, 3.5, 0.0], [NAN, NAN, NAN], [0.0, -3.0, -0.9]],
+    ]
+)
+"""Two rows of points; from -0.5 to 0.5 m the nearest are 2 m ahead, 3 m to the left, 1.5 m behind, 4 m to the right."""
+NEAREST = [1.5, 4.0, 2.0, 3.0]
+"""By four bins that begin behind."""
+PART = Slice(-0.5, 0.5, 4)
+MIXED = (("x", "f8", 5), ("rgb", "u4", 1), ("z", "f4", 21), ("y", "f8", 13))
+"""Fields of different types in no order, at odd places."""
+
+
+def sweep(data: bytes, encoding: str = "cdr", part: Slice = PART, **told: Any) -> list[float]:
+    """The ranges of the sweep of one PointCloud2, as it lies in the sensor's frame."""
+    decode = pointcloud2.decode if encoding in ("cdr", "ros1") else foxglove.decode
+    bins = Bins.of(OpenOptions(**told), part.bins)
+    ranges: list[float] = slice_cloud(decode(data, encoding), part, bins, np.eye(3), np.zeros(3)).tolist()
+    return ranges
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+@pytest.mark.parametrize(
+    "layout",
+    [
+        {},
+        {"columns": tuple((name, "f8", 8 * at) for at, (name, *_) in enumerate(XYZ)), "step": 24},
+        {"big": True},
+        {"step": 48},
+        {"padding": 7},
+        {"row_step": 0},
+        {"row_step": 1 << 30},
+        {"is_dense": True},
+    ],
+    ids=lambda layout: "-".join(layout) or "plain",
+)
+def test_every_layout_reads_the_same(layout: dict[str, Any], encoding: str) -> None:
+    assert sweep(make(POINTS, encoding=encoding, **layout), encoding) == NEAREST
+
+
+def test_fields_of_different_types_at_odd_places() -> None:
+    points = np.stack([POINTS[..., 0], np.zeros(POINTS.shape[:2]), POINTS[..., 2], POINTS[..., 1]], axis=-1)
+    assert sweep(make(points, MIXED, step=29)) == NEAREST
+
+
+def test_a_message_of_the_other_byte_order() -> None:
+    assert sweep(make(POINTS, big_message=True)) == NEAREST
+
+
+def test_an_unorganised_cloud() -> None:
+    assert sweep(make(POINTS.reshape(-1, 3))) == NEAREST
+
+
+def test_a_cloud_without_heights_lies_in_the_plane() -> None:
+    assert sweep(make(POINTS[:1, :, :2], XYZ[:2])) == NEAREST
+    assert sweep(make(POINTS[:1, :, :2], XYZ[:2]), part=Slice(0.1, 1.0, 4)) == [np.inf] * 4
+
+
+def test_a_cloud_without_points_is_a_sweep_without_returns() -> None:
+    assert sweep(make(np.zeros((0, 3)))) == [np.inf] * 4
+    assert sweep(make(np.zeros((3, 0, 3)))) == [np.inf] * 4
+
+
+def test_heights_are_inclusive_to_the_digits_of_the_log() -> None:
+    cloud = make([[1.0, 0.0, 0.1], [-1.0, 0.0, 0.3]])
+    assert sweep(cloud, part=Slice(0.1, 0.3, 4)) == [1.0, np.inf, 1.0, np.inf]
+    assert sweep(cloud, part=Slice(0.101, 0.299, 4)) == [np.inf] * 4
+
+
+def test_the_range_is_seen_from_above_and_the_nearest_counts() -> None:
+    cloud = make([[3.0, 4.0, 0.4], [3.3, 4.4, 0.0], [6.0, 8.0, 0.0]])
+    first = float(np.arctan2(4.0, 3.0))
+    assert sweep(cloud, angle_min=first) == [5.0, np.inf, np.inf, np.inf]
+
+
+def test_points_on_the_robot_and_beyond_the_range_are_left_out() -> None:
+    cloud = make([[0.2, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 50.0, 0.0], [0.0, 0.0, 0.0]])
+    assert sweep(cloud, part=Slice(-1, 1, 4)) == pytest.approx([np.inf, np.inf, 0.2, 50.0])
+    assert sweep(cloud, part=Slice(-1, 1, 4, (0.5, 20.0))) == [np.inf, np.inf, 2.0, np.inf]
+
+
+def test_bins_are_centred_on_their_bearings() -> None:
+    bins = Bins.of(OpenOptions(), 8)
+    assert (bins.first, bins.step) == (-np.pi, TURN / 8)
+    bearing = np.array([-np.pi, np.pi, -0.39, 0.39, 0.4, np.pi - 0.39, -np.pi + 0.39, np.pi - 0.4])
+    x, y = np.cos(bearing), np.sin(bearing)
+    at = [int(bins.nearest(x[i : i + 1], y[i : i + 1], 0.1, 9.0)[0][0]) for i in range(len(bearing))]
+    assert at == [0, 0, 4, 4, 5, 0, 0, 7]
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_every_bearing_of_a_full_turn_has_its_bin(kind: type) -> None:
+    count = 1023
+    bins = Bins.of(OpenOptions(), count)
+    bearing = (bins.first + bins.step * np.arange(count)).astype(kind)
+    which, point = bins.nearest(np.cos(bearing), np.sin(bearing), 0.1, 9.0)
+    assert which.tolist() == point.tolist() == list(range(count))
+
+
+def test_a_partial_view_and_one_that_runs_backwards() -> None:
+    bearing = np.array([-3.0, -1.0, 0.0, 1.0, 1.6])
+    x, y = np.cos(bearing), np.sin(bearing)
+    view = Bins.of(OpenOptions(fov=2.0), 3)
+    assert (view.first, view.step) == (-1.0, 1.0)
+    which, point = view.nearest(x, y, 0.1, 9.0)
+    assert (which.tolist(), point.tolist()) == ([0, 1, 2], [1, 2, 3])
+    back = Bins.of(OpenOptions(angle_min=1.0, angle_increment=-1.0), 3)
+    which, point = back.nearest(x, y, 0.1, 9.0)
+    assert (which.tolist(), point.tolist()) == ([0, 1, 2], [3, 2, 1])
+
+
+def test_a_whole_sensor_agrees_with_a_look_at_every_point() -> None:
+    random = np.random.default_rng(5)
+    points = random.uniform(-10, 10, (16, 200, 3)) * [1, 1, 0.1]
+    points[random.uniform(size=(16, 200)) < 0.1] = NAN
+    part, bins = Slice(-0.3, 0.6, 90, (1.0, 9.0)), Bins.of(OpenOptions(), 90)
+    expected = np.full(90, np.inf)
+    for x, y, z in points.astype(np.float32).astype(float).reshape(-1, 3):
+        distance = np.hypot(x, y)
+        if -0.3 <= z <= 0.6 and 1.0 <= distance <= 9.0:
+            index = round((np.arctan2(y, x) + np.pi) / (TURN / 90)) % 90
+            expected[index] = min(expected[index], distance)
+    found = slice_cloud(pointcloud2.decode(make(points), "cdr"), part, bins, np.eye(3), np.zeros(3))
+    np.testing.assert_allclose(found, expected, rtol=2e-7)
+
+
+def foxglove_cloud(points: Any = POINTS, pose: Pose | None = None, **changed: Any) -> dict[str, Any]:
+    """A `foxglove.PointCloud` as plain values."""
+    kinds = ("x", "y", "z")
+    told: dict[str, Any] = {
+        "timestamp": {"sec": 1_700_000_000, "nsec": 5},
+        "frame_id": "lidar",
+        "point_stride": 16,
+        "fields": [{"name": name, "offset": 4 * at, "type": 7} for at, name in enumerate(kinds)],
+        "data": point_bytes(points),
+    }
+    if pose is not None:
+        told["pose"] = {
+            "position": dict(zip("xyz", pose[:3], strict=True)),
+            "orientation": dict(zip("xyzw", pose[3:], strict=True)),
+        }
+    return told | changed
+
+
+def packed(told: dict[str, Any], encoding: str) -> bytes:
+    """The message of plain values."""
+    if encoding == "json":
+        return json.dumps(told | {"data": base64.b64encode(told["data"]).decode()}).encode()
+    stamp = told.pop("timestamp")
+    filled = classes()[CLOUD](**told)
+    filled.timestamp.seconds, filled.timestamp.nanos = stamp["sec"], stamp["nsec"]
+    data: bytes = filled.SerializeToString()
+    return data
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_foxglove_clouds(encoding: str) -> None:
+    data = packed(foxglove_cloud(), encoding)
+    cloud = foxglove.decode(data, encoding)
+    assert (cloud.frame_id, cloud.stamp_ns, len(cloud.layout)) == ("lidar", 1_700_000_000_000_000_005, 8)
+    assert sweep(data, encoding) == NEAREST
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_the_pose_of_a_foxglove_cloud_moves_its_points(encoding: str) -> None:
+    # A quarter of a turn to the left, half a metre up: what is ahead comes to the left, what was too low is in the slice.
+    half = float(np.sqrt(0.5))
+    data = packed(
+        foxglove_cloud([[[1.0, 0.0, -0.9], [2.0, 0.0, 0.1]]], (0.0, 0.0, 0.5, 0.0, 0.0, half, half)), encoding
+    )
+    assert sweep(data, encoding) == pytest.approx([np.inf, np.inf, np.inf, 1.0])
+    turned = packed(foxglove_cloud([[[1.0, 0.0, 0.0]]], (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)), encoding)
+    assert sweep(turned, encoding) == [np.inf, np.inf, 2.0, np.inf]
+
+
+@pytest.mark.parametrize(
+    ("data", "cause"),
+    [
+        (make(POINTS)[:2], cursor.ENCAPSULATION),
+        (make(POINTS)[:40], cursor.SHORT),
+        (make(POINTS)[:-30], cursor.SHORT),
+        (make(POINTS, width=9), clouds.TOO_FEW),
+        (make(POINTS, width=(1 << 32) - 1, height=(1 << 32) - 1), clouds.TOO_FEW),
+        (make(POINTS, point_step=8), clouds.OUTSIDE),
+        (make(POINTS, point_step=0), clouds.OUTSIDE),
+        (make(POINTS, (("x", "f4", 0), ("a", "f4", 4), ("z", "f4", 8))), clouds.NO_COORDINATES),
+        (make(POINTS, (("x", "i2", 0), ("y", "i2", 4), ("z", "i2", 8))), clouds.NO_COORDINATES),
+        (make(POINTS, frame="f" * 5000), pointcloud2.NAME_LONG),
+    ],
+)
+def test_what_is_no_cloud_is_refused(data: bytes, cause: str) -> None:
+    with pytest.raises(clouds.BadCloudError) as refused:
+        pointcloud2.decode(data, "cdr")
+    assert str(refused.value) == cause
+
+
+def test_a_cloud_of_too_many_fields_is_refused() -> None:
+    columns = tuple((f"f{at}", "f4", 0) for at in range(1001))
+    with pytest.raises(clouds.BadCloudError, match=pointcloud2.MANY_FIELDS):
+        pointcloud2.decode(make(np.zeros((1, 1, 1001)), columns), "cdr")
+
+
+@pytest.mark.parametrize(
+    ("data", "encoding", "cause"),
+    [
+        (b"{", "json", foxglove.NOT_JSON),
+        (b"[1]", "json", foxglove.NOT_CLOUD),
+        (b'{"point_stride": 4, "fields": 7}', "json", foxglove.NOT_CLOUD),
+        (packed(foxglove_cloud(), "json").replace(b'"data": "', b'"data": "*'), "json", foxglove.NOT_CLOUD),
+        (packed(foxglove_cloud(point_stride=0), "json"), "json", clouds.OUTSIDE),
+        (packed(foxglove_cloud(fields=[]), "protobuf"), "protobuf", clouds.NO_COORDINATES),
+        (packed(foxglove_cloud(timestamp={"sec": 1 << 62, "nsec": 0}), "json"), "json", foxglove.STAMP),
+        (packed(foxglove_cloud(pose=(NAN, 0, 0, 0, 0, 0, 1)), "protobuf"), "protobuf", foxglove.NOT_FINITE),
+        (b"\xff\xff", "protobuf", foxglove.NOT_PROTOBUF),
+    ],
+)
+def test_what_is_no_foxglove_cloud_is_refused(data: bytes, encoding: str, cause: str) -> None:
+    with pytest.raises(clouds.BadCloudError) as refused:
+        foxglove.decode(data, encoding)
+    assert str(refused.value) == cause
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1", "json", "protobuf"])
+def test_a_cut_message_is_refused_wherever_it_is_cut(encoding: str) -> None:
+    is_ros = encoding in ("cdr", "ros1")
+    whole = make(POINTS, encoding=encoding) if is_ros else packed(foxglove_cloud(), encoding)
+    decode = pointcloud2.decode if is_ros else foxglove.decode
+    # The last byte of a PointCloud2 says whether it is dense, which does not matter; protobuf may end behind any field.
+    ends = range(len(whole) - 1) if encoding != "protobuf" else [len(whole) // 2, len(whole) - 1]
+    for end in ends:
+        with pytest.raises(clouds.BadCloudError):
+            decode(whole[:end], encoding)
+
+
+class Flat:
+    """Nothing leans."""
+
+    def of(self, frame_id: str, stamp_ns: Any) -> None:
+        return None
+
+    def words(self, frame_id: str) -> str:
+        return f"above {frame_id}"
+
+
+def slicer(report: ReadReport, part: Slice = PART) -> Slicer:
+    """What makes sweeps of the clouds of /points."""
+    return Slicer("/points", part, Bins.of(OpenOptions(), part.bins), Flat(), report)
+
+
+def test_clouds_become_blocks_of_sweeps_and_bad_ones_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slicing, "ROWS", 4)
+    report = ReadReport()
+    made = slicer(report, Slice(-0.5, 0.5, 4, (0.5, 30.0)))
+    good = [make(POINTS, frame=frame, stamp_ns=at) for at, frame in enumerate("aabaa", 1)]
+    messages = [message(data) for data in (*good[:2], b"", *good[2:], make(POINTS, point_step=0))]
+    messages.insert(4, message(b"", "avro"))
+    blocks = [block for each in messages for block in made.take(each)] + list(made.flush())
+    assert [(block.frame_ids, block.stamp_ns.tolist()) for block in blocks] == [
+        (("a",), [1, 2]),
+        (("b",), [3]),
+        (("a",), [4]),
+        (("a",), [5]),
+    ]
+    assert {tuple(row) for block in blocks for row in block.ranges.tolist()} == {tuple(NEAREST)}
+    first = blocks[0]
+    assert (first.topic, first.beams.tolist(), first.angle_min.tolist()) == ("/points", [4, 4], [-np.pi] * 2)
+    assert (first.range_min.tolist(), first.range_max.tolist()) == ([0.5, 0.5], [30.0, 30.0])
+    assert first.record_ns.tolist() == [message(b"").record_ns] * 2
+    assert report.refused == Counter(
+        {
+            ("/points", cursor.ENCAPSULATION): 1,
+            ("/points", clouds.OUTSIDE): 1,
+            ("/points", "the encoding 'avro' is not read"): 1,
+        }
+    )
+    assert made.notes()[:2] == [
+        "/points: sweeps of the points from -0.5 to 0.5 m above a",
+        "/points: sweeps of the points from -0.5 to 0.5 m above b",
+    ]
+
+
+def test_a_view_that_is_not_told_is_noted() -> None:
+    fill = Fill(Bins.of(OpenOptions(), 360))
+    ranges = np.full((10, 360), np.inf, np.float32)
+    ranges[:, 45:316] = 5.0
+    fill.add(ranges[:9])
+    assert fill.notes() == []
+    fill.add(ranges[9:])
+    assert fill.notes() == [
+        "no cloud has a point from 135 to 225 degrees: if the sensor does not look there, --angle-min -135 --fov 270 "
+        "--degrees say so"
+    ]
+    told = Fill(Bins.of(OpenOptions(fov=1.5 * np.pi), 271))
+    told.add(ranges[:, 45:316])
+    assert told.notes() == []
+
+
+def test_bins_that_are_narrower_than_the_columns_are_noted() -> None:
+    fill = Fill(Bins.of(OpenOptions(), 360))
+    ranges = np.full((2, 360), 5.0, np.float32)
+    ranges[:, ::3] = np.inf
+    fill.add(ranges)
+    assert fill.notes() == [
+        "many bins (50%) are empty between two alike: the sensor has fewer columns than --bins 360"
+    ]
+    nothing = Fill(Bins.of(OpenOptions(), 360))
+    nothing.add(np.full((2, 360), np.inf, np.float32))
+    assert nothing.notes() == ["no cloud has a point there"]
