@@ -1,0 +1,178 @@
+"""Logs of point clouds from end to end: the same objects as from LaserScan, and words for who needs them."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import lidarcli
+from lidarcli.cli import run
+from lidarcli.errors import NoScanError, OptionError
+from lidarcli.logs.base import LASERSCAN, POINTCLOUD2, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.pipeline.inputs.sliced import SlicedLog
+from lidarcli.simulate import simulate
+from lidarcli.sweeps import Status
+from tests.fake_log import FakeLog
+from tests.logs.cloud_messages import message, pointcloud2
+from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
+from tests.poses.pose_messages import tf
+from tests.sweeping import raw_sweeps
+
+SICK = REAL_LOGS / "sick" / "rms_1xxx_lms_1xx_movement_off.bag"
+PART = Slice(0.3, 1.0, 4)
+POINTS = [[2.0, 0.0, 0.0], [1.0, 0.0, -0.4]]
+
+
+def sliced(log: FakeLog, part: Slice = PART) -> SlicedLog:
+    """A log that is read with `--slice`."""
+    return SlicedLog(log, OpenOptions(slice=part), part)
+
+
+def clouds(count: int = 3, topic: str = "/points") -> list[object]:
+    return [message(pointcloud2(POINTS, stamp_ns=at), topic=topic) for at in range(1, count + 1)]
+
+
+def test_clouds_are_level_by_the_transforms_of_the_log() -> None:
+    mount = tf(0, "base_link", "lidar", (0.0, 0.0, 0.6, 0.0, 0.0, 0.0, 1.0), "/tf_static")
+    topics = [
+        Topic("/points", POINTCLOUD2, "cdr", 3),
+        Topic("/tf_static", "tf2_msgs/msg/TFMessage", "cdr", 1),
+    ]
+    fake = FakeLog(topics=topics, messages=[*clouds(), mount])
+    log = sliced(fake)
+    report = ReadReport()
+    (block,) = log.scans(None, report)
+    # At 0.6 m the points ahead are in the slice; the nearer one, at 0.2 m, is below it.
+    assert block.ranges.tolist() == [[np.inf, np.inf, 2.0, np.inf]] * 3
+    assert (
+        report.notes[0]
+        == "/points: sweeps of the points from 0.3 to 1 m above base_link, level by /tf_static"
+    )
+    assert [(topic.name, topic.is_scan) for topic in log.topics() or ()] == [
+        ("/points", True),
+        ("/tf_static", False),
+    ]
+    # The transforms are read once, for heights and for poses.
+    log.poses()
+    assert fake.passes == 2
+
+
+def test_scans_and_clouds_of_one_log() -> None:
+    topics = [
+        Topic("/scan", LASERSCAN, "cdr", 5),
+        Topic("/points", POINTCLOUD2, "cdr", 3),
+        Topic("/far", POINTCLOUD2, "cdr", 2),
+    ]
+    fake = FakeLog([raw_sweeps(np.ones((5, 8)))], topics, [*clouds(), *clouds(2, "/far")], damage="cut")
+    log = sliced(fake)
+    report = ReadReport()
+    assert [(block.topic, len(block)) for block in log.scans(None, report)] == [
+        ("/scan", 5),
+        ("/points", 3),
+        ("/far", 2),
+    ]
+    assert [part.cause for part in report.damage] == ["cut"]
+    assert [block.topic for block in log.scans({"/far"}, ReadReport())] == ["/far"]
+    assert [block.topic for block in log.scans({"/scan"}, ReadReport())] == ["/scan"]
+
+
+def test_a_slice_of_a_log_without_clouds_says_so() -> None:
+    log = sliced(FakeLog([raw_sweeps(np.ones((2, 8)))], [Topic("/scan", LASERSCAN, "cdr", 2)]))
+    report = ReadReport()
+    assert [len(block) for block in log.scans(None, report)] == [2]
+    assert report.notes == ["no point cloud in this log: --slice changes nothing"]
+
+
+@pytest.fixture(scope="module")
+def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of clouds alone."""
+    path = tmp_path_factory.mktemp("clouds") / "people.mcap"
+    simulate(SAMPLES / "people.toml", path, sweeps=20, clouds=True)
+    return path
+
+
+def test_a_log_of_clouds_alone_says_what_to_type(people: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["detect", str(people), "-o", str(people.parent / "none")]) == 4
+    assert capfd.readouterr().err == (
+        f"lidarcli: {people}: no LaserScan topic in this log (its topics: /scan sensor_msgs/msg/PointCloud2); to read its "
+        "point clouds as sweeps add --slice ZMIN ZMAX, the heights that count [m] (/scan)\n"
+    )
+    assert run(["detect", str(people), "--topic", "scan"]) == 4
+    assert "add --slice ZMIN ZMAX" in capfd.readouterr().err
+    with pytest.raises(NoScanError, match="add --slice"):
+        lidarcli.detect(people)
+
+
+def test_tables_tell_what_they_were_made_of(people: Path, tmp_path: Path) -> None:
+    view = ["--bins", "1081", "--fov", "270", "--degrees"]
+    assert run(["detect", str(people), "-o", str(tmp_path), "--slice", "-0.1", "0.1", *view, "-q"]) == 0
+    (path,) = tmp_path.glob("*.objects.parquet")
+    metadata = {key.decode(): value for key, value in pq.read_schema(path).metadata.items()}
+    parameters, source = json.loads(metadata["lidarcli.parameters"]), json.loads(metadata["lidarcli.source"])
+    assert (parameters["slice"], parameters["bins"]) == ([-0.1, 0.1], 1081)
+    assert source["made_of_clouds"] == {"/scan": POINTCLOUD2}
+
+
+def test_info_tells_of_clouds(people: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(people), "--slice", "-0.1", "0.1"]) == 0
+    out = capfd.readouterr().out
+    assert "    made of   point clouds (sensor_msgs/msg/PointCloud2)\n" in out
+    assert "--angle-min -135 --fov 270 --degrees say so" in out
+    assert run(["info", str(people), "--slice", "-0.1", "0.1", "--format", "json"]) == 0
+    (told,) = json.loads(capfd.readouterr().out)
+    assert [scan["made_of"] for scan in told["scans"]] == [POINTCLOUD2]
+    assert run(["info", str(people)]) == 4
+    assert "/scan  sensor_msgs/msg/PointCloud2  20" in capfd.readouterr().out
+
+
+def test_a_pipe_of_clouds(
+    people: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    whole = lidarcli.detect(people, slice=(-0.1, 0.1))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(people.read_bytes())))
+    assert run(["detect", "-", "-o", str(tmp_path), "--slice", "-0.1", "0.1"]) == 0
+    assert "a pipe is read only once: of its topics the point clouds alone" in capfd.readouterr().err
+    (path,) = tmp_path.glob("*.objects.parquet")
+    assert pq.read_table(path).num_rows == whole.num_rows > 20
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"slice": (1.0, 0.5)}, "--slice: 1 to 0.5 m are no heights"),
+        ({"slice": (float("nan"), 0.5)}, "are no heights"),
+        ({"bins": 5}, "--bins is for point clouds"),
+        ({"slice": (0, 1), "bins": 1}, "--bins: 1 is not from 2 to 100,000"),
+        ({"slice": (0, 1), "bins": 100_001}, "--bins: 100001 is not from 2"),
+    ],
+)
+def test_what_has_no_meaning_is_refused(people: Path, options: dict[str, object], words: str) -> None:
+    with pytest.raises(OptionError, match=words):
+        list(lidarcli.read(people, **options))  # type: ignore[arg-type]
+
+
+def test_a_bare_number_of_bins_is_a_usage_error(people: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(people), "--bins", "5"]) == 2
+    assert "--bins is for point clouds, which --slice reads as sweeps" in capfd.readouterr().err
+
+
+@needs_real_logs
+def test_the_clouds_of_a_real_sensor_are_its_sweeps() -> None:
+    """A SICK LMS1xx wrote each sweep as LaserScan and as PointCloud2."""
+    view = {"bins": 541, "fov": 270.0, "degrees": True}
+    made = list(lidarcli.read(SICK, topic="/cloud", slice=(-0.1, 0.1), **view))  # type: ignore[arg-type]
+    told = list(lidarcli.read(SICK, topic="/sick_lms_1xx/scan", range=(0, 1e6)))
+    assert sum(map(len, made)) == sum(map(len, told)) == 89
+    for one, other in zip(made, told, strict=True):
+        assert one.stamp_ns.tolist() == other.stamp_ns.tolist()
+        np.testing.assert_array_equal(one.status, other.status)
+        valid = one.status == Status.VALID
+        np.testing.assert_allclose(one.ranges[valid], other.ranges[valid], atol=1e-6)
+        np.testing.assert_allclose(one.bearings(), other.bearings(), atol=1e-7)
+        assert valid.mean() > 0.9
