@@ -41,15 +41,17 @@ class Bins:
         kept = np.flatnonzero((square >= near * near) & (square <= far * far))
         if len(kept) < len(x):
             x, y, square = x[kept], y[kept], square[kept]
-        turned = np.arctan2(y, x)
-        turned -= self.first
-        if self.step < 0:
-            turned = -turned
         step = abs(self.step)
         # A point belongs to the bin whose bearing is nearest: bins begin half a step before it.
-        turned = np.mod(turned + 0.5 * step, TURN)
-        turned[turned >= TURN] = 0.0  # rounded up to a whole turn
-        at = np.floor(turned / step).astype(np.int64)
+        turned = np.arctan2(y, x)
+        turned -= (self.first + np.pi) % TURN - np.pi
+        if self.step < 0:
+            turned = -turned
+        turned += 0.5 * step
+        turned[turned < 0.0] += TURN
+        # What is a whole turn on is the first bin again, also where a bearing has been rounded up to it.
+        turned[turned >= TURN] -= turned.dtype.type(TURN)
+        at = (np.maximum(turned, 0.0) / step).astype(np.int64)
         inside = at < self.count
         if not inside.all():
             kept, at, square = kept[inside], at[inside], square[inside]

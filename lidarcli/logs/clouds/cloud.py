@@ -118,11 +118,14 @@ class Cloud:
     pose: Float64 | None = None
     """(7,) x, y, z and quaternion x, y, z, w of the points' origin in the frame; None where they are one."""
 
-    def column(self, field: PointField | None) -> Floats:
-        """(N,) one field of all points as float32 or, where it has more digits, float64; zeros where there is none."""
+    def column(self, field: PointField | None, chosen: NDArray[np.intp] | None = None) -> Floats:
+        """(N,) one field of all points as float32 or, where it has more digits, float64; zeros where there is none.
+
+        With `chosen` (K,) it is that of these points alone.
+        """
         layout = self.layout
         if field is None or not len(layout):
-            return np.zeros(len(layout), np.float32)
+            return np.zeros(len(layout) if chosen is None else len(chosen), np.float32)
         lying = np.ndarray(
             (layout.rows, layout.columns),
             np.dtype(layout.order + field.kind),
@@ -130,4 +133,8 @@ class Cloud:
             self.start + field.offset,
             (layout.row_step, layout.point_step),
         )
-        return np.ravel(lying.astype(np.float64 if field.kind == "f8" else np.float32))
+        kind = np.float64 if field.kind == "f8" else np.float32
+        if chosen is None:
+            return np.ravel(lying.astype(kind))
+        row, column = np.divmod(chosen, layout.columns)
+        return lying[row, column].astype(kind)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -60,15 +60,19 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
     turn, move : (3, 3) and (3,), how the points come to where they are seen from above; the third row tells their height
     """
     layout = cloud.layout
-    x, y, z = (cloud.column(axis) for axis in (layout.x, layout.y, layout.z))
+    axes = (layout.x, layout.y, layout.z)
     if cloud.pose is not None:
         turn, move = turn @ _matrix(cloud.pose[3:]), turn @ cloud.pose[:3] + move
     with np.errstate(over="ignore", invalid="ignore"):
-        height = _along(turn[2], move[2], x, y, z)
+        # Most points are at other heights: of these no more is looked at than what tells the height.
+        height = _along(
+            turn[2],
+            move[2],
+            [cloud.column(axis) if share else None for axis, share in zip(axes, turn[2], strict=True)],
+        )
         kept = np.flatnonzero((height >= _like(part.low, height)) & (height <= _like(part.high, height)))
-        if len(kept) < len(x):
-            x, y, z = x[kept], y[kept], z[kept]
-        ahead, left = _along(turn[0], move[0], x, y, z), _along(turn[1], move[1], x, y, z)
+        x, y, z = (cloud.column(axis, kept if len(kept) < len(layout) else None) for axis in axes)
+        ahead, left = _along(turn[0], move[0], (x, y, z)), _along(turn[1], move[1], (x, y, z))
         near, far = part.limits or (0.0, FARTHEST)
         which, point = bins.nearest(ahead, left, max(near, NEAREST), min(far, FARTHEST))
     ranges = np.full(bins.count, np.inf, np.float32)
@@ -81,14 +85,17 @@ def _like(limit: float, values: Floats) -> np.floating:
     return values.dtype.type(limit)
 
 
-def _along(row: Float64, move: float, x: Floats, y: Floats, z: Floats) -> Floats:
+def _along(row: Float64, move: float, axes: Iterable[Floats | None]) -> Floats:
     """One coordinate of moved points; what the row leaves as it is costs nothing."""
-    found: Floats | None = None
-    for share, values in zip(row.tolist(), (x, y, z), strict=True):
-        if share != 0.0:
-            part = values if share == 1.0 else values * share
-            found = part if found is None else found + part
-    found = np.zeros_like(x) if found is None else found
+    parts = [
+        values if share == 1.0 else values * share
+        for share, values in zip(row.tolist(), axes, strict=True)
+        if share != 0.0 and values is not None
+    ]
+    # A row of a rotation is never all zero.
+    found: Floats = parts[0]
+    for part in parts[1:]:
+        found = found + part
     return found + move if move else found
 
 
