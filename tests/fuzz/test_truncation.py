@@ -17,10 +17,11 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag1 import Reader
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
+from lidarcli.pipeline.inputs.opening import open_source
+from lidarcli.pipeline.inputs.sources import Source
 from tools.fuzz.containers import CONTAINERS, SWEEPS, Sample, sample_of
-from tools.fuzz.logs import CSV
+from tools.fuzz.logs import TOLD
 
 pytestmark = pytest.mark.slow
 
@@ -38,7 +39,7 @@ def read(path: Path) -> tuple[dict[str, list[Sweep]], ReadReport]:
     """The sweeps of each topic in the order of the log."""
     sweeps: dict[str, list[Sweep]] = {}
     report = ReadReport()
-    with open_log(path, opening=CSV) as log:
+    with open_source(Source(str(path), "run"), TOLD) as log:
         for block in log.scans(None, report):
             for row, beams in enumerate(block.beams.tolist()):
                 sweeps.setdefault(block.topic, []).append(

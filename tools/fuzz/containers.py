@@ -98,10 +98,11 @@ def _written(log: str, container: str | None = None, with_poses: bool = True, **
         return Sample(log, {str(file.relative_to(folder)): file.read_bytes() for file in found})
 
 
-def _mcap(encoding: str, compression: str) -> Sample:
+def _mcap(encoding: str, compression: str, chunk_size: int = 1500, clouds: bool = False) -> Sample:
     """Chunks of half a dozen messages; inside, one chunk without a checksum is packed again."""
-    sample = _written("run.mcap", encoding=encoding, compression=compression, chunk_size=1500)
-    plain = _written("run.mcap", encoding=encoding, compression="none", chunk_size=1500).files["run.mcap"]
+    write = partial(_written, "run.mcap", encoding=encoding, chunk_size=chunk_size, clouds=clouds)
+    sample = write(compression=compression)
+    plain = write(compression="none").files["run.mcap"]
     first, content, end = _first_chunk(plain)
 
     def pack(changed: bytes) -> bytes:
@@ -123,10 +124,10 @@ def _first_chunk(data: bytes) -> tuple[int, bytes, int]:
     return place, data[place + 9 + 32 + 8 : end], end
 
 
-def _bag(compression: str) -> Sample:
+def _bag(compression: str, clouds: bool = False) -> Sample:
     """Inside, the one chunk of the bag is packed again."""
-    sample = _written("run.bag", compression=compression)
-    plain = _written("run.bag", compression="none").files["run.bag"]
+    sample = _written("run.bag", compression=compression, clouds=clouds)
+    plain = _written("run.bag", compression="none", clouds=clouds).files["run.bag"]
     # The bag record fills the file's first 4096 bytes.
     first = 13 + 4096
     header = int(struct.unpack_from("<I", plain, first)[0])
@@ -206,6 +207,13 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
         for layout in LAYOUTS
     },
     "csv-gz": partial(_csv, "run.csv.gz", "rostopic"),
+    **{
+        f"clouds-mcap-{encoding}": partial(_mcap, encoding, "zstd", 8000, True)
+        for encoding in ("cdr", "ros1", "json", "protobuf")
+    },
+    "clouds-bag": partial(_bag, "lz4", True),
+    "clouds-bag-none": partial(_bag, "none", True),
+    "clouds-db3": partial(_written, "run.db3", clouds=True),
     "carmen": partial(_carmen, "run.log", True),
     "carmen-raw": partial(_carmen, "run.clf", False),
     "carmen-gz": partial(_carmen, "run.log.gz", True),

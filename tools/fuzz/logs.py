@@ -17,18 +17,21 @@ from lidarcli.cli.messages import Messages
 from lidarcli.cli.summary import show
 from lidarcli.errors import LidarcliError
 from lidarcli.logs import open_log
-from lidarcli.logs.base import OpenOptions, ReadReport
+from lidarcli.logs.base import OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
+from lidarcli.pipeline.inputs.sliced import SlicedLog
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import LogInfo, inspect_log
 from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 
-CSV = OpenOptions(angle_min=-1.5, angle_increment=0.125, range_max=8.0)
-"""For the layouts that hold no geometry."""
+TOLD = OpenOptions(
+    angle_min=-1.5, angle_increment=0.125, range_max=8.0, slice=Slice(-0.1, 0.1, 24, (0.1, 8.0))
+)
+"""For the layouts that hold no geometry, and for point clouds."""
 LONGEST = 1000
 """Characters of one line that is told to a user."""
 
@@ -52,7 +55,7 @@ def _searched(log: Path) -> Iterator[str]:
 
 
 def _inspected(log: Path) -> Iterator[str]:
-    result = attempt(Source(str(log), "run"), lambda source: inspect_log(source, CSV))
+    result = attempt(Source(str(log), "run"), lambda source: inspect_log(source, TOLD))
     if isinstance(result, LogInfo):
         yield from odd_lines("info", as_text(result).splitlines())
         json.loads(as_json([result]))
@@ -62,7 +65,7 @@ def _inspected(log: Path) -> Iterator[str]:
 
 def _detected(log: Path, out: Path, least: int) -> Iterator[str]:
     # Following things is all that detection is, and more.
-    options = DetectOptions(opening=CSV, beams=True, tracking=TrackOptions())
+    options = DetectOptions(opening=TOLD, beams=True, tracking=TrackOptions())
     outcome = outcome_of(Source(str(log), "run"), lambda source: detect_to_files(source, out, options))
     if outcome.exit_code == INTERNAL_ERROR:
         yield f"track: {outcome.trace}"
@@ -84,14 +87,16 @@ def _detected(log: Path, out: Path, least: int) -> Iterator[str]:
 
 def _streamed(data: bytes) -> Iterator[str]:
     """The same bytes from a stream that cannot seek."""
-    try:
-        with open_log(_Pipe(data), opening=CSV) as log:
-            for _ in read_batches(log, ReadOptions(), ReadReport()):
-                pass
-    except LidarcliError:
-        pass
-    except Exception:
-        yield f"stream: {traceback.format_exc()}"
+    for part in (None, TOLD.slice):
+        try:
+            with open_log(_Pipe(data), opening=TOLD) as log:
+                read = log if part is None else SlicedLog(log, TOLD, part)
+                for _ in read_batches(read, ReadOptions(), ReadReport()):
+                    pass
+        except LidarcliError:
+            pass
+        except Exception:
+            yield f"stream: {traceback.format_exc()}"
 
 
 def odd_lines(who: str, lines: Sequence[str], longest: int = LONGEST) -> Iterator[str]:

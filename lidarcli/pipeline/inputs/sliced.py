@@ -75,7 +75,8 @@ class SlicedLog:
         clouds = {topic.name for topic in wanted if topic.sliced}
         if clouds:
             own = ReadReport()
-            yield from self._of_clouds(clouds, own)
+            # The list of a log that is cut off may lack topics.
+            yield from self._of_clouds(None if topics is None else clouds, own)
             report.add_new(own)
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
@@ -96,7 +97,7 @@ class SlicedLog:
         from lidarcli.poses.level import TreeLevels
 
         if self._levels is None:
-            self._levels = TreeLevels(() if topics is None else self.poses().tracks)
+            self._levels = TreeLevels(self.poses().tracks if self.size is not None else ())
         slicers: dict[str, Slicer] = {}
         waiting = 0
         for message in self._log.messages(CLOUD_TYPES, report):
