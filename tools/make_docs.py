@@ -19,6 +19,7 @@ WITH_EXAMPLES = (
     "docs/questions.md",
     "docs/citing.md",
     "docs/poses.md",
+    "docs/clouds.md",
     "docs/map.md",
     "docs/overlay.md",
     "docs/background.md",

@@ -327,7 +327,7 @@ def test_bins_that_are_narrower_than_the_columns_are_noted() -> None:
     ranges[:, ::3] = np.inf
     fill.add(ranges)
     assert fill.notes() == [
-        "many bins (50%) are empty between two alike: the sensor has fewer columns than --bins 360"
+        "33% of the bins are empty between two that are not: the sensor has fewer columns than --bins 360; try --bins 180"
     ]
     nothing = Fill(Bins.of(OpenOptions(), 360))
     nothing.add(np.full((2, 360), np.inf, np.float32))

@@ -12,7 +12,7 @@ from lidarcli.logs.clouds.cloud import Floats
 from lidarcli.sweeps import TURN, Float32, Int64
 
 MANY_HOLES = 0.05
-"""More empty bins than this share of the others, each between two alike, are worth a note."""
+"""A greater share of empty bins, each between two alike, is worth a note."""
 WIDE = np.deg2rad(45.0)
 SOME_CLOUDS = 10
 """So wide a part of the view without a point in so many clouds is worth a note."""
@@ -101,10 +101,12 @@ class Fill:
         if not self._filled:
             return ["no cloud has a point there"] if self.clouds else []
         notes = []
-        if self._between > MANY_HOLES * self._filled:
+        holes = self._between / (self._between + self._filled)
+        if holes > MANY_HOLES:
+            fitting = self.bins.count // int(np.ceil(1.0 / (1.0 - holes)))
             notes.append(
-                f"many bins ({self._between / self._filled:.0%}) are empty between two alike: the sensor has fewer columns "
-                f"than --bins {self.bins.count}"
+                f"{holes:.0%} of the bins are empty between two that are not: the sensor has fewer columns than --bins "
+                f"{self.bins.count}; try --bins {max(fitting, 2)}"
             )
         if self.clouds >= SOME_CLOUDS and (blind := self._blind()) is not None:
             first, last = np.degrees(blind)
