@@ -16,8 +16,9 @@ from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import LASERSCAN, POINTCLOUD2, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.pipeline.inputs.sliced import SlicedLog
+from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.simulate import simulate
-from lidarcli.sweeps import Status
+from lidarcli.sweeps import RangeRules, Status, normalise
 from tests.fake_log import FakeLog
 from tests.logs.cloud_messages import message, pointcloud2
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
@@ -61,6 +62,21 @@ def test_clouds_are_level_by_the_transforms_of_the_log() -> None:
     # The transforms are read once, for heights and for poses.
     log.poses()
     assert fake.passes == 2
+
+
+def test_a_leaning_sensor_is_worth_a_note_only_where_its_sweeps_lean_with_it() -> None:
+    leaning = (0.0, 0.0, 0.6, 0.0, float(np.sin(0.2)), 0.0, float(np.cos(0.2)))
+    told = [
+        tf(0, "odom", "base_link", (0.0, 0.0, 0.0)),
+        tf(10, "odom", "base_link", (0.0, 0.0, 0.0)),
+        tf(0, "base_link", "lidar", leaning, "/tf_static"),
+    ]
+    topics = [Topic("/points", POINTCLOUD2, "cdr", 3), Topic("/tf", "tf2_msgs/msg/TFMessage", "cdr", 2)]
+    log = sliced(FakeLog(topics=topics, messages=[*clouds(), *told]))
+    posing = Posing.of(log)
+    (block,) = log.scans(None, ReadReport())
+    posing.attach(normalise(block, np.arange(3), RangeRules()))
+    assert posing.notes() == ["poses by /tf and /tf_static (odom > base_link > lidar)"]
 
 
 def test_scans_and_clouds_of_one_log() -> None:

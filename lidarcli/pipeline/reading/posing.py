@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarcli.logs.base import Log, ReadReport
+from lidarcli.pipeline.inputs.sliced import made_of_clouds
 from lidarcli.pipeline.reading.delays import SECOND, TRACKS, Delay, later
 from lidarcli.pipeline.reading.pose_finding import FoundPoses, find_poses
 from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
@@ -61,6 +62,8 @@ class Posing:
     """Topic and frame → the delay that fits better, where it is another one …"""
     purpose: str = TRACKS
     """… and what for it is used unasked."""
+    levelled: Collection[str] = ()
+    """Topics whose sweeps are level however their sensor leans: those that are made of point clouds."""
     seen: dict[str, _Seen] = field(default_factory=dict)
 
     @classmethod
@@ -76,7 +79,9 @@ class Posing:
         found = find_poses(log, options, topics, rules)
         is_pipe = log.size is None and log.topics() is None and not log.format.startswith("csv")
         missed = _PIPE if is_pipe and found is None and options.source != NONE else ""
-        return cls(found, missed, options.delay or 0.0, options.deskew)
+        return cls(
+            found, missed, options.delay or 0.0, options.deskew, levelled=frozenset(made_of_clouds(log))
+        )
 
     def together(self, report: ReadReport) -> ReadReport:
         """What reading the log has met: the pass over its sweeps, and the one over its poses."""
@@ -105,7 +110,8 @@ class Posing:
             lasts_ns = self._lasts_ns(batch, rows)
             _put(poses, rows, way.going(here, at_ns, lasts_ns))
             seen.without += int(np.count_nonzero(np.isnan(here.x)))
-            seen.tilt = max(seen.tilt, tilt(motion))
+            if batch.topic not in self.levelled:
+                seen.tilt = max(seen.tilt, tilt(motion))
             if (best := self.delays.get((batch.topic, batch.frame_ids[code]))) is not None:
                 true_ns = later(at_ns, best.seconds)
                 better.append((rows, way.going(planar(way.at(true_ns)), true_ns, lasts_ns)))
