@@ -7,8 +7,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from lidarcli.logs.carmen.lines import is_number
 from lidarcli.logs.carmen.words import FRONT, REAR
+from lidarcli.logs.lines import is_number
+from lidarcli.logs.told import Told
 from lidarcli.sweeps import Bool, Float64, Int64
 
 MAX_RANGE = 80.0
@@ -46,25 +47,22 @@ class Parameters:
     """The values of parameters, line by line: what is told counts for what comes after it."""
 
     def __init__(self) -> None:
-        self._told: dict[bytes, tuple[list[int], list[float]]] = {}
+        self._told: Told[bytes] = Told()
 
     def add(self, first_line: int, parameters: Iterable[tuple[int, bytes, bytes]]) -> None:
-        """Take row, name and value of some parameters of a block; of those before it the last ones remain."""
-        for name, (lines, values) in self._told.items():
-            self._told[name] = lines[-1:], values[-1:]
-        for row, name, value in parameters:
-            if name in _KNOWN and _NUMBER_FIRST.match(value) and is_number(value):
-                lines, values = self._told.setdefault(name, ([], []))
-                lines.append(first_line + row)
-                values.append(float(value))
+        """Take row, name and value of some parameters of a block."""
+        self._told.add(
+            first_line,
+            [
+                (row, name, (float(value),))
+                for row, name, value in parameters
+                if name in _KNOWN and _NUMBER_FIRST.match(value) and is_number(value)
+            ],
+        )
 
     def at(self, frame: str, what: str, lines: Int64) -> Float64:
         """The value at each line (R,), NaN where none has been told yet."""
-        told = self._told.get(_NAMES.get((frame, what), b""))
-        if told is None:
-            return np.full(len(lines), np.nan)
-        index = np.searchsorted(np.array(told[0], np.int64), lines) - 1
-        return np.where(index < 0, np.nan, np.array(told[1])[np.maximum(index, 0)])
+        return self._told.at(_NAMES.get((frame, what), b""), lines, 1)[:, 0]
 
     def mount(self, frame: str) -> tuple[float, float, float] | None:
         """x, y [m] and yaw [rad] of a laser on the robot by the last that was told; None where nothing was.
@@ -72,9 +70,9 @@ class Parameters:
         A rear laser looks backwards, unless its angle is told and says so itself.
         """
         told = {
-            what: self._told[name][1][-1]
+            what: value[0]
             for what in ("forward", "side", "angular")
-            if (name := _NAMES.get((frame, what), b"")) in self._told
+            if (value := self._told.last(_NAMES.get((frame, what), b""))) is not None
         }
         if not told:
             return None

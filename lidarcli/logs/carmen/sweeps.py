@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import as_singles, given_geometries, keep_sound, pad, split_rows
+from lidarcli.logs.blocks import as_singles, as_told, keep_sound, pad, split_rows, tells_geometry
 from lidarcli.logs.carmen.lines import Found, Lines
 from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, full_steps, geometry
 from lidarcli.logs.carmen.words import LASERS, Laser
@@ -59,7 +59,7 @@ class SweepDecoder:
             first, step, most = _of_lines(told.values.reshape(-1, 4), beams)
         else:
             first, step, most = self._of_parameters(laser, rows + first_line, beams)
-        first, step = self._as_told(first, step, beams)
+        first, step = as_told(self.options, first, step, beams)
         far = self.options.range_max
         most = most * scale if far is None else np.full(len(rows), far)
         for row, cell in sorted(bad.items()):
@@ -91,7 +91,7 @@ class SweepDecoder:
         first, step, guessed = geometry(
             beams, *(self.parameters.at(laser.frame, what, lines) for what in ("fov", "resolution"))
         )
-        if guessed.any() and laser.topic not in self._noted and not self._is_told:
+        if guessed.any() and laser.topic not in self._noted and not tells_geometry(self.options):
             self._noted.add(laser.topic)
             row = int(np.argmax(guessed))
             degrees = np.degrees([first[row], step[row]])
@@ -102,23 +102,6 @@ class SweepDecoder:
         most = self.parameters.at(laser.frame, "max", lines)
         with np.errstate(invalid="ignore"):
             return first, step, np.where(most > 0, most, MAX_RANGE)
-
-    @property
-    def _is_told(self) -> bool:
-        """Whether options tell the whole geometry."""
-        told = self.options
-        return told.fov is not None or (told.angle_min is not None and told.angle_increment is not None)
-
-    def _as_told(self, first: Float64, step: Float64, beams: Int64) -> tuple[Float64, Float64]:
-        """What options tell in the place of what the log does."""
-        told = self.options
-        if self._is_told:
-            first, step = given_geometries(told, beams)
-        if told.angle_increment is not None:
-            step = np.full(len(beams), told.angle_increment)
-        if told.angle_min is not None:
-            first = np.full(len(beams), told.angle_min)
-        return first, step
 
 
 def _of_lines(told: Float64, beams: Int64) -> tuple[Float64, Float64, Float64]:
