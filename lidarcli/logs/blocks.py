@@ -107,19 +107,3 @@ def given_geometries(options: OpenOptions, beams: Int64) -> tuple[Float64, Float
     pairs = [given_geometry(options, count) or (np.nan, np.nan) for count in distinct.tolist()]
     both = np.array(pairs, np.float64).reshape(-1, 2)[inverse.ravel()]
     return both[:, 0], both[:, 1]
-
-
-def tells_geometry(options: OpenOptions) -> bool:
-    """Whether options tell the whole geometry."""
-    return options.fov is not None or (options.angle_min is not None and options.angle_increment is not None)
-
-
-def as_told(options: OpenOptions, first: Float64, step: Float64, beams: Int64) -> tuple[Float64, Float64]:
-    """What options tell in the place of the first bearings and steps [rad] that a log tells (S,)."""
-    if tells_geometry(options):
-        first, step = given_geometries(options, beams)
-    if options.angle_increment is not None:
-        step = np.full(len(beams), options.angle_increment)
-    if options.angle_min is not None:
-        first = np.full(len(beams), options.angle_min)
-    return first, step

@@ -37,8 +37,6 @@ _STEPS = {181: 1.0, 180: 1.0, 361: 0.5, 360: 0.5, 401: 0.25, 400: 0.25}
 _WITHOUT_LAST = [beams for beams in _STEPS if beams % 2 == 0]
 """Of them those whose view goes one step beyond the last range."""
 _FIRST = {401: -50.0, 400: -50.0}
-_ROUNDED = 6e-7
-"""By so much [rad] the sixth decimal of a step may be off."""
 _SLACK = 1.5
 """A view and a step that are told make the number of ranges, or miss it by less than this."""
 
@@ -117,16 +115,3 @@ def _guess(beams: Int64) -> tuple[Float64, Float64]:
     ]
     both = np.array(pairs, np.float64).reshape(-1, 2)[inverse.ravel()]
     return both[:, 0], both[:, 1]
-
-
-def full_steps(view: Float64, resolution: Float64, beams: Int64) -> Float64:
-    """Steps [rad] with all the digits that a line lets know: of six decimals, those of the view say more.
-
-    Where the view is that of the ranges, or of one more, its part for each beam is taken; else the step as it is told.
-    """
-    gaps = np.maximum(beams - 1, 1)
-    steps = np.where(resolution == 0.0, view / gaps, resolution)
-    parts = np.stack([view / gaps, view / np.maximum(beams, 1)])
-    off = np.abs(parts - resolution)
-    nearest = np.take_along_axis(parts, np.argmin(off, axis=0)[None], axis=0)[0]
-    return np.where(off.min(axis=0) < _ROUNDED, nearest, steps)

@@ -8,15 +8,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import as_singles, as_told, keep_sound, pad, split_rows, tells_geometry
+from lidarcli.logs.blocks import as_singles, keep_sound, pad, split_rows
 from lidarcli.logs.carmen.lines import Found, Lines
-from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, full_steps, geometry
+from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, geometry
 from lidarcli.logs.carmen.words import LASERS, Laser
+from lidarcli.logs.geometry import as_told, full_steps, tells_geometry
 from lidarcli.logs.numbers import Cells, not_a_number
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Float64, Int64, RawSweeps
 
 _START, _VIEW, _STEP, _MOST = range(4)
+_ROUNDED = 6e-7
+"""By so much [rad] the sixth decimal of a step may be off."""
 _FIRST_OF_GEOMETRY = 2
 """The cell with the first bearing; view, step and greatest range follow."""
 
@@ -107,7 +110,7 @@ class SweepDecoder:
 def _of_lines(told: Float64, beams: Int64) -> tuple[Float64, Float64, Float64]:
     """First bearing, step [rad] and greatest range [m] as the lines tell them; guessed where view and step are zero."""
     first, most = told[:, _START], told[:, _MOST]
-    step = full_steps(told[:, _VIEW], told[:, _STEP], beams)
+    step = full_steps(told[:, _VIEW], told[:, _STEP], beams, _ROUNDED)
     nothing = (told[:, _VIEW] == 0.0) & (told[:, _STEP] == 0.0)
     if nothing.any():
         none = np.full(len(beams), np.nan)
