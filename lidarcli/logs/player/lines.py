@@ -11,7 +11,7 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.lines import CUT, Apart, cells_of, report_lines
 from lidarcli.logs.numbers import Cells, say
 from lidarcli.logs.planar import ROBOT
-from lidarcli.logs.player.words import HEADS, HOST, KIND, OLD, Device, device_of
+from lidarcli.logs.player.words import DATA, HEADS, HOST, KIND, OLD, Device, device_of
 from lidarcli.logs.text import TextBlock
 from lidarcli.logs.times import S, to_ns
 from lidarcli.sweeps import Int64
@@ -108,10 +108,11 @@ def _by_device(cells: Cells, bad: list[tuple[int, str]], cut: int) -> dict[Devic
         if key not in known:
             known[key] = device_of(head, kind)
         device = known[key]
-        if device is not None and HEADS.fullmatch(begin):
-            devices.setdefault(device, []).append(row)
-        elif row == cut:
+        # Of a line that is cut before its data the type may be cut as well.
+        if row == cut and (device is None or cells.count[row] <= DATA):
             bad.append((row, CUT))
+        elif device is not None and HEADS.fullmatch(begin):
+            devices.setdefault(device, []).append(row)
         else:
             bad.append((row, f"{say(begin)} begins no message"))
     return devices

@@ -153,9 +153,14 @@ class SweepDecoder:
 def framed(cells: Cells, found: Found, scan: Scan, bad: list[tuple[int, str]], cut: int) -> Declared:
     """The ranges of sweeps; those that are none are told in `bad`."""
     told = declared(cells, found.rows, scan.count, scan.width)
+    last = len(found.rows) - 1
     # Of the last line without an end the last number may be cut: only where it is beside a range does that not matter.
-    if len(found.rows) and found.rows[-1] == cut and (scan.width == 1 or len(found.rows) - 1 in told.causes):
-        told.causes[len(found.rows) - 1] = CUT
+    if (
+        last >= 0
+        and found.rows[last] == cut
+        and (scan.width == 1 or not told.beams[last] or last in told.causes)
+    ):
+        told.causes[last] = CUT
     bad += [(int(found.rows[at]), cause) for at, cause in told.causes.items() if at not in told.refused]
     return told
 
