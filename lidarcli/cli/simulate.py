@@ -24,6 +24,8 @@ RUN, LOG = "Run", "Log"
   lidarcli simulate samples/room.toml -o room.csv --layout long --seed 7
   lidarcli simulate samples/people.toml -o people --duration 2.5
   lidarcli simulate samples/drive.toml -o drive.log --sweeps 40
+  lidarcli simulate samples/drive.toml -o drive.2d --sweeps 40
+  lidarcli simulate samples/room.toml -o run.log --container player --seed 7
   lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
 )
 @click.argument("scene", metavar="SCENE.toml", type=click.Path())

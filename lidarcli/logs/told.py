@@ -17,18 +17,20 @@ class Told(Generic[Name]):
 
     def __init__(self) -> None:
         self._told: dict[Name, tuple[list[int], list[Sequence[float]]]] = {}
-
-    def __contains__(self, name: Name) -> bool:
-        return name in self._told
+        self._fresh: set[Name] = set()
+        """What the last block has told."""
 
     def add(self, first_line: int, values: Iterable[tuple[int, Name, Sequence[float]]]) -> None:
         """Take row, name and values of what a block tells, in the order of its lines; a name has as many values always."""
-        for name, (lines, known) in self._told.items():
+        for name in self._fresh:
+            lines, known = self._told[name]
             self._told[name] = lines[-1:], known[-1:]
+        self._fresh.clear()
         for row, name, value in values:
             lines, known = self._told.setdefault(name, ([], []))
             lines.append(first_line + row)
             known.append(value)
+            self._fresh.add(name)
 
     def at(self, name: Name, lines: Int64, width: int) -> Float64:
         """The values at each line (R, width), NaN where none has been told yet."""

@@ -73,11 +73,13 @@ def only(log: PlayerLog) -> RawSweeps:
 HEAD = f"1000000012.500 {ROBOT}"
 RANGES = "1.000 2.000 8.000 4.000 5.000"
 PAIRS = "1.000 10 2.000 20 8.000  0 4.000  7 5.000  9"
+TRIPLES = "1.000 -1.571 10 2.000 -0.785 20 8.000 0.000  0 4.000 0.785  7 5.000 1.571  9"
 PLACE = "+00.100 +00.200 +00.300 +00.000 +00.000 +00.500 +00.150 +00.150 +00.150"
 PART = PLACE[:47]
 LINES = {
     "laser 1:1": f"{HEAD} laser 00 001 001 0001 -1.5708 +1.5708 +0.78539816 +08.0000 0005 {PAIRS} ",
     "laser 1:2": f"{HEAD} laser 01 001 002 0001 +01.000 +02.000 +00.500 -1.5708 +1.5708 +0.78539816 +08.0000 0005 {PAIRS} ",
+    "laser 1:3": f"{HEAD} laser 00 001 003 0001 +08.0000 0005 {TRIPLES} ",
     "laser of version 0.1": f"1000000012.500 fly 6665 laser 00 0999999999.123 -1.5708 +1.5708 +0.78539816 0005 {PAIRS} ",
     "ranger 1:1": f"{HEAD} ranger 00 004 005 {CONFIG} \n{HEAD} ranger 00 001 001 0005 {RANGES} ",
     "ranger 1:2 bare": f"{HEAD} ranger 00 004 005 {CONFIG} \n{HEAD} ranger 00 001 002 0005 {RANGES} 0 ",
@@ -97,12 +99,22 @@ def test_every_kind_of_sweep_is_read(kind: str, tmp_path: Path) -> None:
     assert block.frame_ids == (block.topic[1:],)
     assert block.ranges.tolist() == [[1.0, 2.0, 8.0, 4.0, 5.0]]
     assert (block.stamp_ns.tolist(), block.beams.tolist()) == ([1_000_000_012_500_000_000], [5])
-    assert block.angle_min[0] == pytest.approx(-np.pi / 2, abs=1e-5)
-    assert block.angle_increment[0] == pytest.approx(np.pi / 4, abs=1e-6)
+    assert block.angle_min[0] == pytest.approx(-np.pi / 2, abs=1e-3 if "1:3" in kind else 1e-5)
+    assert block.angle_increment[0] == pytest.approx(np.pi / 4, abs=1e-3 if "1:3" in kind else 1e-6)
     assert block.range_max[0] == (np.inf if "0.1" in kind else 8.0)
     assert block.range_min[0] == np.float32(0.1 if "ranger" in kind else 0.0)
     [topic] = [topic for topic in log.topics() or [] if topic.name == block.topic]
     assert (topic.messages, topic.encoding, log.format) == (1, "player", "player")
+
+
+def test_beams_that_are_not_evenly_spread_are_refused(tmp_path: Path) -> None:
+    even = f"{HEAD} laser 00 001 003 0001 +08.0000 0003 1.0 0.0 0 2.0 0.5 0 3.0 {{}} 0\n"
+    log = log_of(tmp_path, even.format("1.0") + even.format("2.0"))
+    assert sum(map(len, log.scans())) == 1
+    assert (log.report.damage, log.report.refused) == (
+        [],
+        {("/laser0", "beams that are not evenly spread"): 1},
+    )
 
 
 def test_steps_of_a_configuration_have_more_digits_than_are_written(tmp_path: Path) -> None:

@@ -175,8 +175,8 @@ class Lines:
 def _told(cells: Cells, sensor: Sensor, rows: Int64, bad: list[tuple[int, str]]) -> list[Told]:
     """What lines tell of a sensor: x, y, heading, or first and last angle and the number of samples."""
     told = []
-    for width, columns in ((3, (0, 1, 2)), (4, (0, 1, 3))):
-        # Poses of version 4 have a height as well.
+    for width, columns in ((3, (0, 1, 2)), (4, (0, 1, 3) if sensor.part == "pose" else (0, 1, 2))):
+        # Poses of version 4 have a height before the heading.
         some = rows[cells.count[rows] == width + 1]
         numbers = cells.numbers(some, 1, np.full(len(some), width), np.float64)
         good, values = sound_rows(numbers, some, width, bad)

@@ -10,10 +10,12 @@ from lidarcli.logs.geometry import full_steps
 from lidarcli.logs.lines import sound_rows
 from lidarcli.logs.numbers import Cells
 from lidarcli.logs.player.words import DATA, Scan
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int64
 
 CONFIG = 7
 """Numbers of a ranger's configuration: first and last bearing, step, least and greatest range, steps of ranges, rate."""
+_UNEVEN = 0.25
+"""Steps by which a bearing may be off where beams are evenly spread."""
 _ROUNDED = 6e-5
 """By so much [rad] the fourth decimal of a step may be off."""
 
@@ -30,15 +32,29 @@ class Geometry(NamedTuple):
 def of_laser(cells: Cells, rows: Int64, beams: Int64, scan: Scan, bad: list[tuple[int, str]]) -> Geometry:
     """That of the lines of a laser; what is no number is told in `bad`."""
     known = np.full((len(rows), 4), np.nan)
-    if scan.geometry is not None:
-        for at, width, into in ((scan.geometry, 3, slice(0, 3)), (scan.most, 1, slice(3, 4))):
-            if at is not None:
-                numbers = cells.numbers(rows, at, np.full(len(rows), width), np.float64)
-                good, values = sound_rows(numbers, rows, width, bad)
-                known[good, into] = values
+    for at, width, into in ((scan.geometry, 3, slice(0, 3)), (scan.most, 1, slice(3, 4))):
+        if at is not None:
+            numbers = cells.numbers(rows, at, np.full(len(rows), width), np.float64)
+            good, values = sound_rows(numbers, rows, width, bad)
+            known[good, into] = values
     first, last, step, most = known.T
     step = np.where(step == 0.0, (last - first) / np.maximum(beams - 1, 1), step)
     return Geometry(first, step, np.zeros(len(rows)), most)
+
+
+def of_bearings(bearings: Float64, beams: Int64) -> tuple[Float64, Float64, Bool]:
+    """First bearing and step of sweeps (R,) whose beams each have one, one after the other; and which are not even."""
+    begin = np.cumsum(beams) - beams
+    some = beams > 0
+    ends = np.append(bearings, np.nan)
+    first = np.where(some, ends[np.where(some, begin, -1)], 0.0)
+    last = np.where(some, ends[np.where(some, begin + beams - 1, -1)], 0.0)
+    step = (last - first) / np.maximum(beams - 1, 1)
+    step[beams < 2] = 1.0
+    row = np.repeat(np.arange(len(beams)), beams)
+    expected = first[row] + (np.arange(len(row)) - begin[row]) * step[row]
+    odd = ~(np.abs(bearings - expected) <= _UNEVEN * np.abs(step[row]))
+    return first, step, np.bincount(row, odd, len(beams)) > 0
 
 
 def of_ranger(told: Float64, beams: Int64) -> Geometry:

@@ -12,7 +12,15 @@ from lidarcli.logs.blocks import as_singles, keep_sound, pad, split_rows
 from lidarcli.logs.geometry import as_told
 from lidarcli.logs.lines import CUT, Declared, declared, refuse, report_lines
 from lidarcli.logs.numbers import Cells, not_a_number
-from lidarcli.logs.player.geometry import CONFIG, Geometry, configuration, of_laser, of_ranger, tails
+from lidarcli.logs.player.geometry import (
+    CONFIG,
+    Geometry,
+    configuration,
+    of_bearings,
+    of_laser,
+    of_ranger,
+    tails,
+)
 from lidarcli.logs.player.lines import Found, Lines, Names
 from lidarcli.logs.player.words import GEOMETRY, RESPONSE, Device, Scan
 from lidarcli.logs.text import TextBlock
@@ -20,6 +28,7 @@ from lidarcli.logs.told import Told
 from lidarcli.sweeps import Int64, RawSweeps
 
 NO_GEOMETRY = "no geometry in the log (tell --angle-min and --angle-increment, or --fov)"
+UNEVEN = "beams that are not evenly spread"
 
 
 @dataclass(slots=True)
@@ -99,17 +108,21 @@ class SweepDecoder:
         )
         before = len(bad)
         bad += [(int(rows[row]), not_a_number(cell)) for row, cell in numbers.bad.items()]
-        if scan.geometry is not None:
+        uneven = np.zeros(len(rows), np.bool_)
+        if device.interface == b"laser":
             known = of_laser(cells, rows, beams, scan, bad)
+            if scan.angles:
+                first, step, uneven = of_bearings(numbers.values[1 :: scan.width].astype(np.float64), beams)
+                known = known._replace(first=first, step=step)
         else:
             known = self._of_ranger(cells, scan, topic, (rows, beams, after), line, bad)
         first, step = as_told(self.options, known.first, known.step, beams)
         good = np.ones(len(rows), np.bool_)
         good[np.isin(rows, [row for row, _ in bad[before:]])] = False
-        unknown = good & (np.isnan(first) | np.isnan(step))
-        if unknown.any():
-            self.report.refused[(topic, NO_GEOMETRY)] += int(unknown.sum())
-            good &= ~unknown
+        for without, cause in ((uneven, UNEVEN), (np.isnan(first) | np.isnan(step), NO_GEOMETRY)):
+            if (fresh := good & without).any():
+                self.report.refused[(topic, cause)] += int(fresh.sum())
+                good &= ~fresh
         far = self.options.range_max
         with np.errstate(invalid="ignore"):
             most = np.where(known.most > 0, known.most * scale, np.inf)

@@ -33,6 +33,8 @@ class Scan:
     """The greatest range."""
     pose: int | None = None
     """Where the laser was."""
+    angles: bool = False
+    """Whether its bearing stands behind each range."""
     tail: bool = False
     """Whether pose and geometry may stand behind the ranges."""
 
@@ -40,6 +42,7 @@ class Scan:
 SCANS: dict[tuple[bytes, bytes], Scan] = {
     (b"laser", b"001 001"): Scan(count=12, width=2, geometry=8, most=11),
     (b"laser", b"001 002"): Scan(count=15, width=2, geometry=11, most=14, pose=8),
+    (b"laser", b"001 003"): Scan(count=9, width=3, most=8, angles=True),
     (b"laser", OLD): Scan(count=9, width=2, geometry=6),
     (b"ranger", b"001 001"): Scan(count=7, width=1),
     (b"ranger", b"001 002"): Scan(count=7, width=1, tail=True),
