@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -37,3 +37,9 @@ def pose_messages(
         Message(topic, kind, ENCODING, stamp, data[at * size : (at + 1) * size] + names)
         for at, stamp in enumerate(stamps.tolist())
     ]
+
+
+def in_order(told: Sequence[tuple[int, Message]]) -> Iterator[Message]:
+    """Messages by the lines that tell them."""
+    for _, message in sorted(told, key=lambda one: one[0]):
+        yield message

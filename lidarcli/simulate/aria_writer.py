@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcli.simulate.decimals import only_topic, opened, seconds
+from lidarcli.simulate.decimals import only_topic, seconds, write_lines
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import Float64, RawSweeps
 
@@ -22,10 +22,7 @@ def write_aria(path: Path, blocks: Iterable[RawSweeps], poses: SimulatedPoses | 
     format has no place for limits of ranges and the names of frames and topics. Decimals are as many as read back the same:
     more than ARIA writes, whose points are whole millimetres.
     """
-    with opened(path) as out:
-        for line in _lines(blocks, poses):
-            out.write(line)
-            out.write("\n")
+    write_lines(path, _lines(blocks, poses))
 
 
 def _lines(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterator[str]:

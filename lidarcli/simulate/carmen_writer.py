@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcli.simulate.decimals import finite, only_topic, opened, seconds, shortest, texts
+from lidarcli.simulate.decimals import finite, only_topic, seconds, shortest, texts, write_lines
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import Float64, Int64, RawSweeps
 
@@ -29,10 +29,7 @@ def write_carmen(path: Path, blocks: Iterable[RawSweeps], poses: SimulatedPoses 
     centred; without any RAWLASER1. The format has no place for `range_min` and the names of frames and topics; what is
     infinite is written as the greatest range. Decimals are as many as read back the same.
     """
-    with opened(path) as out:
-        for line in _lines(blocks, poses):
-            out.write(line)
-            out.write("\n")
+    write_lines(path, _lines(blocks, poses))
 
 
 def _lines(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterator[str]:

@@ -33,6 +33,14 @@ def opened(path: Path) -> Iterator[IO[str]]:
         yield out
 
 
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Write lines to a new text file, packed where its name ends in `.gz`."""
+    with opened(path) as out:
+        for line in lines:
+            out.write(line)
+            out.write("\n")
+
+
 def only_topic(blocks: Iterable[RawSweeps], what: str) -> Iterator[RawSweeps]:
     """The blocks of a log that has one topic; OptionError at the first one of a second topic."""
     topic = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from lidarcli.simulate.decimals import finite, only_topic, opened, seconds, shortest, texts
+from lidarcli.simulate.decimals import finite, only_topic, seconds, shortest, texts, write_lines
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
@@ -30,10 +30,7 @@ def write_player(path: Path, blocks: Iterable[RawSweeps], poses: SimulatedPoses 
     The format has no place for `range_min` and the names of frames and topics; what is infinite is written as the greatest
     range, and every intensity is 0. Decimals are as many as read back the same: more than Player writes.
     """
-    with opened(path) as out:
-        for line in _lines(blocks, poses):
-            out.write(line)
-            out.write("\n")
+    write_lines(path, _lines(blocks, poses))
 
 
 def _lines(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterator[str]:

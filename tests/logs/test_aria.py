@@ -17,11 +17,9 @@ from lidarcli.logs import open_log
 from lidarcli.logs.aria.words import sensor_of
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.reading.pose_finding import find_poses
-from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.poses.motion import planar
 from lidarcli.simulate import simulate
-from lidarcli.sweeps import RawSweeps, Status, concatenate
+from lidarcli.sweeps import Status
+from tests.logs.robots import Opener, only, pose_of
 from tests.logs.watched import AriaLog
 from tests.places import SAMPLES
 
@@ -59,31 +57,14 @@ def from_laser(ranges: Sequence[float], first: float = -90.0, last: float = 90.0
     return pairs(np.array(ranges)[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
-OPENED: list[AriaLog] = []
+log_of = Opener(AriaLog)
 
 
 @pytest.fixture(autouse=True)
 def closed() -> Iterator[None]:
     """Every log is closed in the end."""
     yield
-    while OPENED:
-        OPENED.pop().close()
-
-
-def log_of(
-    folder: Path, text: str | bytes, name: str = "run.2d", options: OpenOptions | None = None
-) -> AriaLog:
-    path = folder / name
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    OPENED.append(AriaLog(path, options))
-    return OPENED[-1]
-
-
-def only(log: AriaLog) -> RawSweeps:
-    """All sweeps of a log with one topic, and nothing that was lost."""
-    block = concatenate(list(log.scans()))
-    assert (log.report.damage, log.report.refused) == ([], {})
-    return block
+    log_of.close()
 
 
 def test_points_of_version_4_become_ranges(tmp_path: Path) -> None:
@@ -101,7 +82,7 @@ def test_points_of_version_4_become_ranges(tmp_path: Path) -> None:
     }
     assert log.report.notes == []
     log.close()
-    [batch] = lidarcli.read(tmp_path / "run.2d")
+    [batch] = lidarcli.read(tmp_path / "run.log")
     assert batch.status[0].tolist() == [
         Status.VALID,
         Status.VALID,
@@ -269,7 +250,7 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
     assert {part.place: part.cause for part in log.report.damage} == {
         f"line {first + at}": cause for at, cause in enumerate(bad.values())
     }
-    assert run(["info", str(tmp_path / "run.2d")]) == 3
+    assert run(["info", str(tmp_path / "run.log")]) == 3
 
 
 def test_a_last_line_that_is_cut_is_no_sweep(tmp_path: Path) -> None:
@@ -333,17 +314,6 @@ def test_other_texts_are_no_aria_logs(text: str, tmp_path: Path) -> None:
 # Poses.
 
 
-def pose_of(path: Path, frame: str, at: float, source: str | None = None) -> list[float]:
-    """x, y and yaw of a sensor frame at a time."""
-    with open_log(path) as log:
-        found = find_poses(log, PoseOptions(source=source))
-        assert found is not None
-        way = found.sources.way(frame)
-        assert way is not None
-        here = planar(way.at(np.array([round(at * 1e9)])))
-    return [float(here.x[0]), float(here.y[0]), float(here.yaw[0])]
-
-
 def test_odometry_is_taken_unasked_with_the_mount_of_the_laser(tmp_path: Path) -> None:
     """Millimetres and degrees; the laser is 0.1 m ahead, 0.05 m to the left, and looks there."""
     path = tmp_path / "run.2d"
@@ -364,7 +334,7 @@ def test_each_laser_is_where_the_robot_was_at_its_own_pose(tmp_path: Path) -> No
     stamps = {block.topic: block.stamp_ns.tolist() for block in log.scans()}
     assert stamps == {"/scan1": [12_050_000_000], "/scan2": [12_050_000_001]}
     log.close()
-    assert pose_of(tmp_path / "run.2d", "laser2", 12.050000001)[0] == pytest.approx(1.5)
+    assert pose_of(tmp_path / "run.log", "laser2", 12.050000001)[0] == pytest.approx(1.5)
 
 
 def test_a_pose_that_is_none_is_left_out(tmp_path: Path) -> None:

@@ -17,9 +17,9 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.pipeline.reading.pose_finding import find_poses
 from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.poses.motion import planar
 from lidarcli.simulate import simulate
-from lidarcli.sweeps import RawSweeps, Status, concatenate
+from lidarcli.sweeps import Status
+from tests.logs.robots import Opener, only, pose_of
 from tests.logs.watched import PlayerLog
 from tests.places import SAMPLES
 
@@ -43,31 +43,14 @@ def odometry(stamp: str, x: float, y: float, yaw: float, robot: str = ROBOT, ind
     return f"{stamp} {robot} position2d {index} 001 001 {pose} +00.100 +00.000 +00.000 0\n"
 
 
-OPENED: list[PlayerLog] = []
+log_of = Opener(PlayerLog)
 
 
 @pytest.fixture(autouse=True)
 def closed() -> Iterator[None]:
     """Every log is closed in the end."""
     yield
-    while OPENED:
-        OPENED.pop().close()
-
-
-def log_of(
-    folder: Path, text: str | bytes, name: str = "run.log", options: OpenOptions | None = None
-) -> PlayerLog:
-    path = folder / name
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    OPENED.append(PlayerLog(path, options))
-    return OPENED[-1]
-
-
-def only(log: PlayerLog) -> RawSweeps:
-    """All sweeps of a log with one topic, and nothing that was lost."""
-    block = concatenate(list(log.scans()))
-    assert (log.report.damage, log.report.refused) == ([], {})
-    return block
+    log_of.close()
 
 
 HEAD = f"1000000012.500 {ROBOT}"
@@ -259,17 +242,6 @@ def test_other_texts_are_no_player_logs(text: str, tmp_path: Path) -> None:
 
 
 # Poses.
-
-
-def pose_of(path: Path, frame: str, at: float, source: str | None = None) -> list[float]:
-    """x, y and yaw of a sensor frame at a time."""
-    with open_log(path) as log:
-        found = find_poses(log, PoseOptions(source=source))
-        assert found is not None
-        way = found.sources.way(frame)
-        assert way is not None
-        here = planar(way.at(np.array([round(at * 1e9)])))
-    return [float(here.x[0]), float(here.y[0]), float(here.yaw[0])]
 
 
 NORTH = odometry("0000000010.000", 1, 2, np.pi / 2) + odometry("0000000012.000", 1, 4, np.pi / 2)

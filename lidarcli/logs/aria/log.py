@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 
 from lidarcli.logs.aria.lines import Index
 from lidarcli.logs.aria.poses import TOPICS, PoseDecoder
 from lidarcli.logs.aria.sweeps import SweepDecoder
-from lidarcli.logs.base import LASERSCAN, POSE_TYPES, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS
 from lidarcli.logs.textlog import TextLog
-from lidarcli.sweeps import RawSweeps
 
 
 class AriaLog(TextLog):
@@ -32,17 +31,8 @@ class AriaLog(TextLog):
             found.append(Topic(MOUNTS, MOUNT_TYPE, self.format, mounts))
         return found
 
-    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in the order of the file within each topic."""
-        decoder = SweepDecoder(self._options, report, topics)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
+    def _sweeps(self, topics: Collection[str] | None, report: ReadReport) -> SweepDecoder:
+        return SweepDecoder(self._options, report, topics)
 
-    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Poses."""
-        if not POSE_TYPES.intersection(types):
-            return
-        decoder = PoseDecoder(types, report)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
-        yield from decoder.finish()
+    def _poses(self, types: Collection[str], report: ReadReport) -> PoseDecoder:
+        return PoseDecoder(types, report)

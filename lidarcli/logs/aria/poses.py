@@ -19,6 +19,7 @@ from lidarcli.logs.planar import (
     ODOMETRY_TYPE,
     POSE_TYPE,
     ROBOT,
+    in_order,
     pose_messages,
 )
 from lidarcli.logs.text import TextBlock
@@ -68,9 +69,7 @@ class PoseDecoder:
             messages = pose_messages(topic, kind, stamps, world, ROBOT, _metres(values))
             told += zip(some[good].tolist(), messages, strict=True)
         report_lines(self.report, block.line, bad)
-        told.sort(key=lambda one: one[0])
-        for _, message in told:
-            yield message
+        yield from in_order(told)
 
     def finish(self) -> Iterator[Message]:
         """Where the lasers are mounted that have sweeps, as it was told last."""

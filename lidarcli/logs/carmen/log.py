@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 
-from lidarcli.logs.base import LASERSCAN, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.carmen.lines import Index
 from lidarcli.logs.carmen.poses import CORRECTED, TRUE, TYPES, PoseDecoder
 from lidarcli.logs.carmen.sweeps import SweepDecoder
 from lidarcli.logs.carmen.words import LASERS, ODOM, TRUEPOS
 from lidarcli.logs.planar import MOUNTS, ODOMETRY
 from lidarcli.logs.textlog import TextLog
-from lidarcli.sweeps import RawSweeps
 
 
 class CarmenLog(TextLog):
@@ -42,19 +41,10 @@ class CarmenLog(TextLog):
             Topic(name, TYPES[name], self.format, count) for name, count in told.items() if count != 0
         ]
 
-    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in the order of the file within each topic."""
-        decoder = SweepDecoder(self._options, report, topics)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
+    def _sweeps(self, topics: Collection[str] | None, report: ReadReport) -> SweepDecoder:
+        return SweepDecoder(self._options, report, topics)
 
-    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Poses; where sweeps tell those of the robot, lines that tell nothing else are passed over."""
-        if not set(types).intersection(TYPES.values()):
-            return
+    def _poses(self, types: Collection[str], report: ReadReport) -> PoseDecoder:
+        """Where sweeps tell the poses of the robot, lines that tell nothing else are passed over."""
         self.topics()
-        with_odom = self._index is None or not self._index.posed
-        decoder = PoseDecoder(types, report, with_odom)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
-        yield from decoder.finish()
+        return PoseDecoder(types, report, with_odom=self._index is None or not self._index.posed)

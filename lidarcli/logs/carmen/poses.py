@@ -19,6 +19,7 @@ from lidarcli.logs.planar import (
     ODOMETRY_TYPE,
     POSE_TYPE,
     ROBOT,
+    in_order,
     pose_messages,
 )
 from lidarcli.logs.text import TextBlock
@@ -73,9 +74,7 @@ class PoseDecoder:
                 if TYPES[topic] in self.types:
                     messages = pose_messages(topic, TYPES[topic], stamps, parent, child, poses)
                     told += zip(rows.tolist(), messages, strict=True)
-        told.sort(key=lambda one: one[0])
-        for _, message in told:
-            yield message
+        yield from in_order(told)
 
     def finish(self) -> Iterator[Message]:
         """Where the lasers are mounted, as far as parameters or poses tell."""

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 
-from lidarcli.logs.base import LASERSCAN, POSE_TYPES, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS, ODOMETRY_TYPE, POSE_TYPE
 from lidarcli.logs.player.lines import Index
 from lidarcli.logs.player.poses import PoseDecoder, path_topic
 from lidarcli.logs.player.sweeps import SweepDecoder
 from lidarcli.logs.textlog import TextLog
-from lidarcli.sweeps import RawSweeps
 
 
 class PlayerLog(TextLog):
@@ -43,17 +42,8 @@ class PlayerLog(TextLog):
             counts[MOUNTS, MOUNT_TYPE] = mounts
         return [Topic(*topic, self.format, lines) for topic, lines in counts.items()]
 
-    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in the order of the file within each topic."""
-        decoder = SweepDecoder(self._options, report, topics)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
+    def _sweeps(self, topics: Collection[str] | None, report: ReadReport) -> SweepDecoder:
+        return SweepDecoder(self._options, report, topics)
 
-    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Poses."""
-        if not POSE_TYPES.intersection(types):
-            return
-        decoder = PoseDecoder(types, report)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
-        yield from decoder.finish()
+    def _poses(self, types: Collection[str], report: ReadReport) -> PoseDecoder:
+        return PoseDecoder(types, report)

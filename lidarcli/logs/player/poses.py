@@ -10,7 +10,7 @@ import numpy as np
 from lidarcli.logs.base import Message, ReadReport
 from lidarcli.logs.lines import report_lines, sound_rows
 from lidarcli.logs.numbers import Cells
-from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS, ODOMETRY_TYPE, POSE_TYPE, pose_messages
+from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS, ODOMETRY_TYPE, POSE_TYPE, in_order, pose_messages
 from lidarcli.logs.player.geometry import tails
 from lidarcli.logs.player.lines import Found, Lines, Names
 from lidarcli.logs.player.sweeps import framed
@@ -80,9 +80,7 @@ class PoseDecoder:
                 frames = f"{self.names.of(device.robot)}map", self.names.frame(device)
                 told += self._messages(part, some, topic, POSE_TYPE, frames, poses)
         report_lines(self.report, block.line, bad)
-        told.sort(key=lambda one: one[0])
-        for _, message in told:
-            yield message
+        yield from in_order(told)
 
     def finish(self) -> Iterator[Message]:
         """Where the lasers are mounted that have sweeps."""
