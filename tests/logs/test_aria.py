@@ -110,6 +110,7 @@ def test_ranges_of_old_versions(tmp_path: Path) -> None:
         (3, "ARIA's ArLaserLogger", "12.500", 12_500_000_000),
         (4, "ArLaserLogger", "12.050", 12_050_000_000),
         (3, "hand", "12.5", 12_500_000_000),
+        (1, "Master", "12:30:01", 45_001_000_000_000),
     ],
 )
 def test_milliseconds_of_aria_before_version_4_have_no_leading_zeros(

@@ -115,6 +115,8 @@ def test_a_configuration_counts_for_what_comes_after_it(tmp_path: Path) -> None:
     assert [most for block in log.scans() for most in block.range_max] == [5.0, 6.0]
     cause = "no geometry in the log (tell --angle-min and --angle-increment, or --fov)"
     assert (log.report.damage, log.report.refused) == ([], {("/ranger0", cause): 1})
+    log = log_of(tmp_path, f"{HEAD} ranger 00 004 005 0.0 0.0 0.0 0.0 0.0 0.0 0.0 \n{sweep}")
+    assert (list(log.scans()), log.report.refused) == ([], {("/ranger0", cause): 1})
     block = only(log_of(tmp_path, sweep, options=OpenOptions(fov=2.0, range_max=4.0)))
     assert (block.angle_min[0], block.angle_increment[0], block.range_max[0]) == (-1.0, 1.0, 4.0)
 

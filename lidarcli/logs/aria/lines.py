@@ -17,6 +17,7 @@ from lidarcli.logs.aria.words import (
     VERSION,
     Sensor,
     is_unpadded,
+    of_day,
     padded,
     sensor_of,
 )
@@ -128,8 +129,7 @@ class Lines:
     def _times(self, cells: Cells, rows: Int64, bad: list[tuple[int, str]]) -> tuple[Int64, Bool]:
         """The times [ns] in some lines, and which of them are any."""
         texts = cells.spans(rows, 1, np.minimum(cells.count[rows] - 1, 1))
-        if is_unpadded(self._created, self.version):
-            texts = list(map(padded, texts))
+        texts = list(map(padded if is_unpadded(self._created, self.version) else of_day, texts))
         stamps, wrong = to_ns(texts, S)
         known = np.ones(len(rows), np.bool_) if wrong is None else ~wrong
         bad += [

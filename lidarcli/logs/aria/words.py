@@ -21,6 +21,7 @@ UNKNOWN = re.compile(rb"[A-Za-z_][\w-]{0,63}:")
 """The tag of a line that holds nothing of what is read, which is passed over."""
 
 _SENSOR = re.compile(rb"(sick|scan|urg|laser|lms|lidar)(\d{0,3})(pose|conf)?:")
+_OF_DAY = re.compile(rb"(\d{1,2}):(\d{1,2}):(\d{1,2})")
 _ARIA = (b"ARIA", b"ArLaserLogger", b"ArSickLogger")
 _PADDED = 4
 """Since this version the milliseconds of times have leading zeros."""
@@ -72,6 +73,20 @@ def is_unpadded(created: bytes, version: bytes) -> bool:
     (True, False)
     """
     return any(name in created for name in _ARIA) and not (version.isdigit() and int(version[:9]) >= _PADDED)
+
+
+def of_day(cell: bytes) -> bytes:
+    """A time of day, as some other programs write it, in seconds.
+
+    >>> of_day(b"12:30:01"), of_day(b"12.5")
+    (b'45001', b'12.5')
+    """
+    match = _OF_DAY.fullmatch(cell)
+    return (
+        b"%d" % sum(int(part) * each for part, each in zip(match.groups(), (3600, 60, 1), strict=True))
+        if match
+        else cell
+    )
 
 
 def padded(cell: bytes) -> bytes:

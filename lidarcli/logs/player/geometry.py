@@ -58,8 +58,9 @@ def of_bearings(bearings: Float64, beams: Int64) -> tuple[Float64, Float64, Bool
 
 
 def of_ranger(told: Float64, beams: Int64) -> Geometry:
-    """That of configurations (R, 7) of a ranger."""
+    """That of configurations (R, 7) of a ranger; drivers that have none answer with zeros."""
     first, last, step, least, most = told.T[:5]
+    first = np.where((first == last) & (step == 0.0), np.nan, first)
     return Geometry(first, full_steps(last - first, step, beams, _ROUNDED), least, most)
 
 
