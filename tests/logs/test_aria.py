@@ -163,6 +163,17 @@ def test_a_sweep_may_begin_on_the_left(conf: str, tmp_path: Path) -> None:
     assert np.degrees([block.angle_min[0], block.angle_increment[0]]).tolist() == pytest.approx([90, -1])
 
 
+def test_a_full_circle_that_begins_backwards(tmp_path: Path) -> None:
+    """ARIA has no angle of -180 degrees: it writes 180."""
+    angles = np.radians(np.arange(-180, 180))
+    ranges = np.linspace(500, 4000, 360)
+    ends = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+    text = WIDE.replace("-90.00 90.00 181", "180.00 179.00 360")
+    block = only(log_of(tmp_path, text + scan(points=pairs(ends))))
+    np.testing.assert_allclose(block.ranges[0], ranges / 1000, atol=1e-3)
+    assert np.degrees([block.angle_min[0], block.angle_increment[0]]).tolist() == pytest.approx([-180, 1])
+
+
 def test_points_in_no_order_go_where_their_bearings_say(tmp_path: Path) -> None:
     ends = np.column_stack([MANY * np.cos(ANGLES), MANY * np.sin(ANGLES)])
     shuffled = np.random.default_rng(1).permutation(len(ends))

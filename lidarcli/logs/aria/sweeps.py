@@ -21,6 +21,8 @@ from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps
 
 MILLI = 0.001
 """Metres in the unit of lengths."""
+_LEAST_STEP = 0.02
+"""No laser has its beams closer to each other [degrees]."""
 _PARTS = 3
 """Numbers of a pose and of a configuration."""
 
@@ -103,8 +105,11 @@ class SweepDecoder:
         good = np.ones(len(rows), np.bool_)
         good[[*numbers.bad]] = False
         with np.errstate(invalid="ignore", divide="ignore"):
-            first = np.radians(conf[:, 0])
-            step = np.radians(conf[:, 1] - conf[:, 0]) / np.maximum(conf[:, 2] - 1, 1)
+            gaps = np.maximum(conf[:, 2] - 1, 1)
+            # ARIA writes -180 degrees as 180: of a full circle hardly any view is left then.
+            narrow = np.abs(conf[:, 1] - conf[:, 0]) < _LEAST_STEP * gaps
+            begin = np.where(narrow & (conf[:, 2] > 1), conf[:, 0] - 360.0, conf[:, 0])
+            first, step = np.radians(begin), np.radians(conf[:, 1] - begin) / gaps
         first, step = as_told(self.options, first, step, beams)
         if points.any():
             first, step, ranges = self._of_points(

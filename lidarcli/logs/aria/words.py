@@ -82,11 +82,10 @@ def of_day(cell: bytes) -> bytes:
     (b'45001', b'12.5')
     """
     match = _OF_DAY.fullmatch(cell)
-    return (
-        b"%d" % sum(int(part) * each for part, each in zip(match.groups(), (3600, 60, 1), strict=True))
-        if match
-        else cell
-    )
+    if match is None:
+        return cell
+    hours, minutes, seconds = map(int, match.groups())
+    return b"%d" % (3600 * hours + 60 * minutes + seconds)
 
 
 def padded(cell: bytes) -> bytes:
