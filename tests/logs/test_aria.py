@@ -274,20 +274,34 @@ def test_a_last_line_that_is_cut_is_no_sweep(tmp_path: Path) -> None:
 
 
 def test_counts_of_a_hostile_line_take_no_memory(tmp_path: Path) -> None:
-    for samples in ("1e9", "999999999999", str(MAX_BEAMS + 1)):
-        text = VERSION_4.replace("90.00 5", f"90.00 {samples}") + scan()
-        log = log_of(tmp_path, text)
-        found = sum(map(len, log.scans()))
-        assert (found, dict(log.report.refused)) == (
-            (1, {}) if samples == "999999999999" else (0, {("/scan1", "more than 400000 beams declared"): 1})
-        )
+    many, few = "more than 400000 beams declared", "far fewer points than the laser has beams"
+    unknown = "no angles of scan1 before it (tell --angle-min and --angle-increment, or --fov)"
+    for samples, cause in (
+        ("1e9", many),
+        (str(MAX_BEAMS + 1), many),
+        (str(MAX_BEAMS), few),
+        ("999999999999", unknown),
+        ("0", unknown),
+        ("nan", unknown),
+    ):
+        log = log_of(tmp_path, VERSION_4.replace("90.00 5", f"90.00 {samples}") + scan())
+        assert list(log.scans()) == []
+        assert (log.report.damage, log.report.refused) == ([], {("/scan1", cause): 1}), samples
+
+
+def test_a_laser_of_one_beam(tmp_path: Path) -> None:
+    text = VERSION_4.replace("-90.00 90.00 5", "0.00 0.00 1")
+    assert only(log_of(tmp_path, text + scan(points="1000 0"))).ranges.tolist() == [[1.0]]
+    log = log_of(tmp_path, text + scan(points="1000 0  1000 10"))
+    assert [block.ranges.tolist() for block in log.scans()] == [[[0.0]]]
+    assert [part.cause for part in log.report.damage] == ["2 points are beside the view of the laser"]
 
 
 def test_without_angles_options_tell_them(tmp_path: Path) -> None:
     text = "LaserOdometryLog\nversion: 1\ntime: 1.0\nsick1: 1000 2000 3000\n"
     log = log_of(tmp_path, text)
     assert list(log.scans()) == []
-    cause = "no sick1conf before it (tell --angle-min and --angle-increment, or --fov)"
+    cause = "no angles of sick1 before it (tell --angle-min and --angle-increment, or --fov)"
     assert log.report.refused == {("/sick1", cause): 1}
     block = only(log_of(tmp_path, text, options=OpenOptions(fov=2.0, range_max=2.5)))
     assert (block.angle_min[0], block.angle_increment[0], block.range_max[0]) == (-1.0, 1.0, 2.5)

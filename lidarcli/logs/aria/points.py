@@ -109,8 +109,8 @@ def by_bearing(
     step_of = step[points.row]
     with np.errstate(invalid="ignore", divide="ignore"):
         beam = np.rint(np.where(step_of > 0, (off + 1e-9) % TURN, -((-off + 1e-9) % TURN)) / step_of)
+        turn = np.rint(TURN / np.abs(step_of))
     # A point just before the first beam is one turn behind it.
-    turn = np.rint(TURN / np.abs(step_of))
     beam = np.where(beam >= turn, beam - turn, beam)
     inside = points.there & (beam >= 0) & (beam < beams[points.row])
     begin = np.cumsum(beams) - beams

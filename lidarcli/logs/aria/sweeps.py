@@ -23,6 +23,9 @@ MILLI = 0.001
 """Metres in the unit of lengths."""
 _LEAST_STEP = 0.02
 """No laser has its beams closer to each other [degrees]."""
+_FEW, _SPARSE = 1000, 2
+"""A sweep of points may have so many beams, or so many for each number in its line, however few points there are."""
+FAR_FEWER = "far fewer points than the laser has beams"
 _PARTS = 3
 """Numbers of a pose and of a configuration."""
 
@@ -63,8 +66,9 @@ class SweepDecoder:
         found = read.sweeps[sensor]
         rows = found.rows
         conf = self._told.at((sensor.frame, "conf"), rows + line, _PARTS)
-        with np.errstate(invalid="ignore"):
-            samples = np.where((conf[:, 2] >= 0) & (conf[:, 2] <= 1e9), conf[:, 2], -1).astype(np.int64)
+        # A logger that starts before its laser writes zeros.
+        conf[~((conf[:, 2] >= 1) & (conf[:, 2] <= 1e9))] = np.nan
+        samples = np.nan_to_num(conf[:, 2], nan=-1).astype(np.int64)
         count = read.cells.count[rows] - 1
         points = _are_points(sensor, samples, count)
         # By their bearings points make as many beams as the laser has; in their order they are the beams.
@@ -73,11 +77,14 @@ class SweepDecoder:
         many = np.maximum(beams, count // 2) > MAX_BEAMS
         if many.any():
             self.report.refused[(sensor.topic, TOO_MANY)] += int(many.sum())
+        sparse = points & ~many & (beams > np.maximum(_FEW, _SPARSE * count))
+        if sparse.any():
+            self.report.refused[(sensor.topic, FAR_FEWER)] += int(sparse.sum())
         odd = points & (count % 2 == 1) & ~many
         bad += [(row, "a point has one number only") for row in rows[odd & (rows != cut)].tolist()]
         if (rows == cut).any():
             bad.append((cut, CUT))
-        good &= ~many & ~odd & (rows != cut)
+        good &= ~many & ~odd & ~sparse & (rows != cut)
         some = np.flatnonzero(good)
         for part in split_rows(np.maximum(beams, count)[some]):
             which = some[part]
@@ -119,7 +126,7 @@ class SweepDecoder:
             ranges = pad(numbers.values, count, MILLI)
         unknown = good & (np.isnan(first) | np.isnan(step))
         if unknown.any():
-            cause = f"no {sensor.name}{sensor.number}conf before it (tell --angle-min and --angle-increment, or --fov)"
+            cause = f"no angles of {sensor.name}{sensor.number} before it (tell --angle-min and --angle-increment, or --fov)"
             self.report.refused[(sensor.topic, cause)] += int(unknown.sum())
         most = np.inf if self.options.range_max is None else self.options.range_max
         return keep_sound(
