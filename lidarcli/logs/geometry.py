@@ -8,6 +8,9 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.blocks import given_geometries
 from lidarcli.sweeps import Float64, Int64
 
+TELL_BEARINGS = "(tell --angle-min and --angle-increment, or --fov)"
+"""The way out where a log does not tell bearings."""
+
 
 def tells_geometry(options: OpenOptions) -> bool:
     """Whether options tell the whole geometry."""

@@ -12,7 +12,7 @@ from lidarcli.logs.aria.points import Points, Readings, by_bearing
 from lidarcli.logs.aria.words import Sensor
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
 from lidarcli.logs.blocks import TOO_MANY, as_singles, keep_sound, pad, split_rows
-from lidarcli.logs.geometry import as_told
+from lidarcli.logs.geometry import TELL_BEARINGS, as_told
 from lidarcli.logs.lines import CUT, report_lines
 from lidarcli.logs.numbers import not_a_number
 from lidarcli.logs.text import TextBlock
@@ -51,14 +51,10 @@ class SweepDecoder:
         self._told.add(block.line, read.told)
         bad: list[tuple[int, str]] = []
         cut = len(read.cells.count) - 1 if block.cut else -1
-        blocks = [
-            sweeps
-            for sensor, found in read.sweeps.items()
-            if self.topics is None or sensor.topic in self.topics
-            for sweeps in self._decode(read, sensor, block.line, bad, cut)
-        ]
+        for sensor in read.sweeps:
+            if self.topics is None or sensor.topic in self.topics:
+                yield from self._decode(read, sensor, block.line, bad, cut)
         report_lines(self.report, block.line, bad)
-        yield from blocks
 
     def _decode(
         self, read: Read, sensor: Sensor, line: int, bad: list[tuple[int, str]], cut: int
@@ -126,7 +122,7 @@ class SweepDecoder:
             ranges = pad(numbers.values, count, MILLI)
         unknown = good & (np.isnan(first) | np.isnan(step))
         if unknown.any():
-            cause = f"no angles of {sensor.name}{sensor.number} before it (tell --angle-min and --angle-increment, or --fov)"
+            cause = f"no angles of {sensor.name}{sensor.number} before it {TELL_BEARINGS}"
             self.report.refused[(sensor.topic, cause)] += int(unknown.sum())
         most = np.inf if self.options.range_max is None else self.options.range_max
         return keep_sound(

@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.blocks import as_singles, keep_sound, pad, split_rows
-from lidarcli.logs.geometry import as_told
+from lidarcli.logs.geometry import TELL_BEARINGS, as_told
 from lidarcli.logs.lines import CUT, Declared, declared, refuse, report_lines
 from lidarcli.logs.numbers import Cells, not_a_number
 from lidarcli.logs.player.geometry import (
@@ -27,7 +27,7 @@ from lidarcli.logs.text import TextBlock
 from lidarcli.logs.told import Told
 from lidarcli.sweeps import Int64, RawSweeps
 
-NO_GEOMETRY = "no geometry in the log (tell --angle-min and --angle-increment, or --fov)"
+NO_GEOMETRY = f"no geometry in the log {TELL_BEARINGS}"
 UNEVEN = "beams that are not evenly spread"
 
 
@@ -65,14 +65,10 @@ class SweepDecoder:
         )
         bad: list[tuple[int, str]] = []
         cut = len(cells.count) - 1 if block.cut else -1
-        blocks = [
-            sweeps
-            for part in found
-            if part.device.scan is not None
-            for sweeps in self._decode(cells, part, part.device.scan, block.line, bad, cut)
-        ]
+        for part in found:
+            if part.device.scan is not None:
+                yield from self._decode(cells, part, part.device.scan, block.line, bad, cut)
         report_lines(self.report, block.line, bad)
-        yield from blocks
 
     def _decode(
         self, cells: Cells, found: Found, scan: Scan, line: int, bad: list[tuple[int, str]], cut: int
