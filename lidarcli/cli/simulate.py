@@ -25,6 +25,8 @@ RUN, LOG = "Run", "Log"
   lidarcli simulate samples/people.toml -o people3d.mcap --clouds
   lidarcli simulate samples/people.toml -o people --duration 2.5
   lidarcli simulate samples/drive.toml -o drive.log --sweeps 40
+  lidarcli simulate samples/drive.toml -o drive.2d --sweeps 40
+  lidarcli simulate samples/room.toml -o run.log --container player --seed 7
   lidarcli simulate hall.toml -o run.mcap --map map.yaml --map-resolution 0.1""",
 )
 @click.argument("scene", metavar="SCENE.toml", type=click.Path())
@@ -35,13 +37,13 @@ RUN, LOG = "Run", "Log"
     metavar="LOG",
     required=True,
     type=click.Path(),
-    help="Log to write: .mcap, .bag, .db3, .csv, .csv.gz, .log or .clf (CARMEN), or a name without suffix for a ROS 2 "
-    "bag folder.",
+    help="Log to write: .mcap, .bag, .db3, .csv, .csv.gz, .log or .clf (CARMEN), .2d (ARIA), or a name without suffix "
+    "for a ROS 2 bag folder.",
 )
 @option(
     "--container",
     heading=LOG,
-    type=click.Choice(["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen"]),
+    type=click.Choice(["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player"]),
     help="Format, where the name does not say it.  [default: by suffix]",
 )
 @option(

@@ -32,8 +32,8 @@ POSE_TYPES = frozenset(
 
 BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
 """How the names of logs end that are no text."""
-CARMEN_SUFFIXES = (".clf", ".gfs", ".clf.gz", ".gfs.gz")
-"""Names that CARMEN logs alone have; those that end in `.log` may be anything."""
+TEXT_LOG_SUFFIXES = (".clf", ".gfs", ".2d", ".clf.gz", ".gfs.gz", ".2d.gz")
+"""Names that CARMEN and ARIA logs alone have; those that end in `.log` may be anything."""
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 
 MAX_MESSAGE = 64 << 20
@@ -60,7 +60,7 @@ class Topic:
     type: str
     """As `ros_type` spells it, or the schema's name (`foxglove.LaserScan`)."""
     encoding: str
-    """`cdr`, `ros1`, `json`, `protobuf`, `csv` or `carmen`."""
+    """`cdr`, `ros1`, `json`, `protobuf`, `csv`, `carmen`, `aria` or `player`."""
     messages: int | None = None
     sliced: bool = False
     """Whether it holds point clouds that are read as sweeps."""
@@ -172,7 +172,8 @@ class Log(Protocol):
     path: str
     """As the user wrote it; `-` for standard input."""
     format: str
-    """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`, `carmen`."""
+    """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`,
+    `carmen`, `aria`, `player`."""
 
     @property
     def compression(self) -> str:

@@ -9,8 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from lidarcli.logs.aria import words as aria
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
-from lidarcli.logs.carmen.words import begins
+from lidarcli.logs.carmen import words as carmen
+from lidarcli.logs.player import words as player
 from lidarcli.logs.rosbag2.folder import is_bag, is_storage
 
 HEAD = 4096
@@ -78,8 +80,9 @@ def _is_text(head: bytes) -> bool:
     return True
 
 
-def _is_carmen(head: bytes) -> bool:
-    return begins(gunzip_start(head) if head.startswith(GZIP) else head)
+def _text_begins(begins: Callable[[bytes], bool]) -> Callable[[bytes], bool]:
+    """The same question of a text that may be packed with gzip."""
+    return lambda head: begins(gunzip_start(head) if head.startswith(GZIP) else head)
 
 
 def _is_csv_folder(folder: Path) -> bool:
@@ -119,7 +122,23 @@ FORMATS: tuple[Format, ...] = (
         "CARMEN log (also .gz)",
         "lidarcli.logs.carmen.log",
         "CarmenLog",
-        _is_carmen,
+        _text_begins(carmen.begins),
+        streams=True,
+        options=True,
+    ),
+    Format(
+        "ARIA log (.2d, also .gz)",
+        "lidarcli.logs.aria.log",
+        "AriaLog",
+        _text_begins(aria.begins),
+        streams=True,
+        options=True,
+    ),
+    Format(
+        "Player log (also .gz)",
+        "lidarcli.logs.player.log",
+        "PlayerLog",
+        _text_begins(player.begins),
         streams=True,
         options=True,
     ),

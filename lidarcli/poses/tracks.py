@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import Message
-from lidarcli.poses import carmen, foxglove, rosbytes
+from lidarcli.logs.planar import ENCODING as PLANAR
+from lidarcli.poses import foxglove, planar, rosbytes
 from lidarcli.poses.motion import Motion, interpolate
 from lidarcli.poses.rows import TRANSFORMS, PoseRows
 from lidarcli.sweeps import Bool, Float64, Int64
@@ -239,8 +240,8 @@ def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[st
         return rosbytes.decode(kind, encoding, data, refused)
     if encoding in ("json", "protobuf") and kind.startswith("foxglove."):
         return foxglove.decode(kind, encoding, data, refused)
-    if encoding == "carmen":
-        return carmen.decode(data)
+    if encoding == PLANAR:
+        return planar.decode(data)
     refused[ENCODING] += len(data)
     return ()
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from lidarcli.errors import OptionError
-from lidarcli.simulate.decimals import opened, seconds, shortest, texts
+from lidarcli.simulate.decimals import finite, only_topic, seconds, shortest, texts, write_lines
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import Float64, Int64, RawSweeps
 
@@ -31,21 +29,15 @@ def write_carmen(path: Path, blocks: Iterable[RawSweeps], poses: SimulatedPoses 
     centred; without any RAWLASER1. The format has no place for `range_min` and the names of frames and topics; what is
     infinite is written as the greatest range. Decimals are as many as read back the same.
     """
-    with opened(path) as out:
-        for line in _lines(blocks, poses):
-            out.write(line)
-            out.write("\n")
+    write_lines(path, _lines(blocks, poses))
 
 
 def _lines(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterator[str]:
     yield from _HEADER
-    topic, begin, told, pose = None, None, None, 0
-    for block in blocks:
-        if topic not in (None, block.topic):
-            raise OptionError(f"a CARMEN log has one topic here, not {topic} and {block.topic}")
-        topic = block.topic
+    begin, told, pose = None, None, 0
+    for block in only_topic(blocks, "a CARMEN log"):
         placed = None if poses is None else _placed(poses, block.stamp_ns)
-        for row, ranges in enumerate(texts(_finite(block))):
+        for row, ranges in enumerate(texts(finite(block))):
             stamp = int(block.stamp_ns[row])
             if begin is None:
                 begin = stamp
@@ -66,11 +58,6 @@ def _lines(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterato
                 yield from _parameters(view, stamp, begin)
                 told = view
             yield f"FLASER {_list(ranges)} {both} {_tail(stamp, begin)}"
-
-
-def _finite(block: RawSweeps) -> RawSweeps:
-    """The same with the greatest range in the place of infinity."""
-    return replace(block, ranges=np.where(np.isposinf(block.ranges), block.range_max[:, None], block.ranges))
 
 
 def _list(ranges: list[str]) -> str:
@@ -120,12 +107,8 @@ def _odom(poses: SimulatedPoses, row: int, begin: int) -> str:
 
 def _placed(poses: SimulatedPoses, stamp_ns: Int64) -> Float64:
     """(S, 6) the pose of the laser at each stamp, then that of the robot."""
-    since = (poses.stamp_ns - poses.stamp_ns[0]).astype(np.float64)
-    robot = [
-        np.interp((stamp_ns - poses.stamp_ns[0]).astype(np.float64), since, poses.poses[:, column])
-        for column in range(3)
-    ]
-    x, y, yaw = robot
+    robot = poses.at(stamp_ns)
+    x, y, yaw = robot.T
     ahead, left, turn = poses.mount
     cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.column_stack([x + cos * ahead - sin * left, y + sin * ahead + cos * left, yaw + turn, *robot])
+    return np.column_stack([x + cos * ahead - sin * left, y + sin * ahead + cos * left, yaw + turn, robot])

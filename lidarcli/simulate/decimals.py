@@ -1,14 +1,18 @@
-"""Numbers and times as text, and files of text: what the writers of CSV and CARMEN logs share."""
+"""Numbers and times as text, and files of text: what the writers of text logs share."""
 
 from __future__ import annotations
 
 import gzip
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+
+from lidarcli.errors import OptionError
 from lidarcli.sweeps import Float32, RawSweeps
 
 _S = 1_000_000_000
@@ -27,6 +31,29 @@ def opened(path: Path) -> Iterator[IO[str]]:
         io.TextIOWrapper(packed, encoding="utf-8", newline="") as out,
     ):
         yield out
+
+
+def write_lines(path: Path, lines: Iterable[str]) -> None:
+    """Write lines to a new text file, packed where its name ends in `.gz`."""
+    with opened(path) as out:
+        for line in lines:
+            out.write(line)
+            out.write("\n")
+
+
+def only_topic(blocks: Iterable[RawSweeps], what: str) -> Iterator[RawSweeps]:
+    """The blocks of a log that has one topic; OptionError at the first one of a second topic."""
+    topic = None
+    for block in blocks:
+        if topic not in (None, block.topic):
+            raise OptionError(f"{what} has one topic here, not {topic} and {block.topic}")
+        topic = block.topic
+        yield block
+
+
+def finite(block: RawSweeps) -> RawSweeps:
+    """The same with the greatest range in the place of infinity."""
+    return replace(block, ranges=np.where(np.isposinf(block.ranges), block.range_max[:, None], block.ranges))
 
 
 def texts(block: RawSweeps) -> Iterator[list[str]]:

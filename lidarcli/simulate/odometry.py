@@ -31,6 +31,12 @@ class SimulatedPoses:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
+    def at(self, stamp_ns: Int64) -> Float64:
+        """(K, 3) x, y, yaw of the robot at other times, between the poses that are told."""
+        since = (self.stamp_ns - self.stamp_ns[0]).astype(np.float64)
+        wanted = (stamp_ns - self.stamp_ns[0]).astype(np.float64)
+        return np.column_stack([np.interp(wanted, since, self.poses[:, column]) for column in range(3)])
+
 
 def simulate_odometry(scene: Scene, sweeps: int, seed: int = 0) -> SimulatedPoses | None:
     """The odometry of a run, None for a scene without any. Without noise it is the true pose.

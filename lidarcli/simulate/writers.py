@@ -17,12 +17,12 @@ from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS, write_mcap
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
-CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen")
+CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player")
 """`ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 
 _CARMEN = (".log", ".clf", ".log.gz", ".clf.gz")
 _SUFFIXES = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv", ".csv.gz": "csv", "": "ros2"}
-_SUFFIXES |= dict.fromkeys(_CARMEN, "carmen")
+_SUFFIXES |= dict.fromkeys(_CARMEN, "carmen") | dict.fromkeys((".2d", ".2d.gz"), "aria")
 
 
 def container_of(path: Path) -> str:
@@ -35,7 +35,7 @@ def container_of(path: Path) -> str:
         return _SUFFIXES[""]
     raise OptionError(
         f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-        ".log, .clf, or no suffix for a ROS 2 bag folder"
+        ".log, .clf, .2d, or no suffix for a ROS 2 bag folder"
     )
 
 
@@ -103,7 +103,7 @@ def _writer(
     encode = one_of("encoding", encoding, encodings, "cdr")
     if container != "csv":
         one_of("layout", layout, (), "")
-    if clouds and container in ("csv", "carmen"):
+    if clouds and container in ("csv", "carmen", "aria", "player"):
         raise OptionError(f"{path}: clouds do not apply to the container '{container}'")
     if container == "mcap":
         packed = one_of("compression", compression, tuple(COMPRESSIONS), "zstd")
@@ -141,4 +141,14 @@ def _writer(
 
         one_of("compression", compression, ("none",), "none")
         return lambda target, blocks: write_carmen(target, blocks, poses)
+    if container == "aria":
+        from lidarcli.simulate.aria_writer import write_aria
+
+        one_of("compression", compression, ("none",), "none")
+        return lambda target, blocks: write_aria(target, blocks, poses)
+    if container == "player":
+        from lidarcli.simulate.player_writer import write_player
+
+        one_of("compression", compression, ("none",), "none")
+        return lambda target, blocks: write_player(target, blocks, poses)
     raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")

@@ -26,7 +26,7 @@ from lidarcli.simulate.writers import write_log
 Run = Callable[..., Any]
 
 NOT_A_LOG = "not a log lidarcli knows; it reads "
-SUFFIXES = "*.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd *.clf *.gfs *.clf.gz *.gfs.gz"
+SUFFIXES = "*.mcap *.bag *.active *.db3 *.csv *.csv.gz *.zstd *.clf *.gfs *.2d *.clf.gz *.gfs.gz *.2d.gz"
 
 
 @pytest.fixture(params=["info", "detect"])

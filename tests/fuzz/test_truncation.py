@@ -26,8 +26,11 @@ from tools.fuzz.logs import TOLD
 pytestmark = pytest.mark.slow
 
 CUTS = 45
-CARMEN = {b"FLASER": "/front_laser", b"RAWLASER1": "/raw_laser1"}
-"""First word of a sweep → its topic."""
+WORDS = {b"FLASER": "/front_laser", b"RAWLASER1": "/raw_laser1", b"scan1:": "/scan1", b"laser": "/laser0"}
+"""Word of a line of a text log that is a sweep → its topic."""
+TEXT_LOGS = {"carmen": b"FLASER", "carmen-raw": b"RAWLASER1", "carmen-gz": b"FLASER"}
+TEXT_LOGS |= {"aria": b"scan1:", "aria-gz": b"scan1:", "player": b"laser", "player-gz": b"laser"}
+"""Container → the word of its sweeps."""
 
 Sweep = tuple[int, str, bytes]
 """Stamp, frame and ranges."""
@@ -94,10 +97,10 @@ def csv_ends(text: bytes) -> Ends:
     return [(end, "/scan") for end in (rows[23::24] if len(rows) > SWEEPS else rows)]
 
 
-def carmen_ends(text: bytes) -> Ends:
-    """A line of a sweep is whole with its line end."""
-    lines = re.finditer(rb"(?m)^(FLASER|RAWLASER1) .*\n", text)
-    return [(match.end(), CARMEN[match[1]]) for match in lines]
+def line_ends(text: bytes) -> Ends:
+    """A line of a sweep is whole with its line end; lines of Player begin with its time and its robot."""
+    lines = re.finditer(rb"(?m)^(?:\S+ \S+ \S+ (?=laser 00 001))?(FLASER|RAWLASER1|scan1:|laser) .*\n", text)
+    return [(match.end(), WORDS[match[1]]) for match in lines]
 
 
 def ends_of(container: str, sample: Sample, folder: Path) -> tuple[str, Callable[[int], int], Ends]:
@@ -114,10 +117,10 @@ def ends_of(container: str, sample: Sample, folder: Path) -> tuple[str, Callable
         return name, lambda cut: 0, []
     if name.endswith(".gz"):
         text = zlib.decompressobj(wbits=31).decompress(data)
-        ends = carmen_ends(text) if container.startswith("carmen") else csv_ends(text)
+        ends = line_ends(text) if container in TEXT_LOGS else csv_ends(text)
         return name, lambda cut: len(zlib.decompressobj(wbits=31).decompress(data[:cut])), ends
-    if container.startswith("carmen"):
-        return name, int, carmen_ends(data)
+    if container in TEXT_LOGS:
+        return name, int, line_ends(data)
     if container == "csv-per-sweep":
         return name, int, [(0, "/scan")] * (SWEEPS - 1)
     return name, int, csv_ends(data)
@@ -131,8 +134,7 @@ def cuts(container: str, size: int) -> list[int]:
 
 
 def first_topic(container: str) -> str:
-    names = {"carmen-raw": CARMEN[b"RAWLASER1"]}
-    return names.get(container, CARMEN[b"FLASER"] if container.startswith("carmen") else "/scan")
+    return WORDS[TEXT_LOGS[container]] if container in TEXT_LOGS else "/scan"
 
 
 @pytest.mark.parametrize("container", CONTAINERS)
@@ -159,7 +161,7 @@ def test_what_is_recovered_is_the_beginning_of_the_log(container: str, tmp_path:
             assert not any(least[topic] for topic in whole), cut
         else:
             lost = sum(map(len, whole.values())) - sum(map(len, found.values()))
-            assert report.damage or not lost or container.startswith(("csv", "carmen")), cut
+            assert report.damage or not lost or container.startswith("csv") or container in TEXT_LOGS, cut
         for topic, sweeps in whole.items():
             got = found.get(topic, [])
             assert least[topic] <= len(got), (cut, topic)

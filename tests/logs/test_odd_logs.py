@@ -172,7 +172,9 @@ def test_a_log_without_a_laser_scan(name: str, topic: str, kind: str, tmp_path: 
     assert (info.exit_code, info.scans) == (4, ())
     with pytest.raises(NoScanError) as caught:
         detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions())
-    assert str(caught.value) == f"no LaserScan topic in this log (its topics: {topic} {kind})"
+    hint = "; to read its point clouds as sweeps add --slice ZMIN ZMAX, the heights that count [m] (/scan)"
+    words = f"no LaserScan topic in this log (its topics: {topic} {kind})"
+    assert str(caught.value) == words + (hint if kind == CLOUD else "")
 
 
 # Sizes that lie: the process that reads has a bound, whatever a log declares.

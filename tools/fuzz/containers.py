@@ -90,7 +90,7 @@ def _written(log: str, container: str | None = None, with_poses: bool = True, **
         path = Path(folder) / log
         if container == "csv":
             write_log(path, blocks[:1], container=container, **options)
-        elif container == "carmen":
+        elif container in ("carmen", "aria", "player"):
             write_log(path, blocks[:1], container=container, poses=poses() if with_poses else None)
         else:
             write_log(path, blocks, container=container, poses=poses(), **options)
@@ -162,9 +162,9 @@ def _csv(log: str, layout: str) -> Sample:
     return _perhaps_packed(log, _written(log, "csv", layout=layout))
 
 
-def _carmen(log: str, with_poses: bool) -> Sample:
-    """FLASER and ODOM lines, or RAWLASER1."""
-    return _perhaps_packed(log, _written(log, "carmen", with_poses))
+def _text(container: str, log: str, with_poses: bool = True) -> Sample:
+    """A text log of one message per line; of CARMEN without poses RAWLASER1 in the place of FLASER and ODOM."""
+    return _perhaps_packed(log, _written(log, container, with_poses))
 
 
 def _perhaps_packed(log: str, sample: Sample) -> Sample:
@@ -214,9 +214,14 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "clouds-bag": partial(_bag, "lz4", True),
     "clouds-bag-none": partial(_bag, "none", True),
     "clouds-db3": partial(_written, "run.db3", clouds=True),
-    "carmen": partial(_carmen, "run.log", True),
-    "carmen-raw": partial(_carmen, "run.clf", False),
-    "carmen-gz": partial(_carmen, "run.log.gz", True),
+    "carmen": partial(_text, "carmen", "run.log"),
+    "carmen-raw": partial(_text, "carmen", "run.clf", False),
+    "carmen-gz": partial(_text, "carmen", "run.log.gz"),
+    **{
+        f"{container}{kind}": partial(_text, container, f"run.{suffix}{packed}")
+        for container, suffix in (("aria", "2d"), ("player", "log"))
+        for kind, packed in (("", ""), ("-gz", ".gz"))
+    },
 }
 
 CONTAINERS = tuple(_MAKERS)

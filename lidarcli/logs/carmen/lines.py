@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 
 import numpy as np
 
-from lidarcli.logs.base import MAX_BEAMS, ReadReport
-from lidarcli.logs.blocks import TOO_MANY
+from lidarcli.logs.base import ReadReport
 from lidarcli.logs.carmen.words import LASERS, PARAM, POSES, UNKNOWN, Laser
+from lidarcli.logs.lines import (
+    CUT,
+    MOST_DIGITS,
+    Apart,
+    cells_of,
+    declared,
+    is_number,
+    refuse,
+    report_lines,
+)
 from lidarcli.logs.numbers import Cells, say
 from lidarcli.logs.text import TextBlock
 from lidarcli.logs.times import S, to_ns
 from lidarcli.sweeps import Int64
 
-_BLANKS = re.compile(rb"[ \t\f\v]+")
-_ODD_BLANKS = re.compile(rb"[\t\f\v]|  | \n|\n ")
-_NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_MOST_DIGITS = 7
 _TAIL = 3
 """Every whole line ends with ipc_timestamp, ipc_hostname and logger_timestamp."""
 
@@ -28,7 +31,6 @@ _LONGEST_WORD, _LONGEST_HEAD = 17, 1024
 """Bytes in which the first word and the number of ranges are looked for."""
 
 NO_TIME = "no time at its end"
-CUT = "cut off"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -55,15 +57,11 @@ class Lines:
         """`words`: the kinds of messages that are wanted."""
         self._wanted = frozenset(words)
         self._report = report
-        self._last: dict[bytes, tuple[int, int]] = {}
-        """Kind → the last time of the log, and how many messages had it."""
+        self._apart = Apart()
 
     def read(self, block: TextBlock) -> tuple[Cells, list[Found], list[tuple[int, bytes, bytes]]]:
         """The cells of a block, the messages that are wanted, and the parameters: row, name and value."""
-        text = block.text
-        if _ODD_BLANKS.search(text) or text[:1] == b" ":
-            text = b"\n".join(_BLANKS.sub(b" ", line).strip() for line in text.split(b"\n"))
-        cells = Cells(text, b" ")
+        cells = cells_of(block.text)
         every = np.arange(len(cells.count))
         by_word: dict[bytes, list[int]] = {}
         for row, word in enumerate(cells.column(every, 0)):
@@ -85,8 +83,7 @@ class Lines:
                     bad += [(row, f"{say(word)} is no message") for row in some]
                 elif some[-1] == last and cells.count[last] == 1:
                     bad.append((last, CUT))
-        for row, cause in sorted(bad):
-            self._report.add_damage(f"line {block.line + row}", cause)
+        report_lines(self._report, block.line, bad)
         return cells, [part for part in found if len(part.rows)], sorted(parameters)
 
     def _framed(self, word: bytes, rows: Int64, cells: Cells, bad: list[tuple[int, str]], cut: int) -> Found:
@@ -98,21 +95,8 @@ class Lines:
         causes: dict[int, str] = {}
         refused: set[int] = set()
         if laser is not None:
-            short = count <= laser.count
-            causes |= dict.fromkeys(np.flatnonzero(short).tolist(), CUT)
-            told = cells.spans(rows, np.minimum(laser.count, count - 1), 1)
-            for at, cell in enumerate(told):
-                if at in causes:
-                    continue
-                if cell.isdigit() and len(cell) <= _MOST_DIGITS:
-                    beams[at] = int(cell)
-                else:
-                    causes[at] = f"{say(cell)} is no number of ranges"
-            width = 2 if laser.pairs else 1
-            after = laser.count + 1 + width * beams
-            refused = {*np.flatnonzero(beams > MAX_BEAMS).tolist()}
-            for at in np.flatnonzero(after > count).tolist():
-                causes.setdefault(at, f"it has less than the {beams[at]} ranges it declares")
+            told = declared(cells, rows, laser.count, 2 if laser.pairs else 1)
+            beams, after, causes, refused = told.beams, told.after, told.causes, told.refused
         usual = None if laser is not None and laser.geometry else 6 if laser is None or laser.posed else 0
         time, fields = _times_at(cells, rows, count, after, usual)
         for at in np.flatnonzero(fields < 0).tolist():
@@ -123,29 +107,14 @@ class Lines:
         if wrong is not None:
             for at in np.flatnonzero(wrong).tolist():
                 causes.setdefault(at, NO_TIME)
-        if refused and laser is not None:
-            self._report.refused[(laser.topic, TOO_MANY)] += len(refused)
+        if laser is not None:
+            refuse(self._report, laser.topic, refused)
         bad += [(int(rows[at]), cause) for at, cause in causes.items() if at not in refused]
         good = np.ones(len(rows), np.bool_)
         good[[*causes, *refused]] = False
         return Found(
-            word, rows[good], self._apart(word, stamps[good]), beams[good], after[good], fields[good]
+            word, rows[good], self._apart.of(word, stamps[good]), beams[good], after[good], fields[good]
         )
-
-    def _apart(self, word: bytes, stamps: Int64) -> Int64:
-        """Times that follow each other and are the same, a nanosecond apart."""
-        if not len(stamps):
-            return stamps
-        last, times = self._last.get(word, (None, 0))
-        again = np.empty(len(stamps), np.bool_)
-        again[0] = int(stamps[0]) == last
-        again[1:] = stamps[1:] == stamps[:-1]
-        index = np.arange(1, len(stamps) + 1)
-        run = index - np.maximum.accumulate(np.where(again, 0, index))
-        # What begins the block goes on with the run of the block before it.
-        run += np.where(np.logical_and.accumulate(again), times - 1, 0)
-        self._last[word] = int(stamps[-1]), int(run[-1]) + 1
-        return stamps + run
 
 
 def _times_at(
@@ -183,16 +152,6 @@ def _is_whole(cells: Cells, rows: Int64, count: Int64, after: Int64) -> bool:
     return not is_number(host) and is_number(logger)
 
 
-@lru_cache(1024)
-def is_number(cell: bytes) -> bool:
-    """Whether a cell is a decimal number.
-
-    >>> is_number(b"12.5"), is_number(b"nohost")
-    (True, False)
-    """
-    return _NUMBER.fullmatch(cell) is not None
-
-
 @dataclass(slots=True)
 class Index:
     """What a log holds, by the beginnings of its lines."""
@@ -222,7 +181,7 @@ class Index:
 def _tells_pose(line: bytes, laser: Laser) -> bool:
     """Whether there is room for a pose between the ranges of a line and its end."""
     count = line[:_LONGEST_HEAD].split(None, laser.count + 1)[laser.count : laser.count + 1]
-    if not count or not count[0].isdigit() or len(count[0]) > _MOST_DIGITS:
+    if not count or not count[0].isdigit() or len(count[0]) > MOST_DIGITS:
         return False
     ranges = int(count[0]) * (2 if laser.pairs else 1)
     return len(line.split()) >= laser.count + 1 + ranges + 3 + _TAIL

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from lidarcli.logs.carmen.lines import is_number
 from lidarcli.logs.carmen.words import FRONT, REAR
+from lidarcli.logs.lines import is_number
+from lidarcli.logs.told import Told
 from lidarcli.sweeps import Bool, Float64, Int64
 
 MAX_RANGE = 80.0
@@ -36,8 +37,6 @@ _STEPS = {181: 1.0, 180: 1.0, 361: 0.5, 360: 0.5, 401: 0.25, 400: 0.25}
 _WITHOUT_LAST = [beams for beams in _STEPS if beams % 2 == 0]
 """Of them those whose view goes one step beyond the last range."""
 _FIRST = {401: -50.0, 400: -50.0}
-_ROUNDED = 6e-7
-"""By so much [rad] the sixth decimal of a step may be off."""
 _SLACK = 1.5
 """A view and a step that are told make the number of ranges, or miss it by less than this."""
 
@@ -46,25 +45,22 @@ class Parameters:
     """The values of parameters, line by line: what is told counts for what comes after it."""
 
     def __init__(self) -> None:
-        self._told: dict[bytes, tuple[list[int], list[float]]] = {}
+        self._told: Told[bytes] = Told()
 
     def add(self, first_line: int, parameters: Iterable[tuple[int, bytes, bytes]]) -> None:
-        """Take row, name and value of some parameters of a block; of those before it the last ones remain."""
-        for name, (lines, values) in self._told.items():
-            self._told[name] = lines[-1:], values[-1:]
-        for row, name, value in parameters:
-            if name in _KNOWN and _NUMBER_FIRST.match(value) and is_number(value):
-                lines, values = self._told.setdefault(name, ([], []))
-                lines.append(first_line + row)
-                values.append(float(value))
+        """Take row, name and value of some parameters of a block."""
+        self._told.add(
+            first_line,
+            [
+                (row, name, (float(value),))
+                for row, name, value in parameters
+                if name in _KNOWN and _NUMBER_FIRST.match(value) and is_number(value)
+            ],
+        )
 
     def at(self, frame: str, what: str, lines: Int64) -> Float64:
         """The value at each line (R,), NaN where none has been told yet."""
-        told = self._told.get(_NAMES.get((frame, what), b""))
-        if told is None:
-            return np.full(len(lines), np.nan)
-        index = np.searchsorted(np.array(told[0], np.int64), lines) - 1
-        return np.where(index < 0, np.nan, np.array(told[1])[np.maximum(index, 0)])
+        return self._told.at(_NAMES.get((frame, what), b""), lines, 1)[:, 0]
 
     def mount(self, frame: str) -> tuple[float, float, float] | None:
         """x, y [m] and yaw [rad] of a laser on the robot by the last that was told; None where nothing was.
@@ -72,9 +68,9 @@ class Parameters:
         A rear laser looks backwards, unless its angle is told and says so itself.
         """
         told = {
-            what: self._told[name][1][-1]
+            what: value[0]
             for what in ("forward", "side", "angular")
-            if (name := _NAMES.get((frame, what), b"")) in self._told
+            if (value := self._told.last(_NAMES.get((frame, what), b""))) is not None
         }
         if not told:
             return None
@@ -119,16 +115,3 @@ def _guess(beams: Int64) -> tuple[Float64, Float64]:
     ]
     both = np.array(pairs, np.float64).reshape(-1, 2)[inverse.ravel()]
     return both[:, 0], both[:, 1]
-
-
-def full_steps(view: Float64, resolution: Float64, beams: Int64) -> Float64:
-    """Steps [rad] with all the digits that a line lets know: of six decimals, those of the view say more.
-
-    Where the view is that of the ranges, or of one more, its part for each beam is taken; else the step as it is told.
-    """
-    gaps = np.maximum(beams - 1, 1)
-    steps = np.where(resolution == 0.0, view / gaps, resolution)
-    parts = np.stack([view / gaps, view / np.maximum(beams, 1)])
-    off = np.abs(parts - resolution)
-    nearest = np.take_along_axis(parts, np.argmin(off, axis=0)[None], axis=0)[0]
-    return np.where(off.min(axis=0) < _ROUNDED, nearest, steps)

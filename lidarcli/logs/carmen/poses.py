@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,21 +10,22 @@ import numpy as np
 from lidarcli.logs.base import Message, ReadReport
 from lidarcli.logs.carmen.lines import Found, Lines
 from lidarcli.logs.carmen.parameters import Parameters
-from lidarcli.logs.carmen.words import LASERS, ODOM, ROBOT, TRUEPOS
+from lidarcli.logs.carmen.words import LASERS, ODOM, TRUEPOS
 from lidarcli.logs.numbers import Cells, not_a_number, parse_rows
+from lidarcli.logs.planar import (
+    MOUNT_TYPE,
+    MOUNTS,
+    ODOMETRY,
+    ODOMETRY_TYPE,
+    POSE_TYPE,
+    ROBOT,
+    in_order,
+    pose_messages,
+)
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import TURN, Float64, Int64
 
-ENCODING = "carmen"
-RECORD = np.dtype([("stamp_ns", "<i8"), ("x", "<f8"), ("y", "<f8"), ("yaw", "<f8")])
-"""How the data of a message begins; behind it stand the frame in which, a NUL, and the frame that is told of."""
-
-ODOMETRY_TYPE, POSE_TYPE, MOUNT_TYPE = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseStamped",
-    "tf2_msgs/msg/TFMessage",
-)
-ODOMETRY, CORRECTED, TRUE, MOUNTS = "/odom", "/corrected", "/truepos", "/tf_static"
+CORRECTED, TRUE = "/corrected", "/truepos"
 TYPES = {ODOMETRY: ODOMETRY_TYPE, CORRECTED: POSE_TYPE, TRUE: POSE_TYPE, MOUNTS: MOUNT_TYPE}
 """Topic → its type. Of these the odometry alone is used unasked."""
 
@@ -71,11 +72,9 @@ class PoseDecoder:
                 self._frames.setdefault(LASERS[part.word].frame, int(part.stamp_ns[0]))
             for rows, stamps, topic, parent, child, poses in self._poses(cells, part, block.line):
                 if TYPES[topic] in self.types:
-                    messages = _messages(topic, stamps, parent, child, poses)
+                    messages = pose_messages(topic, TYPES[topic], stamps, parent, child, poses)
                     told += zip(rows.tolist(), messages, strict=True)
-        told.sort(key=lambda one: one[0])
-        for _, message in told:
-            yield message
+        yield from in_order(told)
 
     def finish(self) -> Iterator[Message]:
         """Where the lasers are mounted, as far as parameters or poses tell."""
@@ -87,7 +86,9 @@ class PoseDecoder:
             if pose is None and mount is not None and mount.spread <= _ALIKE:
                 pose = tuple(mount.first.tolist())
             if pose is not None:
-                yield from _messages(MOUNTS, np.array([stamp_ns]), ROBOT, frame, np.array([pose]))
+                yield from pose_messages(
+                    MOUNTS, MOUNT_TYPE, np.array([stamp_ns]), ROBOT, frame, np.array([pose])
+                )
 
     def _poses(
         self, cells: Cells, found: Found, first_line: int
@@ -161,16 +162,3 @@ def _remissions(cells: Cells, found: Found) -> Int64:
         if cell.isdigit() and len(cell) <= 7 and 1 + int(cell) + 2 * _POSE <= fields:
             skip[at] = 1 + int(cell)
     return skip
-
-
-def _messages(topic: str, stamps: Int64, parent: str, child: str, poses: Float64) -> Sequence[Message]:
-    """Messages with poses (K, 3) x, y, yaw."""
-    records = np.empty(len(stamps), RECORD)
-    records["stamp_ns"] = stamps
-    records["x"], records["y"], records["yaw"] = poses.T
-    data, size = records.tobytes(), RECORD.itemsize
-    names = f"{parent}\0{child}".encode()
-    return [
-        Message(topic, TYPES[topic], ENCODING, stamp, data[at * size : (at + 1) * size] + names)
-        for at, stamp in enumerate(stamps.tolist())
-    ]

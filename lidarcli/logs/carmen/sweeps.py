@@ -8,15 +8,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import as_singles, given_geometries, keep_sound, pad, split_rows
+from lidarcli.logs.blocks import as_singles, keep_sound, pad, split_rows
 from lidarcli.logs.carmen.lines import Found, Lines
-from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, full_steps, geometry
+from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, geometry
 from lidarcli.logs.carmen.words import LASERS, Laser
+from lidarcli.logs.geometry import as_told, full_steps, tells_geometry
 from lidarcli.logs.numbers import Cells, not_a_number
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Float64, Int64, RawSweeps
 
 _START, _VIEW, _STEP, _MOST = range(4)
+_ROUNDED = 6e-7
+"""By so much [rad] the sixth decimal of a step may be off."""
 _FIRST_OF_GEOMETRY = 2
 """The cell with the first bearing; view, step and greatest range follow."""
 
@@ -59,7 +62,7 @@ class SweepDecoder:
             first, step, most = _of_lines(told.values.reshape(-1, 4), beams)
         else:
             first, step, most = self._of_parameters(laser, rows + first_line, beams)
-        first, step = self._as_told(first, step, beams)
+        first, step = as_told(self.options, first, step, beams)
         far = self.options.range_max
         most = most * scale if far is None else np.full(len(rows), far)
         for row, cell in sorted(bad.items()):
@@ -91,7 +94,7 @@ class SweepDecoder:
         first, step, guessed = geometry(
             beams, *(self.parameters.at(laser.frame, what, lines) for what in ("fov", "resolution"))
         )
-        if guessed.any() and laser.topic not in self._noted and not self._is_told:
+        if guessed.any() and laser.topic not in self._noted and not tells_geometry(self.options):
             self._noted.add(laser.topic)
             row = int(np.argmax(guessed))
             degrees = np.degrees([first[row], step[row]])
@@ -103,28 +106,11 @@ class SweepDecoder:
         with np.errstate(invalid="ignore"):
             return first, step, np.where(most > 0, most, MAX_RANGE)
 
-    @property
-    def _is_told(self) -> bool:
-        """Whether options tell the whole geometry."""
-        told = self.options
-        return told.fov is not None or (told.angle_min is not None and told.angle_increment is not None)
-
-    def _as_told(self, first: Float64, step: Float64, beams: Int64) -> tuple[Float64, Float64]:
-        """What options tell in the place of what the log does."""
-        told = self.options
-        if self._is_told:
-            first, step = given_geometries(told, beams)
-        if told.angle_increment is not None:
-            step = np.full(len(beams), told.angle_increment)
-        if told.angle_min is not None:
-            first = np.full(len(beams), told.angle_min)
-        return first, step
-
 
 def _of_lines(told: Float64, beams: Int64) -> tuple[Float64, Float64, Float64]:
     """First bearing, step [rad] and greatest range [m] as the lines tell them; guessed where view and step are zero."""
     first, most = told[:, _START], told[:, _MOST]
-    step = full_steps(told[:, _VIEW], told[:, _STEP], beams)
+    step = full_steps(told[:, _VIEW], told[:, _STEP], beams, _ROUNDED)
     nothing = (told[:, _VIEW] == 0.0) & (told[:, _STEP] == 0.0)
     if nothing.any():
         none = np.full(len(beams), np.nan)

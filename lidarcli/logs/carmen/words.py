@@ -6,7 +6,6 @@ import re
 from dataclasses import dataclass
 
 FRONT, REAR = "front_laser", "rear_laser"
-ROBOT = "base_link"
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from hashlib import blake2b
 from pathlib import Path, PurePosixPath
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import BINARY_SUFFIXES, CARMEN_SUFFIXES, TEXT_SUFFIXES
+from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.pipeline.fleet.states import read_file
 from lidarcli.pipeline.inputs.search import find_logs, stem_of
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
@@ -87,7 +87,7 @@ def _is_object(line: str) -> bool:
     return (
         isinstance(url, Url)
         and not url.has_magic()
-        and url.name.lower().endswith((*BINARY_SUFFIXES, *CARMEN_SUFFIXES, *TEXT_SUFFIXES))
+        and url.name.lower().endswith((*BINARY_SUFFIXES, *TEXT_LOG_SUFFIXES, *TEXT_SUFFIXES))
     )
 
 

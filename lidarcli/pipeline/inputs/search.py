@@ -12,16 +12,16 @@ from dataclasses import replace
 from pathlib import Path, PurePath
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import BINARY_SUFFIXES, CARMEN_SUFFIXES, TEXT_SUFFIXES
+from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2.folder import is_bag
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
 from lidarcli.stores.url import Place, is_url
 
-SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *CARMEN_SUFFIXES)
+SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """What a search of a folder takes for a log; a file that is named is opened whatever its suffix."""
 
-_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs")
+_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs", ".2d")
 _WRAPPER = (".gz", ".zstd", ".active")
 
 

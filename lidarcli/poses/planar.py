@@ -1,4 +1,4 @@
-"""Poses of CARMEN logs: plane, in radians, with the names of their frames."""
+"""Poses of text logs: plane, in radians, with the names of their frames."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lidarcli.logs.carmen.poses import RECORD
+from lidarcli.logs.planar import RECORD
 from lidarcli.poses.rows import PoseRows
 
 
 def decode(messages: Sequence[bytes]) -> Iterator[PoseRows]:
-    """The poses of messages as `logs.carmen.poses` makes them."""
+    """The poses of messages as `logs.planar` makes them."""
     size = RECORD.itemsize
     found: dict[bytes, list[int]] = {}
     for index, data in enumerate(messages):

@@ -1,0 +1,1 @@
+"""Player logs: what the writelog driver of Player/Stage writes."""
