@@ -104,6 +104,37 @@ def _bagpy(blocks: Iterable[RawSweeps]) -> Iterator[str]:
             seq += 1
 
 
+def _mcap(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    """As `mcap cat --format=csv`: the fields of the first message in the order of the alphabet, float32 as float64."""
+    kept = list(blocks)
+    width = max((block.ranges.shape[1] for block in kept), default=0)
+    sorted_names = sorted(
+        ("header.frame_id", "header.stamp.nanosec", "header.stamp.sec", *_GEOMETRY, "ranges")
+    )
+    names = ["log_time", "publish_time", "sequence"]
+    for name in sorted_names:
+        names += [f"ranges.{i}" for i in range(width)] if name == "ranges" else [name]
+    yield ",".join(names)
+    sequence = 0
+    for block in kept:
+        for row, beams in enumerate(block.beams.tolist()):
+            whole, rest = divmod(int(block.stamp_ns[row]), _S)
+            ranges = [_json_number(value) for value in block.ranges[row, :beams].tolist()]
+            cells = dict(zip(_GEOMETRY, _geometry(block, row), strict=True))
+            cells |= {"header.frame_id": _frame(block, row), "header.stamp.sec": str(whole)}
+            cells |= {"header.stamp.nanosec": str(rest), "ranges": ",".join(ranges + [""] * (width - beams))}
+            times = [f"{np.datetime64(int(block.record_ns[row]), 'ns')}Z"] * 2
+            yield ",".join([*times, str(sequence), *(cells[name] for name in sorted_names)])
+            sequence += 1
+
+
+def _json_number(value: float) -> str:
+    """A float as JSON has it, words for what is none."""
+    if np.isfinite(value):
+        return repr(value)
+    return "NaN" if np.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+
+
 def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     yield ",".join(["time", "header", *_GEOMETRY, "ranges", "intensities"])
     for block in blocks:
@@ -164,6 +195,7 @@ LAYOUTS: dict[str, Callable[[Iterable[RawSweeps]], Iterator[str]]] = {
     "ros2": _ros2,
     "plotjuggler": _plotjuggler,
     "bagpy": _bagpy,
+    "mcap": _mcap,
     "list": _list,
     "wide": _wide,
     "drow": _drow,

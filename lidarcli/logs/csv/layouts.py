@@ -13,11 +13,12 @@ ROSTOPIC = "rostopic echo -p"
 ROS2 = "ros2 topic echo --csv"
 PLOTJUGGLER = "PlotJuggler"
 BAGPY = "bagpy"
+MCAP_CAT = "mcap cat --format=csv"
 LIST = "list of ranges"
 WIDE = "plain wide"
 LONG = "long form"
 PER_SWEEP = "one file per sweep"
-LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, LIST, WIDE, LONG, PER_SWEEP)
+LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_SWEEP)
 
 DEFAULT_TOPIC = "/scan"
 """That of a file which names none."""
@@ -43,6 +44,8 @@ class Columns:
     """Nothing but ranges (and intensities) stands from `first` to the end of the row: rows may be ragged."""
     geometry: tuple[float, float] | None = None
     """angle_min and angle_increment where column names or options give them."""
+    to_last: bool = False
+    """`angle_max` is the bearing of the last beam, and tells the increment (foxglove.LaserScan)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,6 +76,8 @@ def fill_geometry(
     rows = len(beams)
     if "angle_min" in known and "angle_increment" in known:
         first, step = known["angle_min"], known["angle_increment"]
+    elif scan.to_last:
+        first, step = known["angle_min"], (known["angle_max"] - known["angle_min"]) / np.maximum(beams - 1, 1)
     elif scan.geometry is not None:
         first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
     else:

@@ -31,6 +31,7 @@ from lidarcli.logs.csv.layouts import (
     ABBREVIATED,
     DEFAULT_TOPIC,
     LIST,
+    MCAP_CAT,
     PLOTJUGGLER,
     ROS2,
     WIDE,
@@ -104,8 +105,11 @@ def with_header(head: Head) -> Layout:
     else:
         notes = []
         scans = [_columns(head, index, family) for family in families]
+    if name == MCAP_CAT:
+        scans = [_of_mcap(head, each) for each in scans]
     for each in scans:
-        if not {"angle_min", "angle_increment"} <= each.fields.keys() and each.geometry is None:
+        told = each.to_last or {"angle_min", "angle_increment"} <= each.fields.keys()
+        if not told and each.geometry is None:
             need_geometry(head, name)
     beams = ", ".join(f"{len(each.ranges)} ranges of {each.topic}" for each in scans)
     return Layout(
@@ -139,6 +143,16 @@ def _columns(
         in_order and (doubled or not after),
         geometry,
     )
+
+
+def _of_mcap(head: Head, scan: Columns) -> Columns:
+    """The same with what a foxglove.LaserScan has in place of a header and of the increment."""
+    fields = dict(scan.fields)
+    plain = [canonical(name) for name in head.names]
+    if not {"stamp", "seconds"} & fields.keys() and "timestamp" in plain:
+        fields["stamp"] = plain.index("timestamp")
+    to_last = "angle_increment" not in fields and {"angle_min", "angle_max"} <= fields.keys()
+    return replace(scan, fields=fields, units=units(head, fields), to_last=to_last)
 
 
 def _list_layout(head: Head) -> Layout | None:
