@@ -17,12 +17,12 @@ from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS, write_mcap
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
-CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen")
+CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "rplidar")
 """`ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 
 _CARMEN = (".log", ".clf", ".log.gz", ".clf.gz")
 _SUFFIXES = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv", ".csv.gz": "csv", "": "ros2"}
-_SUFFIXES |= dict.fromkeys(_CARMEN, "carmen")
+_SUFFIXES |= dict.fromkeys(_CARMEN, "carmen") | dict.fromkeys((".txt", ".txt.gz"), "rplidar")
 
 
 def container_of(path: Path) -> str:
@@ -35,7 +35,7 @@ def container_of(path: Path) -> str:
         return _SUFFIXES[""]
     raise OptionError(
         f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-        ".log, .clf, or no suffix for a ROS 2 bag folder"
+        ".log, .clf, .txt, or no suffix for a ROS 2 bag folder"
     )
 
 
@@ -53,8 +53,9 @@ def write_log(
     """Write sweeps into a new log; the same sweeps and options give the same bytes.
 
     `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
-    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout`: of a CSV. `poses` go where they fit: a CSV
-    has no place for them. Raises OptionError for options that do not fit the container, OutputError for a path that exists.
+    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout`: of a CSV. `poses` go where they fit: text
+    other than CARMEN has no place for them. Raises OptionError for options that do not fit the container, OutputError
+    for a path that exists.
     """
     target = Path(path)
     kind = container or container_of(target)
@@ -123,4 +124,9 @@ def _writer(
 
         one_of("compression", compression, ("none",), "none")
         return lambda target, blocks: write_carmen(target, blocks, poses)
+    if container == "rplidar":
+        from lidarcli.simulate.rplidar_writer import write_rplidar
+
+        one_of("compression", compression, ("none",), "none")
+        return write_rplidar
     raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")

@@ -563,7 +563,8 @@ def test_flipped_bytes_in_gzip_lose_only_what_follows(tmp_path: Path) -> None:
         (
             b"name,age\nbob,12\n",
             "x.csv: a table with the columns 'name, age' is none of the CSV layouts: rostopic echo -p; "
-            "ros2 topic echo --csv; PlotJuggler; bagpy; list of ranges; plain wide; long form; one file per sweep",
+            "ros2 topic echo --csv; PlotJuggler; bagpy; mcap cat --format=csv; list of ranges; plain wide; long form; "
+            "one file per sweep",
         ),
         (
             b"a b\n1 2\n",

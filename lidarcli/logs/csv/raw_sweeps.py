@@ -83,7 +83,7 @@ def fill_geometry(
     else:
         first, step = given_geometries(options, beams)
     far = np.inf if options.range_max is None else options.range_max
-    range_min = known.get("range_min", np.zeros(rows)) * options.range_scale
+    range_min = known.get("range_min", np.full(rows, scan.nearest)) * options.range_scale
     range_max = known["range_max"] * options.range_scale if "range_max" in known else np.full(rows, far)
     return first, step, as_singles(range_min), as_singles(range_max)
 
