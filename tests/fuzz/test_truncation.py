@@ -19,12 +19,14 @@ from rosbags.rosbag1 import Reader
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
-from tools.fuzz.containers import CONTAINERS, SWEEPS, Sample, sample_of
+from tools.fuzz.containers import BEAMS, CONTAINERS, SWEEPS, Sample, sample_of
 from tools.fuzz.logs import CSV
 
 pytestmark = pytest.mark.slow
 
 CUTS = 45
+TEXTS = ("csv", "carmen", "rplidar")
+"""How the names of containers begin in which a cut between two lines cannot be seen."""
 CARMEN = {b"FLASER": "/front_laser", b"RAWLASER1": "/raw_laser1"}
 """First word of a sweep → its topic."""
 
@@ -93,10 +95,22 @@ def csv_ends(text: bytes) -> Ends:
     return [(end, "/scan") for end in (rows[23::24] if len(rows) > SWEEPS else rows)]
 
 
+def rplidar_ends(text: bytes) -> Ends:
+    """A sweep is whole with the line of its last beam."""
+    lines = [match.end() for match in re.finditer(b"\n", text)]
+    return [(end, "/scan") for end in lines[BEAMS - 1 :: BEAMS]]
+
+
 def carmen_ends(text: bytes) -> Ends:
     """A line of a sweep is whole with its line end."""
     lines = re.finditer(rb"(?m)^(FLASER|RAWLASER1) .*\n", text)
     return [(match.end(), CARMEN[match[1]]) for match in lines]
+
+
+def text_ends(container: str, text: bytes) -> Ends:
+    """Where the sweeps of a text end."""
+    kinds = {"carmen": carmen_ends, "rplidar": rplidar_ends}
+    return kinds.get(container.partition("-")[0], csv_ends)(text)
 
 
 def ends_of(container: str, sample: Sample, folder: Path) -> tuple[str, Callable[[int], int], Ends]:
@@ -113,13 +127,11 @@ def ends_of(container: str, sample: Sample, folder: Path) -> tuple[str, Callable
         return name, lambda cut: 0, []
     if name.endswith(".gz"):
         text = zlib.decompressobj(wbits=31).decompress(data)
-        ends = carmen_ends(text) if container.startswith("carmen") else csv_ends(text)
+        ends = text_ends(container, text)
         return name, lambda cut: len(zlib.decompressobj(wbits=31).decompress(data[:cut])), ends
-    if container.startswith("carmen"):
-        return name, int, carmen_ends(data)
     if container == "csv-per-sweep":
         return name, int, [(0, "/scan")] * (SWEEPS - 1)
-    return name, int, csv_ends(data)
+    return name, int, text_ends(container, data)
 
 
 def cuts(container: str, size: int) -> list[int]:
@@ -158,12 +170,13 @@ def test_what_is_recovered_is_the_beginning_of_the_log(container: str, tmp_path:
             assert not any(least[topic] for topic in whole), cut
         else:
             lost = sum(map(len, whole.values())) - sum(map(len, found.values()))
-            assert report.damage or not lost or container.startswith(("csv", "carmen")), cut
+            assert report.damage or not lost or container.startswith(TEXTS), cut
         for topic, sweeps in whole.items():
             got = found.get(topic, [])
             assert least[topic] <= len(got), (cut, topic)
             # A cut within the last number of a text cannot be seen; a page is written from its end.
-            sure = len(got) - (container.startswith("csv") and len(got) > least[topic])
+            # The beams of a turn that is cut are a sweep.
+            sure = len(got) - (container.startswith(("csv", "rplidar")) and len(got) > least[topic])
             sure = least[topic] if name.endswith(".db3") else sure
             assert got[:sure] == sweeps[:sure], (cut, topic)
             if name.endswith(".db3"):

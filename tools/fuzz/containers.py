@@ -88,7 +88,7 @@ def _written(log: str, container: str | None = None, with_poses: bool = True, **
     blocks = [sweeps(), sweeps("/rear", BEAMS - 5, 2)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / log
-        if container == "csv":
+        if container in ("csv", "rplidar"):
             write_log(path, blocks[:1], container=container, **options)
         elif container == "carmen":
             write_log(path, blocks[:1], container=container, poses=poses() if with_poses else None)
@@ -166,6 +166,10 @@ def _carmen(log: str, with_poses: bool) -> Sample:
     return _perhaps_packed(log, _written(log, "carmen", with_poses))
 
 
+def _rplidar(log: str) -> Sample:
+    return _perhaps_packed(log, _written(log, "rplidar"))
+
+
 def _perhaps_packed(log: str, sample: Sample) -> Sample:
     if not log.endswith(".gz"):
         return sample
@@ -209,6 +213,8 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "carmen": partial(_carmen, "run.log", True),
     "carmen-raw": partial(_carmen, "run.clf", False),
     "carmen-gz": partial(_carmen, "run.log.gz", True),
+    "rplidar": partial(_rplidar, "run.txt"),
+    "rplidar-gz": partial(_rplidar, "run.txt.gz"),
 }
 
 CONTAINERS = tuple(_MAKERS)

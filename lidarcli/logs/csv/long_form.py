@@ -27,6 +27,7 @@ from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Float64, Int32, Int64, RawSweeps
 
 CUT = "the file ends within this sweep: it is dropped"
+CUT_BEAM = "the file ends within this row: its beam is dropped"
 CUT_ROW = "the file ends within the first row of a sweep: it is dropped"
 
 
@@ -94,7 +95,8 @@ class LongDecoder:
             self._report.add_damage(f"line {lines.numbers[whole[starts[-1]]]}", CUT)
             starts, ends = starts[:-1], ends[:-1]
         elif self._broken:
-            self._report.add_damage(f"after line {lines.numbers[whole[-1]]}", CUT_ROW)
+            cause = CUT_BEAM if self._layout.spelling else CUT_ROW
+            self._report.add_damage(f"after line {lines.numbers[whole[-1]]}", cause)
         if len(starts):
             self._usual = int(ends[-1] - starts[-1])
             yield from self._sweeps(rows, starts, ends, lines.numbers[whole])
@@ -119,12 +121,12 @@ class LongDecoder:
 
     def _is_cut(self, beams: int) -> bool:
         """Whether the last sweep has lost its end: the text stops well before the usual end, or in a row of it."""
-        if self._broken:
-            # With as many beams as the sweep before, it is whole, and the broken row would begin the next.
-            return self._usual == 0 or beams < self._usual
         if self._layout.spelling:
             # Who stops a recording does so within a turn, and beams without a return may not be written.
             return False
+        if self._broken:
+            # With as many beams as the sweep before, it is whole, and the broken row would begin the next.
+            return self._usual == 0 or beams < self._usual
         return beams < 0.9 * self._usual
 
     def _parse(self, cells: Cells, whole: Int64, numbers: Int64) -> tuple[_Rows, NDArray[np.intp]]:

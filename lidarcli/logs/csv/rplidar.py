@@ -25,9 +25,10 @@ SAVED = "RPLIDAR SCAN DATA"
 BARE = "quality angle distance"
 COUNTER_CLOCKWISE = "bearings run counter-clockwise; " + TITLES
 
-_NUMBER = rb"\d+(?:\.\d*)?"
+_NUMBER = rb"\d++(?:\.\d*+)?+"
 _PRINTED = re.compile(
-    rb"[ \t]*(S?)[ \t]*theta:[ \t]*(%s)[ \t]+Dist:[ \t]*(%s)[ \t]+Q:[ \t]*(\d+)[ \t]*" % (_NUMBER, _NUMBER)
+    rb"[ \t]*+(?:(S)[ \t]*+)?theta:[ \t]*+(%s)[ \t]++Dist:[ \t]*+(%s)[ \t]++Q:[ \t]*+(\d++)[ \t]*+"
+    % (_NUMBER, _NUMBER)
 )
 _MEASURED = re.compile(rb"\s*\(?(?:True|False)[ \t,;]+\d+[ \t,;]+%s[ \t,;]+%s\)?\s*" % (_NUMBER, _NUMBER))
 _NEW_SCAN = re.compile(rb"\W*new_scan\W+quality\W+angle\W+distance\W*", re.IGNORECASE)
@@ -106,7 +107,7 @@ def _saved(numbered: Sequence[tuple[int, bytes]]) -> Layout | None:
 
 def _is_bare(lines: Sequence[bytes]) -> bool:
     """Whether rows of three numbers without names can be nothing else than quality, angle and distance of an RPLIDAR."""
-    if len(lines) <= _BARE_ROWS:
+    if len(lines) <= _BARE_ROWS or len(lines[0].translate(_PUNCTUATION).split(None, 3)) != 3:
         return False
     try:
         # The last line may be cut.
