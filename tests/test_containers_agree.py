@@ -58,6 +58,7 @@ def cases() -> list[Case]:
         inexact, bare = layout in ("long", "per-sweep"), layout in ("wide", "drow")
         found.append(Case(name, options, not inexact, geometry=not bare))
     found.append(Case("run.csv.gz"))
+    found += [Case("run.jsonl"), Case("run.jsonl.gz")]
     found += [Case("run.log", exact=False), Case("run.clf.gz", exact=False)]
     return found
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.carmen.words import begins
+from lidarcli.logs.jsonlines import words as jsonlines
 from lidarcli.logs.rosbag2.folder import is_bag, is_storage
 
 HEAD = 4096
@@ -82,6 +83,10 @@ def _is_carmen(head: bytes) -> bool:
     return begins(gunzip_start(head) if head.startswith(GZIP) else head)
 
 
+def _is_jsonlines(head: bytes) -> bool:
+    return jsonlines.begins(gunzip_start(head) if head.startswith(GZIP) else head)
+
+
 def _is_csv_folder(folder: Path) -> bool:
     return has_file(folder, TEXT_SUFFIXES) and not has_file(folder, BINARY_SUFFIXES)
 
@@ -122,6 +127,13 @@ FORMATS: tuple[Format, ...] = (
         _is_carmen,
         streams=True,
         options=True,
+    ),
+    Format(
+        "JSON lines of `mcap cat` (also .gz)",
+        "lidarcli.logs.jsonlines.log",
+        "JsonLinesLog",
+        _is_jsonlines,
+        streams=True,
     ),
     Format(
         "CSV (also .gz, or a folder of one file per sweep)",

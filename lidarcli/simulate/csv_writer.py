@@ -10,6 +10,7 @@ import numpy as np
 
 from lidarcli.errors import OptionError
 from lidarcli.simulate.decimals import opened, seconds, shortest, texts
+from lidarcli.simulate.jsonlines_writer import number_or_word
 from lidarcli.sweeps import RawSweeps
 
 _S = 1_000_000_000
@@ -119,20 +120,13 @@ def _mcap(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     for block in kept:
         for row, beams in enumerate(block.beams.tolist()):
             whole, rest = divmod(int(block.stamp_ns[row]), _S)
-            ranges = [_json_number(value) for value in block.ranges[row, :beams].tolist()]
+            ranges = [str(number_or_word(value)) for value in block.ranges[row, :beams].tolist()]
             cells = dict(zip(_GEOMETRY, _geometry(block, row), strict=True))
             cells |= {"header.frame_id": _frame(block, row), "header.stamp.sec": str(whole)}
             cells |= {"header.stamp.nanosec": str(rest), "ranges": ",".join(ranges + [""] * (width - beams))}
             times = [f"{np.datetime64(int(block.record_ns[row]), 'ns')}Z"] * 2
             yield ",".join([*times, str(sequence), *(cells[name] for name in sorted_names)])
             sequence += 1
-
-
-def _json_number(value: float) -> str:
-    """A float as JSON has it, words for what is none."""
-    if np.isfinite(value):
-        return repr(value)
-    return "NaN" if np.isnan(value) else "Infinity" if value > 0 else "-Infinity"
 
 
 def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:

@@ -17,12 +17,13 @@ from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS, write_mcap
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
-CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "rplidar")
+CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "rplidar", "jsonl")
 """`ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 
 _CARMEN = (".log", ".clf", ".log.gz", ".clf.gz")
 _SUFFIXES = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv", ".csv.gz": "csv", "": "ros2"}
 _SUFFIXES |= dict.fromkeys(_CARMEN, "carmen") | dict.fromkeys((".txt", ".txt.gz"), "rplidar")
+_SUFFIXES |= dict.fromkeys((".jsonl", ".jsonl.gz"), "jsonl")
 
 
 def container_of(path: Path) -> str:
@@ -35,7 +36,7 @@ def container_of(path: Path) -> str:
         return _SUFFIXES[""]
     raise OptionError(
         f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-        ".log, .clf, .txt, or no suffix for a ROS 2 bag folder"
+        ".log, .clf, .txt, .jsonl, or no suffix for a ROS 2 bag folder"
     )
 
 
@@ -129,4 +130,9 @@ def _writer(
 
         one_of("compression", compression, ("none",), "none")
         return write_rplidar
+    if container == "jsonl":
+        from lidarcli.simulate.jsonlines_writer import write_jsonlines
+
+        one_of("compression", compression, ("none",), "none")
+        return write_jsonlines
     raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")

@@ -25,7 +25,7 @@ from tools.fuzz.logs import CSV
 pytestmark = pytest.mark.slow
 
 CUTS = 45
-TEXTS = ("csv", "carmen", "rplidar")
+TEXTS = ("csv", "carmen", "rplidar", "jsonl")
 """How the names of containers begin in which a cut between two lines cannot be seen."""
 CARMEN = {b"FLASER": "/front_laser", b"RAWLASER1": "/raw_laser1"}
 """First word of a sweep → its topic."""
@@ -101,6 +101,11 @@ def rplidar_ends(text: bytes) -> Ends:
     return [(end, "/scan") for end in lines[BEAMS - 1 :: BEAMS]]
 
 
+def jsonl_ends(text: bytes) -> Ends:
+    """A message is whole with its line end."""
+    return [(match.end(), match[1].decode()) for match in re.finditer(rb'(?m)^\{"topic":"([^"]*)".*\n', text)]
+
+
 def carmen_ends(text: bytes) -> Ends:
     """A line of a sweep is whole with its line end."""
     lines = re.finditer(rb"(?m)^(FLASER|RAWLASER1) .*\n", text)
@@ -109,7 +114,7 @@ def carmen_ends(text: bytes) -> Ends:
 
 def text_ends(container: str, text: bytes) -> Ends:
     """Where the sweeps of a text end."""
-    kinds = {"carmen": carmen_ends, "rplidar": rplidar_ends}
+    kinds = {"carmen": carmen_ends, "rplidar": rplidar_ends, "jsonl": jsonl_ends}
     return kinds.get(container.partition("-")[0], csv_ends)(text)
 
 

@@ -278,14 +278,14 @@ def test_the_suffix_says_the_container():
     ("name", "options", "message"),
     [
         ("a.dat", {}, "a.dat: no log format has the suffix '.dat'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-                      ".log, .clf, .txt, or no suffix for a ROS 2 bag folder"),
+                      ".log, .clf, .txt, .jsonl, or no suffix for a ROS 2 bag folder"),
         ("a.mcap", {"compression": "bz2"}, "a.mcap: compression 'bz2' is not one of none, lz4, zstd (mcap)"),
         ("a.bag", {"compression": "zstd"}, "a.bag: compression 'zstd' is not one of none, bz2, lz4 (bag)"),
         ("a.mcap", {"encoding": "xml"}, "a.mcap: encoding 'xml' is not one of cdr, cdr-idl, ros1, json, protobuf (mcap)"),
         ("a.bag", {"encoding": "json"}, "a.bag: encoding 'json' does not apply to the container 'bag'"),
         ("a.bag", {"layout": "wide"}, "a.bag: layout 'wide' does not apply to the container 'bag'"),
         ("a", {"container": "tar"}, "a: container 'tar' is not one of mcap, bag, ros2, ros2-mcap, db3, csv, carmen, "
-                                     "rplidar"),
+                                     "rplidar, jsonl"),
         ("a.txt", {"layout": "long"}, "a.txt: layout 'long' does not apply to the container 'rplidar'"),
     ],
 )  # fmt: skip

@@ -170,6 +170,10 @@ def _rplidar(log: str) -> Sample:
     return _perhaps_packed(log, _written(log, "rplidar"))
 
 
+def _jsonl(log: str) -> Sample:
+    return _perhaps_packed(log, _written(log))
+
+
 def _perhaps_packed(log: str, sample: Sample) -> Sample:
     if not log.endswith(".gz"):
         return sample
@@ -215,6 +219,8 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "carmen-gz": partial(_carmen, "run.log.gz", True),
     "rplidar": partial(_rplidar, "run.txt"),
     "rplidar-gz": partial(_rplidar, "run.txt.gz"),
+    "jsonl": partial(_written, "run.jsonl"),
+    "jsonl-gz": partial(_jsonl, "run.jsonl.gz"),
 }
 
 CONTAINERS = tuple(_MAKERS)

@@ -1,0 +1,83 @@
+"""What the readers of text logs share: a file or a stream, packed or not, read block by block, as often as it can be."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import BinaryIO, Self, TypeVar
+
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.base import OpenOptions, ReadReport
+from lidarcli.logs.text import TextBlock, TextSource
+
+Index = TypeVar("Index")
+
+
+class TextLog:
+    """A log from a file or from a stream of its text: the part of a `Log` that does not look at the text."""
+
+    def __init__(self, source: str | os.PathLike[str] | BinaryIO, options: OpenOptions | None = None) -> None:
+        self._options = options or OpenOptions()
+        self._stream: BinaryIO | None = None
+        self._once = not isinstance(source, str | os.PathLike)
+        self._used = False
+        self.size: int | None = None
+        if isinstance(source, str | os.PathLike):
+            self.path = os.fspath(source)
+        else:
+            self.path, self._stream = "-", source
+        self._text = self._open()
+        self.compression = self._text.compression
+
+    @property
+    def position(self) -> int:
+        """Where the last pass stands [bytes]."""
+        return self._text.position
+
+    def close(self) -> None:
+        """Release the file, if it is ours."""
+        if self._stream is not None and not self._once:
+            self._stream.close()
+            self._stream = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _indexed(self, index: Callable[[Iterable[TextBlock]], Index]) -> Index | None:
+        """An index of the whole text, which is read for it apart from all passes; None of a stream."""
+        if self._once:
+            return None
+        try:
+            with Path(self.path).open("rb") as file:
+                return index(TextSource(file, self.size).blocks())
+        except OSError as err:
+            raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
+
+    def _blocks(self, report: ReadReport) -> Iterator[TextBlock]:
+        """The blocks from the first one on; a stream has them once."""
+        if self._used:
+            if self._once:
+                raise UnreadableError(f"{self.path}: a stream can be read only once")
+            self.close()
+            self._text = self._open()
+        self._used = True
+        self._text.report_to(report)
+        return self._text.blocks()
+
+    def _open(self) -> TextSource:
+        try:
+            if self._stream is None:
+                self._stream = Path(self.path).open("rb")  # noqa: SIM115 (closed by close)
+                status = os.fstat(self._stream.fileno())
+                if stat.S_ISREG(status.st_mode):
+                    self.size = status.st_size
+                else:
+                    self._once = True
+            return TextSource(self._stream, self.size)
+        except OSError as err:
+            raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
