@@ -132,7 +132,8 @@ class Log(Protocol):
     path: str
     """As the user wrote it; `-` for standard input."""
     format: str
-    """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`, `carmen`."""
+    """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`, `carmen`,
+    `json lines`."""
     compression: str
     """`none`, `lz4`, `zstd`, `bz2`, `gzip`, or several joined by `+`."""
     size: int | None

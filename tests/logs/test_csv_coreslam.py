@@ -42,11 +42,11 @@ def test_ranges_of_a_urg_with_times_of_the_robot(end: str) -> None:
 
 
 def test_a_table_of_that_width_alone_is_none() -> None:
-    ranges = text_of(40, " ".join(["900"] * 23), end="\n").encode()
-    with CsvLog(io.BytesIO(ranges), OpenOptions(fov=4.0)) as log:
-        assert log.format == "csv (plain wide)"
-    with pytest.raises(UnreadableError, match="not all numbers are ranges"):
-        CsvLog(io.BytesIO(text_of(40, scale=0.5).encode()), OpenOptions(fov=4.0))
+    for text in (text_of(40, " ".join(["900"] * 23), end="\n"), text_of(40, scale=0.5)):
+        with CsvLog(io.BytesIO(text.encode()), OpenOptions(fov=4.0)) as log:
+            assert log.format == "csv (plain wide)"
+    with pytest.raises(UnreadableError, match="without geometry"):
+        CsvLog(io.BytesIO(text_of(40, scale=0.5).encode()))
 
 
 def test_a_row_that_is_short_is_lost_alone() -> None:

@@ -244,6 +244,14 @@ def test_turns_of_different_length_and_beams_left_out() -> None:
     assert np.isnan(got.ranges[:, 7]).all()
 
 
+@pytest.mark.parametrize("spelling", [PRINTED, MEASURED])
+def test_a_recording_that_begins_and_ends_within_a_turn(spelling: str) -> None:
+    lines = SPELLINGS[spelling](TURNS).splitlines(keepends=True)
+    got = sound("".join(lines[30:95]))
+    assert got.beams.tolist() == [10, 40, 15]
+    np.testing.assert_allclose(np.degrees(got.angle_min), [90.0, 0.0, 0.0], atol=1e-12)
+
+
 def test_bad_lines_are_named_and_cost_their_beam_alone() -> None:
     lines = printed(TURNS).splitlines()
     lines[50] = "   theta: 90.00 Dist: 0"

@@ -19,7 +19,7 @@ MOST_VIEW = 1.1 * TURN
 """Bearings of one sweep span no more than this [rad]; a turn whose start and end overlap does not reach it."""
 MOST_DOUBLED = 0.25
 """Share of beams that may have the bearing of another."""
-_USUAL = 3.0
+_USUAL = 1.5
 """A step of more than so many usual ones is a jump."""
 JITTER = 0.25
 """Bearings may leave the even grid by this part of a step."""
@@ -84,14 +84,18 @@ def cut_turns(angle: Float64, begins: Bool) -> Int64:
     """
     start = np.zeros(1, np.int64)
     with np.errstate(invalid="ignore", over="ignore"):
-        steps = np.append(np.abs(np.diff(angle)), 0.0)
+        steps = np.abs(np.diff(angle))
+        usual = (
+            steps <= _USUAL * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
+        )
+        ahead, behind = np.append(steps, np.inf), np.append(False, usual)
         flags = np.flatnonzero(begins)
-        if len(flags) and flags[-1] == len(angle) - 1 and len(angle) > 1:
-            # Nothing follows that tells where it belongs: behind a usual step it ends its turn.
-            flags = flags[: len(flags) - int(steps[-2] <= _USUAL * np.median(steps[:-1]))]
+        # What ends a turn goes on as the turn did, and the bearing, if any follows, starts over.
+        flags = flags + (behind[flags] & (ahead[flags] > 0.5 * TURN))
+        flags = flags[flags < len(angle)]
         if not len(flags):
             return cut_restarts(angle)
-        flags = np.unique(np.concatenate([start, flags + ((steps[flags] > 0.5 * TURN) & (flags > 0))]))
+        flags = np.unique(np.concatenate([start, flags]))
         turned = np.unwrap(angle)
         ends = np.append(flags[1:], len(angle))
         long = np.abs(turned[ends - 1] - turned[flags]) > MOST_VIEW
