@@ -17,6 +17,7 @@ from lidarcli.logs.csv.grid import cut_turns
 from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.logs.csv.rplidar import BARE, LISTED, MEASURED, PRINTED, SAVED
 from lidarcli.simulate.rplidar_writer import write_rplidar
+from lidarcli.simulate.run import truth_paths
 from lidarcli.sweeps import RangeRules, RawSweeps, Status, concatenate, normalise
 from tests.logs.watched import CsvLog
 from tests.sweeping import raw_sweeps
@@ -403,3 +404,8 @@ def test_the_writer_rounds_to_what_the_format_has(tmp_path: Path) -> None:
     ]
     got = sound((tmp_path / "run.txt").read_bytes())
     np.testing.assert_array_equal(got.ranges[:, ::-1], [[1.0, 0.0, 3.0, 0.0, 0.0, 0.0]] * 2)
+
+
+def test_the_simulator_names_the_truth_by_the_stem_of_the_log() -> None:
+    for name in ("run.txt", "run.jsonl.gz", "run.csv.gz", "run.mcap"):
+        assert truth_paths(Path(name))[0] == Path("run.truth.parquet")

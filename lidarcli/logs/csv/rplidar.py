@@ -18,11 +18,11 @@ from lidarcli.logs.numbers import say
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Float64
 
-PRINTED = "theta: Dist: Q:"
-MEASURED = "new_scan quality angle distance"
-LISTED = "lists of (quality, angle, distance)"
-SAVED = "RPLIDAR SCAN DATA"
-BARE = "quality angle distance"
+PRINTED = "lines of theta, Dist, Q"
+MEASURED = "lines of new_scan, quality, angle, distance"
+LISTED = "lists of quality, angle, distance"
+SAVED = "turns as frame_grabber saves them"
+BARE = "lines of quality, angle, distance"
 COUNTER_CLOCKWISE = "bearings run counter-clockwise; " + TITLES
 
 _NUMBER = rb"\d++(?:\.\d*+)?+"
