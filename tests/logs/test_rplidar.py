@@ -150,7 +150,7 @@ def test_other_ways_to_write_the_same() -> None:
         np.testing.assert_array_equal(sound(text).ranges, want)
 
 
-def test_bearings_that_pass_the_front_within_a_sweep_go_on() -> None:
+def test_bearings_that_pass_the_front_within_a_sweep_go_on(tmp_path: Path) -> None:
     """225 to 135 degrees clockwise: from the left behind over the front to the right behind."""
     angles = [*range(225, 360, 5), *range(0, 136, 5)]
     text = printed([[(15, float(angle), 1000.0 + angle) for angle in angles]] * 2)
@@ -160,22 +160,14 @@ def test_bearings_that_pass_the_front_within_a_sweep_go_on() -> None:
     np.testing.assert_allclose(np.degrees(got.angle_increment), [-5.0] * 2)
     assert got.ranges[0, :2].tolist() == [np.float32(1.225), np.float32(1.23)]
     # The simulator writes sweeps like this one.
-    [whole] = [
-        raw_sweeps(
-            np.full((2, 55), 1.5, np.float32), angle_min=np.radians(-135), angle_increment=np.radians(5)
-        )
-    ]
-    assert "theta: 225.00" in _written(whole).splitlines()[0]
-    again = sound(_written(whole))
+    whole = raw_sweeps(
+        np.full((2, 55), 1.5, np.float32), angle_min=np.radians(-135), angle_increment=np.radians(5)
+    )
+    write_rplidar(tmp_path / "run.txt", [whole])
+    written = (tmp_path / "run.txt").read_text()
+    assert "theta: 225.00" in written.splitlines()[0]
+    again = sound(written)
     np.testing.assert_allclose(again.angle_min + 54 * again.angle_increment, whole.angle_min, atol=1e-9)
-
-
-def _written(raw: RawSweeps) -> str:
-    lines: list[str] = []
-    from lidarcli.simulate import rplidar_writer
-
-    lines.extend(rplidar_writer._lines([raw]))
-    return "".join(lines)
 
 
 def test_a_flag_may_stand_on_the_last_beam_of_a_sorted_turn() -> None:
@@ -272,12 +264,13 @@ def test_a_bad_list_costs_its_sweep() -> None:
     assert len(got) == 3
     assert [damage.place for damage in log.report.damage] == ["line 2", "line 3"]
     assert log.report.damage[0].cause == "'None' is no list of beams"
-    lines[4] = lines[4].replace("2003.0" if "2003.0" in lines[4] else "3003.0", "far")
-    _, log = read("\n".join(lines) + "\n")
-    assert [(damage.place, damage.cause) for damage in log.report.damage][2:] in (
-        [("line 5", "'far' is not a number")],
-        [],
-    )
+    lines[4] = lines[4].replace("2503.0", "far")
+    got, log = read("\n".join(lines) + "\n")
+    assert [(damage.place, damage.cause) for damage in log.report.damage][2:] == [
+        ("line 5", "'far' is not a number")
+    ]
+    assert len(got) == 3
+    assert np.flatnonzero(np.isnan(got.ranges[1])).tolist() == [3]
 
 
 @pytest.mark.parametrize("spelling", SPELLINGS)
