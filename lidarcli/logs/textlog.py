@@ -4,18 +4,34 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO, Self, TypeVar
+from typing import BinaryIO, Protocol, Self, TypeVar
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import OpenOptions, ReadReport
+from lidarcli.logs.base import POSE_TYPES, Message, OpenOptions, ReadReport
 from lidarcli.logs.text import TextBlock, TextSource
+from lidarcli.sweeps import RawSweeps
 
 Index = TypeVar("Index")
 
 
-class TextLog:
+class Sweeps(Protocol):
+    """Lines in, sweeps out."""
+
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]: ...
+
+
+class Poses(Protocol):
+    """Lines in, poses out, and in the end what the whole log tells."""
+
+    def feed(self, block: TextBlock) -> Iterator[Message]: ...
+
+    def finish(self) -> Iterator[Message]: ...
+
+
+class TextLog(ABC):
     """A log from a file or from a stream of its text: the part of a `Log` that does not look at the text."""
 
     def __init__(self, source: str | os.PathLike[str] | BinaryIO, options: OpenOptions | None = None) -> None:
@@ -35,6 +51,29 @@ class TextLog:
     def position(self) -> int:
         """Where the last pass stands [bytes]."""
         return self._text.position
+
+    @abstractmethod
+    def _sweeps(self, topics: Collection[str] | None, report: ReadReport) -> Sweeps:
+        """What makes sweeps of lines, for one pass."""
+
+    @abstractmethod
+    def _poses(self, types: Collection[str], report: ReadReport) -> Poses:
+        """What makes poses of lines, for one pass."""
+
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        """Blocks of sweeps in the order of the file within each topic."""
+        decoder = self._sweeps(topics, report)
+        for block in self._blocks(report):
+            yield from decoder.feed(block)
+
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
+        """Poses."""
+        if not POSE_TYPES.intersection(types):
+            return
+        decoder = self._poses(types, report)
+        for block in self._blocks(report):
+            yield from decoder.feed(block)
+        yield from decoder.finish()
 
     def close(self) -> None:
         """Release the file, if it is ours."""

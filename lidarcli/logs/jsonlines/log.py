@@ -14,7 +14,7 @@ from lidarcli.logs.foxglove import NOT_JSON, ROWS, VALUES, RefusedError
 from lidarcli.logs.jsonlines.scans import NOT_SCAN, Scan, block_of, is_scan, scan_of
 from lidarcli.logs.jsonlines.words import BEGINS
 from lidarcli.logs.text import TextBlock
-from lidarcli.logs.textlog import TextLog
+from lidarcli.logs.textlog import Poses, Sweeps, TextLog
 from lidarcli.logs.times import time_unit, to_ns
 from lidarcli.sweeps import RawSweeps
 
@@ -35,20 +35,25 @@ class JsonLinesLog(TextLog):
         """Nothing lists them."""
         return None
 
-    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in the order of the file within each topic."""
-        decoder = _Decoder(topics, report)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
-        yield from decoder.finish()
+    def _sweeps(self, topics: Collection[str] | None, report: ReadReport) -> Sweeps:
+        return _Decoder(topics, report)
 
-    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Nothing: poses in JSON are passed over."""
+    def _poses(self, types: Collection[str], report: ReadReport) -> Poses:
+        return _NoPoses()
+
+
+class _NoPoses:
+    """Poses in JSON are passed over."""
+
+    def feed(self, block: TextBlock) -> Iterator[Message]:
+        return iter(())
+
+    def finish(self) -> Iterator[Message]:
         return iter(())
 
 
 class _Decoder:
-    """Lines in, sweeps out; scans of each topic wait until they are a block."""
+    """Lines in, sweeps out; scans of each topic wait until they are a block, or until that of the text ends."""
 
     def __init__(self, topics: Collection[str] | None, report: ReadReport) -> None:
         self._topics = topics
@@ -63,7 +68,7 @@ class _Decoder:
         self._rows = self._values = 0
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
-        """The sweeps of whole blocks."""
+        """The sweeps of a block, in blocks of each topic."""
         lines = block.text.split(b"\n")[:-1]
         if self._unit is None:
             times = [match[2] for line in lines[:_SAMPLE] if (match := BEGINS.match(line))]
@@ -75,9 +80,10 @@ class _Decoder:
             if (cause := self._take(line)) is not None:
                 self._report.add_damage(f"line {number}", _CUT if last else cause)
             if self._values >= VALUES or self._rows >= ROWS:
-                yield from self.finish()
+                yield from self._flush()
+        yield from self._flush()
 
-    def finish(self) -> Iterator[RawSweeps]:
+    def _flush(self) -> Iterator[RawSweeps]:
         """What waits."""
         for topic, scans in self._waiting.items():
             counts = np.array([len(scan.sweep.ranges) for scan in scans], np.int32)
