@@ -17,7 +17,7 @@ from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS
 from lidarcli.simulate.writers import write_log
-from lidarcli.sweeps import RangeRules, RawSweeps, normalise
+from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, normalise
 from tests.places import SAMPLES
 
 SCENE = SAMPLES / "people.toml"
@@ -65,6 +65,7 @@ def cases() -> list[Case]:
     found.append(Case("run.csv.gz"))
     found += [Case("run.mcap", {"encoding": encoding, "clouds": True}) for encoding in CLOUD_ENCODINGS]
     found += [Case(name, {"clouds": True}) for name in ("run.bag", "run", "run.db3")]
+    found += [Case("run.jsonl"), Case("run.jsonl.gz")]
     found += [Case("run.log", exact=False), Case("run.clf.gz", exact=False)]
     found += [Case("run.2d", exact=False, dated=False), Case("run.2d.gz", exact=False, dated=False)]
     found += [Case(name, {"container": "player"}) for name in ("run.log", "run.log.gz")]
@@ -80,28 +81,28 @@ def sweeps() -> list[RawSweeps]:
 @pytest.fixture(scope="module")
 def expected(sweeps: list[RawSweeps]) -> pa.Table:
     """The objects of the sweeps as they are in memory, read from nowhere."""
+    return lidarcli.detect(batches(sweeps))
+
+
+def batches(sweeps: list[RawSweeps]) -> list[SweepBatch]:
+    """Sweeps as `detect` takes them."""
     first, start = 0, int(sweeps[0].time_ns[0])
-    batches = []
+    found = []
     for raw in sweeps:
-        batches.append(normalise(raw, np.arange(first, first + len(raw)), RangeRules(), start))
+        found.append(normalise(raw, np.arange(first, first + len(raw)), RangeRules(), start))
         first += len(raw)
-    return lidarcli.detect(batches)
+    return found
 
 
 @pytest.fixture(scope="module")
 def expected_of_clouds(sweeps: list[RawSweeps]) -> pa.Table:
     """The same, but that a cloud has no point where a beam has no range, whatever the reason."""
-    batches = []
-    first = 0
+    bare = []
     for raw in sweeps:
         with np.errstate(invalid="ignore"):
             seen = (raw.ranges >= raw.range_min[:, None]) & (raw.ranges < raw.range_max[:, None])
-        bare = replace(raw, ranges=np.where(seen, raw.ranges, np.float32(np.inf)))
-        batches.append(
-            normalise(bare, np.arange(first, first + len(raw)), RangeRules(), int(sweeps[0].time_ns[0]))
-        )
-        first += len(raw)
-    return lidarcli.detect(batches)
+        bare.append(replace(raw, ranges=np.where(seen, raw.ranges, np.float32(np.inf))))
+    return lidarcli.detect(batches(bare))
 
 
 @pytest.mark.parametrize(
@@ -144,6 +145,43 @@ def test_the_objects_are_the_same(
         if name == "stamp" and not case.dated:
             want = pc.subtract(want.cast(pa.int64()), int(sweeps[0].time_ns[0])).cast(want.type)
         same(name, values(table[name]), want, error)
+
+
+def test_rplidar_text_agrees_but_for_what_it_rounds(
+    sweeps: list[RawSweeps], expected: pa.Table, tmp_path: Path
+) -> None:
+    """It has quarters of millimetres, no limits and no times, and its beams run the other way round."""
+    for name in ("run.txt", "run.txt.gz"):
+        write_log(tmp_path / name, sweeps)
+        table = lidarcli.detect(tmp_path / name)
+        assert table.num_rows == expected.num_rows
+        for column in ("sweep", "shape", "beams", "set"):
+            same(column, values(table[column]), values(expected[column]), 0.0)
+        for column in ("x", "y", "r_min", "width", "box_length"):
+            got, want = numbers(values(table[column])), numbers(values(expected[column]))
+            assert np.abs(got - want).max() < (5e-3 if column in ("width", "box_length") else 2e-4), column
+    # Sweeps that are rounded and turned round by hand give the same in every column.
+    table, turned = (
+        lidarcli.detect(tmp_path / "run.txt"),
+        lidarcli.detect(batches([_rounded(raw) for raw in sweeps])),
+    )
+    for name in expected.column_names:
+        if name not in (*SOURCE, "stamp", "t"):
+            same(name, values(table[name]), values(turned[name]), 1e-6)
+
+
+def _rounded(raw: RawSweeps) -> RawSweeps:
+    """Clockwise, in quarters of a millimetre."""
+    seen = np.isfinite(raw.ranges) & (raw.ranges > 0)
+    quarters = np.round(np.where(seen, raw.ranges.astype(np.float64), 0.0) * 4000)
+    return replace(
+        raw,
+        ranges=(quarters / 4000).astype(np.float32)[:, ::-1],
+        angle_min=raw.angle_min + (raw.beams - 1) * raw.angle_increment,
+        angle_increment=-raw.angle_increment,
+        range_min=np.zeros_like(raw.range_min),
+        range_max=np.full_like(raw.range_max, np.inf),
+    )
 
 
 def values(column: pa.ChunkedArray) -> pa.Array:

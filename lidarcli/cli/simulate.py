@@ -37,13 +37,15 @@ RUN, LOG = "Run", "Log"
     metavar="LOG",
     required=True,
     type=click.Path(),
-    help="Log to write: .mcap, .bag, .db3, .csv, .csv.gz, .log or .clf (CARMEN), .2d (ARIA), or a name without suffix "
-    "for a ROS 2 bag folder.",
+    help="Log to write: .mcap, .bag, .db3, .csv, .csv.gz, .log or .clf (CARMEN), .2d (ARIA), .txt (RPLIDAR), .jsonl, or a "
+    "name without suffix for a ROS 2 bag folder.",
 )
 @option(
     "--container",
     heading=LOG,
-    type=click.Choice(["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player"]),
+    type=click.Choice(
+        ["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player", "rplidar", "jsonl"]
+    ),
     help="Format, where the name does not say it.  [default: by suffix]",
 )
 @option(

@@ -173,7 +173,7 @@ class Log(Protocol):
     """As the user wrote it; `-` for standard input."""
     format: str
     """For people: `mcap`, `ros1 bag`, `ros2 bag (sqlite3)`, `ros2 bag (mcap)`, `csv (rostopic echo -p)`,
-    `carmen`, `aria`, `player`."""
+    `carmen`, `aria`, `player`, `json lines`."""
 
     @property
     def compression(self) -> str:

@@ -108,6 +108,11 @@ def decode_json(data: bytes) -> Sweep:
         fields = json.loads(data)
     except (ValueError, RecursionError):
         raise RefusedError(NOT_JSON) from None
+    return decode_fields(fields)
+
+
+def decode_fields(fields: Any) -> Sweep:
+    """The same of a message whose JSON has been parsed."""
     try:
         stamp = fields.get("timestamp") or {}
         return Sweep(

@@ -12,6 +12,7 @@ from typing import Any
 from lidarcli.logs.aria import words as aria
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.carmen import words as carmen
+from lidarcli.logs.jsonlines import words as jsonlines
 from lidarcli.logs.player import words as player
 from lidarcli.logs.rosbag2.folder import is_bag, is_storage
 
@@ -141,6 +142,13 @@ FORMATS: tuple[Format, ...] = (
         _text_begins(player.begins),
         streams=True,
         options=True,
+    ),
+    Format(
+        "JSON lines of `mcap cat` (also .gz)",
+        "lidarcli.logs.jsonlines.log",
+        "JsonLinesLog",
+        _text_begins(jsonlines.begins),
+        streams=True,
     ),
     Format(
         "CSV (also .gz, or a folder of one file per sweep)",

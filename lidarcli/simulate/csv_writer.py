@@ -10,6 +10,7 @@ import numpy as np
 
 from lidarcli.errors import OptionError
 from lidarcli.simulate.decimals import opened, seconds, shortest, texts
+from lidarcli.simulate.jsonlines_writer import number_or_word
 from lidarcli.sweeps import RawSweeps
 
 _S = 1_000_000_000
@@ -104,6 +105,30 @@ def _bagpy(blocks: Iterable[RawSweeps]) -> Iterator[str]:
             seq += 1
 
 
+def _mcap(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    """As `mcap cat --format=csv`: the fields of the first message in the order of the alphabet, float32 as float64."""
+    kept = list(blocks)
+    width = max((block.ranges.shape[1] for block in kept), default=0)
+    sorted_names = sorted(
+        ("header.frame_id", "header.stamp.nanosec", "header.stamp.sec", *_GEOMETRY, "ranges")
+    )
+    names = ["log_time", "publish_time", "sequence"]
+    for name in sorted_names:
+        names += [f"ranges.{i}" for i in range(width)] if name == "ranges" else [name]
+    yield ",".join(names)
+    sequence = 0
+    for block in kept:
+        for row, beams in enumerate(block.beams.tolist()):
+            whole, rest = divmod(int(block.stamp_ns[row]), _S)
+            ranges = [str(number_or_word(value)) for value in block.ranges[row, :beams].tolist()]
+            cells = dict(zip(_GEOMETRY, _geometry(block, row), strict=True))
+            cells |= {"header.frame_id": _frame(block, row), "header.stamp.sec": str(whole)}
+            cells |= {"header.stamp.nanosec": str(rest), "ranges": ",".join(ranges + [""] * (width - beams))}
+            times = [f"{np.datetime64(int(block.record_ns[row]), 'ns')}Z"] * 2
+            yield ",".join([*times, str(sequence), *(cells[name] for name in sorted_names)])
+            sequence += 1
+
+
 def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     yield ",".join(["time", "header", *_GEOMETRY, "ranges", "intensities"])
     for block in blocks:
@@ -164,6 +189,7 @@ LAYOUTS: dict[str, Callable[[Iterable[RawSweeps]], Iterator[str]]] = {
     "ros2": _ros2,
     "plotjuggler": _plotjuggler,
     "bagpy": _bagpy,
+    "mcap": _mcap,
     "list": _list,
     "wide": _wide,
     "drow": _drow,

@@ -20,19 +20,9 @@ MAX_SECONDS = 400_000_000
 MAX_SEED = (1 << 63) - 1
 LEAST_CELL, LARGEST_CELL = 0.001, 1000.0
 """Bounds of the cells of a true map [m]."""
-_SUFFIXES = (
-    ".csv.gz",
-    ".log.gz",
-    ".clf.gz",
-    ".2d.gz",
-    ".mcap",
-    ".bag",
-    ".db3",
-    ".csv",
-    ".log",
-    ".clf",
-    ".2d",
-)
+_PLAIN = (".mcap", ".bag", ".db3", ".csv", ".log", ".clf", ".2d", ".txt", ".jsonl")
+_SUFFIXES = (*(f"{suffix}.gz" for suffix in _PLAIN), *_PLAIN)
+"""How the names of logs end."""
 
 
 @dataclass(frozen=True, slots=True)

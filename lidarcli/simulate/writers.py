@@ -17,12 +17,14 @@ from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS, write_mcap
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
-CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player")
+TEXT_CONTAINERS = ("csv", "carmen", "aria", "player", "rplidar", "jsonl")
+CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", *TEXT_CONTAINERS)
 """`ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
 
 _CARMEN = (".log", ".clf", ".log.gz", ".clf.gz")
 _SUFFIXES = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv", ".csv.gz": "csv", "": "ros2"}
 _SUFFIXES |= dict.fromkeys(_CARMEN, "carmen") | dict.fromkeys((".2d", ".2d.gz"), "aria")
+_SUFFIXES |= dict.fromkeys((".txt", ".txt.gz"), "rplidar") | dict.fromkeys((".jsonl", ".jsonl.gz"), "jsonl")
 
 
 def container_of(path: Path) -> str:
@@ -35,7 +37,7 @@ def container_of(path: Path) -> str:
         return _SUFFIXES[""]
     raise OptionError(
         f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-        ".log, .clf, .2d, or no suffix for a ROS 2 bag folder"
+        ".log, .clf, .2d, .txt, .jsonl, or no suffix for a ROS 2 bag folder"
     )
 
 
@@ -54,9 +56,9 @@ def write_log(
     """Write sweeps into a new log; the same sweeps and options give the same bytes.
 
     `compression`: none, lz4, zstd for MCAP; none, bz2, lz4 for ROS 1 bags; none, zstd (the file), zstd-message for ROS 2
-    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout`: of a CSV. `poses` go where they fit: a CSV
-    has no place for them. `clouds`: point clouds instead of LaserScan, in logs of messages. Raises OptionError for options
-    that do not fit the container, OutputError for a path that exists.
+    folders. `encoding` (MCAP): cdr, cdr-idl, ros1, json, protobuf. `layout`: of a CSV. `poses` go where they fit: CSV,
+    RPLIDAR text and JSON lines have no place for them. `clouds`: point clouds instead of LaserScan, in logs of messages.
+    Raises OptionError for options that do not fit the container, OutputError for a path that exists.
     """
     target = Path(path)
     kind = container or container_of(target)
@@ -103,7 +105,7 @@ def _writer(
     encode = one_of("encoding", encoding, encodings, "cdr")
     if container != "csv":
         one_of("layout", layout, (), "")
-    if clouds and container in ("csv", "carmen", "aria", "player"):
+    if clouds and container in TEXT_CONTAINERS:
         raise OptionError(f"{path}: clouds do not apply to the container '{container}'")
     if container == "mcap":
         packed = one_of("compression", compression, tuple(COMPRESSIONS), "zstd")
@@ -151,4 +153,14 @@ def _writer(
 
         one_of("compression", compression, ("none",), "none")
         return lambda target, blocks: write_player(target, blocks, poses)
+    if container == "rplidar":
+        from lidarcli.simulate.rplidar_writer import write_rplidar
+
+        one_of("compression", compression, ("none",), "none")
+        return write_rplidar
+    if container == "jsonl":
+        from lidarcli.simulate.jsonlines_writer import write_jsonlines
+
+        one_of("compression", compression, ("none",), "none")
+        return write_jsonlines
     raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")

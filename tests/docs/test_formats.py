@@ -114,11 +114,44 @@ def test_the_examples_of_robots_logs_are_read(
     assert (block.stamp_ns.tolist(), report.damage) == ([stamp], [])
 
 
+def test_the_example_of_json_lines_is_read(tmp_path: Path) -> None:
+    [example] = re.findall(r"^```text\n(.*?)^```$", section("JSON lines"), re.MULTILINE | re.DOTALL)
+    (tmp_path / "run.jsonl").write_text(example, encoding="utf-8")
+    with open_log(tmp_path / "run.jsonl") as log:
+        [block] = log.scans(None, ReadReport())
+    assert (log.format, block.topic, block.frame_ids) == ("json lines", "/scan", ("laser",))
+    assert block.ranges.tolist() == [pytest.approx([2.1, float("nan"), 2.1], nan_ok=True)]
+    assert block.stamp_ns.tolist() == [1_700_000_000_000_000_007]
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_the_examples_of_rplidar_text_are_read(number: int, tmp_path: Path) -> None:
+    examples = re.findall(r"^```text\n(.*?)^```$", section("RPLIDAR"), re.MULTILINE | re.DOTALL)
+    assert len(examples) == 5
+    (tmp_path / "run.txt").write_text(examples[number], encoding="utf-8")
+    report = ReadReport()
+    with open_log(tmp_path / "run.txt") as log:
+        blocks = list(log.scans(None, report))
+    assert log.format.startswith("csv (RPLIDAR")
+    assert (report.damage, report.refused) == ([], {})
+    assert sum(map(len, blocks)) == (2 if number in (0, 3) else 1)
+    for block in blocks:
+        assert block.ranges.tolist() == [pytest.approx([2.1, 2.0, 2.1])] * len(block)
+        # From the left, over the front, to the right.
+        assert block.angle_min.tolist() == [pytest.approx(0.5, abs=1e-3)] * len(block)
+        assert block.angle_increment.tolist() == [pytest.approx(-0.5, abs=1e-3)] * len(block)
+
+
+def section(title: str) -> str:
+    """The text of a section of the page."""
+    return PAGE.split(f"\n## {title}\n")[1].split("\n## ")[0]
+
+
 def test_the_topics_of_a_carmen_log_are_those_of_the_code() -> None:
-    section = PAGE.split("\n## CARMEN\n")[1]
+    text = PAGE.split("\n## CARMEN\n")[1]
     for word, laser in LASERS.items():
         numbered = word.decode().startswith("RAWLASER") and word[-1:] in b"23"
-        assert numbered or (f"`{word.decode()}`" in section and f"`{laser.topic}`" in section), word
+        assert numbered or (f"`{word.decode()}`" in text and f"`{laser.topic}`" in text), word
 
 
 def test_every_layout_has_an_example() -> None:

@@ -33,7 +33,7 @@ pytestmark = pytest.mark.slow
 GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     **{
         group: (tuple(name for name in CONTAINERS if name.split("-")[0] in group.split("/")), 10)
-        for group in ("mcap", "bag/db3/ros2", "csv", "carmen", "aria/player")
+        for group in ("mcap", "bag/db3/ros2", "csv", "carmen", "aria/player", "rplidar", "jsonl", "clouds")
     },
     "libraries": (LIBRARY_LOGS, 4),
     "databases": (("db3-crafted",), len(KINDS) + 10),

@@ -20,7 +20,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source
-from tools.fuzz.containers import CONTAINERS, SWEEPS, Sample, sample_of
+from tools.fuzz.containers import BEAMS, CONTAINERS, SWEEPS, Sample, sample_of
 from tools.fuzz.logs import TOLD
 
 pytestmark = pytest.mark.slow
@@ -31,6 +31,8 @@ WORDS = {b"FLASER": "/front_laser", b"RAWLASER1": "/raw_laser1", b"scan1:": "/sc
 TEXT_LOGS = {"carmen": b"FLASER", "carmen-raw": b"RAWLASER1", "carmen-gz": b"FLASER"}
 TEXT_LOGS |= {"aria": b"scan1:", "aria-gz": b"scan1:", "player": b"laser", "player-gz": b"laser"}
 """Container → the word of its sweeps."""
+TEXTS = ("csv", "carmen", "aria", "player", "rplidar", "jsonl")
+"""How the names of containers begin in which a cut between two lines cannot be seen."""
 
 Sweep = tuple[int, str, bytes]
 """Stamp, frame and ranges."""
@@ -103,6 +105,25 @@ def line_ends(text: bytes) -> Ends:
     return [(match.end(), WORDS[match[1]]) for match in lines]
 
 
+def rplidar_ends(text: bytes) -> Ends:
+    """A sweep is whole with the line of its last beam."""
+    lines = [match.end() for match in re.finditer(b"\n", text)]
+    return [(end, "/scan") for end in lines[BEAMS - 1 :: BEAMS]]
+
+
+def jsonl_ends(text: bytes) -> Ends:
+    """A message is whole with its line end."""
+    return [(match.end(), match[1].decode()) for match in re.finditer(rb'(?m)^\{"topic":"([^"]*)".*\n', text)]
+
+
+def text_ends(container: str, text: bytes) -> Ends:
+    """Where the sweeps of a text end."""
+    kinds = {"rplidar": rplidar_ends, "jsonl": jsonl_ends}
+    if container in TEXT_LOGS:
+        return line_ends(text)
+    return kinds.get(container.partition("-")[0], csv_ends)(text)
+
+
 def ends_of(container: str, sample: Sample, folder: Path) -> tuple[str, Callable[[int], int], Ends]:
     """The file to cut, from a cut to the bytes that are there before it, and where messages end in these."""
     name = next(name for name in sorted(sample.files, reverse=True) if not name.endswith(".yaml"))
@@ -117,13 +138,11 @@ def ends_of(container: str, sample: Sample, folder: Path) -> tuple[str, Callable
         return name, lambda cut: 0, []
     if name.endswith(".gz"):
         text = zlib.decompressobj(wbits=31).decompress(data)
-        ends = line_ends(text) if container in TEXT_LOGS else csv_ends(text)
+        ends = text_ends(container, text)
         return name, lambda cut: len(zlib.decompressobj(wbits=31).decompress(data[:cut])), ends
-    if container in TEXT_LOGS:
-        return name, int, line_ends(data)
     if container == "csv-per-sweep":
         return name, int, [(0, "/scan")] * (SWEEPS - 1)
-    return name, int, csv_ends(data)
+    return name, int, text_ends(container, data)
 
 
 def cuts(container: str, size: int) -> list[int]:
@@ -161,12 +180,13 @@ def test_what_is_recovered_is_the_beginning_of_the_log(container: str, tmp_path:
             assert not any(least[topic] for topic in whole), cut
         else:
             lost = sum(map(len, whole.values())) - sum(map(len, found.values()))
-            assert report.damage or not lost or container.startswith("csv") or container in TEXT_LOGS, cut
+            assert report.damage or not lost or container.startswith(TEXTS), cut
         for topic, sweeps in whole.items():
             got = found.get(topic, [])
             assert least[topic] <= len(got), (cut, topic)
             # A cut within the last number of a text cannot be seen; a page is written from its end.
-            sure = len(got) - (container.startswith("csv") and len(got) > least[topic])
+            # The beams of a turn that is cut are a sweep.
+            sure = len(got) - (container.startswith(("csv", "rplidar")) and len(got) > least[topic])
             sure = least[topic] if name.endswith(".db3") else sure
             assert got[:sure] == sweeps[:sure], (cut, topic)
             if name.endswith(".db3"):

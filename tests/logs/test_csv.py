@@ -23,7 +23,7 @@ from tests.places import REAL_LOGS, needs_real_logs
 GEOMETRY = OpenOptions(angle_min=FIRST, angle_increment=STEP)
 NO_GEOMETRY = ("wide", "drow")
 NO_FRAME = ("plotjuggler", "wide", "drow", "long", "per-sweep")
-OWN_RECORD = ("rostopic", "plotjuggler", "bagpy", "list")
+OWN_RECORD = ("rostopic", "plotjuggler", "bagpy", "mcap", "list")
 ROS2 = "1,5,laser,-0.5,0.5,0.5,0.0,0.1,0.1,8.0,"
 
 
@@ -84,6 +84,7 @@ def test_layout_reads_back(layout: str, ragged: bool, tmp_path: Path) -> None:
         ("ros2", "ros2 topic echo --csv"),
         ("plotjuggler", "PlotJuggler"),
         ("bagpy", "bagpy"),
+        ("mcap", "mcap cat --format=csv"),
         ("list", "list of ranges"),
         ("wide", "plain wide"),
         ("drow", "plain wide"),
@@ -562,7 +563,8 @@ def test_flipped_bytes_in_gzip_lose_only_what_follows(tmp_path: Path) -> None:
         (
             b"name,age\nbob,12\n",
             "x.csv: a table with the columns 'name, age' is none of the CSV layouts: rostopic echo -p; "
-            "ros2 topic echo --csv; PlotJuggler; bagpy; list of ranges; plain wide; long form; one file per sweep",
+            "ros2 topic echo --csv; PlotJuggler; bagpy; mcap cat --format=csv; list of ranges; plain wide; long form; "
+            "one file per sweep",
         ),
         (
             b"a b\n1 2\n",

@@ -261,13 +261,14 @@ def test_no_sweeps_make_a_valid_log(tmp_path, name):
 
 
 def test_the_suffix_says_the_container():
-    names = ("a.mcap", "A.BAG", "a.db3", "a.csv", "a.csv.gz", "folder", "folder/")
+    names = ("a.mcap", "A.BAG", "a.db3", "a.csv", "a.csv.gz", "a.txt", "folder", "folder/")
     assert [container_of(Path(name)) for name in names] == [
         "mcap",
         "bag",
         "db3",
         "csv",
         "csv",
+        "rplidar",
         "ros2",
         "ros2",
     ]
@@ -276,15 +277,16 @@ def test_the_suffix_says_the_container():
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("a.txt", {}, "a.txt: no log format has the suffix '.txt'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-                      ".log, .clf, .2d, or no suffix for a ROS 2 bag folder"),
+        ("a.dat", {}, "a.dat: no log format has the suffix '.dat'; use .mcap, .bag, .db3, .csv, .csv.gz, "
+                      ".log, .clf, .2d, .txt, .jsonl, or no suffix for a ROS 2 bag folder"),
         ("a.mcap", {"compression": "bz2"}, "a.mcap: compression 'bz2' is not one of none, lz4, zstd (mcap)"),
         ("a.bag", {"compression": "zstd"}, "a.bag: compression 'zstd' is not one of none, bz2, lz4 (bag)"),
         ("a.mcap", {"encoding": "xml"}, "a.mcap: encoding 'xml' is not one of cdr, cdr-idl, ros1, json, protobuf (mcap)"),
         ("a.bag", {"encoding": "json"}, "a.bag: encoding 'json' does not apply to the container 'bag'"),
         ("a.bag", {"layout": "wide"}, "a.bag: layout 'wide' does not apply to the container 'bag'"),
         ("a", {"container": "tar"}, "a: container 'tar' is not one of mcap, bag, ros2, ros2-mcap, db3, csv, carmen, "
-                                    "aria, player"),
+                                    "aria, player, rplidar, jsonl"),
+        ("a.txt", {"layout": "long"}, "a.txt: layout 'long' does not apply to the container 'rplidar'"),
     ],
 )  # fmt: skip
 def test_options_that_do_not_fit(tmp_path, monkeypatch, name, options, message):

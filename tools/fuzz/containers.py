@@ -88,7 +88,7 @@ def _written(log: str, container: str | None = None, with_poses: bool = True, **
     blocks = [sweeps(), sweeps("/rear", BEAMS - 5, 2)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / log
-        if container == "csv":
+        if container in ("csv", "rplidar"):
             write_log(path, blocks[:1], container=container, **options)
         elif container in ("carmen", "aria", "player"):
             write_log(path, blocks[:1], container=container, poses=poses() if with_poses else None)
@@ -167,6 +167,14 @@ def _text(container: str, log: str, with_poses: bool = True) -> Sample:
     return _perhaps_packed(log, _written(log, container, with_poses))
 
 
+def _rplidar(log: str) -> Sample:
+    return _perhaps_packed(log, _written(log, "rplidar"))
+
+
+def _jsonl(log: str) -> Sample:
+    return _perhaps_packed(log, _written(log))
+
+
 def _perhaps_packed(log: str, sample: Sample) -> Sample:
     if not log.endswith(".gz"):
         return sample
@@ -222,6 +230,10 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
         for container, suffix in (("aria", "2d"), ("player", "log"))
         for kind, packed in (("", ""), ("-gz", ".gz"))
     },
+    "rplidar": partial(_rplidar, "run.txt"),
+    "rplidar-gz": partial(_rplidar, "run.txt.gz"),
+    "jsonl": partial(_written, "run.jsonl"),
+    "jsonl-gz": partial(_jsonl, "run.jsonl.gz"),
 }
 
 CONTAINERS = tuple(_MAKERS)

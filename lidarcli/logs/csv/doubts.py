@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.csv.head import Head, shown, value_of
+from lidarcli.logs.csv.layouts import TITLES
 from lidarcli.logs.csv.others import TRAJECTORY
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
@@ -60,7 +61,8 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
         # In few rows, a range may climb and fall back as well.
         long_enough = width < LEAST_NUMBERS or (len(same) >= COUNTER_ROWS and is_turn(same[:, column]))
         if long_enough and restarts(same[:, column]):
-            raise UnreadableError(f"{head.path}: {_one_beam_per_row(same[:, column], column, width)}")
+            rated = column == 1 and width == 3 and _is_quality(same[:, 0])
+            raise UnreadableError(f"{head.path}: {_one_beam_per_row(same[:, column], column, width, rated)}")
     if width < LEAST_NUMBERS:
         raise UnreadableError(
             f"{head.path}: rows of {width} numbers without column names, such as {shown(head.lines[0])}, are too"
@@ -107,13 +109,22 @@ def is_turn(values: Float64) -> bool:
     return any(0.9 * turn <= view <= 1.01 * turn for turn in (360.0, TURN))
 
 
-def _one_beam_per_row(values: Float64, column: int, width: int) -> str:
+def _is_quality(values: Float64) -> bool:
+    """Whether a column may hold the quality of returns: small whole numbers that are no counter."""
+    whole = np.isfinite(values) & (values == np.rint(values)) & (values >= 0) & (values <= 255)
+    return bool(whole.all() and ((np.diff(values) < 0).any() or np.ptp(values) == 0))
+
+
+def _one_beam_per_row(values: Float64, column: int, width: int, rated: bool) -> str:
+    """What such a table is, and the names that tell it; `rated`: the quality of returns comes first."""
     low, high = np.nanmin(values), np.nanmax(values)
-    names = [*["time", "sweep"][:column], "angle", "range", *(["quality"] if width == column + 3 else [])]
+    before, behind = (["quality"], []) if rated else (["time", "sweep"][:column], ["quality"])
+    names = [*before, "angle", "range", *(behind if width == column + 3 else [])]
     names += [f"column{place}" for place in range(len(names) + 1, width + 1)]
+    way_out = f"`{','.join(names[:width])}`" + (f"; {TITLES}" if rated else "")
     return (
         f"a table without column names that looks like one beam per row (column {column + 1} runs from {low:g} to"
-        f" {high:g} and starts over): name the columns in a first line, such as `{','.join(names[:width])}`"
+        f" {high:g} and starts over): name the columns in a first line, such as {way_out}"
     )
 
 

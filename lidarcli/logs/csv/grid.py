@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS
-from lidarcli.sweeps import TURN, Float64, Int64
+from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 ONE_BEAM = "a sweep of one beam, whose increment nobody knows"
 UNEVEN = "bearings without a common step"
@@ -19,6 +19,8 @@ MOST_VIEW = 1.1 * TURN
 """Bearings of one sweep span no more than this [rad]; a turn whose start and end overlap does not reach it."""
 MOST_DOUBLED = 0.25
 """Share of beams that may have the bearing of another."""
+_USUAL = 1.5
+"""A step of more than so many usual ones is a jump."""
 JITTER = 0.25
 """Bearings may leave the even grid by this part of a step."""
 
@@ -69,6 +71,45 @@ def cut_restarts(angle: Float64) -> Int64:
         if np.nanmin(before) > np.nanmax(after) or np.nanmax(before) < np.nanmin(after):
             return start
     return np.concatenate([start, jumps])
+
+
+def cut_turns(angle: Float64, begins: Bool) -> Int64:
+    """Where a new sweep begins in rows of which some are flagged as the first of a sweep.
+
+    A flag may stand on the last beam before the bearing starts over, where beams were sorted by bearing. Where flags
+    are missing, and sweeps would go on for more than a turn, these are cut by their bearings.
+
+    >>> cut_turns(np.array([0.1, 3.0, 6.2, 0.2, 3.0, 6.1]), np.array([False, False, True, False, False, False])).tolist()
+    [0, 3]
+    """
+    start = np.zeros(1, np.int64)
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.abs(np.diff(angle))
+        usual = (
+            steps <= _USUAL * np.median(np.minimum(steps, np.abs(TURN - steps))) if len(steps) else steps > 0
+        )
+        ahead, behind = np.append(steps, np.inf), np.append(False, usual)
+        flags = np.flatnonzero(begins)
+        # What ends a turn goes on as the turn did, and the bearing, if any follows, starts over.
+        flags = flags + (behind[flags] & (ahead[flags] > 0.5 * TURN))
+        flags = flags[flags < len(angle)]
+        if not len(flags):
+            return cut_restarts(angle)
+        flags = np.unique(np.concatenate([start, flags]))
+        turned = np.unwrap(angle)
+        ends = np.append(flags[1:], len(angle))
+        long = np.abs(turned[ends - 1] - turned[flags]) > MOST_VIEW
+    parts = [cut_restarts(angle[flags[at] : ends[at]]) + flags[at] for at in np.flatnonzero(long).tolist()]
+    return np.unique(np.concatenate([flags, *parts]))
+
+
+def within_turns(angle: Float64, starts: Int64) -> Float64:
+    """(K,) bearings that begin within half a turn to either side in each sweep, and go on from there without a jump."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        turned = np.unwrap(angle)
+        offset = TURN * np.rint(turned[starts] / TURN)
+        within: Float64 = turned - np.repeat(offset, np.diff(np.append(starts, len(angle))))
+    return within
 
 
 def even_runs(runs: BeamRuns) -> tuple[EvenRuns, list[str], bool]:
@@ -145,8 +186,11 @@ def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.f
     step = float((turned[-1] - turned[0]) / place[-1])
     place = np.rint((turned - turned[0]) / step).astype(np.int64)
     grid = np.full(int(place[-1]) + 1, np.nan, values.dtype)
-    # Of two beams on one place the first counts.
-    grid[place[::-1]] = values[::-1]
+    # Of two beams on one place the nearer counts, and any return before none.
+    with np.errstate(invalid="ignore"):
+        far = np.where(values > 0, values, np.inf)
+    order = np.lexsort((far, place))[::-1]
+    grid[place[order]] = values[order]
     if descending:
         return grid[::-1], float(turned[-1]), -step
     return grid, float(turned[0]), step

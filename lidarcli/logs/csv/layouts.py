@@ -13,11 +13,18 @@ ROSTOPIC = "rostopic echo -p"
 ROS2 = "ros2 topic echo --csv"
 PLOTJUGGLER = "PlotJuggler"
 BAGPY = "bagpy"
+MCAP_CAT = "mcap cat --format=csv"
 LIST = "list of ranges"
 WIDE = "plain wide"
 LONG = "long form"
 PER_SWEEP = "one file per sweep"
-LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, LIST, WIDE, LONG, PER_SWEEP)
+RPLIDAR = "RPLIDAR"
+CORESLAM = "CoreSLAM"
+LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_SWEEP)
+
+MILLIMETRE = 0.001
+TITLES = "above those of an RPLIDAR write `#RPLIDAR SCAN DATA` and `#Quality Angle Distance`"
+"""How a table without names can be told to be of this sensor."""
 
 DEFAULT_TOPIC = "/scan"
 """That of a file which names none."""
@@ -43,6 +50,10 @@ class Columns:
     """Nothing but ranges (and intensities) stands from `first` to the end of the row: rows may be ragged."""
     geometry: tuple[float, float] | None = None
     """angle_min and angle_increment where column names or options give them."""
+    nearest: float = 0.0
+    """The least range, where no column tells it, in the unit of ranges."""
+    to_last: bool = False
+    """`angle_max` is the bearing of the last beam, and tells the increment (foxglove.LaserScan)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +76,12 @@ class Layout:
     key: int | None = None
     """Long form: the column that changes from sweep to sweep."""
     degrees: bool = False
+    flag: int = -1
+    """Long form: the column that is 1 where a sweep begins."""
+    spelling: str = ""
+    """Long form: how tools for RPLIDAR sensors have written it (`rplidar`); bearings run clockwise."""
+    scale: float | None = None
+    """The unit of ranges in metres, where it is known."""
     listed: bool = False
     """One cell holds all ranges of a sweep."""
     brackets: bytes = b"["

@@ -18,8 +18,9 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
+from lidarcli.logs.csv import rplidar
 from lidarcli.logs.csv.folder import in_order, join_blocks, stamp_of_name, sweep_files
-from lidarcli.logs.csv.layouts import PER_SWEEP, Layout
+from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout
 from lidarcli.logs.csv.list_form import ListDecoder
 from lidarcli.logs.csv.long_form import LongDecoder
 from lidarcli.logs.csv.others import other_format
@@ -108,6 +109,11 @@ class CsvLog:
         """Whether rows are beams, not sweeps."""
         return self._layout.angle >= 0
 
+    @property
+    def is_part(self) -> bool:
+        """Whether it may be one of many files with one sweep each."""
+        return self.is_long and self._layout.name != RPLIDAR
+
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """Nothing: CSV holds no other messages."""
         report.notes.append(self._note)
@@ -127,18 +133,20 @@ class CsvLog:
 
     def _stamped(self, block: RawSweeps) -> RawSweeps:
         """A sweep without a time is stamped by the name of its file."""
-        if self._layout.name != PER_SWEEP or self._layout.scans[0].units or self.path == "-":
+        if PER_SWEEP not in self._layout.name or self._layout.scans[0].units or self.path == "-":
             return block
         stamp = np.full(len(block), stamp_of_name(Path(self.path).name), np.int64)
         return replace(block, stamp_ns=stamp, record_ns=stamp)
 
     def _decoder(self, topics: Collection[str] | None, report: ReadReport) -> Decoder:
-        layout = self._layout
+        layout, options = self._layout, self._options
+        if layout.scale is not None:
+            options = replace(options, range_scale=layout.scale)
         if self.is_long:
-            return LongDecoder(layout, self._options, report)
+            return LongDecoder(layout, options, report)
         if layout.listed:
-            return ListDecoder(layout, self._options, report, topics)
-        return WideDecoder(layout, self._options, report, topics)
+            return ListDecoder(layout, options, report, topics)
+        return WideDecoder(layout, options, report, topics)
 
     def _open(self) -> tuple[TextSource, int | None]:
         size = None
@@ -173,6 +181,8 @@ class CsvLog:
                 raise UnreadableError(f"{self.path}: {self._text.report.damage[0].cause}")
             raise UnreadableError(f"{self.path}: empty file")
         text = b"".join(block.text for block in head)
+        if (layout := rplidar.recognise(text.split(b"\n")[:-1])) is not None:
+            return layout
         if (other := other_format(text)) is not None:
             raise UnreadableError(f"{self.path}: {other.refusal}")
         if _is_binary(text[:FIRST_BLOCK]):
@@ -185,7 +195,7 @@ class CsvLog:
         for file in self._files:
             try:
                 with CsvLog(file, self._options) as log:
-                    if not log.is_long:
+                    if not log.is_part:
                         raise UnreadableError(
                             f"{self.path}: {file.name} is a log of its own ({log.format}), not one sweep (bearing,"
                             " range): name the files one by one"
@@ -202,7 +212,7 @@ class CsvLog:
             met = ReadReport()
             try:
                 with CsvLog(file, self._options) as log:
-                    if not log.is_long:
+                    if not log.is_part:
                         raise UnreadableError(f"{file}: {log.format}, not one sweep (bearing, range)")
                     found = list(log.scans(None, met))
             except UnreadableError as err:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
 from lidarcli.logs.blocks import TOO_MANY, keep_sound, pad, split_rows
 from lidarcli.logs.csv.dialect import Lines, read_lines
-from lidarcli.logs.csv.grid import BeamRuns, cut_restarts, even_runs
+from lidarcli.logs.csv.grid import BeamRuns, cut_restarts, cut_turns, even_runs, within_turns
 from lidarcli.logs.csv.layouts import Columns, Layout
 from lidarcli.logs.csv.raw_sweeps import (
     NO_TIME,
@@ -21,11 +21,13 @@ from lidarcli.logs.csv.raw_sweeps import (
     number_type,
     read_times,
 )
+from lidarcli.logs.csv.rplidar import read_rows
 from lidarcli.logs.numbers import Cells, parse_rows
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Float64, Int32, Int64, RawSweeps
 
 CUT = "the file ends within this sweep: it is dropped"
+CUT_BEAM = "the file ends within this row: its beam is dropped"
 CUT_ROW = "the file ends within the first row of a sweep: it is dropped"
 
 
@@ -60,7 +62,10 @@ class LongDecoder:
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
         """The sweeps of one block that are known to be whole."""
         layout = self._layout
-        lines = read_lines(block, layout.dialect, layout.header, layout.start, self._report)
+        if layout.spelling:
+            lines = read_rows(block, layout, self._report)
+        else:
+            lines = read_lines(block, layout.dialect, layout.header, layout.start, self._report)
         self._cut |= lines.cut
         text, numbers = self._carry + lines.text, np.concatenate([self._carry_numbers, lines.numbers])
         yield from self._take(Lines(text, numbers, lines.cut), last=False)
@@ -90,7 +95,8 @@ class LongDecoder:
             self._report.add_damage(f"line {lines.numbers[whole[starts[-1]]]}", CUT)
             starts, ends = starts[:-1], ends[:-1]
         elif self._broken:
-            self._report.add_damage(f"after line {lines.numbers[whole[-1]]}", CUT_ROW)
+            cause = CUT_BEAM if self._layout.spelling else CUT_ROW
+            self._report.add_damage(f"after line {lines.numbers[whole[-1]]}", cause)
         if len(starts):
             self._usual = int(ends[-1] - starts[-1])
             yield from self._sweeps(rows, starts, ends, lines.numbers[whole])
@@ -115,6 +121,9 @@ class LongDecoder:
 
     def _is_cut(self, beams: int) -> bool:
         """Whether the last sweep has lost its end: the text stops well before the usual end, or in a row of it."""
+        if self._layout.spelling:
+            # Who stops a recording does so within a turn, and beams without a return may not be written.
+            return False
         if self._broken:
             # With as many beams as the sweep before, it is whole, and the broken row would begin the next.
             return self._usual == 0 or beams < self._usual
@@ -122,10 +131,10 @@ class LongDecoder:
 
     def _parse(self, cells: Cells, whole: Int64, numbers: Int64) -> tuple[_Rows, NDArray[np.intp]]:
         """The columns of `whole` rows, and which of these could be parsed."""
-        texts = sorted(
-            {*self._scan.fields.values(), *([] if self._layout.key is None else [self._layout.key])}
-        )
-        wanted = [column for column in texts if column not in (self._layout.angle, self._scan.first)]
+        layout = self._layout
+        texts = {*self._scan.fields.values(), *([] if layout.key is None else [layout.key])}
+        texts |= {layout.flag} if layout.flag >= 0 else set()
+        wanted = [column for column in sorted(texts) if column not in (layout.angle, self._scan.first)]
         try:
             return self._parse_fast(cells, whole, wanted), np.arange(len(whole))
         except ValueError:
@@ -188,10 +197,16 @@ class LongDecoder:
         return self._in_radians(_Rows(angle.values[good], ranges.values[good], texts)), good
 
     def _in_radians(self, rows: _Rows) -> _Rows:
-        return _Rows(np.deg2rad(rows.angle), rows.ranges, rows.texts) if self._layout.degrees else rows
+        if not self._layout.degrees:
+            return rows
+        angle = np.deg2rad(rows.angle)
+        return _Rows(0.0 - angle if self._layout.spelling else angle, rows.ranges, rows.texts)
 
     def _starts(self, rows: _Rows) -> Int64:
         """The first row of each sweep."""
+        if self._layout.flag >= 0:
+            codes, distinct = rows.texts[self._layout.flag]
+            return cut_turns(rows.angle, np.array([cell == b"1" for cell in distinct], np.bool_)[codes])
         if self._layout.key is None:
             return cut_restarts(rows.angle)
         codes = rows.texts[self._layout.key][0]
@@ -207,7 +222,8 @@ class LongDecoder:
         self._carry_numbers = numbers[rows]
 
     def _sweeps(self, rows: _Rows, starts: Int64, ends: Int64, numbers: Int64) -> Iterator[RawSweeps]:
-        runs, causes, uneven = even_runs(BeamRuns(rows.angle, rows.ranges, starts, ends - starts))
+        angle = within_turns(rows.angle, starts) if self._layout.spelling else rows.angle
+        runs, causes, uneven = even_runs(BeamRuns(angle, rows.ranges, starts, ends - starts))
         if uneven and not self._noted:
             self._noted = True
             self._report.notes.append(

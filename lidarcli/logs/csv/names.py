@@ -10,7 +10,7 @@ from string import whitespace
 
 import numpy as np
 
-from lidarcli.logs.csv.layouts import BAGPY, DEFAULT_TOPIC, PLOTJUGGLER, ROSTOPIC, WIDE
+from lidarcli.logs.csv.layouts import BAGPY, DEFAULT_TOPIC, MCAP_CAT, PLOTJUGGLER, ROSTOPIC, WIDE
 from lidarcli.sweeps import Int64
 
 _MARKS = re.compile(r"[./\[\]\s%#:]+")
@@ -26,18 +26,18 @@ _UNIT = r"(?:_?\(?(?:s|secs?|seconds|ms|msec|us|usec|µs|ns|nsecs?|nanosec)\)?)?
 _FIELDS = {
     name: re.compile(pattern)
     for name, pattern in {
-        "angle_min": r"(?:angle_min|anglemin|min_angle|start_angle)",
-        "angle_max": r"(?:angle_max|anglemax|max_angle|end_angle)",
+        "angle_min": r"(?:angle_min|anglemin|min_angle|start_?angle)",
+        "angle_max": r"(?:angle_max|anglemax|max_angle|end_?angle)",
         "angle_increment": r"(?:angle_increment|angleincrement|angle_inc|angular_resolution)",
         "time_increment": r"time_increment",
         "scan_time": r"scan_time",
         "range_min": r"(?:range_min|rangemin|min_range)",
         "range_max": r"(?:range_max|rangemax|max_range)",
-        "seconds": r"(?:(?:header_)?(?:stamp_)?(?:secs?|seconds))",
-        "nanoseconds": r"(?:(?:header_)?(?:stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
+        "seconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:secs?|seconds))",
+        "nanoseconds": r"(?:(?:header_)?(?:(?:time)?stamp_)?(?:nsecs?|nanosecs?|nanoseconds))",
         "stamp": rf"(?:header_)?stamp{_UNIT}",
-        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record)?_?time|t|date|record){_UNIT}",
-        "frame": r"(?:header_)?(?:frame_id|frame)",
+        "record": rf"(?:rosbag)?(?:time_?stamp|(?:date|bag|record|log)?_?time|t|date|record){_UNIT}",
+        "frame": r"(?:header_)?(?:frame_?id|frame)",
         "header": r"header",
         "seq": r"(?:header_)?(?:seq|sequence|index|id)",
     }.items()
@@ -246,6 +246,8 @@ def ros_name(names: Sequence[str]) -> str:
         return ROSTOPIC
     if "__time" in plain:
         return PLOTJUGGLER
+    if plain[:3] == ["log_time", "publish_time", "sequence"]:
+        return MCAP_CAT
     if any(name.startswith("header.") for name in plain):
         return BAGPY
     return WIDE

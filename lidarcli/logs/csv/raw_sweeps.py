@@ -76,12 +76,14 @@ def fill_geometry(
     rows = len(beams)
     if "angle_min" in known and "angle_increment" in known:
         first, step = known["angle_min"], known["angle_increment"]
+    elif scan.to_last:
+        first, step = known["angle_min"], (known["angle_max"] - known["angle_min"]) / np.maximum(beams - 1, 1)
     elif scan.geometry is not None:
         first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
     else:
         first, step = given_geometries(options, beams)
     far = np.inf if options.range_max is None else options.range_max
-    range_min = known.get("range_min", np.zeros(rows)) * options.range_scale
+    range_min = known.get("range_min", np.full(rows, scan.nearest)) * options.range_scale
     range_max = known["range_max"] * options.range_scale if "range_max" in known else np.full(rows, far)
     return first, step, as_singles(range_min), as_singles(range_max)
 

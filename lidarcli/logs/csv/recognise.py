@@ -13,6 +13,7 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
+from lidarcli.logs.csv.coreslam import find_coreslam
 from lidarcli.logs.csv.dialect import csv_cells, empty_lists
 from lidarcli.logs.csv.doubts import COUNTER_ROWS, is_turn, refuse_other_tables, restarts
 from lidarcli.logs.csv.head import (
@@ -31,6 +32,7 @@ from lidarcli.logs.csv.layouts import (
     ABBREVIATED,
     DEFAULT_TOPIC,
     LIST,
+    MCAP_CAT,
     PLOTJUGGLER,
     ROS2,
     WIDE,
@@ -51,6 +53,7 @@ from lidarcli.logs.csv.names import (
     list_column,
     ros_name,
 )
+from lidarcli.logs.csv.rplidar import COUNTER_CLOCKWISE
 from lidarcli.logs.numbers import say
 from lidarcli.logs.times import DATE, DATE_UNPADDED, S, time_unit
 from lidarcli.sweeps import TURN
@@ -104,8 +107,11 @@ def with_header(head: Head) -> Layout:
     else:
         notes = []
         scans = [_columns(head, index, family) for family in families]
+    if name == MCAP_CAT:
+        scans = [_of_mcap(head, each) for each in scans]
     for each in scans:
-        if not {"angle_min", "angle_increment"} <= each.fields.keys() and each.geometry is None:
+        told = each.to_last or {"angle_min", "angle_increment"} <= each.fields.keys()
+        if not told and each.geometry is None:
             need_geometry(head, name)
     beams = ", ".join(f"{len(each.ranges)} ranges of {each.topic}" for each in scans)
     return Layout(
@@ -139,6 +145,16 @@ def _columns(
         in_order and (doubled or not after),
         geometry,
     )
+
+
+def _of_mcap(head: Head, scan: Columns) -> Columns:
+    """The same with what a foxglove.LaserScan has in place of a header and of the increment."""
+    fields = dict(scan.fields)
+    plain = [canonical(name) for name in head.names]
+    if not {"stamp", "seconds"} & fields.keys() and "timestamp" in plain:
+        fields["stamp"] = plain.index("timestamp")
+    to_last = "angle_increment" not in fields and {"angle_min", "angle_max"} <= fields.keys()
+    return replace(scan, fields=fields, units=units(head, fields), to_last=to_last)
 
 
 def _list_layout(head: Head) -> Layout | None:
@@ -214,7 +230,10 @@ def _named_long_layout(head: Head, columns: LongColumns) -> Layout:
     for name in ("stamp", "record"):
         if key is None and name in fields and repeats(head.column(fields[name])):
             key = fields[name]
-    return long_layout(head, columns.angle, columns.range, key, columns.degrees, fields)
+    layout = long_layout(head, columns.angle, columns.range, key, columns.degrees, fields)
+    if layout.degrees and "quality" in map(canonical, head.names):
+        return replace(layout, notes=(*layout.notes, COUNTER_CLOCKWISE))
+    return layout
 
 
 def without_header(head: Head) -> Layout:
@@ -222,6 +241,8 @@ def without_header(head: Head) -> Layout:
     for row in head.rows:
         if _is_ros2(row):
             return _ros2_layout(head, row)
+    if layout := find_coreslam(head):
+        return layout
     width = Counter(len(row) for row in head.rows).most_common(1)[0][0]
     rows = [row for row in head.rows if len(row) == width and all(numeric(cell) for cell in row[2:])]
     if not rows or (len(rows) < len(head.rows) // 2 and width > 3):
@@ -294,8 +315,10 @@ def _bare_long(head: Head, width: int) -> Layout | None:
     if width == 2:
         return long_layout(head, 0, 1, None, None, {})
     keys = head.column(0)
-    # A key that comes back is none: an angle or a layer.
+    # A key that comes back is none: an angle or a layer; nor is one that stays the same for turn after turn.
     if not repeats(keys) or len(set(keys)) < sum(1 for _ in groupby(keys)):
+        return None
+    if len(set(keys)) == 1 and restarts(angles) and is_turn(angles):
         return None
     counted = all(cell.isdigit() for cell in keys) and time_unit("", keys) == S
     return long_layout(head, 1, 2, 0, None, {} if counted else {"record": 0})

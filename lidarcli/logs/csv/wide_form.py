@@ -143,7 +143,7 @@ class WideDecoder:
         elif order is not None and (np.diff(order) != 1).any():
             ranges, empty = ranges[:, order], None if empty is None else empty[:, order]
         if empty is not None and empty.size:
-            beams = _without_trailing(empty, beams, view)
+            beams = _without_trailing(empty, beams, np.zeros_like(beams) if scan.to_last else view)
             if self._layout.sparse:
                 good &= ~empty.all(axis=1)
         return ranges, beams, good, found.bad
@@ -161,19 +161,20 @@ class WideDecoder:
     def _geometry(
         self, scan: Columns, cells: Cells, rows: Int64
     ) -> tuple[dict[str, Float64], dict[int, bytes]]:
-        """The float32 geometry of each row (as a LaserScan has it), and rows whose geometry is no number."""
+        """The geometry of each row, as exact as its message has it, and rows whose geometry is no number."""
         columns = {name: scan.fields[name] for name in GEOMETRY if name in scan.fields}
+        number = np.float64 if scan.to_last else np.float32
         if not columns:
             return {}, {}
         low, high = min(columns.values()), max(columns.values())
         if high - low + 1 == len(columns):
-            found = cells.numbers(rows, low, np.full(len(rows), len(columns)), np.float32)
+            found = cells.numbers(rows, low, np.full(len(rows), len(columns)), number)
             table = found.values.reshape(len(rows), len(columns)).astype(np.float64)
             return {name: table[:, column - low] for name, column in columns.items()}, found.bad
         values: dict[str, Float64] = {}
         bad: dict[int, bytes] = {}
         for name, column in columns.items():
-            found = cells.numbers(rows, column, np.ones(len(rows), np.int64), np.float32)
+            found = cells.numbers(rows, column, np.ones(len(rows), np.int64), number)
             values[name] = found.values.astype(np.float64)
             bad |= found.bad
         return values, bad
@@ -212,6 +213,10 @@ class WideDecoder:
 
 
 def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:
-    """Beam counts without trailing empty cells, where the row's own view says that no beam stood there."""
+    """Beam counts without trailing empty cells, where the row's own view says that no beam stood there.
+
+    A view of 0 has as many beams as cells are filled.
+    """
     filled = np.where(empty.all(axis=1), 0, empty.shape[1] - np.argmin(empty[:, ::-1], axis=1))
+    view = np.where(view == 0, filled, view)
     return np.where((view >= filled) & (view < beams), view, beams)

@@ -21,7 +21,20 @@ from lidarcli.stores.url import Place, is_url
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """What a search of a folder takes for a log; a file that is named is opened whatever its suffix."""
 
-_CONTAINER = (".mcap", ".bag", ".db3", ".csv", ".tsv", ".txt", ".log", ".clf", ".gfs", ".2d")
+_CONTAINER = (
+    ".mcap",
+    ".bag",
+    ".db3",
+    ".csv",
+    ".tsv",
+    ".txt",
+    ".log",
+    ".clf",
+    ".gfs",
+    ".2d",
+    ".jsonl",
+    ".ndjson",
+)
 _WRAPPER = (".gz", ".zstd", ".active")
 
 

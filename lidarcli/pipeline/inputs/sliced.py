@@ -19,6 +19,9 @@ _PIPE = (
     "a pipe is read only once: of its topics the point clouds alone, which are taken for level; give the file's name "
     "for LaserScan and transforms"
 )
+_PIPED = "mcap"
+"""The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds."""
+_NONE = "no point cloud in this log: --slice changes nothing"
 MOST_WAITING = 256 << 20
 """After so many bytes of clouds none of them waits for others of its topic."""
 
@@ -63,13 +66,17 @@ class SlicedLog:
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """Sweeps of LaserScan topics, then those of clouds, in log order within each topic."""
         listed = self.topics()
-        if listed is None:
+        if listed is None and self.format == _PIPED:
             report.notes.append(_PIPE)
             yield from self._of_clouds(None, report)
             return
+        if listed is None:
+            report.notes.append(_NONE)
+            yield from self._log.scans(topics, report)
+            return
         wanted = [topic for topic in listed if topic.is_scan and (topics is None or topic.name in topics)]
         if not any(topic.sliced for topic in listed):
-            report.notes.append("no point cloud in this log: --slice changes nothing")
+            report.notes.append(_NONE)
         if any(not topic.sliced for topic in wanted) or not wanted:
             yield from self._log.scans(topics, report)
         clouds = {topic.name for topic in wanted if topic.sliced}

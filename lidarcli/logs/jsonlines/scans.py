@@ -1,0 +1,137 @@
+"""Scans among parsed messages: which type a message has, by its fields, and its numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lidarcli.logs.base import ReadReport
+from lidarcli.logs.blocks import as_singles, keep_sound, pad_rows
+from lidarcli.logs.foxglove import STAMP, RefusedError, Sweep, decode_fields
+from lidarcli.logs.times import DATE, S, to_ns
+from lidarcli.sweeps import RawSweeps
+
+NOT_SCAN = "not a LaserScan"
+_BILLION = 1_000_000_000
+_CAMEL = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "frame_id"}
+"""Names as protobuf has them in JSON."""
+_DECIMAL_STAMP = re.compile(rb'"stamp"\s*:\s*(\d{1,12}\.\d{1,9})')
+
+
+class Scan(NamedTuple):
+    """One message as a sweep."""
+
+    sweep: Sweep
+    record_ns: int
+    increment: float
+    range_min: float = 0.0
+    range_max: float = np.inf
+    time_increment: float = 0.0
+    scan_time: float = 0.0
+
+
+def is_scan(message: Any) -> bool:
+    """Whether a parsed message has the fields of a LaserScan, of ROS or of foxglove."""
+    if not isinstance(message, dict) or "ranges" not in message:
+        return False
+    return "angle_increment" in message or "start_angle" in message or "startAngle" in message
+
+
+def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int) -> Scan:
+    """The sweep of a message for which `is_scan` holds; `line` is its text. RefusedError where it can be none."""
+    if "angle_increment" not in message:
+        fields = {_CAMEL.get(name, name): value for name, value in message.items()}
+        if isinstance(time := fields.get("timestamp"), str):
+            fields["timestamp"] = _stamp(_of_text(time.encode(), DATE))
+        sweep = decode_fields(fields)
+        return Scan(sweep, record_ns, (sweep.angle_max - sweep.angle_min) / max(len(sweep.ranges) - 1, 1))
+    try:
+        header = message.get("header") or {}
+        first, step = float(message["angle_min"]), float(message["angle_increment"])
+        told = {
+            "timestamp": _header_stamp(header.get("stamp"), line),
+            "frame_id": header.get("frame_id", ""),
+            "start_angle": first,
+            "end_angle": first,
+            "ranges": [_first_echo(value) for value in message["ranges"]],
+            "intensities": message.get("intensities"),
+        }
+        others = [
+            float(message.get(name, default))
+            for name, default in (
+                ("range_min", 0.0),
+                ("range_max", np.inf),
+                ("time_increment", 0.0),
+                ("scan_time", 0.0),
+            )
+        ]
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
+        raise RefusedError(NOT_SCAN) from None
+    try:
+        return Scan(decode_fields(told), record_ns, step, *others)
+    except RefusedError:
+        raise RefusedError(NOT_SCAN) from None
+
+
+def _first_echo(value: Any) -> Any:
+    """The range of a beam; the first one where a MultiEchoLaserScan has several."""
+    if not isinstance(value, dict):
+        return value
+    echoes = value.get("echoes") or [None]
+    return echoes[0]
+
+
+def _header_stamp(stamp: Any, line: bytes) -> dict[str, int]:
+    """A stamp as foxglove has it: of ROS 2, of ROS 1, or as one number, which JSON would round."""
+    if isinstance(stamp, dict):
+        whole: Any = stamp.get("sec", stamp.get("secs", 0))
+        rest: Any = stamp.get("nanosec", stamp.get("nsecs", stamp.get("nsec", 0)))
+        return {"sec": int(whole), "nsec": int(rest)}
+    if isinstance(stamp, str):
+        return _stamp(_of_text(stamp.encode(), DATE))
+    if stamp is None:
+        return {}
+    exact = _DECIMAL_STAMP.search(line)
+    return _stamp(_of_text(exact[1] if exact else str(stamp).encode(), S))
+
+
+def _of_text(text: bytes, unit: int) -> int:
+    times, bad = to_ns([text], unit)
+    if bad is not None:
+        raise RefusedError(NOT_SCAN)
+    return int(times[0])
+
+
+def _stamp(time_ns: int) -> dict[str, int]:
+    return {"sec": time_ns // _BILLION, "nsec": time_ns % _BILLION}
+
+
+def block_of(topic: str, scans: Sequence[Scan], report: ReadReport) -> RawSweeps | None:
+    """Scans of one topic as a block; those that can be no sweep are counted."""
+    kept = [scan for scan in scans if -(2**63) <= scan.sweep.stamp_ns < 2**63]
+    if len(kept) < len(scans):
+        report.refused[(topic, STAMP)] += len(scans) - len(kept)
+    if not kept:
+        return None
+    names = {name: code for code, name in enumerate(dict.fromkeys(scan.sweep.frame_id for scan in kept))}
+    sweeps = [scan.sweep for scan in kept]
+    others = as_singles(np.array([scan[3:] for scan in kept], np.float64))
+    block = RawSweeps(
+        topic=topic,
+        frame_ids=tuple(names),
+        frame=np.array([names[sweep.frame_id] for sweep in sweeps], np.int32),
+        stamp_ns=np.array([sweep.stamp_ns for sweep in sweeps], np.int64),
+        record_ns=np.array([scan.record_ns for scan in kept], np.int64),
+        angle_min=np.array([sweep.angle_min for sweep in sweeps]),
+        angle_increment=np.array([scan.increment for scan in kept]),
+        range_min=others[:, 0],
+        range_max=others[:, 1],
+        beams=np.array([len(sweep.ranges) for sweep in sweeps], np.int32),
+        ranges=pad_rows([sweep.ranges for sweep in sweeps]),
+        time_increment=others[:, 2],
+        scan_time=others[:, 3],
+    )
+    return keep_sound(block, None, report)
