@@ -17,7 +17,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check quick format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps overlay fuzz bounds clean
+.PHONY: help demo test check quick format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps overlay reading fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -95,6 +95,9 @@ maps: $(VENV)/installed-dev ## how right maps are; writes docs/maps.md
 
 overlay: $(VENV)/compiled ## how fast overlays are built, beside a type store
 	$(BIN)/python -m benchmarks.overlaying $(OVERLAY)
+
+reading: $(VENV)/compiled ## how fast logs of each format become sweeps, beside a script
+	$(BIN)/python -m benchmarks.reading $(READING)
 
 fuzz: $(VENV)/installed-dev ## inputs of every kind, mutated or made to harm; more with FUZZ="--seconds 3600"
 	$(BIN)/python -m tools.fuzz $(FUZZ)
