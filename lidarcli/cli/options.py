@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from lidarcli.choices import GREATEST_COUNT, GREATEST_NUMBER
+from lidarcli.choices import ECHOES, GREATEST_COUNT, GREATEST_NUMBER
 from lidarcli.cli.grouped import OUTPUT, F, option
 
 if TYPE_CHECKING:
@@ -153,6 +153,7 @@ INPUTS = click.Path(allow_dash=True, readable=False)
 
 RANGES = "Beams without a range"
 CSV = "Text logs without geometry"
+ECHO = "Beams with several echoes"
 SELECT = "Sweeps to read"
 POSES = "Where the sensor was"
 
@@ -348,6 +349,14 @@ def opening_options(command: F) -> F:
     angle = Number("ANGLE")
     for decorate in (
         option(
+            "--echo",
+            heading=ECHO,
+            type=click.Choice(ECHOES),
+            default=ECHOES[0],
+            show_default=True,
+            help="Echo to take of each beam of a MultiEchoLaserScan; strongest: that of the greatest intensity.",
+        ),
+        option(
             "--range-unit",
             heading=CSV,
             type=click.Choice(["m", "mm"]),
@@ -402,6 +411,7 @@ def _open_options(
     range_max: float | None,
     degrees: bool,
     range_unit: str,
+    echo: str,
 ) -> OpenOptions:
     """`OpenOptions` from the options."""
     from lidarcli.logs.options import open_options
@@ -414,4 +424,5 @@ def _open_options(
             range_max=range_max,
             degrees=degrees,
             range_unit=range_unit,
+            echo=echo,
         )

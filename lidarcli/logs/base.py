@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from lidarcli.choices import ECHOES
 from lidarcli.sweeps import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
@@ -119,6 +120,8 @@ class OpenOptions:
     range_max: float | None = None
     range_scale: float = 1.0
     """Factor from the file's unit to metres (`--range-unit mm`: 0.001)."""
+    echo: str = ECHOES[0]
+    """Which echo to take of each beam that has several: one of `choices.ECHOES`."""
 
 
 class Log(Protocol):

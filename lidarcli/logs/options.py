@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from lidarcli.choices import ECHOES
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.sweeps import FARTHEST, TURN, RangeRules
@@ -41,8 +42,9 @@ def open_options(
     range_max: float | None,
     degrees: bool,
     range_unit: str,
+    echo: str,
 ) -> OpenOptions:
-    """The geometry that a CSV may lack; the three angles are radians, or `degrees`.
+    """The geometry that a text log may lack, and which echo counts; the three angles are radians, or `degrees`.
 
     Raises
     ------
@@ -51,6 +53,8 @@ def open_options(
     """
     if range_unit not in UNITS:
         raise OptionError(f"--range-unit: '{range_unit}' is not one of {', '.join(UNITS)}")
+    if echo not in ECHOES:
+        raise OptionError(f"--echo: '{echo}' is not one of {', '.join(ECHOES)}")
     if angle_increment is not None and fov is not None:
         raise OptionError("--angle-increment and --fov exclude each other")
     if angle_increment == 0:
@@ -73,4 +77,5 @@ def open_options(
         fov=radians("--fov", fov),
         range_max=range_max,
         range_scale=UNITS[range_unit],
+        echo=echo,
     )

@@ -100,13 +100,21 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("MCAP", "lidarcli.logs.mcap.log", "McapLog", lambda head: head.startswith(MCAP), streams=True),
+    Format(
+        "MCAP",
+        "lidarcli.logs.mcap.log",
+        "McapLog",
+        lambda head: head.startswith(MCAP),
+        streams=True,
+        options=True,
+    ),
     Format(
         "ROS 1 bag",
         "lidarcli.logs.rosbag1.log",
         "Rosbag1Log",
         lambda head: head.startswith(ROS1),
         streams=True,
+        options=True,
     ),
     Format(
         "ROS 2 bag (folder, .db3, compressed)",
@@ -114,6 +122,7 @@ FORMATS: tuple[Format, ...] = (
         "Rosbag2Log",
         _is_rosbag2,
         _is_rosbag2_folder,
+        options=True,
     ),
     Format(
         "CARMEN log (also .gz)",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.choices import ECHOES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
@@ -131,7 +132,7 @@ def _from_log(
 ) -> dict[tuple[int, str], Raw]:
     """The ranges as `detect` has judged them, by the parameters in the tables."""
     gathered: dict[str, _Gathered] = {}
-    with open_source(log, _csv(source.parameters)) as opened:
+    with open_source(log, _opening(source.parameters)) as opened:
         options = ReadOptions(topics=frozenset(topics), rules=_rules(source.parameters))
         for batch in read_batches(opened, options, ReadReport()):
             rows = np.flatnonzero(np.isin(batch.sweep, topics.get(batch.topic, [])))
@@ -200,15 +201,13 @@ def _rules(parameters: dict[str, Any]) -> RangeRules:
     )
 
 
-def _csv(parameters: dict[str, Any]) -> OpenOptions:
-    """What the run has been told of a CSV."""
-    told = parameters.get("csv")
+def _opening(parameters: dict[str, Any]) -> OpenOptions:
+    """What the run has been told of its log."""
+    told, echo = parameters.get("csv"), parameters.get("echo")
     names = ("angle_min", "angle_increment", "fov", "range_max", "range_scale")
-    return (
-        OpenOptions(**{name: float(told[name]) for name in names if _is_number(told.get(name))})
-        if isinstance(told, dict)
-        else OpenOptions()
-    )
+    numbers = told if isinstance(told, dict) else {}
+    known: dict[str, Any] = {name: float(numbers[name]) for name in names if _is_number(numbers.get(name))}
+    return OpenOptions(**known | ({"echo": echo} if echo in ECHOES else {}))
 
 
 def _is_number(value: object) -> bool:

@@ -20,7 +20,7 @@ from lidarcli.sweeps import Int64
 _BLANKS = re.compile(rb"[ \t\f\v]+")
 _ODD_BLANKS = re.compile(rb"[\t\f\v]|  | \n|\n ")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-_MOST_DIGITS = 7
+MOST_DIGITS = 7
 _TAIL = 3
 """Every whole line ends with ipc_timestamp, ipc_hostname and logger_timestamp."""
 
@@ -104,7 +104,7 @@ class Lines:
             for at, cell in enumerate(told):
                 if at in causes:
                     continue
-                if cell.isdigit() and len(cell) <= _MOST_DIGITS:
+                if cell.isdigit() and len(cell) <= MOST_DIGITS:
                     beams[at] = int(cell)
                 else:
                     causes[at] = f"{say(cell)} is no number of ranges"
@@ -222,7 +222,7 @@ class Index:
 def _tells_pose(line: bytes, laser: Laser) -> bool:
     """Whether there is room for a pose between the ranges of a line and its end."""
     count = line[:_LONGEST_HEAD].split(None, laser.count + 1)[laser.count : laser.count + 1]
-    if not count or not count[0].isdigit() or len(count[0]) > _MOST_DIGITS:
+    if not count or not count[0].isdigit() or len(count[0]) > MOST_DIGITS:
         return False
     ranges = int(count[0]) * (2 if laser.pairs else 1)
     return len(line.split()) >= laser.count + 1 + ranges + 3 + _TAIL

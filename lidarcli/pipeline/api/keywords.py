@@ -10,6 +10,7 @@ from os import PathLike
 from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_type_hints
 
 from lidarcli.choices import (
+    ECHOES,
     GREATEST_COUNT,
     GREATEST_NUMBER,
     MAP_RESOLUTION,
@@ -140,6 +141,10 @@ class Ranges(TypedDict, total=False):
         bool, Keyword("the three angles above are in degrees; without, they are radians", False)
     ]
     range_unit: Annotated[Literal["m", "mm"], Keyword("unit of the ranges in a CSV file", "m")]
+    echo: Annotated[
+        Literal["first", "last", "strongest"],
+        Keyword("which echo to take of each beam of a MultiEchoLaserScan", ECHOES[0]),
+    ]
 
 
 class Reading(Topics, Poses, Delay, Ranges, total=False):

@@ -50,6 +50,7 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         "range": list(rules.limits) if rules.limits else None,
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
         **({"csv": told} if told else {}),
+        **({"echo": opening.echo} if opening.echo != OpenOptions().echo else {}),
         **poses.as_dict(),
     }
 
