@@ -29,6 +29,7 @@ def seen(**given: Any) -> Evidence:
         "shape": np.zeros((count, 4)),
         "legs": np.zeros(count, np.int32),
         "moved": np.zeros(count, np.bool_),
+        "intensity": nothing,
     }
     return Evidence(**(sides | sds | other | given))
 
