@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,16 +14,14 @@ from lidarcli.formalism.core import Core
 from lidarcli.formalism.description import columns as tables
 from lidarcli.formalism.description.columns import Columns
 from lidarcli.formalism.detection import NOISE, OBJECT, Detection
-from lidarcli.formalism.medians import grouped_medians
+from lidarcli.formalism.intensity import object_intensities
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.surfaces import features
 from lidarcli.formalism.sweep.points import Scans
-from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, SweepBatch
+from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
 
 OBJECTS_AT_FIRST, VERTICES_AT_FIRST = 16, 3
 """Room for so many objects per sweep, and vertices per object, before it is known how many there are."""
-MOST_INTENSITY = 1e9
-"""In whatever unit: no sensor counts so far, but the bytes of a broken message may."""
 
 
 def detect(
@@ -64,28 +63,23 @@ def detect(
     ([20], [24])
     """
     core = Core(scans(batch, within, sigma), parameters or Parameters())
-    # Which beams an object has between its first and its last is told beam by beam.
-    told = per_beam or batch.intensities is not None
-    arrays, columns, row = _room(batch, told, explain), Columns(), 0
-    columns.attach(arrays, told)
+    arrays, columns, row = _room(batch, per_beam, explain), Columns(), 0
+    columns.attach(arrays, per_beam)
     while (row := core.detect(columns, row)) < len(batch):
         _enlarge(arrays, columns, len(batch) / max(row, 1))
-        columns.attach(arrays, told)
+        columns.attach(arrays, per_beam)
     _shorten(arrays, columns)
     more: dict[str, Any] = {}
-    if batch.intensities is not None:
-        more["intensity"] = _intensity(batch.intensities, arrays)
     if per_beam:
         more["beam_set"] = np.where(arrays["beam_object"] > 0, OBJECT, NOISE).astype(np.uint8)
-    elif told:
-        arrays = {name: values for name, values in arrays.items() if name not in tables.BEAM}
-    return Detection(
+    found = Detection(
         agents=np.zeros(len(batch), np.int32),
         agent_beams=np.zeros(len(batch), np.int32),
         noise_beams=batch.beams - arrays["object_beams"],
         **arrays,
         **more,
     )
+    return found if batch.intensities is None else replace(found, intensity=object_intensities(batch, found))
 
 
 def noise(batch: SweepBatch) -> Float64:
@@ -195,19 +189,6 @@ def _room(batch: SweepBatch, per_beam: bool, explain: bool) -> dict[str, NDArray
     if per_beam:
         arrays |= {name: np.zeros((rows, width), kind) for name, kind in tables.BEAM.items()}
     return arrays
-
-
-def _intensity(intensities: Float32, arrays: dict[str, NDArray[Any]]) -> Float32:
-    """(K,) the median intensity of the beams of each object; NaN where it is no number that a sensor can mean."""
-    number, row = arrays["beam_object"], arrays["row"]
-    at = np.flatnonzero(number)
-    objects = len(row)
-    first = np.searchsorted(row, np.arange(len(number)))
-    owner = first[at // max(number.shape[1], 1)] + number.ravel()[at] - 1
-    medians = grouped_medians(intensities.ravel()[at], owner, objects)
-    with np.errstate(invalid="ignore"):
-        medians[~(np.abs(medians) <= MOST_INTENSITY)] = np.nan
-    return medians.astype(np.float32)
 
 
 def _enlarge(arrays: dict[str, NDArray[Any]], columns: Columns, more: float) -> None:

@@ -89,8 +89,8 @@ class Detection:
     """(S, B) the difference function (Def. 2)."""
 
     intensity: Float32 | None = None
-    """(K,) median intensity of the beams of each object, in the sensor's own unit; NaN for walls and where there is none.
-    None: the sweeps have no intensities."""
+    """(K,) median intensity of the beams of each object, in the sensor's own unit; NaN where there is none. None: no
+    sweep has intensities."""
     difference: Float64 | None = None
     """(K,) median signed r_w - r_e over the beams of each object (§3); only with a background."""
     change: Int8 | None = None

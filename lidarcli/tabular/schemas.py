@@ -85,7 +85,7 @@ OBJECTS = pa.schema(
             "intensity",
             SINGLE,
             "1",
-            "median intensity of its beams, in the sensor's own unit; null where the log has none, and for walls",
+            "median intensity of its beams, in the sensor's own unit; null where the log has none",
         ),
         column("vertices", _list(VERTEX), "", "vertices in order of bearing"),
         column("faces", _list(FACE), "", "faces between the vertices"),

@@ -7,7 +7,7 @@ from os import PathLike, fspath
 from lidarcli.errors import OptionError
 from lidarcli.fields import Fields
 from lidarcli.formalism.catalogue import KINDS, Catalogue, Thing
-from lidarcli.formalism.detect import MOST_INTENSITY
+from lidarcli.formalism.intensity import MOST_INTENSITY
 from lidarcli.tomlfiles import read_toml
 
 MOST_THINGS = 1000
