@@ -28,6 +28,7 @@ def looks(sizes: Any, edges: Any, sd: float = 0.02, yaw: float = 0.0) -> Looks:
         sd=np.where(np.isfinite(size), sd, np.nan),
         yaw=np.full(len(size), yaw),
         blur=np.full(len(size), 0.03),
+        intensity=np.full(len(size), np.nan),
         edges=np.asarray(edges, np.int64),
     )
 
