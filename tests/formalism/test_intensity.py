@@ -83,7 +83,7 @@ noise = 0.005
 points = [[-4, -4], [4, -4], [4, 4], [-4, 4]]
 closed = true
 """ + "".join(
-    f"[[chair]]\nx = {x}\ny = {y}\nyaw = {yaw}\n"
+    f"[[chair]]\nx = {x}\ny = {y}\nyaw = {yaw}\nleg = 0.09\n"
     for x, y, yaw in [(1.6, 0.2, 20), (-1.5, 0.05, 0), (0.1, 1.7, 40), (0.3, -1.8, 10)]
 )
 """Things of several parts, between which walls are seen; one stands behind the sensor, at the seam."""
@@ -111,7 +111,8 @@ def test_parts_of_objects_are_their_own_beams(
     raw, _, _ = simulate_sweep_arrays(replace(sample, sensor=sensor), 12, seed=3)
     intensities = np.random.default_rng(1).integers(1, 4000, raw.ranges.shape).astype(np.float32)
     batch = normalise(replace(raw, intensities=intensities), np.arange(len(raw)), RangeRules())
-    found = detect(batch, Parameters.for_profile(profile), per_beam=True)
+    parameters = replace(Parameters.for_profile(profile), group_gap=0.6)
+    found = detect(batch, parameters, per_beam=True)
     assert found.intensity is not None
     assert len(found) > 12
     np.testing.assert_array_equal(found.intensity, np.float32(medians(batch, found)))

@@ -25,11 +25,15 @@ from tools.fuzz.logs import CSV
 pytestmark = pytest.mark.slow
 
 CUTS = 45
-CARMEN = {b"FLASER": "/front_laser", b"RAWLASER1": "/raw_laser1"}
+CARMEN = {
+    b"FLASER": "/front_laser",
+    b"RAWLASER1": "/raw_laser1",
+    b"REMISSIONFLASER": "/front_laser_remission",
+}
 """First word of a sweep → its topic."""
 
-Sweep = tuple[int, str, bytes]
-"""Stamp, frame and ranges."""
+Sweep = tuple[int, str, bytes, bytes]
+"""Stamp, frame, ranges and intensities."""
 Ends = list[tuple[int, str]]
 """Where messages end that stand in the file as they are, and their topic."""
 
@@ -40,12 +44,15 @@ def read(path: Path) -> tuple[dict[str, list[Sweep]], ReadReport]:
     report = ReadReport()
     with open_log(path, opening=CSV) as log:
         for block in log.scans(None, report):
+            unknown = np.full(block.ranges.shape, np.nan, np.float32)
+            intensities = unknown if block.intensities is None else block.intensities
             for row, beams in enumerate(block.beams.tolist()):
                 sweeps.setdefault(block.topic, []).append(
                     (
                         int(block.stamp_ns[row]),
                         block.frame_ids[block.frame[row]],
                         block.ranges[row, :beams].tobytes(),
+                        intensities[row, :beams].tobytes(),
                     )
                 )
         return sweeps, report
@@ -95,7 +102,7 @@ def csv_ends(text: bytes) -> Ends:
 
 def carmen_ends(text: bytes) -> Ends:
     """A line of a sweep is whole with its line end."""
-    lines = re.finditer(rb"(?m)^(FLASER|RAWLASER1) .*\n", text)
+    lines = re.finditer(rb"(?m)^((?:REMISSION)?FLASER|RAWLASER1) .*\n", text)
     return [(match.end(), CARMEN[match[1]]) for match in lines]
 
 
@@ -130,8 +137,12 @@ def cuts(container: str, size: int) -> list[int]:
 
 
 def first_topic(container: str) -> str:
-    names = {"carmen-raw": CARMEN[b"RAWLASER1"]}
-    return names.get(container, CARMEN[b"FLASER"] if container.startswith("carmen") else "/scan")
+    words = {
+        "carmen-raw": b"RAWLASER1",
+        "carmen-raw-lit": b"RAWLASER1",
+        "carmen-remission": b"REMISSIONFLASER",
+    }
+    return CARMEN[words.get(container, b"FLASER")] if container.startswith("carmen") else "/scan"
 
 
 @pytest.mark.parametrize("container", CONTAINERS)
