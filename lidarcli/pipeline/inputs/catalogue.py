@@ -84,7 +84,7 @@ def _thing(fields: Fields) -> Thing:
         legs = fields.whole("legs", low=2, high=MOST_LEGS)
         spacing = _spacing(fields, legs)
     least, most = (
-        fields.number(key, low=0, high=MOST_INTENSITY) if fields.has(key) else None
+        fields.number(key, low=0, high=MOST_INTENSITY, largest=MOST_INTENSITY) if fields.has(key) else None
         for key in ("intensity_min", "intensity_max")
     )
     if least is not None and most is not None and least > most:
