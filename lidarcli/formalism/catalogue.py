@@ -55,7 +55,9 @@ class Thing:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, of what is given."""
-        given = {name: value for name, value in asdict(self).items() if value not in (None, 0, ())}
+        given = {name: value for name, value in asdict(self).items() if value not in (None, ())}
+        if not self.legs:
+            del given["legs"]
         return given | {"tolerance": self.tolerance, "moves": self.moves}
 
 
