@@ -409,7 +409,7 @@ class SweepBatch:
                 "bearing": self.bearings()[row, beam],
                 "range": self.ranges[row, beam],
                 "status": pd.Categorical.from_codes(self.status[row, beam], categories=pd.Index(STATUSES)),
-                "intensity": np.nan if self.intensities is None else self.intensities[row, beam],
+                "intensity": np.float32(np.nan) if self.intensities is None else self.intensities[row, beam],
                 "x": x,
                 "y": y,
             }
