@@ -14,7 +14,6 @@ from lidarcli.formalism.core import Core
 from lidarcli.formalism.description import columns as tables
 from lidarcli.formalism.description.columns import Columns
 from lidarcli.formalism.detection import NOISE, OBJECT, Detection
-from lidarcli.formalism.intensity import object_intensities
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.surfaces import features
 from lidarcli.formalism.sweep.points import Scans
@@ -79,7 +78,12 @@ def detect(
         **arrays,
         **more,
     )
-    return found if batch.intensities is None else replace(found, intensity=object_intensities(batch, found))
+    if batch.intensities is None:
+        return found
+    # Who has no intensities does not wait for this import.
+    from lidarcli.formalism.intensity import object_intensities
+
+    return replace(found, intensity=object_intensities(batch, found))
 
 
 def noise(batch: SweepBatch) -> Float64:

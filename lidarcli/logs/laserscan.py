@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +25,11 @@ from lidarcli.logs.blocks import (
     pad_rows,
     split_rows,
 )
-from lidarcli.logs.multi_echo import Echoes, choose
 from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate
+
+if TYPE_CHECKING:
+    from lidarcli.logs.multi_echo import Echoes
 
 MAX_FRAME_ID = 4096
 """Longest frame name [bytes] that is believed."""
@@ -291,6 +294,9 @@ def _echoes(
     topic: str, buffer: UInt8, heads: _Heads, report: ReadReport, echo: str
 ) -> tuple[_Heads, list[Echoes]]:
     """One echo of every beam, message by message."""
+    # Most logs have no such topic and need not wait for the import.
+    from lidarcli.logs.multi_echo import choose
+
     echoes = []
     whole = np.ones(len(heads), np.bool_)
     starts, ends = (heads.at + 32).tolist(), heads.end.tolist()
