@@ -25,6 +25,8 @@ STATION_DEGREES = 5.0
 """… if their heading differs by no more than this [degrees]."""
 STATION_ANGLE = math.radians(STATION_DEGREES)
 """The same in radians."""
+ECHOES = ("first", "last", "strongest")
+"""Which echo is taken of each beam that has several; the first by default."""
 MATCH_BY = ("position", "constellation", "auto")
 """How runs are laid beside each other."""
 MATCH = "match"

@@ -87,6 +87,8 @@ class RawSweeps:
     """(S,) from beam to beam [s], None where nobody has told."""
     scan_time: Float32 | None = None
     """(S,) from sweep to sweep [s], None where nobody has told."""
+    intensities: Float32 | None = None
+    """(S, B) how strong each return is, in the sensor's own unit; NaN where none is told. None: no sweep tells any."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -99,11 +101,17 @@ class RawSweeps:
     def rows(self, index: slice | NDArray[np.intp] | Bool) -> RawSweeps:
         """The same block with the rows of `index` alone."""
         picked = {name: getattr(self, name)[index] for name in _ROW_FIELDS}
-        timed = {name: told[index] for name in _TIMES if (told := getattr(self, name)) is not None}
-        return replace(self, **picked, **timed)
+        given = {name: told[index] for name in _OPTIONAL if (told := getattr(self, name)) is not None}
+        return replace(self, **picked, **given)
+
+    def narrowed(self, width: int) -> RawSweeps:
+        """The same sweeps in fewer columns, which none of them exceeds."""
+        intensities = None if self.intensities is None else self.intensities[:, :width]
+        return replace(self, ranges=self.ranges[:, :width], intensities=intensities)
 
 
 _TIMES = ("time_increment", "scan_time")
+_OPTIONAL = (*_TIMES, "intensities")
 _ROW_FIELDS = (
     "frame",
     "stamp_ns",
@@ -123,17 +131,7 @@ def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
         return blocks[0]
     frame_ids = tuple(dict.fromkeys(name for block in blocks for name in block.frame_ids))
     code = {name: i for i, name in enumerate(frame_ids)}
-    width = max(block.ranges.shape[1] for block in blocks)
-    ranges = np.empty((sum(map(len, blocks)), width), np.float32)
-    frames = []
-    row = 0
-    for block in blocks:
-        rows, columns = block.ranges.shape
-        ranges[row : row + rows, :columns] = block.ranges
-        ranges[row : row + rows, columns:] = np.nan
-        recode = np.array([code[name] for name in block.frame_ids], np.int32)
-        frames.append(recode[block.frame])
-        row += rows
+    frames = [np.array([code[name] for name in block.frame_ids], np.int32)[block.frame] for block in blocks]
     joined = {
         name: np.concatenate([getattr(block, name) for block in blocks])
         for name in _ROW_FIELDS
@@ -143,9 +141,29 @@ def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
         told = [some for block in blocks if (some := getattr(block, name)) is not None]
         if len(told) == len(blocks):
             joined[name] = np.concatenate(told)
+    if any(block.intensities is not None for block in blocks):
+        joined["intensities"] = _stacked(blocks, "intensities")
     return RawSweeps(
-        topic=blocks[0].topic, frame_ids=frame_ids, frame=np.concatenate(frames), ranges=ranges, **joined
+        topic=blocks[0].topic,
+        frame_ids=frame_ids,
+        frame=np.concatenate(frames),
+        ranges=_stacked(blocks, "ranges"),
+        **joined,
     )
+
+
+def _stacked(blocks: list[RawSweeps], name: str) -> Float32:
+    """The values of all beams, one block below the other; NaN where a block has none."""
+    width = max(block.ranges.shape[1] for block in blocks)
+    stacked = np.empty((sum(map(len, blocks)), width), np.float32)
+    row = 0
+    for block in blocks:
+        rows, columns = block.ranges.shape
+        values = getattr(block, name)
+        stacked[row : row + rows, :columns] = np.nan if values is None else values
+        stacked[row : row + rows, columns:] = np.nan
+        row += rows
+    return stacked
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,6 +287,8 @@ class SweepBatch:
     closure : (S,) uint8, a `Closure`: whether the sweep is a full turn; derived from the geometry
     duration : (S,) float64, from the first beam to the last [s], negative where the last is taken first; None: nobody tells
     first_ns : stamp of the first sweep of the topic in the log, whether or not it is among these
+    intensities : (S, B) float32, how strong each return is, in the sensor's own unit; NaN where the log does not tell, and
+        in sweeps where all are 0, which nobody has measured. None: no sweep of these has any
     poses : where the sensor was (`SweepPoses`), where that has been asked for and the log tells
     true_poses : where it was by the delay that makes the world sharpest, where `poses` are late or early: for tracks
     log : name of the log that it was read from, where that has been told
@@ -290,6 +310,7 @@ class SweepBatch:
     closure: UInt8 = field(default_factory=lambda: np.empty(0, np.uint8))
     duration: Float64 | None = None
     first_ns: int = 0
+    intensities: Float32 | None = None
     poses: SweepPoses | None = None
     true_poses: SweepPoses | None = None
     log: str = ""
@@ -303,7 +324,9 @@ class SweepBatch:
         for name in ("poses", "true_poses"):
             told = getattr(self, name)
             picked[name] = None if told is None else told.rows(index)
-        picked["duration"] = None if self.duration is None else self.duration[index]
+        for name in ("duration", "intensities"):
+            told = getattr(self, name)
+            picked[name] = None if told is None else told[index]
         return replace(self, **picked)
 
     def by_frame(self) -> Iterator[tuple[str, Int64, SweepBatch]]:
@@ -343,6 +366,9 @@ class SweepBatch:
             ("status", ", ".join(f"{count:,} {name}" for name, count in zip(STATUSES, counts, strict=False))),
             ("poses", f"known for {counted(posed, 'sweep')}" if posed else "none"),
         ]
+        if self.intensities is not None:
+            known = self.intensities[np.isfinite(self.intensities)].tolist()
+            rows.insert(-1, ("intensities", span(known, "g", "in the sensor's unit")))
         return Facts(
             f"{self.topic}: {counted(len(self), 'sweep')} x {counted(self.width, 'beam')}", tuple(rows)
         )
@@ -369,7 +395,7 @@ class SweepBatch:
         return points
 
     def to_pandas(self) -> pd.DataFrame:
-        """One row for each beam: sweep, stamp, beam, bearing [rad], range [m], status, x, y [m]."""
+        """One row for each beam: sweep, stamp, beam, bearing [rad], range [m], status, intensity, x, y [m]."""
         # Who reads no data frame does not wait for this import.
         import pandas as pd
 
@@ -383,6 +409,7 @@ class SweepBatch:
                 "bearing": self.bearings()[row, beam],
                 "range": self.ranges[row, beam],
                 "status": pd.Categorical.from_codes(self.status[row, beam], categories=pd.Index(STATUSES)),
+                "intensity": np.float32(np.nan) if self.intensities is None else self.intensities[row, beam],
                 "x": x,
                 "y": y,
             }
@@ -506,7 +533,18 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         closure=closure(raw.beams, raw.angle_increment),
         duration=duration(raw),
         first_ns=first_ns,
+        intensities=_told_intensities(raw.intensities),
     )
+
+
+def _told_intensities(intensities: Float32 | None) -> Float32 | None:
+    """(S, B) without those of sweeps whose intensities are all 0: so drivers fill in what they do not measure."""
+    if intensities is None:
+        return None
+    told = ((intensities != 0) & ~np.isnan(intensities)).any(axis=1)
+    if told.all():
+        return intensities
+    return np.where(told[:, None], intensities, np.float32(np.nan)) if told.any() else None
 
 
 def judge(

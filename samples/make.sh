@@ -12,3 +12,4 @@ simulate corridor.toml -o corridor.bag --compression lz4
 simulate hall.toml -o hall
 simulate people.toml -o people.csv.gz
 simulate drive.toml -o drive.db3
+simulate reflectors.toml -o reflectors.mcap

@@ -204,7 +204,8 @@ def same(name: str, got: pa.Array, want: pa.Array, error: float) -> None:
         assert difference.max(initial=0.0) < error, name
     elif pa.types.is_floating(want.type):
         assert got.is_null().equals(want.is_null()), name
-        np.testing.assert_array_equal(numbers(got).view(np.int64), numbers(want).view(np.int64), name)
+        bits = f"i{want.type.bit_width // 8}"
+        np.testing.assert_array_equal(numbers(got).view(bits), numbers(want).view(bits), name)
     else:
         assert got.equals(want), name
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from lidarcli.choices import GREATEST_COUNT, GREATEST_NUMBER
+from lidarcli.choices import ECHOES, GREATEST_COUNT, GREATEST_NUMBER
 from lidarcli.cli.grouped import OUTPUT, F, option
 
 if TYPE_CHECKING:
@@ -154,6 +154,7 @@ INPUTS = click.Path(allow_dash=True, readable=False)
 RANGES = "Beams without a range"
 CSV = "Text logs without geometry"
 CLOUDS = "Point clouds"
+ECHO = "Beams with several echoes"
 SELECT = "Sweeps to read"
 POSES = "Where the sensor was"
 
@@ -367,6 +368,14 @@ def opening_options(command: F) -> F:
             "Heights count from the robot's base, level by tf.  [default: clouds are not read]",
         ),
         option(
+            "--echo",
+            heading=ECHO,
+            type=click.Choice(ECHOES),
+            default=ECHOES[0],
+            show_default=True,
+            help="Echo to take of each beam of a MultiEchoLaserScan; strongest: that of the greatest intensity.",
+        ),
+        option(
             "--range-unit",
             heading=CSV,
             type=click.Choice(["m", "mm"]),
@@ -423,6 +432,7 @@ def _open_options(
     range_unit: str,
     heights: tuple[float, float] | None,
     bins: int | None,
+    echo: str,
 ) -> OpenOptions:
     """`OpenOptions` from the options; the range limits also say which points of a cloud are the robot itself."""
     from lidarcli.logs.options import open_options
@@ -438,4 +448,5 @@ def _open_options(
             heights=heights,
             bins=bins,
             limits=click.get_current_context().params.get("limits"),
+            echo=echo,
         )

@@ -27,6 +27,8 @@ ALL_LEGS = 0.5
 """How often all legs of a legged thing are seen at once."""
 MOST_LEGS = 8
 """An unknown thing of several parts has up to so many."""
+AS_BRIGHT = 0.03
+"""Share of the unknown things whose intensity is within the limits of an entry: these are set for what stands out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +48,16 @@ class Thing:
     """Standard deviation of the sizes of such things [m]."""
     moves: bool = True
     """False for what never moves: what has moved is something else."""
+    intensity_min: float | None = None
+    """Its returns are no weaker than this, in the sensor's own unit ..."""
+    intensity_max: float | None = None
+    """... and no stronger than this."""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, of what is given."""
-        given = {name: value for name, value in asdict(self).items() if value not in (None, 0, ())}
+        given = {name: value for name, value in asdict(self).items() if value not in (None, ())}
+        if not self.legs:
+            del given["legs"]
         return given | {"tolerance": self.tolerance, "moves": self.moves}
 
 
@@ -108,6 +116,8 @@ class Evidence:
     span_sd: Float64
     moved: Bool
     """Whether it ever moved."""
+    intensity: Float64
+    """Median intensity of its returns, in the sensor's own unit."""
 
     def __len__(self) -> int:
         return len(self.moved)
@@ -197,7 +207,23 @@ def _compare(evidence: Evidence, thing: Thing, shape: Float64) -> tuple[Float64,
         fit = np.minimum(fit, np.exp(mine - shape.max(axis=1)))
     if not thing.moves:
         ratio = np.where(evidence.moved, -np.inf, ratio)
+    if thing.intensity_min is not None or thing.intensity_max is not None:
+        known, within = _within_limits(evidence, thing)
+        ratio = np.where(within, ratio - np.log(AS_BRIGHT), np.where(known, -np.inf, ratio))
+        certain = certain & known
     return ratio, fit, certain
+
+
+def _within_limits(evidence: Evidence, thing: Thing) -> tuple[Bool, Bool]:
+    """(M,) whether the intensity is known, and whether it is within the limits of an entry."""
+    known = ~np.isnan(evidence.intensity)
+    with np.errstate(invalid="ignore"):
+        within = known.copy()
+        if thing.intensity_min is not None:
+            within &= evidence.intensity >= thing.intensity_min
+        if thing.intensity_max is not None:
+            within &= evidence.intensity <= thing.intensity_max
+    return known, within
 
 
 def _by_sides(

@@ -47,7 +47,7 @@ def _check_shapes(batch: SweepBatch, within: Bool | None, sigma: Float64 | None)
     arrays: list[tuple[str, Any, tuple[int, ...]]] = [
         (name, getattr(batch, name), shape[:1]) for name in columns
     ]
-    arrays += [("ranges", batch.ranges, shape), ("status", batch.status, shape)]
+    arrays += [(name, getattr(batch, name), shape) for name in ("ranges", "status", "intensities")]
     arrays += [("within", within, shape), ("sigma", sigma, shape[:1])]
     for name, values, expected in arrays:
         if values is not None and np.shape(values) != expected:

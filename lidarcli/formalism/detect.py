@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -70,13 +71,19 @@ def detect(
     more: dict[str, Any] = {}
     if per_beam:
         more["beam_set"] = np.where(arrays["beam_object"] > 0, OBJECT, NOISE).astype(np.uint8)
-    return Detection(
+    found = Detection(
         agents=np.zeros(len(batch), np.int32),
         agent_beams=np.zeros(len(batch), np.int32),
         noise_beams=batch.beams - arrays["object_beams"],
         **arrays,
         **more,
     )
+    if batch.intensities is None:
+        return found
+    # Who has no intensities does not wait for this import.
+    from lidarcli.formalism.intensity import object_intensities
+
+    return replace(found, intensity=object_intensities(batch, found))
 
 
 def noise(batch: SweepBatch) -> Float64:

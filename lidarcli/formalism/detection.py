@@ -88,6 +88,9 @@ class Detection:
     beam_s: Float64 | None = None
     """(S, B) the difference function (Def. 2)."""
 
+    intensity: Float32 | None = None
+    """(K,) median intensity of the beams of each object, in the sensor's own unit; NaN where there is none. None: no
+    sweep has intensities."""
     difference: Float64 | None = None
     """(K,) median signed r_w - r_e over the beams of each object (§3); only with a background."""
     change: Int8 | None = None

@@ -82,6 +82,7 @@ def evidence_of(batch: SweepBatch, detection: Detection) -> Evidence:
         span_2=span_2,
         span_sd=sigma + detection.r_min * step,
         moved=np.zeros(count, np.bool_),
+        intensity=nothing if detection.intensity is None else detection.intensity.astype(np.float64),
     )
 
 

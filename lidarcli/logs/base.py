@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from lidarcli import foxglove
+from lidarcli.choices import ECHOES
 from lidarcli.sweeps import RawSweeps
 
 LASERSCAN = "sensor_msgs/msg/LaserScan"
@@ -159,6 +160,8 @@ class OpenOptions:
     """Factor from the file's unit to metres (`--range-unit mm`: 0.001)."""
     slice: Slice | None = None
     """How point clouds are read as sweeps; None: they are not."""
+    echo: str = ECHOES[0]
+    """Which echo to take of each beam that has several: one of `choices.ECHOES`."""
 
 
 class Log(Protocol):

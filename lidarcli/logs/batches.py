@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from numbers import Integral
 
 import numpy as np
@@ -216,7 +216,7 @@ class _Line:
             block, sweep = self._blocks[0], self._sweeps[0]
             head = slice(0, min(rows, len(block)))
             width = int(block.beams[head].max())
-            blocks.append(replace(block.rows(head), ranges=block.ranges[head, :width]))
+            blocks.append(block.rows(head).narrowed(width))
             sweeps.append(sweep[head])
             rows -= head.stop
             if head.stop == len(block):

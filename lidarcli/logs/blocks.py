@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
+from lidarcli.logs.numbers import Cells
 from lidarcli.sweeps import TURN, Bool, Float32, Float64, Int32, Int64, RawSweeps
 
 BLOCK_ROWS = 1024
@@ -47,6 +48,16 @@ def pad_rows(rows: list[Float32]) -> Float32:
     return padded
 
 
+def pad_intensities(rows: list[Float32], width: int) -> Float32 | None:
+    """(S, `width`) rows of intensities, padded with NaN where there are fewer than ranges; None where there are none."""
+    if not any(map(len, rows)):
+        return None
+    padded = np.full((len(rows), width), np.nan, np.float32)
+    for values, row in zip(padded, rows, strict=True):
+        values[: len(row)] = row[:width]
+    return padded
+
+
 def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
     """(S, B) rows of `beams` values in metres, short ones padded with NaN; `flat` holds them one after the other."""
     values = as_singles(flat * scale) if scale != 1.0 else flat.astype(np.float32, copy=False)
@@ -56,6 +67,22 @@ def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
     ranges = np.full((len(beams), width), np.nan, np.float32)
     ranges[np.arange(width) < beams[:, None]] = values
     return ranges
+
+
+def pad_cells(cells: Cells, rows: Int64, first: Int64, count: Int64, width: int) -> Float32 | None:
+    """(S, `width`) the intensities of `rows` of text: `count` cells of each from its cell `first` on, padded with NaN.
+
+    None where no row has any. A cell that is no number leaves its row without them: it costs no sweep.
+    """
+    if not count.any():
+        return None
+    padded = np.full((len(rows), width), np.nan, np.float32)
+    for column in np.unique(first).tolist():
+        mine = np.flatnonzero((first == column) & (count > 0))
+        if len(mine):
+            values = pad(cells.numbers(rows[mine], column, count[mine], np.float32).values, count[mine], 1.0)
+            padded[mine, : values.shape[1]] = values
+    return padded
 
 
 def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSweeps | None:

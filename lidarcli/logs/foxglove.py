@@ -9,7 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
-from lidarcli.logs.blocks import ANGLE_MIN, INCREMENT, INCREMENT_ZERO, TOO_MANY, pad_rows, split_rows
+from lidarcli.logs.blocks import (
+    ANGLE_MIN,
+    INCREMENT,
+    INCREMENT_ZERO,
+    TOO_MANY,
+    as_singles,
+    pad_intensities,
+    pad_rows,
+    split_rows,
+)
 from lidarcli.sweeps import Float32, RawSweeps
 
 NOT_JSON = "not JSON"
@@ -33,6 +42,8 @@ class Sweep(NamedTuple):
     angle_min: float
     angle_max: float
     ranges: Float32
+    intensities: Float32
+    """Empty where it has none."""
 
 
 class RefusedError(ValueError):
@@ -99,6 +110,9 @@ def _blocks(topic: str, sweeps: list[Sweep], times: list[int]) -> Iterator[RawSw
             range_max=np.full(len(some), np.inf, np.float32),
             beams=beams[rows],
             ranges=pad_rows([sweep.ranges for sweep in some]),
+            intensities=pad_intensities(
+                [sweep.intensities[: len(sweep.ranges)] for sweep in some], int(beams[rows].max())
+            ),
         )
 
 
@@ -121,9 +135,18 @@ def decode_fields(fields: Any) -> Sweep:
             float(fields["start_angle"]),
             float(fields["end_angle"]),
             _floats(fields["ranges"]),
+            _intensities(fields.get("intensities")),
         )
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
         raise RefusedError(NOT_SCAN) from None
+
+
+def _intensities(values: Any) -> Float32:
+    """The intensities of a message; what is no list of numbers is none, and costs no sweep."""
+    try:
+        return _floats(values or [])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return np.empty(0, np.float32)
 
 
 def _floats(values: Any) -> Float32:
@@ -166,14 +189,15 @@ def protobuf_decoder(name: str, schema: bytes) -> Decoder | None:
     if not set(message.DESCRIPTOR.fields_by_name) >= _FIELDS:
         return None
 
+    has_intensities = "intensities" in message.DESCRIPTOR.fields_by_name
+
     def decode_one(data: bytes) -> Sweep:
         try:
             fields: Any = message.FromString(data)
         except DecodeError:
             raise RefusedError(NOT_PROTOBUF) from None
         try:
-            with np.errstate(over="ignore"):
-                ranges = np.array(fields.ranges, np.float64).astype(np.float32)
+            ranges = as_singles(np.array(fields.ranges, np.float64))
             stamp = fields.timestamp
             return Sweep(
                 str(fields.frame_id),
@@ -181,6 +205,7 @@ def protobuf_decoder(name: str, schema: bytes) -> Decoder | None:
                 float(fields.start_angle),
                 float(fields.end_angle),
                 ranges,
+                _intensities([*fields.intensities] if has_intensities else None),
             )
         except (AttributeError, TypeError, ValueError):
             raise RefusedError(NOT_SCAN) from None

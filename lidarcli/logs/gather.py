@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.logs.base import MULTI_ECHO, ReadReport
+from lidarcli.logs.base import MULTI_ECHO, OpenOptions, ReadReport
 from lidarcli.logs.laserscan import decode_blocks
 from lidarcli.sweeps import Int64, RawSweeps, UInt8
 
@@ -24,6 +24,8 @@ class Gather:
     type: str
     encoding: str
     report: ReadReport
+    echo: str = OpenOptions().echo
+    """Which one to take of each beam of a MultiEchoLaserScan."""
     rows: int = ROWS
     parts: list[bytes] = field(default_factory=list)
     times: list[int] = field(default_factory=list)
@@ -54,7 +56,7 @@ class Gather:
             record_ns,
             self.encoding,
             self.report,
-            self.type == MULTI_ECHO,
+            self.echo if self.type == MULTI_ECHO else None,
         )
 
     def flush(self) -> Iterator[RawSweeps]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +21,15 @@ from lidarcli.logs.blocks import (
     INCREMENT,
     INCREMENT_ZERO,
     TOO_MANY,
+    pad_intensities,
     pad_rows,
     split_rows,
 )
 from lidarcli.records import record
 from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate
+
+if TYPE_CHECKING:
+    from lidarcli.logs.multi_echo import Echoes
 
 MAX_FRAME_ID = 4096
 """Longest frame name [bytes] that is believed."""
@@ -79,22 +84,26 @@ def decode_blocks(
     record_ns: Int64,
     encoding: str,
     report: ReadReport,
-    multi_echo: bool = False,
+    echo: str | None = None,
 ) -> Iterator[RawSweeps]:
     """Decode the messages at `offsets` of `buffer` into blocks of bounded size, in their order.
 
-    `encoding` is `cdr` or `ros1`. A block ends where it is full, or where padding would outweigh its sweeps
-    (one sweep of 100,000 beams among sweeps of 361).
+    `encoding` is `cdr` or `ros1`; `echo` is the one to take of each beam of a MultiEchoLaserScan. A block ends where it is
+    full, or where padding would outweigh its sweeps (one sweep of 100,000 beams among sweeps of 361).
     """
     for first in range(0, len(offsets), BLOCK_ROWS):
         part = slice(first, first + BLOCK_ROWS)
         heads = _read_heads(topic, buffer, offsets[part], lengths[part], encoding, report)
-        if multi_echo:
-            heads, echoes = _first_echoes(topic, buffer, heads, report)
+        if echo is not None:
+            heads, echoes = _echoes(topic, buffer, heads, report, echo)
         for rows in split_rows(heads.beams):
             some = heads.take(rows)
-            ranges = pad_rows(echoes[rows]) if multi_echo else _gather_ranges(buffer, some)
-            yield _block(topic, buffer, some, record_ns[part][some.row], ranges)
+            if echo is not None:
+                ranges, intensities = _padded(echoes[rows])
+            else:
+                ranges = _gather(buffer, some.at + 32, some.beams, some.big)
+                intensities = _gather_intensities(buffer, some)
+            yield _block(topic, buffer, some, record_ns[part][some.row], ranges, intensities)
 
 
 def decode(
@@ -105,10 +114,10 @@ def decode(
     record_ns: Int64,
     encoding: str,
     report: ReadReport,
-    multi_echo: bool = False,
+    echo: str | None = None,
 ) -> RawSweeps | None:
     """`decode_blocks` as one block, None without a sweep: for callers that know their messages to be few."""
-    blocks = list(decode_blocks(topic, buffer, offsets, lengths, record_ns, encoding, report, multi_echo))
+    blocks = list(decode_blocks(topic, buffer, offsets, lengths, record_ns, encoding, report, echo))
     return concatenate(blocks) if blocks else None
 
 
@@ -190,25 +199,48 @@ def _read_heads(
     )
 
 
-def _gather_ranges(buffer: UInt8, heads: _Heads) -> Float32:
-    """(K, B) the ranges, short rows padded with NaN."""
-    width = int(heads.beams.max(initial=0))
-    at = heads.at + 32
+def _gather_intensities(buffer: UInt8, heads: _Heads) -> Float32 | None:
+    """(K, B) the intensities, NaN where a sweep has fewer of them than ranges; None where no sweep has any.
+
+    A count that passes the end of its message is none.
+    """
+    at = heads.at + 32 + 4 * heads.beams
+    there = at + 4 <= heads.end
+    if not there.any():
+        return None
+    count = np.zeros(len(heads), np.int64)
+    count[there] = _words(_windows(buffer, at[there], 4), heads.big[there])[:, 0]
+    count[at + 4 + 4 * count > heads.end] = 0
+    count = np.minimum(count, heads.beams)
+    if not count.any():
+        return None
+    values = _gather(buffer, at + 4, count, heads.big)
+    width = int(heads.beams.max())
+    if values.shape[1] == width:
+        return values
+    wide = np.full((len(heads), width), np.nan, np.float32)
+    wide[:, : values.shape[1]] = values
+    return wide
+
+
+def _gather(buffer: UInt8, at: Int64, count: Int64, big: Bool) -> Float32:
+    """(K, B) `count` floats from each of `at` on, short rows padded with NaN."""
+    width = int(count.max(initial=0))
     # A window as wide as the widest sweep reads past a short message's end, which does no harm inside the
     # buffer; the few rows for which it would not fit are copied one by one.
     inside = at + 4 * width <= len(buffer)
     if inside.all():
         words = _windows(buffer, at, 4 * width)
     else:
-        words = np.empty((len(heads), 4 * width), np.uint8)
+        words = np.empty((len(at), 4 * width), np.uint8)
         words[inside] = _windows(buffer, at[inside], 4 * width)
         for row in np.flatnonzero(~inside).tolist():
-            size = 4 * int(heads.beams[row])
+            size = 4 * int(count[row])
             words[row, :size] = buffer[at[row] : at[row] + size]
-    ranges: Float32 = _words(words, heads.big).view(np.float32)
-    if (heads.beams != width).any():
-        ranges[np.arange(width) >= heads.beams[:, None]] = np.nan
-    return ranges
+    values: Float32 = _words(words, big).view(np.float32)
+    if (count != width).any():
+        values[np.arange(width) >= count[:, None]] = np.nan
+    return values
 
 
 def _frames(buffer: UInt8, heads: _Heads) -> tuple[Int32, tuple[str, ...]]:
@@ -231,7 +263,14 @@ def _frames(buffer: UInt8, heads: _Heads) -> tuple[Int32, tuple[str, ...]]:
     return codes, tuple(names)
 
 
-def _block(topic: str, buffer: UInt8, heads: _Heads, record_ns: Int64, ranges: Float32) -> RawSweeps:
+def _block(
+    topic: str,
+    buffer: UInt8,
+    heads: _Heads,
+    record_ns: Int64,
+    ranges: Float32,
+    intensities: Float32 | None,
+) -> RawSweeps:
     frame, frame_ids = _frames(buffer, heads)
     return RawSweeps(
         topic=topic,
@@ -247,52 +286,36 @@ def _block(topic: str, buffer: UInt8, heads: _Heads, record_ns: Int64, ranges: F
         ranges=ranges,
         time_increment=heads.geometry[:, 3].copy(),
         scan_time=heads.geometry[:, 4].copy(),
+        intensities=intensities,
     )
 
 
-def _first_echoes(
-    topic: str, buffer: UInt8, heads: _Heads, report: ReadReport
-) -> tuple[_Heads, list[Float32]]:
-    """The first echo of every beam, message by message; a beam without an echo is NaN."""
+def _echoes(
+    topic: str, buffer: UInt8, heads: _Heads, report: ReadReport, echo: str
+) -> tuple[_Heads, list[Echoes]]:
+    """One echo of every beam, message by message."""
+    # Most logs have no such topic and need not wait for the import.
+    from lidarcli.logs.multi_echo import choose
+
     echoes = []
     whole = np.ones(len(heads), np.bool_)
+    starts, ends = (heads.at + 32).tolist(), heads.end.tolist()
     for row, (start, end, beams, big) in enumerate(
-        zip(
-            (heads.at + 32).tolist(),
-            heads.end.tolist(),
-            heads.beams.tolist(),
-            heads.big.tolist(),
-            strict=True,
-        )
+        zip(starts, ends, heads.beams.tolist(), heads.big.tolist(), strict=True)
     ):
         words = np.frombuffer(buffer[start:end].tobytes(), ">u4" if big else "<u4", (end - start) // 4)
-        at = _echo_starts(words, beams)
-        if at is None:
+        chosen = choose(words.astype(np.uint32), beams, echo)
+        if chosen is None:
             whole[row] = False
             continue
-        values = np.append(words, 0).astype(np.uint32).view(np.float32)[np.minimum(at + 1, len(words))]
-        echoes.append(np.where(words[at] > 0, values, np.float32(np.nan)))
+        echoes.append(chosen)
     if not whole.all():
         report.refused[(topic, RANGES_BEYOND)] += int((~whole).sum())
         heads = heads.take(whole)
     return heads, echoes
 
 
-def _echo_starts(words: NDArray[np.uint32], beams: int) -> NDArray[np.intp] | None:
-    """Where the echo count of each beam stands among the words; None where the echoes pass the end."""
-    if not beams:
-        return np.zeros(0, np.intp)
-    step = int(words[0]) + 1
-    if step * beams <= len(words):
-        at = np.arange(beams) * step
-        if (words[at] == words[0]).all():
-            return at
-    counts = words.tolist()
-    starts = []
-    place = 0
-    for _ in range(beams):
-        if place >= len(counts):
-            return None
-        starts.append(place)
-        place += 1 + counts[place]
-    return np.array(starts, np.intp) if place <= len(counts) else None
+def _padded(echoes: list[Echoes]) -> tuple[Float32, Float32 | None]:
+    """(K, B) ranges and intensities, the latter None where no sweep has any."""
+    ranges = pad_rows([each.ranges for each in echoes])
+    return ranges, pad_intensities([each.intensities for each in echoes], ranges.shape[1])

@@ -70,7 +70,7 @@ def open_log(source: str | Path | BinaryIO, *, opening: OpenOptions | None = Non
 
 
 def _read_by(known: Format, source: object, options: OpenOptions) -> Log:
-    return cast(Log, known.load()(source, options) if known.options else known.load()(source))
+    return cast(Log, known.load()(source, options))
 
 
 def _sniffed(head: bytes, name: str) -> Format:

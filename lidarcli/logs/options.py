@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from lidarcli.choices import ECHOES
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import OpenOptions, Slice
 from lidarcli.sweeps import FARTHEST, TURN, RangeRules
@@ -45,11 +46,12 @@ def open_options(
     range_max: float | None,
     degrees: bool,
     range_unit: str,
+    echo: str,
     heights: tuple[float, float] | None = None,
     bins: int | None = None,
     limits: tuple[float, float] | None = None,
 ) -> OpenOptions:
-    """What a log may need to be told; the three angles are radians, or `degrees`.
+    """What a log may need to be told, and which echo counts; the three angles are radians, or `degrees`.
 
     `heights`, `bins` and `limits` say which points of a cloud are a sweep (`Slice`); without heights none are.
 
@@ -60,6 +62,8 @@ def open_options(
     """
     if range_unit not in UNITS:
         raise OptionError(f"--range-unit: '{range_unit}' is not one of {', '.join(UNITS)}")
+    if echo not in ECHOES:
+        raise OptionError(f"--echo: '{echo}' is not one of {', '.join(ECHOES)}")
     if angle_increment is not None and fov is not None:
         raise OptionError("--angle-increment and --fov exclude each other")
     if angle_increment == 0:
@@ -83,6 +87,7 @@ def open_options(
         range_max=range_max,
         range_scale=UNITS[range_unit],
         slice=_slice(heights, bins, limits),
+        echo=echo,
     )
 
 

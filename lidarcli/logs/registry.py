@@ -36,7 +36,7 @@ class Format:
     """For people: `MCAP`, `ROS 1 bag` ..."""
     module: str
     reader: str
-    """The class in `module`: a `Log` whose constructor takes a path."""
+    """The class in `module`: a `Log` whose constructor takes a path and `OpenOptions`."""
     sniff: Callable[[bytes], bool]
     """Does a file, or a stream, that begins like this hold it?"""
     sniff_folder: Callable[[Path], bool] = lambda _folder: False
@@ -44,8 +44,6 @@ class Format:
     """Whether the reader also takes a binary stream."""
     many: bool = False
     """Whether the reader also takes a list of files that make one log."""
-    options: bool = False
-    """Whether the reader takes `OpenOptions` as its second argument."""
 
     def load(self) -> Any:
         """The reader's class; imported only now, so that a log costs the libraries of its own container alone."""
@@ -104,7 +102,13 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("MCAP", "lidarcli.logs.mcap.log", "McapLog", lambda head: head.startswith(MCAP), streams=True),
+    Format(
+        "MCAP",
+        "lidarcli.logs.mcap.log",
+        "McapLog",
+        lambda head: head.startswith(MCAP),
+        streams=True,
+    ),
     Format(
         "ROS 1 bag",
         "lidarcli.logs.rosbag1.log",
@@ -125,7 +129,6 @@ FORMATS: tuple[Format, ...] = (
         "CarmenLog",
         _text_begins(carmen.begins),
         streams=True,
-        options=True,
     ),
     Format(
         "ARIA log (.2d, also .gz)",
@@ -133,7 +136,6 @@ FORMATS: tuple[Format, ...] = (
         "AriaLog",
         _text_begins(aria.begins),
         streams=True,
-        options=True,
     ),
     Format(
         "Player log (also .gz)",
@@ -141,7 +143,6 @@ FORMATS: tuple[Format, ...] = (
         "PlayerLog",
         _text_begins(player.begins),
         streams=True,
-        options=True,
     ),
     Format(
         "JSON lines of `mcap cat` (also .gz)",
@@ -158,7 +159,6 @@ FORMATS: tuple[Format, ...] = (
         _is_csv_folder,
         streams=True,
         many=True,
-        options=True,
     ),
 )
 """In the order in which they are asked."""

@@ -202,7 +202,8 @@ def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
     """One sweep of a batch, without its padding."""
     one = batch.rows(np.array([row]))
     beams = int(one.beams[0])
-    return replace(one, ranges=one.ranges[:, :beams], status=one.status[:, :beams])
+    intensities = None if one.intensities is None else one.intensities[:, :beams]
+    return replace(one, ranges=one.ranges[:, :beams], status=one.status[:, :beams], intensities=intensities)
 
 
 def _refuse_missing(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.choices import ECHOES
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import ReadOptions, read_batches
@@ -203,17 +204,18 @@ def _rules(parameters: dict[str, Any]) -> RangeRules:
 
 def _opening(parameters: dict[str, Any]) -> OpenOptions:
     """What the run has been told of its log."""
-    told = parameters.get("csv")
+    told, echo = parameters.get("csv"), parameters.get("echo")
     told = told if isinstance(told, dict) else {}
-    numbers: dict[str, Any] = {
+    known: dict[str, Any] = {
         name: float(value) for name, value in told.items() if name in GEOMETRY and _is_number(value)
     }
+    if echo in ECHOES:
+        known["echo"] = echo
     heights, bins = parameters.get("slice"), parameters.get("bins")
-    known = isinstance(heights, list) and len(heights) == 2 and all(map(_is_number, heights))
-    part = None
-    if known and heights and isinstance(bins, int) and 0 < bins <= MAX_BEAMS:
-        part = Slice(float(heights[0]), float(heights[1]), bins, _rules(parameters).limits)
-    return OpenOptions(slice=part, **numbers)
+    are_heights = isinstance(heights, list) and len(heights) == 2 and all(map(_is_number, heights))
+    if are_heights and heights and isinstance(bins, int) and 0 < bins <= MAX_BEAMS:
+        known["slice"] = Slice(float(heights[0]), float(heights[1]), bins, _rules(parameters).limits)
+    return OpenOptions(**known)
 
 
 def _is_number(value: object) -> bool:

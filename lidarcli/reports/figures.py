@@ -47,6 +47,7 @@ SPREADS: dict[str, tuple[str, str]] = {
     "box_length": ("m", "longer side of an object's box"),
     "box_width": ("m", "shorter side of an object's box"),
     "beams_per_object": ("1", "valid beams of an object"),
+    "intensity": ("1", "median intensity of an object's beams, in the sensor's own unit"),
     "difference": ("m", "median of r_w - r_e over an object's beams"),
 }
 """Figures with a value per sweep or per object: `.mean`, `.std`, `.min`, `.p05`, `.p50`, `.p95`, `.max`."""

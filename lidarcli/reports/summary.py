@@ -34,6 +34,7 @@ OF_OBJECTS = {
     "box_length": "box_length",
     "box_width": "box_width",
     "beams_per_object": "beams",
+    "intensity": "intensity",
     "difference": "difference",
 }
 """Figure → column of the objects table."""

@@ -28,6 +28,7 @@ SHOWN_SPREADS = (
     "box_length",
     "box_width",
     "beams_per_object",
+    "intensity",
     "difference",
     "d_th",
     "noise",

@@ -64,7 +64,9 @@ def _bulk(
         rows = np.flatnonzero(member.reshape(-1) == number)
         frame = raw.frame_ids[frame_number].encode()
         fields: list[Any] = [*layout(frame), *((name, "<f4") for name in _GEOMETRY), ("count", "<u4")]
-        fields += [("ranges", "<f4", (int(beams),)), ("intensities", "<u4")]
+        fields += [("ranges", "<f4", (int(beams),)), ("strengths", "<u4")]
+        if raw.intensities is not None:
+            fields += [("intensities", "<f4", (int(beams),))]
         message = np.zeros(len(rows), np.dtype(fields))
         seconds, nanoseconds = np.divmod(raw.stamp_ns[rows], 1_000_000_000)
         finish(message, frame)
@@ -77,6 +79,8 @@ def _bulk(
             if told is not None:
                 message[name] = told[rows]
         message["ranges"] = raw.ranges[rows, :beams]
+        if raw.intensities is not None:
+            _set(message, strengths=beams, intensities=raw.intensities[rows, :beams])
         if frame:
             message["frame"] = frame
         data, size = message.tobytes(), message.itemsize

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcli.simulate.decimals import finite, only_topic, seconds, shortest, texts, write_lines
+from lidarcli.simulate.decimals import (
+    finite,
+    intensity_texts,
+    only_topic,
+    seconds,
+    shortest,
+    texts,
+    write_lines,
+)
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import Float64, Int64, RawSweeps
 
@@ -26,8 +34,9 @@ def write_carmen(path: Path, blocks: Iterable[RawSweeps], poses: SimulatedPoses 
     """Write sweeps of one topic and the odometry of a robot to `path`, packed where it ends in `.gz`.
 
     With poses sweeps are FLASER lines, whose geometry is told by PARAM lines, or ROBOTLASER1 where their view is not
-    centred; without any RAWLASER1. The format has no place for `range_min` and the names of frames and topics; what is
-    infinite is written as the greatest range. Decimals are as many as read back the same.
+    centred; without any RAWLASER1. With intensities they are REMISSIONFLASER in the place of FLASER. The format has no
+    place for `range_min` and the names of frames and topics; what is infinite is written as the greatest range. Decimals
+    are as many as read back the same.
     """
     write_lines(path, _lines(blocks, poses))
 
@@ -43,8 +52,10 @@ def _lines(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterato
                 begin = stamp
                 if poses is not None:
                     yield from _parameters(_mount(poses), stamp, begin)
+            remissions = intensity_texts(block, row)
+            lists = f"{_list(ranges)} {_list(remissions)}"
             if poses is None or placed is None:
-                yield f"RAWLASER1 {_head(block, row)} {_list(ranges)} 0 {_tail(stamp, begin)}"
+                yield f"RAWLASER1 {_head(block, row)} {lists} {_tail(stamp, begin)}"
                 continue
             while pose < len(poses) and poses.stamp_ns[pose] <= block.record_ns[row]:
                 yield _odom(poses, pose, begin)
@@ -52,11 +63,15 @@ def _lines(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterato
             both = " ".join(map(repr, placed[row].tolist()))
             if (view := _view(block, row)) is None:
                 motion = "0.0 0.0 0.0 0.0 0.0"
-                yield f"ROBOTLASER1 {_head(block, row)} {_list(ranges)} 0 {both} {motion} {_tail(stamp, begin)}"
+                yield f"ROBOTLASER1 {_head(block, row)} {lists} {both} {motion} {_tail(stamp, begin)}"
                 continue
             if view != told:
                 yield from _parameters(view, stamp, begin)
                 told = view
+            if remissions:
+                pairs = " ".join(f"{far} {strong}" for far, strong in zip(ranges, remissions, strict=True))
+                yield f"REMISSIONFLASER {len(ranges)} {pairs} {both} {_tail(stamp, begin)}"
+                continue
             yield f"FLASER {_list(ranges)} {both} {_tail(stamp, begin)}"
 
 

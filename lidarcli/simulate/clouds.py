@@ -21,7 +21,7 @@ FLOOR, CEILING = -0.5, 2.0
 NEAR = 0.6
 """Floor and ceiling are seen at so much of the range of what is behind them."""
 
-_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("ring", "<u2"), ("pad", "<u2")])
+_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2")])
 _FLOAT32, _UINT16 = 7, 4
 """Types of numbers in PointField."""
 
@@ -51,12 +51,14 @@ def _points(raw: RawSweeps, row: int) -> np.ndarray[tuple[int, int], np.dtype[An
         points["y"][ring] = share * ranges * np.sin(bearing)
         points["z"][ring] = np.where(np.isnan(ranges), np.nan, height)
         points["ring"][ring] = ring
+        if raw.intensities is not None:
+            points["intensity"][ring] = raw.intensities[row, :beams]
     return points
 
 
 def _fields(floats: int, integers: int) -> list[tuple[str, int, int]]:
     """Name, offset and type of the fields of a point."""
-    kinds = (("x", floats), ("y", floats), ("z", floats), ("ring", integers))
+    kinds = (("x", floats), ("y", floats), ("z", floats), ("intensity", floats), ("ring", integers))
     offsets = {name: int(place[1]) for name, place in (_POINT.fields or {}).items()}
     return [(name, offsets[name], kind) for name, kind in kinds]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarcli.errors import OptionError
-from lidarcli.simulate.decimals import opened, seconds, shortest, texts
+from lidarcli.simulate.decimals import intensity_texts, opened, seconds, shortest, texts
 from lidarcli.simulate.jsonlines_writer import number_or_word
 from lidarcli.sweeps import RawSweeps
 
@@ -53,7 +53,7 @@ def _rostopic(blocks: Iterable[RawSweeps]) -> Iterator[str]:
                 yield ",".join(names + [f"field.intensities{i}" for i in range(len(ranges))])
                 seq, first = 0, False
             head = [str(block.record_ns[row]), str(seq), str(block.stamp_ns[row]), _frame(block, row)]
-            yield ",".join(head + _geometry(block, row) + ranges + ["0.0"] * len(ranges))
+            yield ",".join(head + _geometry(block, row) + ranges + intensity_texts(block, row, "0.0"))
             seq += 1
 
 
@@ -62,34 +62,51 @@ def _ros2(blocks: Iterable[RawSweeps]) -> Iterator[str]:
         for row, ranges in enumerate(texts(block)):
             whole, rest = divmod(int(block.stamp_ns[row]), _S)
             head = [str(whole), str(rest), _frame(block, row)]
-            yield ",".join(head + _geometry(block, row) + ranges + ["0.0"] * len(ranges))
+            yield ",".join(head + _geometry(block, row) + ranges + intensity_texts(block, row, "0.0"))
 
 
 def _plotjuggler(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     kept = list(blocks)
     widths: dict[str, int] = {}
+    bright = {block.topic for block in kept if block.intensities is not None}
     for block in kept:
         widths[block.topic] = max(widths.get(block.topic, 0), block.ranges.shape[1])
     names = ["__time"]
     for topic, width in widths.items():
         names += [f"{topic}/{name}" for name in _GEOMETRY] + [f"{topic}/header/stamp"]
-        names += [f"{topic}/ranges[{i}]" for i in range(width)]
+        names += [f"{topic}/{name}[{i}]" for name in _arrays(topic in bright) for i in range(width)]
     yield ",".join(names)
-    sizes = {topic: len(_GEOMETRY) + 1 + width for topic, width in widths.items()}
+    sizes = {
+        topic: len(_GEOMETRY) + 1 + width * len(_arrays(topic in bright)) for topic, width in widths.items()
+    }
     for block in kept:
         for row, ranges in enumerate(texts(block)):
             cells = [seconds(int(block.record_ns[row]))]
             for topic, size in sizes.items():
-                own = [*_geometry(block, row), seconds(int(block.stamp_ns[row])), *ranges]
+                own = [*_geometry(block, row), seconds(int(block.stamp_ns[row]))]
+                if topic == block.topic and topic in bright:
+                    # In the order of their names, as the program writes them.
+                    own += _filled(intensity_texts(block, row), widths[topic])
+                own += ranges
                 cells += own + [""] * (size - len(own)) if topic == block.topic else [""] * size
             yield ",".join(cells)
+
+
+def _arrays(is_bright: bool) -> list[str]:
+    return [*(["intensities"] if is_bright else []), "ranges"]
+
+
+def _filled(cells: list[str], width: int) -> list[str]:
+    return cells + [""] * (width - len(cells))
 
 
 def _bagpy(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     kept = list(blocks)
     width = max((block.ranges.shape[1] for block in kept), default=0)
+    is_bright = any(block.intensities is not None for block in kept)
     names = ["Time", "header.seq", "header.stamp.secs", "header.stamp.nsecs", "header.frame_id", *_GEOMETRY]
-    yield ",".join(names + [f"ranges_{i}" for i in range(width)])
+    arrays = ["ranges", *(["intensities"] if is_bright else [])]
+    yield ",".join(names + [f"{name}_{i}" for name in arrays for i in range(width)])
     seq = 0
     for block in kept:
         for row, ranges in enumerate(texts(block)):
@@ -101,7 +118,8 @@ def _bagpy(blocks: Iterable[RawSweeps]) -> Iterator[str]:
                 str(rest),
                 _frame(block, row),
             ]
-            yield ",".join(head + _geometry(block, row) + ranges + [""] * (width - len(ranges)))
+            cells = head + _geometry(block, row) + _filled(ranges, width)
+            yield ",".join(cells + (_filled(intensity_texts(block, row), width) if is_bright else []))
             seq += 1
 
 
@@ -136,8 +154,13 @@ def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:
             whole, rest = divmod(int(block.stamp_ns[row]), _S)
             date = str(np.datetime64(int(block.record_ns[row]), "ns")).replace("-", "/").replace("T", " ")
             header = f"{{'stamp': {{'secs': {whole}, 'nsecs': {rest}}}, 'frame_id': '{_frame(block, row)}'}}"
-            cells = [date, f'"{header}"', *_geometry(block, row), f'"[{", ".join(ranges)}]"', '"[]"']
+            cells = [date, f'"{header}"', *_geometry(block, row), *_quoted(block, row, ranges)]
             yield ",".join(cells)
+
+
+def _quoted(block: RawSweeps, row: int, ranges: list[str]) -> list[str]:
+    """Ranges and intensities as lists in quotes."""
+    return [f'"[{", ".join(values)}]"' for values in (ranges, intensity_texts(block, row))]
 
 
 def _wide(blocks: Iterable[RawSweeps]) -> Iterator[str]:

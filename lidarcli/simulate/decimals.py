@@ -62,6 +62,14 @@ def texts(block: RawSweeps) -> Iterator[list[str]]:
         yield shortest(row[:beams])
 
 
+def intensity_texts(block: RawSweeps, row: int, otherwise: str | None = None) -> list[str]:
+    """The intensities of a sweep as shortest decimals; where there are none, `otherwise` for each beam, or nothing."""
+    beams = int(block.beams[row])
+    if block.intensities is None:
+        return [] if otherwise is None else [otherwise] * beams
+    return shortest(block.intensities[row, :beams])
+
+
 def shortest(values: Float32) -> list[str]:
     """The shortest decimals that read back as the same float32."""
     numbers: list[str] = values.astype("U").tolist()

@@ -17,8 +17,9 @@ _WORDS = {"inf": "Infinity", "-inf": "-Infinity", "nan": "NaN"}
 
 def json_bytes(_: str, message: dict[str, Any]) -> bytes:
     """JSON has no infinity and no NaN: they are words, as in the JSON mapping of protobuf."""
-    if "ranges" in message:
-        message["ranges"] = [value if isfinite(value) else _WORDS[repr(value)] for value in message["ranges"]]
+    for name in ("ranges", "intensities"):
+        if name in message:
+            message[name] = [value if isfinite(value) else _WORDS[repr(value)] for value in message[name]]
     return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
 
 
@@ -64,7 +65,9 @@ def _encoding(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
                     "start_angle": float(raw.angle_min[row]),
                     "end_angle": float(last[row]),
                     "ranges": raw.ranges[row, : raw.beams[row]].tolist(),
-                    "intensities": [],
+                    "intensities": []
+                    if raw.intensities is None
+                    else raw.intensities[row, : raw.beams[row]].tolist(),
                 },
             )
             for row in range(len(raw))

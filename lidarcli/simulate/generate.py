@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lidarcli.simulate.faults import Faults
 from lidarcli.simulate.raycast import cast, place
 from lidarcli.simulate.scene import Entity, Scene, Sensor
-from lidarcli.sweeps import Float32, Float64, Int32, Int64, RawSweeps, concatenate
+from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps, concatenate
 
 START_NS = 1_700_000_000_000_000_000
 """Stamp of the first sweep: fixed, because a simulation has no clock of its own."""
@@ -56,6 +56,7 @@ def simulate_blocks(scene: Scene, sweeps: int, seed: int = 0, size: int = 512) -
         padding = np.arange(bearings.shape[1]) >= beams[:, None]
         ranges = faults.apply(ideal, entity, padding, bearings)
         raw = _raw(scene.sensor, START_NS + np.rint(seconds * 1e9).astype(np.int64), beams, increment, ranges)
+        raw = replace(raw, intensities=_intensities(scene.entities, entity, padding))
         yield SimulatedBlock(raw, first, seconds, poses, entity)
 
 
@@ -99,6 +100,15 @@ def _cast_in_turn(
         found, hit = cast(placed, bearings[part].reshape(-1, 1))
         ranges[part], entity[part] = found.reshape(-1, beams), hit.reshape(-1, beams)
     return ranges, entity
+
+
+def _intensities(entities: Sequence[Entity], entity: Int32, padding: Bool) -> Float32 | None:
+    """(S, B) the intensity of what each beam hit, 0 where nothing tells; None where the scene tells of none."""
+    if all(each.intensity is None for each in entities):
+        return None
+    # One more for what is no entity's own surface: its index is -1.
+    told = np.array([*(each.intensity or 0.0 for each in entities), 0.0], np.float32)
+    return np.where(padding, np.float32(np.nan), told[entity])
 
 
 def _raw(sensor: Sensor, stamp_ns: Int64, beams: Int32, increment: Float64, ranges: Float32) -> RawSweeps:

@@ -52,7 +52,9 @@ def _message(block: RawSweeps, row: int) -> dict[str, Any]:
         "range_min": number_or_word(float(block.range_min[row])),
         "range_max": number_or_word(float(block.range_max[row])),
         "ranges": [number_or_word(value) for value in block.ranges[row, :beams].tolist()],
-        "intensities": [],
+        "intensities": []
+        if block.intensities is None
+        else [number_or_word(value) for value in block.intensities[row, :beams].tolist()],
     }
 
 

@@ -51,7 +51,8 @@ def load_scene(path: str | Path) -> Scene:
         for number, item in enumerate(items, 1):
             fields = Fields(file, f"[[{key}]] number {number}", item)
             lost = fields.number("lost", 0.0, low=0, high=1)
-            found.append(replace(_ENTITIES[key](fields), lost=lost))
+            intensity = fields.number("intensity", low=0) if fields.has("intensity") else None
+            found.append(replace(_ENTITIES[key](fields), lost=lost, intensity=intensity))
             fields.done()
     shapes = sum(len(entity.segments) + len(entity.circles) for entity in found)
     if shapes > MAX_SHAPES:

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from lidarcli.simulate.decimals import finite, only_topic, seconds, shortest, texts, write_lines
+from lidarcli.simulate.decimals import (
+    finite,
+    intensity_texts,
+    only_topic,
+    seconds,
+    shortest,
+    texts,
+    write_lines,
+)
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
@@ -28,7 +36,7 @@ def write_player(path: Path, blocks: Iterable[RawSweeps], poses: SimulatedPoses 
     """Write sweeps of one topic and the odometry of a robot to `path`, packed where it ends in `.gz`.
 
     The format has no place for `range_min` and the names of frames and topics; what is infinite is written as the greatest
-    range, and every intensity is 0. Decimals are as many as read back the same: more than Player writes.
+    range; without intensities these are 0. Decimals are as many as read back the same: more than Player writes.
     """
     write_lines(path, _lines(blocks, poses))
 
@@ -45,7 +53,10 @@ def _lines(blocks: Iterable[RawSweeps], poses: SimulatedPoses | None) -> Iterato
                 yield _odometry(poses, pose)
                 pose += 1
             scan += 1
-            measured = "".join(f"{number} 0 " for number in ranges)
+            strengths = intensity_texts(block, row, "0")
+            measured = "".join(
+                f"{number} {strength} " for number, strength in zip(ranges, strengths, strict=True)
+            )
             yield f"{_head(int(block.stamp_ns[row]), 'laser')} {scan:04d} {_geometry(block, row)} {measured}"
 
 

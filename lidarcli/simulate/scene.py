@@ -102,6 +102,8 @@ class Entity:
     motion: Motion = STILL
     lost: float = 0.0
     """Share of the beams that hit it and do not return: it is black, or of glass."""
+    intensity: float | None = None
+    """Of the returns from it, in the sensor's own unit; None: the scene does not tell."""
 
     @property
     def wall(self) -> bool:

@@ -36,16 +36,17 @@ def answers(values: NDArray[np.int8]) -> pa.BooleanArray:
     return pa.Array.from_buffers(pa.bool_(), len(values), [known, bits])
 
 
-def floats(values: NDArray[np.floating[Any]]) -> pa.DoubleArray:
-    """Double precision, null for NaN: what is undefined is no number to compute with.
+def floats(values: NDArray[np.floating[Any]], kind: pa.DataType | None = None) -> pa.Array:
+    """Numbers of double precision, or of another `kind`, null for NaN: what is undefined is no number to compute with.
 
     >>> floats(np.array([1.5, np.nan])).to_pylist()
     [1.5, None]
     """
-    double = np.ascontiguousarray(values, np.float64)
-    if not any_nan(double):
-        return plain(double, _DOUBLE)
-    return _array(double, ~np.isnan(double), _DOUBLE)
+    kind = kind or _DOUBLE
+    numbers = np.ascontiguousarray(values, kind.to_pandas_dtype())
+    if not any_nan(numbers):
+        return plain(numbers, kind)
+    return _array(numbers, ~np.isnan(numbers), kind)
 
 
 def codes(values: NDArray[Any], names: Sequence[str]) -> pa.DictionaryArray:
@@ -70,7 +71,7 @@ def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
     return pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(text))
 
 
-def any_nan(values: NDArray[np.float64]) -> bool:
+def any_nan(values: NDArray[np.floating[Any]]) -> bool:
     """Whether any of the (K,) values is NaN."""
     # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.
     return math.isnan(np.minimum.reduce(values, initial=0.0))

@@ -42,7 +42,7 @@ class Form:
             if values is None:
                 columns[name] = pa.nulls(count, kind)
             else:
-                columns[name] = floats(values) if is_float else plain(values)
+                columns[name] = floats(values, kind) if is_float else plain(values)
         return pa.RecordBatch.from_arrays([columns[name] for name, _, _ in self.fields], schema=self.schema)
 
 

@@ -6,7 +6,7 @@ import pyarrow as pa
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
 STAMP = pa.timestamp("ns", tz="UTC")
-INT32, INT64, FLOAT, BOOL = pa.int32(), pa.int64(), pa.float64(), pa.bool_()
+INT32, INT64, FLOAT, SINGLE, BOOL = pa.int32(), pa.int64(), pa.float64(), pa.float32(), pa.bool_()
 
 
 def column(name: str, kind: pa.DataType, unit: str, description: str) -> pa.Field:
@@ -81,6 +81,12 @@ OBJECTS = pa.schema(
         column("box_length", FLOAT, "m", "longer side of the box"),
         column("box_width", FLOAT, "m", "shorter side of the box"),
         column("box_yaw", FLOAT, "rad", "direction of the longer side, sensor frame"),
+        column(
+            "intensity",
+            SINGLE,
+            "1",
+            "median intensity of its beams, in the sensor's own unit; null where the log has none",
+        ),
         column("vertices", _list(VERTEX), "", "vertices in order of bearing"),
         column("faces", _list(FACE), "", "faces between the vertices"),
         column("difference", FLOAT, "m", "median of r_w - r_e over its beams; null without a background"),
@@ -308,7 +314,7 @@ NULLABLE = {
 }
 """Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
 LATER = {
-    "objects": frozenset({"t", "vx", "vy", "moving", "thing", "label", "label_score", "why"}),
+    "objects": frozenset({"t", "vx", "vy", "moving", "thing", "label", "label_score", "why", "intensity"}),
     "sweeps": frozenset({"t"}),
 }
 """Table → columns that tables of earlier versions do not have: read as null."""

@@ -159,13 +159,18 @@ class CountingOutput(io.RawIOBase):
 
 def _python_rows(rows: pa.RecordBatch) -> Any:
     """Tuples of plain values, stamps as text."""
-    columns = []
+    columns: list[list[Any]] = []
     for field, values in zip(rows.schema, rows.columns, strict=True):
         if pa.types.is_timestamp(field.type):
             stamps = values.view(pa.int64()).to_numpy(zero_copy_only=False).astype("datetime64[ns]")
             texts = np.datetime_as_string(stamps, unit="ns")
             there = values.is_valid().to_pylist()
             columns.append([f"{text}Z" if known else None for text, known in zip(texts, there, strict=True)])
+        elif pa.types.is_float32(field.type):
+            # The shortest decimals: as doubles, 0.1 has 17 digits.
+            numbers = map(float, values.to_numpy(zero_copy_only=False).astype("U").tolist())
+            there = values.is_valid().to_pylist()
+            columns.append([number if known else None for number, known in zip(numbers, there, strict=True)])
         else:
             columns.append(values.to_pylist())
     return zip(*columns, strict=True)

@@ -32,7 +32,7 @@ NUMERICAL = {
 
 def test_every_key_is_documented() -> None:
     keys = [key for group in catalogue.ALL_SIZES for key in group]
-    for key in ("name", "shape", *keys, "tolerance", "moves"):
+    for key in ("name", "shape", *keys, "tolerance", "moves", "intensity_min", "intensity_max"):
         assert re.search(rf"^\| .*`{key}`", PAGE, re.MULTILINE), key
     assert f"[m] ({catalogue.TOLERANCE})" in PAGE
 
@@ -42,8 +42,9 @@ def test_every_column_of_the_matches_is_named() -> None:
         assert f"`{column}`" in PAGE
 
 
-def test_the_catalogue_of_the_page_is_that_of_the_samples() -> None:
-    (block,) = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-    sample = (SAMPLES / "room.catalogue.toml").read_text(encoding="utf-8")
-    for thing in block.split("\n\n"):
-        assert thing.strip() in sample
+def test_the_catalogues_of_the_page_are_those_of_the_samples() -> None:
+    blocks = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    for block, scene in zip(blocks, ("room", "reflectors"), strict=True):
+        sample = (SAMPLES / f"{scene}.catalogue.toml").read_text(encoding="utf-8")
+        for thing in block.split("\n\n"):
+            assert thing.strip() in sample

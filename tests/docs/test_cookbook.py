@@ -143,7 +143,7 @@ def test_the_typical_tasks(tables: Path) -> None:
     night = {
         path.name.removesuffix(".objects.parquet") for path in (tables / "night").glob("*.objects.parquet")
     }
-    assert night == {"corridor", "drive", "hall", "people", "room", "room_empty"}
+    assert night == {"corridor", "drive", "hall", "people", "reflectors", "room", "room_empty"}
 
 
 @pytest.mark.parametrize(

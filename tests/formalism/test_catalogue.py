@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.formalism.catalogue import KINDS, Catalogue, Evidence, Thing, compare, name, possible
+from lidarcli.formalism.catalogue import AS_BRIGHT, KINDS, Catalogue, Evidence, Thing, compare, name, possible
 from lidarcli.formalism.fits import LARGEST, SMALLEST, at_least, below, measured
 
 RANGE = LARGEST - SMALLEST
@@ -29,6 +29,7 @@ def seen(**given: Any) -> Evidence:
         "shape": np.zeros((count, 4)),
         "legs": np.zeros(count, np.int32),
         "moved": np.zeros(count, np.bool_),
+        "intensity": nothing,
     }
     return Evidence(**(sides | sds | other | given))
 
@@ -198,3 +199,30 @@ def test_things_of_any_size_get_few_names() -> None:
     size = np.sort(true, axis=1) - [0.8, 1.2]
     assert 0 < np.count_nonzero(label == 0) < 400
     assert np.abs(size[label == 0]).max() < 0.2
+
+
+TAPE = Thing("tape", "round", diameter=0.3, tolerance=0.01, intensity_min=1000.0)
+PAINT = Thing("paint", "round", diameter=0.3, tolerance=0.01, intensity_max=1000.0)
+BRIGHT = Thing("bright", intensity_min=1000.0, intensity_max=4000.0)
+
+
+def test_an_intensity_tells_things_of_one_size() -> None:
+    across = np.full(4, 0.3)
+    poles = seen(
+        across=across, shape=np.repeat(like("round"), 4, axis=0), intensity=[3000.0, 50.0, 1000.0, np.nan]
+    )
+    # At the limit both are right, and nobody knows which.
+    assert names(poles, TAPE, PAINT) == ["tape", "paint", None, None]
+    assert names(poles, TAPE) == ["tape", None, "tape", None]
+    compared = compare(poles, Catalogue((TAPE,)))
+    assert np.isneginf(compared.ratio[:, 0]).tolist() == [False, True, False, False]
+    assert compared.certain[:, 0].tolist() == [True, True, True, False]
+    assert possible(poles, Catalogue((TAPE,)))[:, 0].tolist() == [True, False, True, True]
+
+
+def test_an_intensity_alone_is_enough_where_it_is_rare() -> None:
+    """Its weight is one over the share of unknown things that are as bright."""
+    lit = seen(intensity=[999.9, 1000.0, 4000.0, 4000.1, np.nan])
+    assert names(lit, BRIGHT) == [None, "bright", "bright", None, None]
+    _, score = name(lit, Catalogue((BRIGHT,)))
+    np.testing.assert_allclose(score[1:3], 1 / (1 + AS_BRIGHT))

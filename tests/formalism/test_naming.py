@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ def looks(sizes: Any, edges: Any, sd: float = 0.02, yaw: float = 0.0) -> Looks:
         sd=np.where(np.isfinite(size), sd, np.nan),
         yaw=np.full(len(size), yaw),
         blur=np.full(len(size), 0.03),
+        intensity=np.full(len(size), np.nan),
         edges=np.asarray(edges, np.int64),
     )
 
@@ -85,6 +87,19 @@ def test_sides_are_those_of_the_body_however_its_box_lies() -> None:
 def test_what_never_moves_and_has_moved_is_something_else() -> None:
     seen = looks([[1.2, 0.8]] * 5, [1] * 5)
     assert label_of(a_track(body(), moved=True), seen) == (-1, pytest.approx(math.nan, nan_ok=True))
+
+
+def test_the_intensity_of_a_track_is_the_mean_of_its_sweeps() -> None:
+    """Of those in which it is known, however they come in windows; it outlives the looks."""
+    names, thing = Naming(PALLET), body()
+    assert np.isnan(names._evidence([a_track(thing)]).intensity).all()
+    parts = [[math.nan, math.nan], [100.0, math.nan, 400.0], [700.0]]
+    for told in parts:
+        seen = replace(looks([[1.2, 0.8]] * len(told), range(len(told))), intensity=np.array(told))
+        names.take([seen], np.full(len(told), 7), np.zeros(len(told)), {7: thing})
+    assert names._evidence([a_track(thing)]).intensity.tolist() == [pytest.approx(400.0)]
+    names.forget([7])
+    assert names._evidence([a_track(thing)]).intensity.tolist() == [pytest.approx(400.0)]
 
 
 def test_what_is_over_is_remembered_in_short() -> None:

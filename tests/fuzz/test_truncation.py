@@ -26,16 +26,23 @@ from tools.fuzz.logs import TOLD
 pytestmark = pytest.mark.slow
 
 CUTS = 45
-WORDS = {b"FLASER": "/front_laser", b"RAWLASER1": "/raw_laser1", b"scan1:": "/scan1", b"laser": "/laser0"}
+WORDS = {
+    b"FLASER": "/front_laser",
+    b"RAWLASER1": "/raw_laser1",
+    b"REMISSIONFLASER": "/front_laser_remission",
+    b"scan1:": "/scan1",
+    b"laser": "/laser0",
+}
 """Word of a line of a text log that is a sweep → its topic."""
 TEXT_LOGS = {"carmen": b"FLASER", "carmen-raw": b"RAWLASER1", "carmen-gz": b"FLASER"}
+TEXT_LOGS |= {"carmen-raw-lit": b"RAWLASER1", "carmen-remission": b"REMISSIONFLASER"}
 TEXT_LOGS |= {"aria": b"scan1:", "aria-gz": b"scan1:", "player": b"laser", "player-gz": b"laser"}
 """Container → the word of its sweeps."""
 TEXTS = ("csv", "carmen", "aria", "player", "rplidar", "jsonl")
 """How the names of containers begin in which a cut between two lines cannot be seen."""
 
-Sweep = tuple[int, str, bytes]
-"""Stamp, frame and ranges."""
+Sweep = tuple[int, str, bytes, bytes]
+"""Stamp, frame, ranges and intensities."""
 Ends = list[tuple[int, str]]
 """Where messages end that stand in the file as they are, and their topic."""
 
@@ -46,12 +53,15 @@ def read(path: Path) -> tuple[dict[str, list[Sweep]], ReadReport]:
     report = ReadReport()
     with open_source(Source(str(path), "run"), TOLD) as log:
         for block in log.scans(None, report):
+            unknown = np.full(block.ranges.shape, np.nan, np.float32)
+            intensities = unknown if block.intensities is None else block.intensities
             for row, beams in enumerate(block.beams.tolist()):
                 sweeps.setdefault(block.topic, []).append(
                     (
                         int(block.stamp_ns[row]),
                         block.frame_ids[block.frame[row]],
                         block.ranges[row, :beams].tobytes(),
+                        intensities[row, :beams].tobytes(),
                     )
                 )
         return sweeps, report
@@ -101,7 +111,9 @@ def csv_ends(text: bytes) -> Ends:
 
 def line_ends(text: bytes) -> Ends:
     """A line of a sweep is whole with its line end; lines of Player begin with its time and its robot."""
-    lines = re.finditer(rb"(?m)^(?:\S+ \S+ \S+ (?=laser 00 001))?(FLASER|RAWLASER1|scan1:|laser) .*\n", text)
+    lines = re.finditer(
+        rb"(?m)^(?:\S+ \S+ \S+ (?=laser 00 001))?((?:REMISSION)?FLASER|RAWLASER1|scan1:|laser) .*\n", text
+    )
     return [(match.end(), WORDS[match[1]]) for match in lines]
 
 

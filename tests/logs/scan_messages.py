@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,8 @@ def scan(
     geometry: tuple[float, ...] = GEOMETRY,
     big: bool = False,
     echoes: list[list[float]] | None = None,
-    intensities: int = 0,
+    intensities: Sequence[float] | np.ndarray[Any, Any] = (),
+    strengths: list[list[float]] | None = None,
     declared: int | None = None,
 ) -> bytes:
     """One message, written field by field."""
@@ -37,8 +39,15 @@ def scan(
         body += struct.pack(order + "I", len(ranges) if declared is None else declared)
         body += struct.pack(f"{order}{len(ranges)}f", *ranges)
     else:
-        body += struct.pack(order + "I", len(echoes))
-        for echo in echoes:
-            body += struct.pack(f"{order}I{len(echo)}f", len(echo), *echo)
-    body += struct.pack(f"{order}I{intensities}f", intensities, *[1.0] * intensities)
+        body += _lists(order, echoes)
+    if strengths is None:
+        body += struct.pack(f"{order}I{len(intensities)}f", len(intensities), *intensities)
+    else:
+        body += _lists(order, strengths)
     return (b"\0\0\0\0" if big else b"\0\1\0\0") + body if encoding == "cdr" else body
+
+
+def _lists(order: str, echoes: list[list[float]]) -> bytes:
+    """What a MultiEchoLaserScan holds of each beam: its number of echoes, and these."""
+    parts = [struct.pack(f"{order}I{len(echo)}f", len(echo), *echo) for echo in echoes]
+    return struct.pack(order + "I", len(echoes)) + b"".join(parts)

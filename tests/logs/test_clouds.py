@@ -41,7 +41,9 @@ def sweep(data: bytes, encoding: str = "cdr", part: Slice = PART, **told: Any) -
     """The ranges of the sweep of one PointCloud2, as it lies in the sensor's frame."""
     decode = pointcloud2.decode if encoding in ("cdr", "ros1") else foxglove.decode
     bins = Bins.of(OpenOptions(**told), part.bins)
-    ranges: list[float] = slice_cloud(decode(data, encoding), part, bins, np.eye(3), np.zeros(3)).tolist()
+    ranges: list[float] = slice_cloud(
+        decode(data, encoding), part, bins, np.eye(3), np.zeros(3)
+    ).ranges.tolist()
     return ranges
 
 
@@ -105,6 +107,23 @@ def test_points_on_the_robot_and_beyond_the_range_are_left_out() -> None:
     assert sweep(cloud, part=Slice(-1, 1, 4, (0.5, 20.0))) == [np.inf, np.inf, 2.0, np.inf]
 
 
+@pytest.mark.parametrize(
+    ("name", "kind"), [("intensity", "f4"), ("intensity", "u1"), ("reflectivity", "u2"), ("i", "f4")]
+)
+def test_the_intensity_is_that_of_the_nearest_point(name: str, kind: str) -> None:
+    points = np.concatenate([POINTS, np.arange(10.0, 18.0).reshape(2, 4, 1)], axis=-1)
+    data = make(points, (*XYZ, (name, kind, 12)))
+    part, bins = PART, Bins.of(OpenOptions(), 5)
+    seen = slice_cloud(pointcloud2.decode(data, "cdr"), part, bins, np.eye(3), np.zeros(3))
+    if name == "i":
+        assert seen.intensities is None
+        return
+    assert seen.intensities is not None
+    of_range = dict(zip(seen.ranges.tolist(), seen.intensities.tolist(), strict=True))
+    assert {at: of_range[at] for at in (1.5, 2.0, 3.0, 4.0)} == {1.5: 12.0, 2.0: 10.0, 3.0: 11.0, 4.0: 13.0}
+    assert np.isnan(of_range[np.inf])
+
+
 def test_bins_are_centred_on_their_bearings() -> None:
     bins = Bins.of(OpenOptions(), 8)
     assert (bins.first, bins.step) == (-np.pi, TURN / 8)
@@ -147,7 +166,7 @@ def test_a_whole_sensor_agrees_with_a_look_at_every_point() -> None:
             index = round((np.arctan2(y, x) + np.pi) / (TURN / 90)) % 90
             expected[index] = min(expected[index], distance)
     found = slice_cloud(pointcloud2.decode(make(points), "cdr"), part, bins, np.eye(3), np.zeros(3))
-    np.testing.assert_allclose(found, expected, rtol=2e-7)
+    np.testing.assert_allclose(found.ranges, expected, rtol=2e-7)
 
 
 def foxglove_cloud(points: Any = POINTS, pose: Pose | None = None, **changed: Any) -> dict[str, Any]:

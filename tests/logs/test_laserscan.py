@@ -37,7 +37,7 @@ def read(messages: list[bytes], encoding: str = "cdr", **kwargs: Any) -> tuple[R
 
 @pytest.mark.parametrize("encoding", ["cdr", "ros1"])
 def test_every_field_of_a_message(encoding: str) -> None:
-    raw, report = read([scan([1.0, 2.0, np.inf], encoding=encoding, intensities=3)], encoding)
+    raw, report = read([scan([1.0, 2.0, np.inf], encoding=encoding, intensities=[7.0, 8.5, 0.0])], encoding)
     assert raw is not None
     assert raw.topic == "/scan"
     assert raw.frame_ids == ("laser",)
@@ -51,7 +51,15 @@ def test_every_field_of_a_message(encoding: str) -> None:
     assert raw.beams.tolist() == [3]
     assert raw.ranges.tolist() == [[1.0, 2.0, np.inf]]
     assert raw.ranges.dtype == np.float32
+    assert raw.intensities is not None
+    assert raw.intensities.tolist() == [[7.0, 8.5, 0.0]]
+    assert raw.intensities.dtype == np.float32
     assert not report.refused
+
+
+def intensities_of(raw: RawSweeps) -> Any:
+    """NaN where a block has none."""
+    return np.full(raw.ranges.shape, np.nan) if raw.intensities is None else raw.intensities
 
 
 messages = st.lists(
@@ -60,6 +68,7 @@ messages = st.lists(
         st.sampled_from([b"", b"a", b"/laser", b"base", b"caf\xc3\xa9", b"\xff"]),
         st.integers(-(2**31), 2**31 - 1),
         st.booleans(),
+        st.lists(st.floats(width=32), max_size=12),
     ),
     min_size=1,
     max_size=9,
@@ -71,17 +80,27 @@ messages = st.lists(
 def test_any_mixture_equals_its_parts(rows: list[tuple[Any, ...]], encoding: str) -> None:
     cdr = encoding == "cdr"
     coded = [
-        scan(ranges, encoding=encoding, frame=frame, sec=sec if cdr else abs(sec), big=big and cdr)
-        for ranges, frame, sec, big in rows
+        scan(
+            ranges,
+            encoding=encoding,
+            frame=frame,
+            sec=sec if cdr else abs(sec),
+            big=big and cdr,
+            intensities=intensities,
+        )
+        for ranges, frame, sec, big, intensities in rows
     ]
     raw, report = read(coded, encoding)
     assert raw is not None
     assert not report.refused
     assert len(raw) == len(rows)
-    for i, (ranges, frame, sec, _) in enumerate(rows):
+    for i, (ranges, frame, sec, _, intensities) in enumerate(rows):
         seen = raw.ranges[i, : raw.beams[i]]
         np.testing.assert_array_equal(seen, np.array(ranges, np.float32))
         assert np.isnan(raw.ranges[i, raw.beams[i] :]).all()
+        kept = np.full(raw.ranges.shape[1], np.nan, np.float32)
+        kept[: min(len(intensities), len(ranges))] = intensities[: len(ranges)]
+        np.testing.assert_array_equal(intensities_of(raw)[i], kept)
         assert raw.frame_ids[raw.frame[i]] == frame.decode("utf-8", "replace")
         assert raw.stamp_ns[i] == (sec if cdr else abs(sec)) * 10**9 + 8
     assert len(set(raw.frame_ids)) == len(raw.frame_ids)
@@ -131,12 +150,14 @@ def test_a_sweep_without_beams_is_a_sweep() -> None:
 
 
 def test_every_cut_of_a_message_is_refused_or_whole() -> None:
-    whole = scan(np.arange(9.0), frame=b"laser_link", intensities=9)
+    whole = scan(np.arange(9.0), frame=b"laser_link", intensities=np.arange(9.0))
     needed = len(whole) - 4 * 10
     for end in range(len(whole) + 1):
         raw, report = read([whole[:end]])
         assert (raw is not None) == (end >= needed)
         assert sum(report.refused.values()) == (end < needed)
+        if raw is not None:
+            assert (raw.intensities is not None) == (end == len(whole))
 
 
 def test_one_wide_sweep_does_not_widen_its_neighbours() -> None:
@@ -163,17 +184,21 @@ def test_narrow_and_wide_publishers_on_one_topic_share_blocks() -> None:
 
 
 @pytest.mark.parametrize("encoding", ["cdr", "ros1"])
-def test_multi_echo_takes_the_first(encoding: str) -> None:
-    uniform = scan([], encoding=encoding, echoes=[[1.0, 9.0], [2.0, 8.0]])
-    mixed = scan([], encoding=encoding, echoes=[[3.0], [], [4.0, 5.0, 6.0]])
-    empty = scan([], encoding=encoding, echoes=[])
-    raw, report = read([uniform, mixed, mixed[:-18], empty], encoding, multi_echo=True)
+@pytest.mark.parametrize("declared", [4, 1 << 20, 1 << 31, (1 << 32) - 1])
+def test_intensities_beyond_the_message_cost_no_sweep(encoding: str, declared: int) -> None:
+    good = scan([1.0, 2.0, 3.0], encoding=encoding, intensities=[5.0, 6.0, 7.0])
+    lying = good[:-16] + declared.to_bytes(4, "little") + good[-12:]
+    raw, report = read([lying, good], encoding)
     assert raw is not None
-    assert raw.beams.tolist() == [2, 3, 0]
-    np.testing.assert_array_equal(
-        raw.ranges, np.float32([[1, 2, np.nan], [3, np.nan, 4], [np.nan, np.nan, np.nan]])
-    )
-    assert report.refused == {("/scan", laserscan.RANGES_BEYOND): 1}
+    assert raw.ranges.tolist() == [[1.0, 2.0, 3.0]] * 2
+    np.testing.assert_array_equal(intensities_of(raw), [[np.nan] * 3, [5.0, 6.0, 7.0]])
+    assert not report.refused
+
+
+def test_sweeps_without_intensities_have_none() -> None:
+    raw, _ = read([scan([1.0, 2.0]), scan([3.0])])
+    assert raw is not None
+    assert raw.intensities is None
 
 
 def test_many_frames_keep_their_rows() -> None:

@@ -21,6 +21,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
 
+import lidarcli
 from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, OpenOptions, ReadReport
@@ -130,13 +131,30 @@ def test_multi_echo_and_plain_scans_side_by_side(name: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    "intensities", [b"", struct.pack("<I", 0), struct.pack("<I2f", 2, 1, np.nan), b"\xff" * 4]
+    ("intensities", "kept"),
+    [
+        (b"", None),
+        (struct.pack("<I", 0), None),
+        (struct.pack("<I2f", 2, 1, np.nan), [1.0, np.nan, np.nan]),
+        (struct.pack("<I3f", 3, 1, 2, 3), [1.0, 2.0, 3.0]),
+        (struct.pack("<I4f", 4, 1, 2, 3, 4), [1.0, 2.0, 3.0]),
+        (struct.pack("<I3f", 3, 0, 0, 0), None),
+        (b"\xff" * 4, None),
+    ],
 )
-def test_intensities_are_nobodys_business(name: str, intensities: bytes, tmp_path: Path) -> None:
-    """Absent, empty, fewer than the ranges, NaN, or a count that lies."""
+def test_intensities_are_kept_as_far_as_they_go(
+    name: str, intensities: bytes, kept: list[float] | None, tmp_path: Path
+) -> None:
+    """Absent, empty, fewer than the ranges, NaN, more, all 0, or a count that lies."""
     message = scan([1.0, 2.0, 3.0], encoding=WRITERS[name][0])[:-4] + intensities
-    rows, report = sweeps(written(name, tmp_path, {"/scan": (LASERSCAN, [message] * 3)}))
+    path = written(name, tmp_path, {"/scan": (LASERSCAN, [message] * 3)})
+    rows, report = sweeps(path)
     assert (rows, report.refused, report.damage) == ([[1.0, 2.0, 3.0]] * 3, {}, [])
+    (batch,) = lidarcli.read(path)
+    if kept is None:
+        assert batch.intensities is None
+    else:
+        np.testing.assert_array_equal(batch.intensities, np.float32([kept] * 3))
 
 
 @pytest.mark.parametrize("declared", [4, 1 << 20, 1 << 30, (1 << 32) - 1])

@@ -95,7 +95,14 @@ def test_a_batch_as_a_data_frame() -> None:
     short = replace(batch, beams=np.array([1081, 3], np.int32), status=batch.status.copy())
     short.status[1, 3:] = lidarcli.Status.PADDING
     frame = short.to_pandas()
-    assert [*frame] == ["sweep", "stamp", "beam", "bearing", "range", "status", "x", "y"]
+    assert [*frame] == ["sweep", "stamp", "beam", "bearing", "range", "status", "intensity", "x", "y"]
+    assert frame["intensity"].isna().all()
+    (lit,) = lidarcli.read(SAMPLES / "reflectors.mcap", end=0.1)
+    for each, kind in ((frame, "float32"), (lit.to_pandas(), "float32")):
+        assert each["intensity"].dtype == kind
+    np.testing.assert_array_equal(lit.to_pandas()["intensity"], lit.intensities.ravel())
+    assert "intensities  60 to 3100 in the sensor's unit" in str(lit)
+    assert "intensities" not in str(batch)
     assert frame.groupby("sweep").size().to_dict() == {0: 1081, 1: 3}
     assert [*frame["status"].cat.categories] == [*STATUSES]
     assert frame["stamp"].dtype == pd.DatetimeTZDtype("ns", "UTC")

@@ -144,6 +144,18 @@ def test_what_a_catalogue_means(tmp_path: Path) -> None:
         ),
         ("thing = 1", "[[thing]] number 1 must be a table of keys, not 1"),
         (
+            "[[thing]]\nname = 'a'\nintensity_min = 5\nintensity_max = 4",
+            "[[thing]] number 1: 'intensity_min' is above intensity_max: 5 and 4",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nintensity_max = 2e9",
+            "[[thing]] number 1: 'intensity_max' must be at least 0 and at most 1000000000.0, not 2000000000.0",
+        ),
+        (
+            "[[thing]]\nname = 'a'\nintensity_min = 5\nlength = 1",
+            "[[thing]] number 1: 'width' is missing: the size of a thing is length and width, or diameter",
+        ),
+        (
             "thing = [" + "{}," * 1001 + "]",
             "1,001 things are more than a catalogue may have (1,000)",
         ),
@@ -163,6 +175,29 @@ def test_what_cannot_be_read(tmp_path: Path) -> None:
         read_catalogue(tmp_path / "none.toml")
     with pytest.raises(UnreadableError, match="larger than a catalogue may be"):
         read("#" * 1_000_001, tmp_path)
+
+
+def test_limits_of_an_intensity(tmp_path: Path) -> None:
+    """With one a thing needs no size."""
+    text = "[[thing]]\nname = 'tape'\nintensity_min = 2e6\n[[thing]]\nname = 'pole'\ndiameter = 0.1\nintensity_max = 0\n"
+    assert read(text, tmp_path).things == (
+        Thing("tape", intensity_min=2e6),
+        Thing("pole", diameter=0.1, intensity_max=0.0),
+    )
+    assert Thing("tape", intensity_min=2e6).as_dict()["intensity_min"] == 2e6
+    assert Thing("pole", diameter=0.1, intensity_max=0.0).as_dict()["intensity_max"] == 0.0
+
+
+def test_reflectors_are_told_from_poles_of_their_size() -> None:
+    """In single sweeps, and of tracks by all of them."""
+    options: dict[str, Any] = {"catalogue": SAMPLES / "reflectors.catalogue.toml"}
+    log = SAMPLES / "reflectors.mcap"
+    alone, followed = lidarcli.detect(log, **options), lidarcli.track(log, **options).objects
+    for table, least in ((alone, 50), (followed, 60)):
+        found = Counter(zip(table["intensity"].to_pylist(), table["label"].to_pylist(), strict=True))
+        named = {key: count for key, count in found.items() if key[1] is not None}
+        assert {*named} == {(3100.0, "reflector"), (2800.0, "reflector"), (60.0, "pole")}
+        assert min(named.values()) >= least
 
 
 def labels(**options: Any) -> Counter[tuple[int, str | None]]:

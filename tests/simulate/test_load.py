@@ -413,3 +413,22 @@ def test_an_entity_can_swallow_beams(tmp_path):
     ahead = np.isfinite(raw.ranges[:, 180])
     assert 0.4 < ahead.mean() < 0.6
     assert (hit[:, 180][ahead] == box).all()
+
+
+def test_an_entity_can_tell_its_intensity(tmp_path):
+    """What tells none beside others returns 0; a scene that tells none has no intensities at all."""
+    text = "[sensor]\nbeams = 37\nfov = 36\n[[box]]\nx = 2\ny = 0\nlength = 1\nwidth = 0.3\n{box}"
+    text += "[[wall]]\npoints = [[3, -1], [3, 1]]\n"
+    (tmp_path / "lit.toml").write_text(text.format(box="intensity = 812.5\n"))
+    scene = load_scene(tmp_path / "lit.toml")
+    assert [entity.intensity for entity in scene.entities] == [812.5, None]
+    raw, entity, _ = simulate_sweep_arrays(scene, 2)
+    assert {kind: set(raw.intensities[entity == number]) for kind, number in (("box", 0), ("wall", 1))} == {
+        "box": {812.5},
+        "wall": {0.0},
+    }
+    (tmp_path / "dark.toml").write_text(text.format(box=""))
+    assert simulate_sweep_arrays(load_scene(tmp_path / "dark.toml"), 2)[0].intensities is None
+    (tmp_path / "wrong.toml").write_text(text.format(box="intensity = -1\n"))
+    with pytest.raises(OptionError, match="number 1: 'intensity' must be at least 0, not -1"):
+        load_scene(tmp_path / "wrong.toml")

@@ -18,6 +18,7 @@ LOGS = [
     ("hall", "hall", {}),
     ("drive", "drive.db3", {}),
     ("people", "people.csv.gz", {}),
+    ("reflectors", "reflectors.mcap", {}),
 ]
 
 

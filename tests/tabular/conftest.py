@@ -22,8 +22,11 @@ def batch() -> SweepBatch:
     ranges[0, 5] = np.inf
     ranges[2, 7] = np.nan
     made = sweep(ranges, angle_increment=np.pi / 180, range_min=0.1, range_max=12)
+    # So strong that a median needs all digits of single precision, but for the second sweep.
+    intensities = np.where(made.sweep[:, None] == 1, np.nan, np.linspace(0.1, 900.3, 360)).astype(np.float32)
     return replace(
         made,
+        intensities=intensities,
         topic="/scan",
         frame_ids=("a", "b"),
         frame=np.array([0, 1, 1], np.int32),

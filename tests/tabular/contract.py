@@ -38,6 +38,7 @@ CONTRACT = {
         *counts("beam_i beam_f beams"),
         *doubles("theta_i theta_f r_i r_f s_i s_f d_th theta_min r_min x y width"),
         *doubles("box_x box_y box_length box_width box_yaw"),
+        ("intensity", "float"),
         ("vertices", VERTICES),
         ("faces", FACES),
         ("difference", "double"),

@@ -27,7 +27,7 @@ def test_object_rows_equal_the_detection(batch: SweepBatch, detection: Detection
         assert row["visibility"] == VISIBILITIES[detection.visibility[k]]
         for name, kind in CONTRACT["objects"]:
             value = getattr(detection, name, None)
-            if value is not None and kind in ("double", "int32") and name not in ("row",):
+            if value is not None and kind in ("double", "float", "int32") and name not in ("row",):
                 expected = None if np.isnan(value[k]) else value[k]
                 assert row[name] == expected, name
         first, last = detection.vertex_offsets[k : k + 2]
@@ -45,6 +45,17 @@ def test_object_rows_equal_the_detection(batch: SweepBatch, detection: Detection
         tracked = ("track", "vx", "vy", "moving", "label", "label_score")
         unknown = ("difference", "change", *tracked, "world_x", "world_y", "world_yaw")
         assert [row[name] for name in unknown] == [None] * 11
+
+
+def test_an_unknown_intensity_is_null(batch: SweepBatch, detection: Detection) -> None:
+    assert detection.intensity is not None
+    some = detection.intensity.copy()
+    some[::2] = np.nan
+    column = objects_rows("run", batch, replace(detection, intensity=some))["intensity"]
+    assert column.to_pylist() == [None if np.isnan(value) else value for value in some.tolist()]
+    assert column.null_count == -(-len(some) // 2)
+    bare = objects_rows("run", batch, replace(detection, intensity=None))["intensity"]
+    assert (str(bare.type), bare.null_count) == ("float", len(some))
 
 
 def test_undefined_difference_is_null(batch: SweepBatch, detection: Detection) -> None:

@@ -8,6 +8,7 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -55,6 +56,10 @@ def test_ndjson_reads_back(batch: SweepBatch, detection: Detection) -> None:
     assert list(read[0]) == OBJECTS.names
     assert read[0]["stamp"] == "2023-11-14T22:13:20.123456789Z"
     for row, expected in zip(read, rows.to_pylist(), strict=True):
+        # Single precision: the shortest decimals that are the same number.
+        short = row.pop("intensity")
+        assert np.float32(short) == expected.pop("intensity")
+        assert len(repr(short)) <= 9
         assert {**row, "stamp": None} == {**expected, "stamp": None}
 
 
@@ -65,6 +70,8 @@ def test_csv_reads_back(batch: SweepBatch, detection: Detection) -> None:
         assert list(row) == OBJECTS.names
         assert float(row["theta_i"]) == expected["theta_i"]
         assert row["difference"] == ""
+        assert np.float32(row["intensity"]) == expected["intensity"]
+        assert len(row["intensity"]) <= 9
         assert json.loads(row["vertices"]) == expected["vertices"]
         assert json.loads(row["faces"]) == expected["faces"]
         assert (row["set"], row["shape"]) == (expected["set"], expected["shape"])

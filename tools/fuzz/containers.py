@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import io
 import struct
 import tempfile
 from collections.abc import Callable, Mapping
@@ -51,8 +52,8 @@ class Sample:
         return {**self.files, name: changed}
 
 
-def sweeps(topic: str = "/scan", beams: int = BEAMS, seed: int = 1) -> RawSweeps:
-    """Sweeps with some beams of every kind, from two frames."""
+def sweeps(topic: str = "/scan", beams: int = BEAMS, seed: int = 1, lit: bool = False) -> RawSweeps:
+    """Sweeps with some beams of every kind, from two frames; `lit`: with intensities."""
     random = np.random.default_rng(seed)
     ranges = random.uniform(0.05, 9.0, (SWEEPS, beams)).round(3).astype(np.float32)
     ranges[:, 5], ranges[:, 9], ranges[:, 11] = np.inf, 0.0, np.nan
@@ -69,6 +70,7 @@ def sweeps(topic: str = "/scan", beams: int = BEAMS, seed: int = 1) -> RawSweeps
         range_max=np.full(SWEEPS, 8.0, np.float32),
         beams=np.full(SWEEPS, beams, np.int32),
         ranges=ranges,
+        intensities=random.integers(1, 4000, ranges.shape).astype(np.float32) if lit else None,
     )
 
 
@@ -84,8 +86,10 @@ def poses() -> SimulatedPoses:
     )
 
 
-def _written(log: str, container: str | None = None, with_poses: bool = True, **options: Any) -> Sample:
-    blocks = [sweeps(), sweeps("/rear", BEAMS - 5, 2)]
+def _written(
+    log: str, container: str | None = None, with_poses: bool = True, lit: bool = False, **options: Any
+) -> Sample:
+    blocks = [sweeps(lit=lit), sweeps("/rear", BEAMS - 5, 2, lit)]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / log
         if container in ("csv", "rplidar"):
@@ -98,11 +102,64 @@ def _written(log: str, container: str | None = None, with_poses: bool = True, **
         return Sample(log, {str(file.relative_to(folder)): file.read_bytes() for file in found})
 
 
-def _mcap(encoding: str, compression: str, chunk_size: int = 1500, clouds: bool = False) -> Sample:
+def _mcap(
+    encoding: str, compression: str, lit: bool = False, chunk_size: int = 1500, clouds: bool = False
+) -> Sample:
     """Chunks of half a dozen messages; inside, one chunk without a checksum is packed again."""
-    write = partial(_written, "run.mcap", encoding=encoding, chunk_size=chunk_size, clouds=clouds)
-    sample = write(compression=compression)
-    plain = write(compression="none").files["run.mcap"]
+    sample, plain = (
+        _written(
+            "run.mcap", encoding=encoding, compression=packed, chunk_size=chunk_size, lit=lit, clouds=clouds
+        )
+        for packed in (compression, "none")
+    )
+    return _of_chunks(sample, plain.files["run.mcap"], compression)
+
+
+def _echoes(encoding: str) -> Sample:
+    """Messages with up to three echoes of each beam, and how strong they are."""
+    from mcap.writer import CompressionType, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    kind = "sensor_msgs/msg/MultiEchoLaserScan"
+    text, _ = store.generate_msgdef(kind, ros_version=1 if encoding == "ros1" else 2)
+    out = io.BytesIO()
+    writer = Writer(out, chunk_size=1500, compression=CompressionType.NONE)
+    writer.start(library="lidarcli")
+    ros1 = encoding == "ros1"
+    name = kind.replace("/msg/", "/") if ros1 else kind
+    schema = writer.register_schema(name, "ros1msg" if ros1 else "ros2msg", text.encode())
+    channel = writer.register_channel("/scan", encoding, schema)
+    raw = sweeps(lit=True)
+    for row in range(SWEEPS):
+        stamp = int(raw.stamp_ns[row])
+        data = _echo_message(store, kind, raw, row, ros1)
+        writer.add_message(channel, stamp, data, stamp)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return _of_chunks(Sample("run.mcap", {"run.mcap": out.getvalue()}), out.getvalue(), "none")
+
+
+def _echo_message(store: Any, kind: str, raw: RawSweeps, row: int, ros1: bool) -> bytes:
+    """The echoes of a beam are its range and those of the beams behind it; of every second sweep all have two."""
+    types = store.types
+    echo = types["sensor_msgs/msg/LaserEcho"]
+    assert raw.intensities is not None
+
+    def lists(values: Any) -> list[Any]:
+        counts = [2] * BEAMS if row % 2 else [beam % 4 for beam in range(BEAMS)]
+        return [echo(np.roll(values, -beam)[:count].copy()) for beam, count in enumerate(counts)]
+
+    whole, rest = divmod(int(raw.stamp_ns[row]), 1_000_000_000)
+    stamp = types["builtin_interfaces/msg/Time"](whole, rest)
+    header = types["std_msgs/msg/Header"](*([row] if ros1 else []), stamp, raw.frame_ids[raw.frame[row]])
+    message = types[kind](
+        header, -1.5, 1.5, 0.125, 0.0, 0.0, 0.1, 8.0, lists(raw.ranges[row]), lists(raw.intensities[row])
+    )
+    return bytes(store.serialize_ros1(message, kind) if ros1 else store.serialize_cdr(message, kind))
+
+
+def _of_chunks(sample: Sample, plain: bytes, compression: str) -> Sample:
+    """The same, and what is inside its first chunk; `plain` is the file without compression."""
     first, content, end = _first_chunk(plain)
 
     def pack(changed: bytes) -> bytes:
@@ -158,13 +215,16 @@ def _folder(container: str, compression: str) -> Sample:
     return Sample(sample.log, sample.files, {packed: (content, _PACKERS["zstd"])})
 
 
-def _csv(log: str, layout: str) -> Sample:
-    return _perhaps_packed(log, _written(log, "csv", layout=layout))
+def _csv(log: str, layout: str, lit: bool = False) -> Sample:
+    return _perhaps_packed(log, _written(log, "csv", lit=lit, layout=layout))
 
 
-def _text(container: str, log: str, with_poses: bool = True) -> Sample:
-    """A text log of one message per line; of CARMEN without poses RAWLASER1 in the place of FLASER and ODOM."""
-    return _perhaps_packed(log, _written(log, container, with_poses))
+def _text(container: str, log: str, with_poses: bool = True, lit: bool = False) -> Sample:
+    """A text log of one message per line; of CARMEN without poses RAWLASER1 in the place of FLASER and ODOM.
+
+    With intensities (`lit`) CARMEN has REMISSIONFLASER in the place of FLASER.
+    """
+    return _perhaps_packed(log, _written(log, container, with_poses, lit))
 
 
 def _rplidar(log: str) -> Sample:
@@ -216,8 +276,8 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     },
     "csv-gz": partial(_csv, "run.csv.gz", "rostopic"),
     **{
-        f"clouds-mcap-{encoding}": partial(_mcap, encoding, "zstd", 8000, True)
-        for encoding in ("cdr", "ros1", "json", "protobuf")
+        f"clouds-mcap-{encoding}": partial(_mcap, encoding, "zstd", lit, 8000, True)
+        for encoding, lit in (("cdr", True), ("ros1", False), ("json", False), ("protobuf", True))
     },
     "clouds-bag": partial(_bag, "lz4", True),
     "clouds-bag-none": partial(_bag, "none", True),
@@ -234,6 +294,16 @@ _MAKERS: dict[str, Callable[[], Sample]] = {
     "rplidar-gz": partial(_rplidar, "run.txt.gz"),
     "jsonl": partial(_written, "run.jsonl"),
     "jsonl-gz": partial(_jsonl, "run.jsonl.gz"),
+    **{
+        f"mcap-{encoding}-lit": partial(_mcap, encoding, "none", True) for encoding in ("cdr", "ros1", "json")
+    },
+    **{f"mcap-{encoding}-echoes": partial(_echoes, encoding) for encoding in ("cdr", "ros1")},
+    **{
+        f"csv-{layout}-lit": partial(_csv, "run.csv", layout, True)
+        for layout in ("plotjuggler", "bagpy", "list")
+    },
+    "carmen-remission": partial(_text, "carmen", "run.log", True, True),
+    "carmen-raw-lit": partial(_text, "carmen", "run.log", False, True),
 }
 
 CONTAINERS = tuple(_MAKERS)

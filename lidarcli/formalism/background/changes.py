@@ -21,11 +21,9 @@ from lidarcli.formalism.detection import (
     WALL,
     Detection,
 )
+from lidarcli.formalism.medians import grouped_medians
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.sweeps import Bool, Closure, Float32, Float64, Status, SweepBatch, UInt8
-
-_MANTISSA = np.int64(0x7FFFFFFF)
-"""All bits of a float32 but its sign."""
 
 
 def changes(
@@ -75,9 +73,12 @@ def _with_removed(
     status[(before.status != Status.VALID) & ~removed] = Status.INVALID
     status[before.status == Status.PADDING] = Status.PADDING
     ranges = np.where(status == Status.VALID, r_e, np.nan).astype(np.float32)
-    scene = replace(before, ranges=ranges, status=status.astype(np.uint8))
+    scene = replace(before, ranges=ranges, status=status.astype(np.uint8), intensities=None)
     gone = detect(scene, parameters, per_beam=per_beam, within=removed, sigma=noise(scene))
     gone = _described(gone, scene, difference.difference[rows], removed, REMOVED)
+    if found.intensity is not None:
+        # What a beam passes through returned nothing of it.
+        gone = replace(gone, intensity=np.full(len(gone), np.nan, np.float32))
     return combine(found, gone, rows)
 
 
@@ -133,19 +134,4 @@ def _medians(found: Detection, batch: SweepBatch, values: Float32) -> Float64:
     beam, owner, _ = spans(found.beam_i.astype(np.int64), size)
     row = found.row[owner]
     value = values[row, beam % count[row]]
-    known = ~np.isnan(value)
-    value, owner = value[known], owner[known]
-    # One sort of whole numbers that order as (owner, value): several times as fast as a sort by two keys.
-    bits = np.ascontiguousarray(value, np.float32).view(np.int32).astype(np.int64)
-    order = (owner << 32) + np.where(bits < 0, -1 - (bits & _MANTISSA), bits) + (1 << 31)
-    order.sort()
-    bits = (order & 0xFFFFFFFF) - (1 << 31)
-    value = np.where(bits < 0, (-1 - bits) | ~_MANTISSA, bits).astype(np.int32).view(np.float32)
-    number = np.bincount(owner, minlength=len(found))
-    first = np.cumsum(number) - number
-    result = np.full(len(found), np.nan)
-    some = np.flatnonzero(number)
-    low = first[some] + (number[some] - 1) // 2
-    high = first[some] + number[some] // 2
-    result[some] = 0.5 * (value[low].astype(np.float64) + value[high])
-    return result
+    return grouped_medians(value, owner, len(found))

@@ -44,7 +44,8 @@ def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
     keys = ("theta_i", "shape", "row")
     theta, shape, row = (_joined(first, second, name) for name in keys)
     order = np.lexsort((theta, shape == WALL, row))
-    values = {name: _joined(first, second, name)[order] for name in _OBJECT_FIELDS}
+    known = [name for name in _OBJECT_FIELDS if getattr(first, name) is not None]
+    values = {name: _joined(first, second, name)[order] for name in known}
     counts = np.bincount(values["row"], minlength=len(first.objects))
     number = np.arange(len(order)) - offsets_of(counts)[values["row"]] + 1
     values |= _lists(first, second, "vertex_offsets", _VERTEX_FIELDS, order)

@@ -47,6 +47,8 @@ class Looks:
     """(K,) direction of its first axis in the world [rad]."""
     blur: Float64
     """(K,) standard deviation of the distance of two legs there [m]."""
+    intensity: Float64
+    """(K,) median intensity of its returns; NaN where there is none."""
     edges: Int64
     """(K,) its first and its last beam, as one number."""
 
@@ -72,6 +74,10 @@ class _Sizes:
     sightings: int = 0
     blur: float = 0.0
     """Mean of `Looks.blur`."""
+    lit: int = 0
+    """Sightings whose intensity is known ..."""
+    intensity: float = math.nan
+    """... and the mean of these."""
     known: Float64 | None = None
     """The estimate, once nothing can come any more."""
 
@@ -93,6 +99,12 @@ class _Sizes:
                 self.looks[edges] = more
         self.sightings += len(at)
         self.blur += float((looks.blur[at] - self.blur).sum()) / self.sightings
+        told = looks.intensity[at]
+        told = told[~np.isnan(told)]
+        if len(told):
+            before = self.intensity if self.lit else 0.0
+            self.lit += len(told)
+            self.intensity = before + float((told - before).sum()) / self.lit
 
     def estimate(self) -> Float64:
         """(SIZES, 2) each size and its standard deviation [m], NaN where it was not seen."""
@@ -141,6 +153,7 @@ class Naming:
             sd=np.column_stack([seen.side_1_sd, seen.side_2_sd, seen.across_sd]),
             yaw=poses[:, 2] + poses[:, 3] * detection.box_yaw,
             blur=seen.span_sd,
+            intensity=seen.intensity,
             edges=(detection.beam_i.astype(np.int64) << 32) + detection.beam_f,
         )
 
@@ -202,6 +215,7 @@ class Naming:
         frame = summary.frame_of_legs(track)
         row = dict.fromkeys(_MEASURED, np.nan)
         row |= {"legs": 0.0, "moved": float(track.moved), "least_sd": LEAST_SD, "span_sd": LEAST_SD}
+        row["intensity"] = math.nan if sizes is None else sizes.intensity
         if frame is not None:
             # Sizes of one leg say nothing of the thing.
             row |= {"legs": float(frame.legs), "span_1": frame.length}

@@ -6,16 +6,18 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import as_singles, keep_sound, pad, split_rows
+from lidarcli.logs.blocks import as_singles, keep_sound, pad, pad_cells, split_rows
 from lidarcli.logs.carmen.lines import Found, Lines
 from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, geometry
 from lidarcli.logs.carmen.words import LASERS, Laser
 from lidarcli.logs.geometry import as_told, full_steps, tells_geometry
+from lidarcli.logs.lines import MOST_DIGITS
 from lidarcli.logs.numbers import Cells, not_a_number
 from lidarcli.logs.text import TextBlock
-from lidarcli.sweeps import Float64, Int64, RawSweeps
+from lidarcli.sweeps import Float32, Float64, Int64, RawSweeps
 
 _START, _VIEW, _STEP, _MOST = range(4)
 _ROUNDED = 6e-7
@@ -82,6 +84,7 @@ class SweepDecoder:
                 range_max=as_singles(most),
                 beams=beams.astype(np.int32),
                 ranges=pad(numbers.values[::width], beams, scale),
+                intensities=_remissions(cells, found, some, numbers.values),
             ),
             good,
             self.report,
@@ -105,6 +108,26 @@ class SweepDecoder:
         most = self.parameters.at(laser.frame, "max", lines)
         with np.errstate(invalid="ignore"):
             return first, step, np.where(most > 0, most, MAX_RANGE)
+
+
+def _remissions(cells: Cells, found: Found, some: slice, ranges: NDArray[np.floating]) -> Float32 | None:
+    """(S, B) the remissions of `some` messages, NaN where a sweep has fewer of them than ranges; None where none has any.
+
+    They stand behind each of its `ranges`, or behind all of them with their number before them.
+    """
+    laser, rows, beams = LASERS[found.word], found.rows[some], found.beams[some]
+    if laser.pairs:
+        return pad(ranges[1::2], beams, 1.0) if len(ranges) else None
+    if not laser.geometry:
+        return None
+    after, fields = found.after[some], found.fields[some]
+    count = np.zeros(len(rows), np.int64)
+    for row, cell in enumerate(cells.spans(rows, after, np.minimum(fields, 1))):
+        if cell.isdigit() and len(cell) <= MOST_DIGITS and int(cell) < fields[row]:
+            count[row] = min(int(cell), int(beams[row]))
+    if not count.any():
+        return None
+    return pad_cells(cells, rows, after + 1, count, int(beams.max()))
 
 
 def _of_lines(told: Float64, beams: Int64) -> tuple[Float64, Float64, Float64]:

@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from lidarcli.logs.base import Message, ReadReport, Slice
+from lidarcli.logs.blocks import as_singles, pad_intensities
 from lidarcli.logs.clouds import foxglove, pointcloud2
 from lidarcli.logs.clouds.bins import Bins, Fill
 from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Floats
@@ -33,6 +34,15 @@ class Levelled(NamedTuple):
     """(K, 3) [m]; the third is the height that heights count from."""
 
 
+class Seen(NamedTuple):
+    """What the bins of a cloud hold."""
+
+    ranges: Float32
+    """(B,) of the nearest point [m]; +inf where there is none."""
+    intensities: Float32 | None
+    """(B,) how strong its return was, NaN without a point; None where the cloud does not tell."""
+
+
 class Levels(Protocol):
     """Knows what is level."""
 
@@ -52,8 +62,8 @@ def decode(message: Message) -> Cloud:
     raise BadCloudError(f"the encoding '{message.encoding}' is not read")
 
 
-def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Float64) -> Float32:
-    """(B,) range of the nearest point of each bin [m]; +inf where there is none.
+def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Float64) -> Seen:
+    """The nearest point of each bin.
 
     Parameters
     ----------
@@ -77,7 +87,11 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
         which, point = bins.nearest(ahead, left, max(near, NEAREST), min(far, FARTHEST))
     ranges = np.full(bins.count, np.inf, np.float32)
     ranges[which] = np.hypot(ahead[point].astype(np.float64), left[point].astype(np.float64))
-    return ranges
+    if layout.intensity is None:
+        return Seen(ranges, None)
+    intensities = np.full(bins.count, np.nan, np.float32)
+    intensities[which] = as_singles(cloud.column(layout.intensity, kept[point]))
+    return Seen(ranges, intensities)
 
 
 def _like(limit: float, values: Floats) -> np.floating:
@@ -166,12 +180,14 @@ class Slicer:
         told = self.levels.of(frame_id, np.where(stamp_ns == 0, record_ns, stamp_ns))
         turns = np.broadcast_to(np.eye(3), (count, 3, 3)) if told is None else told.rotation
         moves = np.zeros((count, 3)) if told is None else told.offset
-        ranges = np.stack(
-            [
-                slice_cloud(cloud, self.part, self.bins, turn, move)
-                for (_, cloud), turn, move in zip(clouds, turns, moves, strict=True)
-            ]
-        )
+        seen = [
+            slice_cloud(cloud, self.part, self.bins, turn, move)
+            for (_, cloud), turn, move in zip(clouds, turns, moves, strict=True)
+        ]
+        ranges = np.stack([each.ranges for each in seen])
+        strengths = [
+            np.empty(0, np.float32) if each.intensities is None else each.intensities for each in seen
+        ]
         self._fill.add(ranges)
         if len(self._frames) < _MOST_FRAMES:
             self._frames[frame_id] = None
@@ -188,4 +204,5 @@ class Slicer:
             range_max=np.full(count, far, np.float32),
             beams=np.full(count, self.bins.count, np.int32),
             ranges=ranges,
+            intensities=pad_intensities(strengths, self.bins.count),
         )

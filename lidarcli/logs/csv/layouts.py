@@ -46,6 +46,8 @@ class Columns:
     """The first column of ranges."""
     doubled: bool = False
     """As many intensities follow the ranges, up to the end of the row."""
+    intensities: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
+    """(B,) the column of the intensity of each beam where they stand elsewhere; in a list form, that of the list."""
     open_end: bool = False
     """Nothing but ranges (and intensities) stands from `first` to the end of the row: rows may be ragged."""
     geometry: tuple[float, float] | None = None

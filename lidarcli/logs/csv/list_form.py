@@ -10,7 +10,7 @@ from itertools import islice
 import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import keep_sound, pad, split_rows
+from lidarcli.logs.blocks import keep_sound, pad, pad_intensities, split_rows
 from lidarcli.logs.csv.dialect import csv_cells, read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout
 from lidarcli.logs.csv.raw_sweeps import (
@@ -22,7 +22,7 @@ from lidarcli.logs.csv.raw_sweeps import (
 )
 from lidarcli.logs.numbers import not_a_number, parse_number, parse_rows, say
 from lidarcli.logs.text import MAX_LINE, TextBlock
-from lidarcli.sweeps import Int32, RawSweeps
+from lidarcli.sweeps import Float32, Int32, RawSweeps
 
 _SECONDS = re.compile(r"\bsecs?['\"]?\s*[:=]\s*(-?\d+)")
 _NANOSECONDS = re.compile(r"\bn(?:ano)?secs?['\"]?\s*[:=]\s*(\d+)")
@@ -40,10 +40,11 @@ _MOST_LINES = 100_000
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """One record: its line, the text of its ranges, all other cells."""
+    """One record: its line, the text of its ranges and intensities, all other cells."""
 
     line: int
     ranges: bytes
+    intensities: bytes
     cells: list[str]
 
 
@@ -151,15 +152,13 @@ class ListDecoder:
             self._report.add_damage(f"line {line}", "not a whole record: it is dropped")
             return None
         lists, cells = found
-        cell = cells[self._layout.scans[0].first]
-        _, mark, number = cell.partition("\x01")
-        digits = re.match(r"\d+", number)
-        if digits is not None and int(digits[0]) < len(lists):
-            return _Record(line, lists[int(digits[0])], cells)
-        if not mark and cell.strip().rstrip("()[]'f").strip() in ("", "array", "array('f'"):
-            return _Record(line, b"", cells)
-        self._report.add_damage(f"line {line}", f"{say(cell.encode())} is no list of ranges")
-        return None
+        scan = self._layout.scans[0]
+        ranges = _list_of(cells[scan.first], lists)
+        if ranges is None:
+            self._report.add_damage(f"line {line}", f"{say(cells[scan.first].encode())} is no list of ranges")
+            return None
+        beside = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
+        return _Record(line, ranges, b"".join(beside), cells)
 
     def _sweeps(self, scan: Columns, records: list[_Record]) -> Iterator[RawSweeps]:
         parts = [_plain_list(record.ranges) for record in records]
@@ -200,8 +199,27 @@ class ListDecoder:
         good = np.ones(len(records), np.bool_)
         good[list(causes)] = False
         ranges = pad(found.values, counts, self._options.range_scale)
-        block = build(scan, (stamp, record_ns), frame, known, counts, ranges, self._options)
+        intensities = _intensities(records, ranges.shape[1])
+        block = build(scan, (stamp, record_ns), frame, known, counts, ranges, self._options, intensities)
         return keep_sound(block, good, self._report)
+
+
+def _list_of(cell: str, lists: list[bytes]) -> bytes | None:
+    """The text of the list that a cell stands for, empty where it is an empty one; None where it is no list."""
+    _, mark, number = cell.partition("\x01")
+    digits = re.match(r"\d+", number)
+    if digits is not None and int(digits[0]) < len(lists):
+        return lists[int(digits[0])]
+    is_empty = not mark and cell.strip().rstrip("()[]'f").strip() in ("", "array", "array('f'")
+    return b"" if is_empty else None
+
+
+def _intensities(records: list[_Record], width: int) -> Float32 | None:
+    """(S, `width`) the intensities beside the ranges, padded with NaN; None where no record has any."""
+    parts = [_plain_list(record.intensities) for record in records]
+    counts = np.array([part.count(b",") + 1 if part else 0 for part in parts], np.int64)
+    found = parse_rows(parts, counts, b",", np.float32)
+    return pad_intensities(np.split(found.values, np.cumsum(counts)[:-1]), width)
 
 
 def _plain_list(text: bytes) -> bytes:

@@ -170,6 +170,22 @@ def find_families(names: Sequence[str]) -> list[Family]:
     )
 
 
+def find_intensities(names: Sequence[str]) -> dict[str, Int64]:
+    """The columns `intensities[0]`, `intensities_1`, ... of each scan, by what stands before the word, in lower case."""
+    found: dict[str, dict[int, int]] = {}
+    for column, name in enumerate(names):
+        stem = name.strip().lower()
+        match = _INDEX.search(stem) if "intens" in stem else None
+        if match is not None:
+            stem = stem[: match.start()].rstrip(_BEFORE_INDEX)
+            found.setdefault(stem, {}).setdefault(int(match[1]), column)
+    return {
+        stem.removesuffix("intensities"): np.array([columns[index] for index in sorted(columns)], np.int64)
+        for stem, columns in found.items()
+        if stem.endswith("intensities") and max(columns) - min(columns) == len(columns) - 1
+    }
+
+
 def find_bearings(names: Sequence[str]) -> tuple[Family, float, float] | None:
     """Columns that are named by their bearing: the columns, the first bearing and the step, as written."""
     numbers: dict[int, float] = {}

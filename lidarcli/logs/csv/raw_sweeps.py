@@ -96,6 +96,7 @@ def build(
     beams: Int64,
     ranges: Float32,
     options: OpenOptions,
+    intensities: Float32 | None = None,
 ) -> RawSweeps:
     """A block from its columns; `known` is the geometry that the file gives."""
     first, step, range_min, range_max = fill_geometry(scan, known, beams, options)
@@ -113,6 +114,7 @@ def build(
         ranges=ranges,
         time_increment=_times(known, "time_increment"),
         scan_time=_times(known, "scan_time"),
+        intensities=intensities,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -47,6 +47,7 @@ from lidarcli.logs.csv.names import (
     canonical,
     find_bearings,
     find_families,
+    find_intensities,
     find_layers,
     find_long,
     has_ros_header,
@@ -56,7 +57,7 @@ from lidarcli.logs.csv.names import (
 from lidarcli.logs.csv.rplidar import COUNTER_CLOCKWISE
 from lidarcli.logs.numbers import say
 from lidarcli.logs.times import DATE, DATE_UNPADDED, S, time_unit
-from lidarcli.sweeps import TURN
+from lidarcli.sweeps import TURN, Int64
 
 _SHOWN = 3
 """Values of a column that a message names."""
@@ -102,11 +103,12 @@ def with_header(head: Head) -> Layout:
         family, first, step = bearings
         degrees = max(abs(first), abs(first + step * (len(family.columns) - 1))) > TURN + 0.1
         scale = np.pi / 180 if degrees else 1.0
-        scans = [_columns(head, index, family, (first * scale, step * scale))]
+        scans = [_columns(head, index, {}, family, (first * scale, step * scale))]
         notes = ["bearings from the column names" + (", taken as degrees" if degrees else "")]
     else:
         notes = []
-        scans = [_columns(head, index, family) for family in families]
+        strengths = find_intensities(names)
+        scans = [_columns(head, index, strengths, family) for family in families]
     if name == MCAP_CAT:
         scans = [_of_mcap(head, each) for each in scans]
     for each in scans:
@@ -127,13 +129,19 @@ def with_header(head: Head) -> Layout:
 
 
 def _columns(
-    head: Head, index: FieldIndex, family: Family, geometry: tuple[float, float] | None = None
+    head: Head,
+    index: FieldIndex,
+    strengths: Mapping[str, Int64],
+    family: Family,
+    geometry: tuple[float, float] | None = None,
 ) -> Columns:
     """The fields around a family of range columns, and whether rows may be ragged."""
     fields = index.find(family.prefix)
     first, last = int(family.columns[0]), int(family.columns[-1])
     in_order = bool((np.diff(family.columns) == 1).all())
     after = len(head.names) - last - 1
+    none = np.empty(0, np.int64)
+    beside = strengths.get(family.prefix.lower(), none)
     doubled = after == len(family.columns) and all("intens" in name.lower() for name in head.names[-after:])
     return Columns(
         family.topic,
@@ -142,6 +150,8 @@ def _columns(
         family.columns,
         first,
         doubled,
+        # Those of ragged rows stand wherever the ranges end.
+        none if doubled or len(beside) != len(family.columns) else beside,
         in_order and (doubled or not after),
         geometry,
     )
@@ -182,13 +192,15 @@ def _list_layout(head: Head) -> Layout | None:
     brackets = b"[" if "[" in cells[listed] else b"("
     name = ros_name(head.names)
     topic = Family(prefix, np.empty(0, np.int64)).topic
+    named = f"{prefix}intensities".lower()
+    beside = np.array([i for i, each in enumerate(head.names) if each.strip().lower() == named][:1], np.int64)
     return Layout(
         LIST if name == WIDE else f"{name}, {LIST}",
         head.dialect,
         head.start,
         head.header,
         len(head.names),
-        (Columns(topic, fields, found_units, first=listed),),
+        (Columns(topic, fields, found_units, first=listed, intensities=beside),),
         listed=True,
         brackets=brackets,
     )

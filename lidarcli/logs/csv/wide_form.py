@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import keep_sound, pad, split_rows
+from lidarcli.logs.blocks import keep_sound, pad, pad_cells, pad_intensities, split_rows
 from lidarcli.logs.csv.dialect import read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout, expected_beams
 from lidarcli.logs.csv.raw_sweeps import (
@@ -109,7 +109,9 @@ class WideDecoder:
         view: Int64,
     ) -> RawSweeps | None:
         """Rows of known beam counts → one block, without the rows that turn out to be none."""
+        given = beams
         ranges, beams, good, bad = self._ranges(scan, cells, rows, beams, view)
+        intensities = _intensities(scan, cells, rows, given, ranges.shape[1])
         stamp, record, untimed = read_times(scan, lambda index: cells.column(rows, index), len(rows))
         self._bad_cells(bad, numbers[rows])
         if untimed is not None:
@@ -120,7 +122,7 @@ class WideDecoder:
         if "frame" in scan.fields:
             frame = encode_frames(cells.column(rows, scan.fields["frame"]))
         times = (stamp, record)
-        block = build(scan, times, frame, known, beams, ranges, self._options)
+        block = build(scan, times, frame, known, beams, ranges, self._options, intensities)
         return keep_sound(block, good, self._report)
 
     def _ranges(
@@ -210,6 +212,22 @@ class WideDecoder:
     def _bad_cells(self, bad: dict[int, bytes], numbers: Int64) -> None:
         for row, cell in sorted(bad.items()):
             bad_cell(self._report, int(numbers[row]), cell)
+
+
+def _intensities(scan: Columns, cells: Cells, rows: Int64, beams: Int64, width: int) -> Float32 | None:
+    """(S, `width`) the intensities of rows of so many ranges, NaN for a row without; None where no row has any."""
+    count = cells.count[rows]
+    if scan.doubled:
+        return pad_cells(
+            cells, rows, scan.first + beams, np.where(count >= scan.first + 2 * beams, beams, 0), width
+        )
+    columns = scan.intensities
+    if not len(columns):
+        return None
+    first, last = int(columns.min()), int(columns.max())
+    spans = np.where(count > last, last + 1 - first, 0)
+    values = pad_cells(cells, rows, np.full(len(rows), first), spans, last + 1 - first)
+    return None if values is None else pad_intensities([*values[:, columns - first]], width)
 
 
 def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:

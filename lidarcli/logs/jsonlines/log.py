@@ -36,7 +36,7 @@ class JsonLinesLog(TextLog):
         return None
 
     def _sweeps(self, topics: Collection[str] | None, report: ReadReport) -> Sweeps:
-        return _Decoder(topics, report)
+        return _Decoder(topics, report, self._options.echo)
 
     def _poses(self, types: Collection[str], report: ReadReport) -> Poses:
         return _NoPoses()
@@ -55,8 +55,9 @@ class _NoPoses:
 class _Decoder:
     """Lines in, sweeps out; scans of each topic wait until they are a block, or until that of the text ends."""
 
-    def __init__(self, topics: Collection[str] | None, report: ReadReport) -> None:
+    def __init__(self, topics: Collection[str] | None, report: ReadReport, echo: str) -> None:
         self._topics = topics
+        self._echo = echo
         self._report = report
         self._unit: int | None = None
         self._names: dict[bytes, str] = {}
@@ -119,7 +120,7 @@ class _Decoder:
 
     def _keep(self, topic: str, message: Any, line: bytes, record_ns: int) -> None:
         try:
-            scan = scan_of(message, line, record_ns)
+            scan = scan_of(message, line, record_ns, self._echo)
             if len(scan.sweep.ranges) > MAX_BEAMS:
                 raise RefusedError(TOO_MANY)
         except RefusedError as err:

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from lidarcli.choices import ECHOES
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.blocks import as_singles, keep_sound, pad_rows
+from lidarcli.logs.blocks import as_singles, keep_sound, pad_intensities, pad_rows
 from lidarcli.logs.foxglove import STAMP, RefusedError, Sweep, decode_fields
 from lidarcli.logs.times import DATE, S, to_ns
 from lidarcli.sweeps import RawSweeps
@@ -40,7 +41,7 @@ def is_scan(message: Any) -> bool:
     return "angle_increment" in message or "start_angle" in message or "startAngle" in message
 
 
-def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int) -> Scan:
+def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
     """The sweep of a message for which `is_scan` holds; `line` is its text. RefusedError where it can be none."""
     if "angle_increment" not in message:
         fields = {_CAMEL.get(name, name): value for name, value in message.items()}
@@ -50,14 +51,15 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int) -> Scan:
         return Scan(sweep, record_ns, (sweep.angle_max - sweep.angle_min) / max(len(sweep.ranges) - 1, 1))
     try:
         header = message.get("header") or {}
+        ranges, intensities = _chosen(message["ranges"], message.get("intensities"), echo)
         first, step = float(message["angle_min"]), float(message["angle_increment"])
         told = {
             "timestamp": _header_stamp(header.get("stamp"), line),
             "frame_id": header.get("frame_id", ""),
             "start_angle": first,
             "end_angle": first,
-            "ranges": [_first_echo(value) for value in message["ranges"]],
-            "intensities": message.get("intensities"),
+            "ranges": ranges,
+            "intensities": intensities,
         }
         others = [
             float(message.get(name, default))
@@ -76,12 +78,34 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int) -> Scan:
         raise RefusedError(NOT_SCAN) from None
 
 
-def _first_echo(value: Any) -> Any:
-    """The range of a beam; the first one where a MultiEchoLaserScan has several."""
-    if not isinstance(value, dict):
-        return value
-    echoes = value.get("echoes") or [None]
-    return echoes[0]
+def _chosen(ranges: Any, intensities: Any, echo: str) -> tuple[list[Any], Any]:
+    """Ranges and intensities of the beams; of a MultiEchoLaserScan those of one echo each."""
+    if not any(isinstance(value, dict) for value in ranges):
+        return list(ranges), intensities
+    echoes = [_echoes(value) for value in ranges]
+    strengths = [_echoes(value) for value in intensities or ()]
+    strengths += [[]] * (len(echoes) - len(strengths))
+    which = [_which(many, strong, echo) for many, strong in zip(echoes, strengths, strict=False)]
+    return (
+        [many[at] if many else None for many, at in zip(echoes, which, strict=True)],
+        [strong[at] if at < len(strong) else None for strong, at in zip(strengths, which, strict=False)]
+        if any(strengths)
+        else None,
+    )
+
+
+def _echoes(value: Any) -> list[Any]:
+    return list(value.get("echoes") or []) if isinstance(value, dict) else [value]
+
+
+def _which(ranges: Sequence[Any], intensities: Sequence[Any], echo: str) -> int:
+    """Which of the echoes of a beam counts."""
+    if echo == "last":
+        return max(len(ranges) - 1, 0)
+    if echo == "strongest":
+        known = np.array([np.nan if each is None else float(each) for each in intensities[: len(ranges)]])
+        return 0 if np.isnan(known).all() else int(np.nanargmax(known))
+    return 0
 
 
 def _header_stamp(stamp: Any, line: bytes) -> dict[str, int]:
@@ -131,6 +155,10 @@ def block_of(topic: str, scans: Sequence[Scan], report: ReadReport) -> RawSweeps
         range_max=others[:, 1],
         beams=np.array([len(sweep.ranges) for sweep in sweeps], np.int32),
         ranges=pad_rows([sweep.ranges for sweep in sweeps]),
+        intensities=pad_intensities(
+            [sweep.intensities[: len(sweep.ranges)] for sweep in sweeps],
+            max(len(sweep.ranges) for sweep in sweeps),
+        ),
         time_increment=others[:, 2],
         scan_time=others[:, 3],
     )

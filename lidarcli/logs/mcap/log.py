@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lidarcli.errors import UnreadableError
 from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
 from lidarcli.logs import foxglove
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.definition import differs
 from lidarcli.logs.gather import Gather
 from lidarcli.logs.mcap.catalogue import MAGIC, Catalogue, Summary, index_is_complete, read_summary
@@ -124,8 +124,13 @@ class McapLog:
     """
 
     def __init__(
-        self, source: str | Path | BinaryIO, name: str | None = None, size: int | None = None
+        self,
+        source: str | Path | BinaryIO,
+        options: OpenOptions | None = None,
+        name: str | None = None,
+        size: int | None = None,
     ) -> None:
+        self._echo = (options or OpenOptions()).echo
         self.format = "mcap"
         self.compression = "none"
         self.size = size
@@ -263,7 +268,8 @@ class McapLog:
             text = definition.data.decode("utf-8", "replace")
             different = differs(type_name, definition.encoding, text)
             if different is None:
-                return _Columns(Gather(channel.topic, type_name, encoding, report), self._unpacking)
+                gather = Gather(channel.topic, type_name, encoding, report, self._echo)
+                return _Columns(gather, self._unpacking)
             problem = f"its definition is not the standard one: {different}"
         elif type_name == FOXGLOVE_SCAN and encoding == "json":
             return _OneByOne(channel.topic, foxglove.decode_json, report)

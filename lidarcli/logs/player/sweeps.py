@@ -136,6 +136,10 @@ class SweepDecoder:
                 range_max=as_singles(most if far is None else np.full(len(rows), far)),
                 beams=beams.astype(np.int32),
                 ranges=pad(numbers.values[:: scan.width], beams, scale),
+                # A laser tells how strong each return was, behind all else of its beam.
+                intensities=pad(numbers.values[scan.width - 1 :: scan.width], beams, 1.0)
+                if scan.width > 1
+                else None,
             ),
             good,
             self.report,

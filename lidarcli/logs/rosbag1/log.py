@@ -11,7 +11,7 @@ from typing import BinaryIO, cast
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.gather import Gather
 from lidarcli.logs.rosbag1.feeds import read_at
 from lidarcli.logs.rosbag1.index import Connection, State, read_index
@@ -33,7 +33,8 @@ class Rosbag1Log:
     format = "ros1 bag"
     position = 0
 
-    def __init__(self, source: str | Path | BinaryIO) -> None:
+    def __init__(self, source: str | Path | BinaryIO, options: OpenOptions | None = None) -> None:
+        self._echo = (options or OpenOptions()).echo
         self.path = path = str(source) if isinstance(source, str | Path) else "-"
         self._file = _open(path, source)
         try:
@@ -86,7 +87,9 @@ class Rosbag1Log:
         for block in reading.blocks():
             for connections in _by_topic(block, reading, wanted):
                 first = reading.connections[connections[0]]
-                gather = gathers.setdefault(first, Gather(first.topic, first.type, "ros1", report))
+                gather = gathers.setdefault(
+                    first, Gather(first.topic, first.type, "ros1", report, self._echo)
+                )
                 yield from _decode(block, np.flatnonzero(np.isin(block.connection, connections)), gather)
             self._progress(reading)
         for gather in gathers.values():

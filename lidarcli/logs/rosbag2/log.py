@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidarcli.errors import LidarcliError, UnreadableError
-from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, ReadReport, Topic, ros_type
+from lidarcli.logs.base import (
+    LASERSCAN,
+    MULTI_ECHO,
+    Message,
+    OpenOptions,
+    ReadReport,
+    Topic,
+    ros_type,
+)
 from lidarcli.logs.gather import Gather
 from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type
 from lidarcli.logs.rosbag2.folder import METADATA, Folder, read_folder
@@ -28,7 +36,8 @@ NO_TIME = "no time that is a number"
 class Rosbag2Log:
     """A ROS 2 bag: its files are read one after the other, as one stream."""
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, options: OpenOptions | None = None) -> None:
+        self._options = options or OpenOptions()
         self.path = str(path)
         self.position = 0
         self._opening = ReadReport()
@@ -167,7 +176,7 @@ class Rosbag2Log:
         if _is_mcap(file):
             from lidarcli.logs.mcap.log import McapLog
 
-            storage: SqliteBag | McapLog = McapLog(str(path))
+            storage: SqliteBag | McapLog = McapLog(str(path), self._options)
         else:
             storage = SqliteBag(path, str(file), own, self._known[number])
         self._codecs.add(storage.compression)
@@ -196,7 +205,7 @@ class Rosbag2Log:
         self, bag: SqliteBag, topics: Collection[str] | None, number: int, report: ReadReport
     ) -> Iterator[RawSweeps]:
         gathers = {
-            topic.id: Gather(topic.name, ros_type(topic.type), "cdr", report)
+            topic.id: Gather(topic.name, ros_type(topic.type), "cdr", report, self._options.echo)
             for topic in bag.topics.values()
             if has_type(topic, SCANS) and (topics is None or topic.name in topics)
         }

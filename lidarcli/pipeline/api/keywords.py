@@ -10,6 +10,7 @@ from os import PathLike
 from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_type_hints
 
 from lidarcli.choices import (
+    ECHOES,
     GREATEST_COUNT,
     GREATEST_NUMBER,
     MAP_RESOLUTION,
@@ -149,6 +150,10 @@ class Ranges(TypedDict, total=False):
     ]
     bins: Annotated[
         int | None, Keyword("beams of such a sweep, 720; a full turn, or `angle_min` and `fov`", None, COUNT)
+    ]
+    echo: Annotated[
+        Literal["first", "last", "strongest"],
+        Keyword("which echo to take of each beam of a MultiEchoLaserScan", ECHOES[0]),
     ]
 
 

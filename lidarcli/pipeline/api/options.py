@@ -23,8 +23,8 @@ Told = Mapping[str, Any]
 """Keywords with their values; all those of a group are there."""
 OBJECTS = tuple(Objects.__annotations__)
 """Names of the keywords that say what an object is."""
-GEOMETRY = ("angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit")
-"""Names of those that say what a CSV may lack."""
+OPENING = ("angle_min", "angle_increment", "fov", "range_max", "degrees", "range_unit", "echo")
+"""Names of those that say what a log may need to be told."""
 
 
 def several(values: Paths) -> list[str]:
@@ -51,9 +51,9 @@ def rules(told: Told) -> RangeRules:
 
 
 def opening_options(told: Told) -> OpenOptions:
-    """What a log may need to be told, angles in radians."""
+    """What a log may need to be told."""
     return open_options(
-        **{name: told[name] for name in GEOMETRY},
+        **{name: told[name] for name in OPENING},
         heights=told["slice"],
         bins=told["bins"],
         limits=told["range"],

@@ -7,6 +7,7 @@ from os import PathLike, fspath
 from lidarcli.errors import OptionError
 from lidarcli.fields import Fields
 from lidarcli.formalism.catalogue import KINDS, Catalogue, Thing
+from lidarcli.formalism.intensity import MOST_INTENSITY
 from lidarcli.tomlfiles import read_toml
 
 MOST_THINGS = 1000
@@ -68,9 +69,10 @@ def _thing(fields: Fields) -> Thing:
     shape = fields.text("shape", choices=KINDS) if fields.has("shape") else None
     keys = [key for group in ALL_SIZES for key in group]
     given = [key for key in keys if fields.has(key)]
+    is_lit = fields.has("intensity_min", "intensity_max")
     fields.has("tolerance", "moves")
     fields.done()
-    group = _size_keys(fields, shape, given)
+    group = _size_keys(fields, shape, given) if given or not is_lit else ()
     length = width = diameter = None
     legs = 0
     spacing: tuple[float, ...] = ()
@@ -78,9 +80,15 @@ def _thing(fields: Fields) -> Thing:
         length, width = (fields.number(key, above=0, high=LONGEST) for key in group)
     elif group == ("diameter",):
         diameter = fields.number("diameter", above=0, high=LONGEST)
-    else:
+    elif group:
         legs = fields.whole("legs", low=2, high=MOST_LEGS)
         spacing = _spacing(fields, legs)
+    least, most = (
+        fields.number(key, low=0, high=MOST_INTENSITY, largest=MOST_INTENSITY) if fields.has(key) else None
+        for key in ("intensity_min", "intensity_max")
+    )
+    if least is not None and most is not None and least > most:
+        fields.fail("intensity_min", f"is above intensity_max: {least:g} and {most:g}")
     return Thing(
         name=name,
         shape=shape,
@@ -91,6 +99,8 @@ def _thing(fields: Fields) -> Thing:
         spacing=spacing,
         tolerance=fields.number("tolerance", TOLERANCE, low=0, high=LONGEST),
         moves=fields.flag("moves", True),
+        intensity_min=least,
+        intensity_max=most,
     )
 
 

@@ -46,13 +46,13 @@ def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
         from lidarcli.logs.mcap.log import McapLog
 
         file.keep()
-        return McapLog(stream, str(url), file.size)
+        return McapLog(stream, opening, str(url), file.size)
     if head.startswith(ROS1):
         # Its reader makes a temporary file of a stream, which has no name: nothing is left of it whatever happens.
         from lidarcli.logs.rosbag1.log import Rosbag1Log
 
         with _named(url, "-"):
-            return cast(Log, Rosbag1Log(stream))
+            return cast(Log, Rosbag1Log(stream, opening))
     copy = _scratch(stack) / url.name
     with copy.open("wb") as out:
         shutil.copyfileobj(file, out, PIECE)

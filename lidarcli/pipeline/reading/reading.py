@@ -54,6 +54,7 @@ def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions)
         "no_return": [*sorted(rules.no_return), *sorted(rules.markers)],
         **({"csv": told} if told else {}),
         **({} if part is None else {"slice": [part.low, part.high], "bins": part.bins}),
+        **({"echo": opening.echo} if opening.echo != _AS_IT_IS.echo else {}),
         **poses.as_dict(),
     }
 

@@ -1,0 +1,45 @@
+"""Medians of many groups of values at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lidarcli.sweeps import Float32, Float64, Int64
+
+_MANTISSA = np.int64(0x7FFFFFFF)
+"""All bits of a float32 but its sign."""
+
+
+def grouped_medians(value: Float32, owner: Int64, groups: int) -> Float64:
+    """The median of the values of each group, NaN left out.
+
+    Parameters
+    ----------
+    value, owner : (N,) the values, and which group each belongs to
+    groups : G
+
+    Returns
+    -------
+    (G,) NaN where a group has no value
+
+    >>> grouped_medians(np.array([3, 1, np.nan, 2], np.float32), np.array([0, 0, 1, 0]), 2).tolist()
+    [2.0, nan]
+    """
+    known = ~np.isnan(value)
+    value, owner = value[known], owner[known]
+    # One sort of whole numbers that order as (owner, value): several times as fast as a sort by two keys.
+    bits = np.ascontiguousarray(value, np.float32).view(np.int32).astype(np.int64)
+    order = (owner << 32) + np.where(bits < 0, -1 - (bits & _MANTISSA), bits) + (1 << 31)
+    order.sort()
+    bits = (order & 0xFFFFFFFF) - (1 << 31)
+    value = np.where(bits < 0, (-1 - bits) | ~_MANTISSA, bits).astype(np.int32).view(np.float32)
+    number = np.bincount(owner, minlength=groups)
+    first = np.cumsum(number) - number
+    result = np.full(groups, np.nan)
+    some = np.flatnonzero(number)
+    low = first[some] + (number[some] - 1) // 2
+    high = first[some] + number[some] // 2
+    # Half of inf and half of -inf have no sum.
+    with np.errstate(invalid="ignore"):
+        result[some] = 0.5 * (value[low].astype(np.float64) + value[high])
+    return result
