@@ -15,7 +15,7 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.logs import open_log
-from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, Damage, ReadReport
+from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, Damage, OpenOptions, ReadReport
 from lidarcli.simulate import simulate
 from lidarcli.simulate.jsonlines_writer import write_jsonlines
 from lidarcli.sweeps import RawSweeps
@@ -103,11 +103,30 @@ def test_a_foxglove_scan(data: str) -> None:
     np.testing.assert_array_equal(got.ranges, np.array([[2.5, -np.inf, np.nan]], np.float32))
 
 
-def test_several_echoes_are_the_first_one() -> None:
+@pytest.mark.parametrize(
+    ("echo", "ranges", "intensities"),
+    [
+        ("first", [1.5, np.nan, np.inf, 3.0], [7.0, np.nan, 5.0, np.nan]),
+        ("last", [2.5, np.nan, np.inf, 4.0], [9.0, np.nan, 5.0, np.nan]),
+        ("strongest", [2.5, np.nan, np.inf, 3.0], [9.0, np.nan, 5.0, np.nan]),
+    ],
+)
+def test_one_of_several_echoes_counts(echo: str, ranges: list[float], intensities: list[float]) -> None:
     data = json.loads(laser())
-    data["ranges"] = [{"echoes": [1.5, 2.5]}, {"echoes": []}, {"echoes": ["Infinity"]}]
-    got = one(line(json.dumps(data)))
-    np.testing.assert_array_equal(got.ranges, np.array([[1.5, np.nan, np.inf]], np.float32))
+    data["ranges"] = [{"echoes": each} for each in ([1.5, 2.5], [], ["Infinity"], [3.0, 4.0])]
+    data["intensities"] = [{"echoes": each} for each in ([7, 9], [], [5])]
+    with open_log(io.BytesIO(line(json.dumps(data)).encode()), opening=OpenOptions(echo=echo)) as log:
+        [got] = log.scans(None, ReadReport())
+    np.testing.assert_array_equal(got.ranges, np.array([ranges], np.float32))
+    assert got.intensities is not None
+    np.testing.assert_array_equal(got.intensities, np.array([intensities], np.float32))
+
+
+def test_intensities_are_kept() -> None:
+    got = one(line(laser().replace('"intensities":[]', '"intensities":[12.5,null,900,7]')))
+    assert got.intensities is not None
+    np.testing.assert_array_equal(got.intensities, np.array([[12.5, np.nan, 900.0]], np.float32))
+    assert one(line(laser())).intensities is None
 
 
 def test_topics_stay_apart_and_others_are_passed_over() -> None:

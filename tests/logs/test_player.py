@@ -90,6 +90,20 @@ def test_every_kind_of_sweep_is_read(kind: str, tmp_path: Path) -> None:
     assert (topic.messages, topic.encoding, log.format) == (1, "player", "player")
 
 
+@pytest.mark.parametrize(
+    ("line", "intensities"),
+    [
+        ("laser 00 001 001 0001 -1.0 1.0 1.0 8.0 0003 1.0 7 2.0 0 3.0 255", [7.0, 0.0, 255.0]),
+        ("laser 00 001 003 0001 +08.0000 0003 1.0 0.0 4 2.0 0.5 5 3.0 1.0 6", [4.0, 5.0, 6.0]),
+    ],
+)
+def test_a_laser_tells_how_strong_returns_were(line: str, intensities: list[float], tmp_path: Path) -> None:
+    block = only(log_of(tmp_path, f"{HEAD} {line}\n"))
+    assert block.ranges.tolist() == [[1.0, 2.0, 3.0]]
+    assert block.intensities is not None
+    assert block.intensities.tolist() == [intensities]
+
+
 def test_beams_that_are_not_evenly_spread_are_refused(tmp_path: Path) -> None:
     even = f"{HEAD} laser 00 001 003 0001 +08.0000 0003 1.0 0.0 0 2.0 0.5 0 3.0 {{}} 0\n"
     log = log_of(tmp_path, even.format("1.0") + even.format("2.0"))
