@@ -33,6 +33,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "folder-mcap": ("run", {"container": "ros2-mcap"}),
     **{f"csv-{layout}": ("run.csv", {"layout": layout}) for layout in WITH},
     "rawlaser": ("run.log", {}),
+    "jsonl": ("run.jsonl", {}),
 }
 
 
