@@ -131,7 +131,7 @@ class TopicChoice:
         )
         if not clouds:
             return ""
-        return f"; to read its point clouds as sweeps add --slice ZMIN ZMAX, the heights that count [m] ({_some(clouds)})"
+        return f"; to read the point clouds of {_some(clouds)} as sweeps, add --slice ZMIN ZMAX (heights in metres)"
 
     def _list(self) -> str:
         """What the log has instead."""

@@ -190,7 +190,7 @@ def test_a_log_without_a_laser_scan(name: str, topic: str, kind: str, tmp_path: 
     assert (info.exit_code, info.scans) == (4, ())
     with pytest.raises(NoScanError) as caught:
         detect_to_files(Source(str(path), "run"), tmp_path, DetectOptions())
-    hint = "; to read its point clouds as sweeps add --slice ZMIN ZMAX, the heights that count [m] (/scan)"
+    hint = "; to read the point clouds of /scan as sweeps, add --slice ZMIN ZMAX (heights in metres)"
     words = f"no LaserScan topic in this log (its topics: {topic} {kind})"
     assert str(caught.value) == words + (hint if kind == CLOUD else "")
 

@@ -99,7 +99,7 @@ def test_what_cannot_be_drawn() -> None:
             lidarcli.OptionError,
             f"{ROOM}: no sweep 100 of /scan: the last one is 99",
         ),
-        (lambda: lidarcli.plot(SAMPLES), lidarcli.OptionError, f"{SAMPLES}: holds 6 logs; name one of them"),
+        (lambda: lidarcli.plot(SAMPLES), lidarcli.OptionError, f"{SAMPLES}: holds 7 logs; name one of them"),
         (lambda: lidarcli.plot("no.bag"), lidarcli.UnreadableError, "no.bag: no such file or folder"),
         (lambda: lidarcli.plot(batch, topic="/scan"), TypeError, "only a log can be read with topic"),
         (lambda: lidarcli.plot([ROOM]), TypeError, "a log is the path of a file or folder, not list"),

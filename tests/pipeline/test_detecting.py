@@ -113,14 +113,21 @@ def test_topic_without_messages_gives_empty_tables(tmp_path: Path, opened: Opens
     assert pq.read_table(tmp_path / "run.objects.parquet").num_rows == 0
 
 
+SLICE = "; to read the point clouds of /cloud as sweeps, add --slice ZMIN ZMAX (heights in metres)"
+
+
 @pytest.mark.parametrize(
     ("topics", "asked", "message"),
     [
-        ([CLOUD], (), "no LaserScan topic in this log (its topics: /cloud sensor_msgs/msg/PointCloud2)"),
+        (
+            [CLOUD],
+            (),
+            f"no LaserScan topic in this log (its topics: /cloud sensor_msgs/msg/PointCloud2){SLICE}",
+        ),
         ([], (), "no LaserScan topic in this log (it has no topics)"),
         (None, (), "no LaserScan in it"),
         ([SCAN], ("/front",), "no LaserScan topic /front in this log (its LaserScan topics: /scan)"),
-        ([SCAN, CLOUD], ("/cloud",), "topic /cloud is sensor_msgs/msg/PointCloud2, not a LaserScan"),
+        ([SCAN, CLOUD], ("/cloud",), f"topic /cloud is sensor_msgs/msg/PointCloud2, not a LaserScan{SLICE}"),
     ],
 )
 @pytest.mark.parametrize("damage", [None, "cut off"])

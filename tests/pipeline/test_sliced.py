@@ -116,8 +116,8 @@ def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_log_of_clouds_alone_says_what_to_type(people: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert run(["detect", str(people), "-o", str(people.parent / "none")]) == 4
     assert capfd.readouterr().err == (
-        f"lidarcli: {people}: no LaserScan topic in this log (its topics: /scan sensor_msgs/msg/PointCloud2); to read its "
-        "point clouds as sweeps add --slice ZMIN ZMAX, the heights that count [m] (/scan)\n"
+        f"lidarcli: {people}: no LaserScan topic in this log (its topics: /scan sensor_msgs/msg/PointCloud2); to read the "
+        "point clouds of /scan as sweeps, add --slice ZMIN ZMAX (heights in metres)\n"
     )
     assert run(["detect", str(people), "--topic", "scan"]) == 4
     assert "add --slice ZMIN ZMAX" in capfd.readouterr().err
