@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -79,10 +79,8 @@ class FrameTree:
         if _last(start) in WORLDS:
             return None
         reached = self._reached(start)
-        for name in WORLDS:
-            for frame in reached:
-                if _last(frame) == name:
-                    return _way(reached, frame)
+        if (world := _named(reached, WORLDS)) is not None:
+            return _way(reached, world)
         climbed: list[Step] = []
         seen = {start}
         frame = start
@@ -95,11 +93,12 @@ class FrameTree:
 
     def to_base(self, start: str) -> tuple[Step, ...]:
         """The way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`."""
-        reached = self._reached(start)
-        for name in BASES:
-            for frame in reached:
-                if _last(frame) == name:
-                    return _way(reached, frame)
+        # Beyond a fixed frame there are other robots.
+        reached = self._reached(
+            start, {name for name in self._near if _last(name) in WORLDS and name != start}
+        )
+        if (base := _named(reached, BASES)) is not None:
+            return _way(reached, base)
         climbed: list[Step] = []
         frame = start
         while (link := self._parent.get(frame)) is not None and link.static and len(climbed) < len(reached):
@@ -126,6 +125,12 @@ def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
         steps.append(step)
         target = step.source
     return tuple(reversed(steps))
+
+
+def _named(frames: Iterable[str], names: Sequence[str]) -> str | None:
+    """The frame that has the best of some names, whatever its prefix; the first of several."""
+    known = [frame for frame in frames if _last(frame) in names]
+    return min(known, key=lambda frame: names.index(_last(frame)), default=None)
 
 
 def _last(frame: str) -> str:

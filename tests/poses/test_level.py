@@ -70,6 +70,17 @@ def test_the_floor_goes_before_the_robot() -> None:
     assert found.words("lidar") == "above base_footprint, level by /tf_static"
 
 
+def test_the_base_of_another_robot_is_not_that_of_the_sensor() -> None:
+    found = levels(
+        *moving("map", "one/base_link", at((0, 0, 0)), at((1, 0, 0))),
+        *moving("map", "two/base_footprint", at((5, 5, 3)), at((6, 5, 3))),
+        fixed("one/base_link", "one/lidar", at((0, 0, 0.4))),
+    )
+    level = found.of("one/lidar", np.array([SECOND // 2]))
+    assert seen(level, (1.0, 0.0, 0.0)) == pytest.approx([1.0, 0.0, 0.4])
+    assert found.words("one/lidar").startswith("above one/base_link, level by ")
+
+
 def test_a_robot_of_another_name_is_what_the_sensor_is_fixed_to() -> None:
     found = levels(
         *moving("odom", "hull", at((0, 0, 7)), at((9, 0, 7))),
