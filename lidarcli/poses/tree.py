@@ -12,7 +12,7 @@ from lidarcli.poses.motion import Motion, compose, inverse
 from lidarcli.poses.tracks import Track
 from lidarcli.sweeps import Int64
 
-WORLDS = ("map", "odom", "world")
+WORLDS = ("map", "odom", "world", "camera_init")
 """Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
 
 
@@ -38,15 +38,15 @@ class Step(NamedTuple):
         return self.track.parent if self.down else self.track.child
 
 
-def along(steps: Sequence[Step], stamp_ns: Int64) -> Motion:
+def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> Motion:
     """The pose of the frame that the steps begin at in the one that they lead to, at each time (S,).
 
-    NaN outside the span of any link that moves.
+    NaN outside the span of any link that moves; `held`: there its first or last pose, as a mount stays where it is.
     """
     count = len(stamp_ns)
     pose = Motion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
     for track, down in steps:
-        link = track.at(stamp_ns)
+        link = track.at(np.clip(stamp_ns, *track.span_ns) if held else stamp_ns)
         pose = compose(inverse(link) if down else link, pose)
     return pose
 
@@ -94,18 +94,29 @@ class FrameTree:
         return tuple(climbed) if moves and not _last(frame).startswith("base") else None
 
     def to_base(self, start: str) -> tuple[Step, ...]:
-        """The way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`."""
-        reached = self._reached(start)
+        """The way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`.
+
+        From a fixed frame without one of these it is the way to what moves there, unless several do.
+        """
+        in_world = _last(start) in WORLDS
+        # Beyond a fixed frame are other robots.
+        reached = self._reached(start, () if in_world else self._worlds())
         for name in BASES:
             for frame in reached:
                 if _last(frame) == name:
                     return _way(reached, frame)
+        if in_world:
+            ways = [way for way in (_way(reached, frame) for frame in reached) if way and _moves_first(way)]
+            return ways[0] if len(ways) == 1 else ()
         climbed: list[Step] = []
         frame = start
         while (link := self._parent.get(frame)) is not None and link.static and len(climbed) < len(reached):
             climbed.append(Step(link, down=False))
             frame = link.parent
         return tuple(climbed)
+
+    def _worlds(self) -> set[str]:
+        return {frame for frame in self._near if _last(frame) in WORLDS}
 
     def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
         """Every frame that can be reached, the nearest first, with the step that leads to it."""
@@ -126,6 +137,12 @@ def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
         steps.append(step)
         target = step.source
     return tuple(reversed(steps))
+
+
+def _moves_first(way: Sequence[Step]) -> bool:
+    """Whether a way down from a fixed frame ends where something moves that no other moving thing carries."""
+    moving = [step for step in way if not step.track.static and _last(step.target) not in WORLDS]
+    return moving == [way[-1]] and way[-1].down
 
 
 def _last(frame: str) -> str:

@@ -211,7 +211,7 @@ def test_the_pose_of_a_foxglove_cloud_moves_its_points(encoding: str) -> None:
         (make(POINTS, point_step=0), clouds.OUTSIDE),
         (make(POINTS, (("x", "f4", 0), ("a", "f4", 4), ("z", "f4", 8))), clouds.NO_COORDINATES),
         (make(POINTS, (("x", "i2", 0), ("y", "i2", 4), ("z", "i2", 8))), clouds.NO_COORDINATES),
-        (make(POINTS, frame="f" * 5000), pointcloud2.NAME_LONG),
+        (make(POINTS, frame="f" * 5000), clouds.NAME_LONG),
     ],
 )
 def test_what_is_no_cloud_is_refused(data: bytes, cause: str) -> None:
@@ -237,6 +237,7 @@ def test_a_cloud_of_too_many_fields_is_refused() -> None:
         (packed(foxglove_cloud(fields=[]), "protobuf"), "protobuf", clouds.NO_COORDINATES),
         (packed(foxglove_cloud(timestamp={"sec": 1 << 62, "nsec": 0}), "json"), "json", foxglove.STAMP),
         (packed(foxglove_cloud(pose=(NAN, 0, 0, 0, 0, 0, 1)), "protobuf"), "protobuf", foxglove.NOT_FINITE),
+        (packed(foxglove_cloud(frame_id="f" * 5000), "json"), "json", clouds.NAME_LONG),
         (b"\xff\xff", "protobuf", foxglove.NOT_PROTOBUF),
     ],
 )
@@ -303,6 +304,32 @@ def test_clouds_become_blocks_of_sweeps_and_bad_ones_are_counted(monkeypatch: py
         "/points: sweeps of the points from -0.5 to 0.5 m above a",
         "/points: sweeps of the points from -0.5 to 0.5 m above b",
     ]
+
+
+def test_clouds_that_nobody_knows_the_place_of_are_left_out() -> None:
+    class Late(Flat):
+        """From stamp 3 on a metre higher."""
+
+        def of(self, frame_id: str, stamp_ns: Any) -> Any:
+            known = np.where(stamp_ns < 3, np.nan, 1.0)[:, None, None]
+            return slicing.Levelled(
+                "base_link", np.eye(3) * known, np.array([[0.0, 0.0, 1.0]] * len(stamp_ns))
+            )
+
+    made = Slicer("/points", Slice(0.5, 1.5, 4), Bins.of(OpenOptions(), 4), Late(), ReadReport())
+    for at in (1, 2, 3):
+        assert list(made.take(message(make(POINTS, stamp_ns=at)))) == []
+    (block,) = made.flush()
+    assert (block.stamp_ns.tolist(), block.ranges.tolist()) == ([3], [NEAREST])
+    assert "/points: 2 clouds left out: no transform tells where the robot was then" in made.notes()
+    made.take(message(make(POINTS, stamp_ns=1)))
+    assert list(made.flush()) == []
+
+
+def test_zeros_are_no_point_wherever_the_sensor_is() -> None:
+    cloud = pointcloud2.decode(make([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [-9.0, 0.0, 0.0]]), "cdr")
+    ahead = slice_cloud(cloud, PART, Bins.of(OpenOptions(), 4), np.eye(3), np.array([1.0, 0.0, 0.0]))
+    assert ahead.tolist() == pytest.approx([8.0, np.inf, np.inf, np.sqrt(10.0)])
 
 
 def test_a_view_that_is_not_told_is_noted() -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from lidarcli.foxglove import CLOUD, NUMBER_KINDS, classes
-from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Layout, PointField
+from lidarcli.logs.clouds.cloud import MAX_NAME, NAME_LONG, BadCloudError, Cloud, Layout, PointField
 from lidarcli.sweeps import Float64
 
 NOT_JSON = "not JSON"
@@ -79,6 +79,8 @@ def _cloud(
 ) -> Cloud:
     if not -(2**63) <= stamp_ns < 2**63:
         raise BadCloudError(STAMP)
+    if len(frame_id) > MAX_NAME:
+        raise BadCloudError(NAME_LONG)
     fields: dict[str, PointField] = {}
     for name, offset, kind in named:
         if 0 < kind < len(NUMBER_KINDS) and offset >= 0:
