@@ -135,6 +135,14 @@ def test_a_partial_view_and_one_that_runs_backwards() -> None:
     assert (which.tolist(), point.tolist()) == ([0, 1, 2], [3, 2, 1])
 
 
+def test_a_step_of_next_to_nothing_has_no_bin_for_what_is_beside_it() -> None:
+    bins = Bins(0.0, 1e-300, 5)
+    bearing = np.array([-1.0, 1.0, 3.0])
+    with np.errstate(over="ignore"):
+        which, point = bins.nearest(np.cos(bearing), np.sin(bearing), 0.1, 9.0)
+    assert (which.tolist(), point.tolist()) == ([], [])
+
+
 def test_a_whole_sensor_agrees_with_a_look_at_every_point() -> None:
     random = np.random.default_rng(5)
     points = random.uniform(-10, 10, (16, 200, 3)) * [1, 1, 0.1]

@@ -147,6 +147,29 @@ def test_info_tells_of_clouds(people: Path, capfd: pytest.CaptureFixture[str]) -
     assert "/scan  sensor_msgs/msg/PointCloud2  20" in capfd.readouterr().out
 
 
+def test_info_tells_how_clouds_are_read(people: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    hint = "no LaserScan topic in this log; to read its point clouds as sweeps add --slice ZMIN ZMAX"
+    assert run(["info", str(people)]) == 4
+    assert hint in capfd.readouterr().err
+    with pytest.warns(UserWarning, match=hint):
+        lidarcli.info(people)
+
+
+def test_an_overlay_reads_the_log_as_its_tables_were_made(people: Path, tmp_path: Path) -> None:
+    told = ["--slice", "-0.1", "0.1", "--bins", "300", "--range", "0.1", "20"]
+    assert run(["detect", str(people), "-o", str(tmp_path), "-q", *told]) == 0
+    (objects,) = tmp_path.glob("*.objects.parquet")
+    overlay = tmp_path / "overlay.mcap"
+    assert (
+        run(["overlay", str(people), "-q", "--with-log", "--objects", str(objects), "-o", str(overlay)]) == 0
+    )
+    made = lidarcli.read(people, slice=(-0.1, 0.1), bins=300, range=(0.1, 20.0))
+    copied = lidarcli.read(overlay)
+    shown, known = (np.concatenate([batch.ranges for batch in batches]) for batches in (copied, made))
+    assert shown.shape == (20, 300)
+    np.testing.assert_array_equal(shown, known)
+
+
 def test_a_pipe_of_clouds(
     people: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -164,6 +187,17 @@ def test_a_pipe_of_clouds(
         ({"slice": (1.0, 0.5)}, "--slice: 1 to 0.5 m are no heights"),
         ({"slice": (float("nan"), 0.5)}, "are no heights"),
         ({"bins": 5}, "--bins is for point clouds"),
+        ({"slice": (-float("inf"), 1)}, "are no heights"),
+        ({"slice": (0, 1), "fov": 0.0}, "--fov: with --slice"),
+        (
+            {"slice": (0, 1), "fov": 6.3},
+            "--fov: with --slice the view is more than nothing, and one turn at most",
+        ),
+        ({"slice": (0, 1), "angle_increment": 0.01}, "--angle-increment: with --slice give --angle-min, too"),
+        (
+            {"slice": (0, 1), "bins": 7, "angle_min": 0.0, "angle_increment": -1.0},
+            "--angle-increment: 7 beams \\(--bins\\) so far apart are more than one turn",
+        ),
         ({"slice": (0, 1), "bins": 1}, "--bins: 1 is not from 2 to 100,000"),
         ({"slice": (0, 1), "bins": 100_001}, "--bins: 100001 is not from 2"),
     ],

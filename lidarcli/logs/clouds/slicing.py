@@ -63,7 +63,7 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
     axes = (layout.x, layout.y, layout.z)
     if cloud.pose is not None:
         turn, move = turn @ _matrix(cloud.pose[3:]), turn @ cloud.pose[:3] + move
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         # Most points are at other heights: of these no more is looked at than what tells the height.
         height = _along(
             turn[2],
