@@ -106,8 +106,8 @@ class FrameTree:
                 if _last(frame) == name:
                     return _way(reached, frame)
         if in_world:
-            ways = [way for way in (_way(reached, frame) for frame in reached) if way and _moves_first(way)]
-            return ways[0] if len(ways) == 1 else ()
+            moving = _moving(reached)
+            return _way(reached, moving[0]) if len(moving) == 1 else ()
         climbed: list[Step] = []
         frame = start
         while (link := self._parent.get(frame)) is not None and link.static and len(climbed) < len(reached):
@@ -139,10 +139,19 @@ def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
     return tuple(reversed(steps))
 
 
-def _moves_first(way: Sequence[Step]) -> bool:
-    """Whether a way down from a fixed frame ends where something moves that no other moving thing carries."""
-    moving = [step for step in way if not step.track.static and _last(step.target) not in WORLDS]
-    return moving == [way[-1]] and way[-1].down
+def _moving(reached: Mapping[str, Step | None]) -> list[str]:
+    """The frames that move in a fixed one and that no other moving thing carries; the nearest frames come first."""
+    carried: set[str] = set()
+    found = []
+    for frame, step in reached.items():
+        if step is None:
+            continue
+        if step.source in carried:
+            carried.add(frame)
+        elif not step.track.static and _last(frame) not in WORLDS:
+            carried.add(frame)
+            found += [frame] if step.down else []
+    return found
 
 
 def _last(frame: str) -> str:

@@ -92,6 +92,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "end_ns": 1_700_000_001_900_000_000,
         "beams_by_status": {"valid": 7180, "no_return": 20, "too_close": 0, "invalid": 0},
         "pose": None,
+        "made_of": None,
     }
 
 

@@ -207,6 +207,13 @@ def test_the_pose_of_a_foxglove_cloud_moves_its_points(encoding: str) -> None:
     assert sweep(turned, encoding) == [np.inf, np.inf, 2.0, np.inf]
 
 
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_a_quaternion_of_any_length_is_a_turn(encoding: str) -> None:
+    assert sweep(packed(foxglove_cloud(POINTS, (0, 0, 0, 0, 0, 0, 1e200)), encoding), encoding) == NEAREST
+    beyond = packed(foxglove_cloud(POINTS, (1e308, 1e308, 0, 0, 0, 0.6, 0.8)), encoding)
+    assert sweep(beyond, encoding) == [np.inf] * 4
+
+
 @pytest.mark.parametrize(
     ("data", "cause"),
     [
@@ -217,6 +224,7 @@ def test_the_pose_of_a_foxglove_cloud_moves_its_points(encoding: str) -> None:
         (make(POINTS, width=(1 << 32) - 1, height=(1 << 32) - 1), clouds.TOO_FEW),
         (make(POINTS, point_step=8), clouds.OUTSIDE),
         (make(POINTS, point_step=0), clouds.OUTSIDE),
+        (make(POINTS, (("x", "f4", 0), ("y", "f4", 0), ("z", "f4", 0)), step=4), clouds.OUTSIDE),
         (make(POINTS, (("x", "f4", 0), ("a", "f4", 4), ("z", "f4", 8))), clouds.NO_COORDINATES),
         (make(POINTS, (("x", "i2", 0), ("y", "i2", 4), ("z", "i2", 8))), clouds.NO_COORDINATES),
         (make(POINTS, frame="f" * 5000), clouds.NAME_LONG),
@@ -275,6 +283,14 @@ class Flat:
 
     def words(self, frame_id: str) -> str:
         return f"above {frame_id}"
+
+
+def test_a_message_beyond_what_containers_read_is_refused_in_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = make(POINTS)
+    monkeypatch.setattr(slicing, "MAX_MESSAGE", len(data) - 1)
+    report = ReadReport()
+    assert not list(slicer(report).take(message(data)))
+    assert report.refused == Counter({("/points", slicing.LONG): 1})
 
 
 def slicer(report: ReadReport, part: Slice = PART) -> Slicer:

@@ -86,6 +86,9 @@ class Layout:
             raise BadCloudError(NO_COORDINATES)
         intensity = next((fields[name] for name in _INTENSITIES if name in fields), None)
         (rows, columns), (row_step, point_step) = shape, steps
+        # Coordinates that share bytes would let a message declare more points than it can hold.
+        if sum(axis.end - axis.offset for axis in (x, y, z) if axis is not None) > point_step:
+            raise BadCloudError(OUTSIDE)
         if any(field.end > point_step for field in (x, y, z, intensity) if field is not None):
             raise BadCloudError(OUTSIDE)
         if not rows or not columns:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -93,7 +94,7 @@ def _cloud(
 def _pose(numbers: list[float]) -> Float64 | None:
     """The pose with a quaternion of length 1; None where it changes nothing. A turn of zeros is none."""
     pose = np.array(numbers)
-    length = float(np.linalg.norm(pose[3:]))
+    length = math.hypot(*numbers[3:])
     if not np.isfinite(pose).all() or not np.isfinite(length):
         raise BadCloudError(NOT_FINITE)
     pose[3:] = pose[3:] / length if length > 0 else [0.0, 0.0, 0.0, 1.0]

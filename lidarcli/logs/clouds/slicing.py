@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from lidarcli.logs.base import Message, ReadReport, Slice
+from lidarcli.logs.base import MAX_MESSAGE, Message, ReadReport, Slice
 from lidarcli.logs.clouds import foxglove, pointcloud2
 from lidarcli.logs.clouds.bins import Bins, Fill
 from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Floats
@@ -18,6 +18,7 @@ ROWS = 64
 WAITING_BYTES = 16 << 20
 """Clouds are sliced when so many, or so many bytes of them, have come together."""
 
+LONG = f"a message of more than {MAX_MESSAGE >> 20} MiB"
 _MOST_FRAMES = 4
 """Frames of one topic of which notes speak."""
 
@@ -45,6 +46,8 @@ class Levels(Protocol):
 
 def decode(message: Message) -> Cloud:
     """The cloud of a message; `BadCloudError` where it is none."""
+    if len(message.data) > MAX_MESSAGE:
+        raise BadCloudError(LONG)
     if message.encoding in ("cdr", "ros1"):
         return pointcloud2.decode(message.data, message.encoding)
     if message.encoding in ("json", "protobuf"):
@@ -61,9 +64,9 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
     """
     layout = cloud.layout
     axes = (layout.x, layout.y, layout.z)
-    if cloud.pose is not None:
-        turn, move = turn @ _matrix(cloud.pose[3:]), turn @ cloud.pose[:3] + move
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        if cloud.pose is not None:
+            turn, move = turn @ _matrix(cloud.pose[3:]), turn @ cloud.pose[:3] + move
         # Most points are at other heights: of these no more is looked at than what tells the height.
         height = _along(
             turn[2],
