@@ -12,6 +12,7 @@ from lidarcli.logs.base import MAX_MESSAGE, Message, ReadReport, Slice
 from lidarcli.logs.clouds import foxglove, pointcloud2
 from lidarcli.logs.clouds.bins import Bins, Fill
 from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Floats
+from lidarcli.showing import counted
 from lidarcli.sweeps import FARTHEST, NEAREST, Float32, Float64, Int64, RawSweeps
 
 ROWS = 64
@@ -166,9 +167,8 @@ class Slicer:
             for frame_id in self._frames
         ]
         if self._from_nowhere:
-            lines.append(
-                f"{self.topic}: {self._from_nowhere:,} clouds left out: no transform tells where the robot was then"
-            )
+            left_out = counted(self._from_nowhere, "cloud")
+            lines.append(f"{self.topic}: {left_out} left out: no transform tells where the robot was then")
         return lines + [f"{self.topic}: {note}" for note in self._fill.notes()]
 
     def _block(self, frame_id: str, clouds: list[tuple[int, Cloud]]) -> Iterator[RawSweeps]:
