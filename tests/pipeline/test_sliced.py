@@ -181,6 +181,21 @@ def test_a_pipe_of_clouds(
     assert pq.read_table(path).num_rows == whole.num_rows > 20
 
 
+@pytest.mark.parametrize("command", ["detect", "info"])
+def test_a_pipe_without_clouds(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    simulate(SAMPLES / "people.toml", tmp_path / "flat.mcap", sweeps=5)
+    data = (tmp_path / "flat.mcap").read_bytes()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+    monkeypatch.chdir(tmp_path)
+    assert run([command, "-", "--slice", "0", "1"]) == 4
+    assert capfd.readouterr().err == (
+        "lidarcli: standard input: no point cloud in it, and --slice reads of a pipe nothing else; leave it out for "
+        "LaserScan\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
