@@ -351,9 +351,9 @@ def test_clouds_that_nobody_knows_the_place_of_are_left_out() -> None:
 
 
 def test_zeros_are_no_point_wherever_the_sensor_is() -> None:
-    cloud = pointcloud2.decode(make([[0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [-9.0, 0.0, 0.0]]), "cdr")
-    ahead = slice_cloud(cloud, PART, Bins.of(OpenOptions(), 4), np.eye(3), np.array([1.0, 0.0, 0.0]))
-    assert ahead.tolist() == pytest.approx([8.0, np.inf, np.inf, np.sqrt(10.0)])
+    points = [[[0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [-9.0, 0.0, 0.0]]]
+    ahead = packed(foxglove_cloud(points, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)), "protobuf")
+    assert sweep(ahead, "protobuf") == pytest.approx([8.0, np.inf, np.inf, np.sqrt(10.0)])
 
 
 def test_a_view_that_is_not_told_is_noted() -> None:

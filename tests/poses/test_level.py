@@ -153,6 +153,18 @@ def test_points_in_the_world_are_seen_from_what_alone_moves_there(world: str) ->
     assert several.of(world, np.array([0])) is None
 
 
+@pytest.mark.parametrize("base", ["base_link", "body"])
+def test_points_in_the_map_are_seen_from_the_robot_beyond_its_odometry(base: str) -> None:
+    found = levels(
+        *moving("map", "odom", at((1, 0, 0)), at((1, 0, 0))),
+        *moving("odom", base, at((1, 1, 0.3)), at((3, 1, 0.3))),
+    )
+    level = found.of("map", np.array([0]))
+    assert level is not None
+    assert level.frame_id == base
+    assert seen(level, (5.0, 1.0, 0.8)) == pytest.approx([3.0, 0.0, 0.5])
+
+
 def test_points_in_the_world_are_seen_from_nowhere_while_the_robot_is_not_there() -> None:
     found = levels(*moving("map", "base_link", at((2, 1, 0.3)), at((4, 1, 0.3))))
     level = found.of("map", np.array([0, 5 * SECOND]))

@@ -78,7 +78,7 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
         x, y, z = (cloud.column(axis, kept if len(kept) < len(layout) else None) for axis in axes)
         if move[:2].any() and not (real := (x != 0) | (y != 0) | (z != 0)).all():
             # Drivers write zeros where there was no return; moved from there they would be a thing.
-            x, y, z = x[real], y[real], z[real]
+            kept, x, y, z = kept[real], x[real], y[real], z[real]
         ahead, left = _along(turn[0], move[0], (x, y, z)), _along(turn[1], move[1], (x, y, z))
         near, far = part.limits or (0.0, FARTHEST)
         which, point = bins.nearest(ahead, left, max(near, NEAREST), min(far, FARTHEST))
