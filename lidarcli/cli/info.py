@@ -49,7 +49,7 @@ def info(
     from lidarcli.cli.info_text import as_json, as_text
     from lidarcli.cli.progress import progress_bar
     from lidarcli.errors import NoScanError
-    from lidarcli.logs.choice import no_scan_topic
+    from lidarcli.logs.choice import clouds_hint, no_scan_topic
     from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
     from lidarcli.pipeline.running.outcomes import Failure, exit_code
 
@@ -69,7 +69,7 @@ def info(
             for line in result.damage:
                 say.error(source.label, line)
             if result.exit_code == NoScanError.exit_code:
-                say.error(source.label, no_scan_topic())
+                say.error(source.label, no_scan_topic() + clouds_hint(result.topics))
             found.append(result)
             if kind == "text":
                 with say.paused():

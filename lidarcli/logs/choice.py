@@ -46,6 +46,16 @@ def no_scan_topic(names: Sequence[str] = ()) -> str:
     return f"no LaserScan topic{_named(names)} in this log"
 
 
+def clouds_hint(topics: Iterable[Topic]) -> str:
+    """What to type where some of the topics hold point clouds; empty where none does."""
+    clouds = sorted(topic.name for topic in topics if topic.type in CLOUD_TYPES)
+    if not clouds:
+        return ""
+    return (
+        f"; to read the point clouds of {_some(clouds)} as sweeps, add --slice ZMIN ZMAX (heights in metres)"
+    )
+
+
 class TopicChoice:
     """The LaserScan topics that are wanted of a log, those that are there, and those that reading has seen.
 
@@ -124,14 +134,9 @@ class TopicChoice:
         return f"{no_scan_topic(missing)} ({has})"
 
     def _hint(self, names: Iterable[str]) -> str:
-        """What to type where some of the topics hold point clouds."""
+        """What to type where some of these topics hold point clouds."""
         named = {bare(name) for name in names}
-        clouds = sorted(
-            topic.name for topic in self._topics if topic.type in CLOUD_TYPES and bare(topic.name) in named
-        )
-        if not clouds:
-            return ""
-        return f"; to read the point clouds of {_some(clouds)} as sweeps, add --slice ZMIN ZMAX (heights in metres)"
+        return clouds_hint(topic for topic in self._topics if bare(topic.name) in named)
 
     def _list(self) -> str:
         """What the log has instead."""

@@ -80,15 +80,31 @@ def open_options(
             raise OptionError(f"{name}: {angle:g} {unit} are more than two turns{hint}")
         return found
 
-    return OpenOptions(
+    part = _slice(heights, bins, limits)
+    told = OpenOptions(
         angle_min=radians("--angle-min", angle_min),
         angle_increment=radians("--angle-increment", angle_increment),
         fov=radians("--fov", fov),
         range_max=range_max,
         range_scale=UNITS[range_unit],
-        slice=_slice(heights, bins, limits),
+        slice=part,
         echo=echo,
     )
+    if part is not None:
+        _refuse_view(told, part.bins)
+    return told
+
+
+def _refuse_view(told: OpenOptions, bins: int) -> None:
+    """Refuse beams that cannot be those of a cloud: each direction is seen once."""
+    most = TURN * (1 + 1e-6)
+    if told.fov is not None and not 0 < abs(told.fov) <= most:
+        raise OptionError("--fov: with --slice the view is more than nothing, and one turn at most")
+    if told.angle_increment is not None:
+        if told.angle_min is None:
+            raise OptionError("--angle-increment: with --slice give --angle-min, too, or --fov instead")
+        if abs(told.angle_increment) * bins > most:
+            raise OptionError(f"--angle-increment: {bins} beams (--bins) so far apart are more than one turn")
 
 
 def _slice(
@@ -99,7 +115,7 @@ def _slice(
             raise OptionError("--bins is for point clouds, which --slice reads as sweeps")
         return None
     low, high = map(float, heights)
-    if not low <= high:
+    if not -math.inf < low <= high < math.inf:
         raise OptionError(f"--slice: {low:g} to {high:g} m are no heights; give the least and the greatest")
     count = BINS if bins is None else bins
     if not 1 < count <= MOST_BINS:

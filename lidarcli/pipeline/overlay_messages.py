@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from itertools import chain
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -35,10 +36,11 @@ from lidarcli.pipeline.overlay_copies import (
 from lidarcli.pipeline.overlay_rows import Joined, Tables
 from lidarcli.pipeline.reading.reading import Progress
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
+from lidarcli.pipeline.reading.told import opening_of
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
 from lidarcli.ros.definitions import ROS2, TF
 from lidarcli.ros.outgoing import Outgoing
-from lidarcli.tabular.metadata import SOURCE
+from lidarcli.tabular.metadata import PARAMETERS, SOURCE
 from lidarcli.tabular.reading import file_metadata, parsed
 
 COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
@@ -61,6 +63,9 @@ class Overlay:
         """`grid`: a map to show; `is_ros2`: whether for ROS 2, else for ROS 1; `with_log`: copy the log, too."""
         self._source = source
         self._grid = grid
+        if opening.slice is None:
+            # Sweeps that were made of clouds are to be made of them again.
+            opening = replace(opening, slice=opening_of(_metadata(pair, PARAMETERS)).slice)
         self._opening = opening
         self._is_ros2 = is_ros2
         self._with_log = with_log
@@ -214,14 +219,19 @@ class Overlay:
 
 def _ways(pair: Pair) -> dict[str, tuple[str, str]]:
     """Sensor frame → the fixed frame of its poses and the topic that tells them, as the tables have it."""
-    try:
-        source = parsed(file_metadata(pair.sweeps).get(SOURCE, "null"))
-    except ValueError:
-        return {}
-    poses = source.get("poses") if isinstance(source, dict) else None
+    poses = _metadata(pair, SOURCE).get("poses")
     found = poses.items() if isinstance(poses, dict) else ()
     return {
         frame: (way["world"], str(way.get("topic")))
         for frame, way in found
         if isinstance(way, dict) and isinstance(way.get("world"), str) and way["world"]
     }
+
+
+def _metadata(pair: Pair, key: str) -> dict[str, Any]:
+    """What the tables tell under a key, which anybody may have written; empty where they do not."""
+    try:
+        told = parsed(file_metadata(pair.sweeps).get(key, "null"))
+    except ValueError:
+        return {}
+    return told if isinstance(told, dict) else {}

@@ -9,23 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.choices import ECHOES
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport, Slice
+from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inputs.tables import Pair, batches
-from lidarcli.pipeline.reading.reading import GEOMETRY
+from lidarcli.pipeline.reading.told import opening_of, rules_of
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.raw import Raw
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.viewer import Choice, choose_sweeps, pack, pack_walls
 from lidarcli.reports.walls import Walls, walls_of
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import NO_RETURN_WORDS, Float64, Int64, RangeRules, UInt8, closure
-from lidarcli.tabular.reading import GREATEST_VALUE
+from lidarcli.sweeps import Float64, Int64, UInt8, closure
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
 MOST_CELLS = 50_000_000
@@ -133,8 +131,8 @@ def _from_log(
 ) -> dict[tuple[int, str], Raw]:
     """The ranges as `detect` has judged them, by the parameters in the tables."""
     gathered: dict[str, _Gathered] = {}
-    with open_source(log, _opening(source.parameters)) as opened:
-        options = ReadOptions(topics=frozenset(topics), rules=_rules(source.parameters))
+    with open_source(log, opening_of(source.parameters)) as opened:
+        options = ReadOptions(topics=frozenset(topics), rules=rules_of(source.parameters))
         for batch in read_batches(opened, options, ReadReport()):
             rows = np.flatnonzero(np.isin(batch.sweep, topics.get(batch.topic, [])))
             if not len(rows):
@@ -186,38 +184,3 @@ def _table(path: Place, sweep: Int64, beam: Int64, theta: Float64, r: Float64) -
     increment = np.nan_to_num(bearings[:, 1:2] - bearings[:, :1]).sum(axis=1)
     kind = closure(beams.astype(np.int32), increment)
     return Raw(indices, bearings[:, 0], increment, kind, beams.astype(np.int64), ranges)
-
-
-def _rules(parameters: dict[str, Any]) -> RangeRules:
-    """How the run has judged ranges."""
-    limits = parameters.get("range")
-    no_return = parameters.get("no_return")
-    if not isinstance(no_return, list):
-        return RangeRules()
-    known = isinstance(limits, list) and len(limits) == 2 and all(map(_is_number, limits))
-    return RangeRules(
-        no_return=frozenset(word for word in NO_RETURN_WORDS if word in no_return),
-        markers=tuple(float(value) for value in no_return if _is_number(value)),
-        limits=(float(limits[0]), float(limits[1])) if known and limits else None,
-    )
-
-
-def _opening(parameters: dict[str, Any]) -> OpenOptions:
-    """What the run has been told of its log."""
-    told, echo = parameters.get("csv"), parameters.get("echo")
-    told = told if isinstance(told, dict) else {}
-    known: dict[str, Any] = {
-        name: float(value) for name, value in told.items() if name in GEOMETRY and _is_number(value)
-    }
-    if echo in ECHOES:
-        known["echo"] = echo
-    heights, bins = parameters.get("slice"), parameters.get("bins")
-    are_heights = isinstance(heights, list) and len(heights) == 2 and all(map(_is_number, heights))
-    if are_heights and heights and isinstance(bins, int) and 0 < bins <= MAX_BEAMS:
-        known["slice"] = Slice(float(heights[0]), float(heights[1]), bins, _rules(parameters).limits)
-    return OpenOptions(**known)
-
-
-def _is_number(value: object) -> bool:
-    """Whether a value of the metadata, which anybody may have written, is a number to compute with."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST_VALUE

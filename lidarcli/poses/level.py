@@ -37,20 +37,20 @@ class _Level:
 
     def at(self, stamp_ns: Int64, frame_id: str) -> Levelled:
         """For points of `frame_id` at times (K,)."""
-        points, base = along(self.inward, stamp_ns), along(self.base, stamp_ns)
-        leaning, height = _known(base.rotation), _above(base.position[:, 2])
+        points = along(self.inward, stamp_ns, held=not _is_world(frame_name(frame_id)))
+        base = along(self.base, stamp_ns, held=True)
+        leaning, height = base.rotation, base.position[:, 2]
         if self.world is not None:
             world = along(self.world, stamp_ns)
             robot = compose(world, inverse(base))
-            told = ~_unknown(robot.rotation)
-            leaning = np.where(told[:, None], _known(world.rotation), leaning)
-            height = np.where(told, _above(world.position[:, 2] - robot.position[:, 2]), height)
+            told = ~_unknown(world.rotation)
+            leaning = np.where(told[:, None], world.rotation, leaning)
+            height = np.where(told, world.position[:, 2] - robot.position[:, 2], height)
         level = _seen_from_above(leaning)
-        inner = Motion(_above(points.position), _known(points.rotation))
-        offset = np.einsum("kij,kj->ki", level, inner.position)
+        offset = np.einsum("kij,kj->ki", level, points.position)
         offset[:, 2] += height
         name = self.frame if self.inward else frame_id
-        return Levelled(name, level @ _matrices(inner.rotation), offset)
+        return Levelled(name, level @ _matrices(points.rotation), offset)
 
 
 @dataclass(slots=True)
@@ -110,7 +110,9 @@ class TreeLevels:
         """How many steps lead to a frame whose z axis stands up: that of a camera's points looks ahead."""
         for count in range(len(base) + 1):
             world = self._tree.to_world(base[count - 1].target if count else frame)
-            pose = along(base[count:] if world is None else world, stamp_ns)
+            pose = along(base[count:], stamp_ns, held=True)
+            if world is not None and not _unknown((told := along(world, stamp_ns)).rotation).any():
+                pose = told
             if abs(_upward(pose)) >= UPRIGHT:
                 return count
         return 0
@@ -125,22 +127,13 @@ def _is_optical(frame: str) -> bool:
 
 
 def _upward(pose: Motion) -> float:
-    """The cosine between a frame's z axis and the vertical; 1 where nobody knows."""
-    up = rotate(_known(pose.rotation[:1]), np.array([[0.0, 0.0, 1.0]]))
+    """The cosine between a frame's z axis and the vertical."""
+    up = rotate(pose.rotation[:1], np.array([[0.0, 0.0, 1.0]]))
     return float(up[0, 2])
-
-
-def _known(rotation: Float64) -> Float64:
-    """(K, 4) rotations, none where nobody knows them."""
-    return np.where(_unknown(rotation)[:, None], [0.0, 0.0, 0.0, 1.0], rotation)
 
 
 def _unknown(rotation: Float64) -> Bool:
     return np.asarray(np.isnan(rotation).any(axis=1))
-
-
-def _above(values: Float64) -> Float64:
-    return np.nan_to_num(values, nan=0.0)
 
 
 def _seen_from_above(rotation: Float64) -> Float64:

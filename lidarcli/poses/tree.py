@@ -12,7 +12,7 @@ from lidarcli.poses.motion import Motion, compose, inverse
 from lidarcli.poses.tracks import Track
 from lidarcli.sweeps import Int64
 
-WORLDS = ("map", "odom", "world")
+WORLDS = ("map", "odom", "world", "camera_init")
 """Names of fixed frames, the better one first; a prefix (robot_0/odom) does not matter."""
 
 
@@ -38,15 +38,15 @@ class Step(NamedTuple):
         return self.track.parent if self.down else self.track.child
 
 
-def along(steps: Sequence[Step], stamp_ns: Int64) -> Motion:
+def along(steps: Sequence[Step], stamp_ns: Int64, *, held: bool = False) -> Motion:
     """The pose of the frame that the steps begin at in the one that they lead to, at each time (S,).
 
-    NaN outside the span of any link that moves.
+    NaN outside the span of any link that moves; `held`: there its first or last pose, as a mount stays where it is.
     """
     count = len(stamp_ns)
     pose = Motion(np.zeros((count, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
     for track, down in steps:
-        link = track.at(stamp_ns)
+        link = track.at(np.clip(stamp_ns, *track.span_ns) if held else stamp_ns)
         pose = compose(inverse(link) if down else link, pose)
     return pose
 
@@ -92,19 +92,27 @@ class FrameTree:
         return tuple(climbed) if moves and not _last(frame).startswith("base") else None
 
     def to_base(self, start: str) -> tuple[Step, ...]:
-        """The way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`."""
+        """The way to the robot itself: to the best of `BASES`, else to the last frame that is fixed to `start`.
+
+        From a fixed frame without one of these it is the way to what moves there, unless several do.
+        """
+        in_world = _last(start) in WORLDS
         # Beyond a fixed frame there are other robots.
-        reached = self._reached(
-            start, {name for name in self._near if _last(name) in WORLDS and name != start}
-        )
+        reached = self._reached(start, () if in_world else self._worlds())
         if (base := _named(reached, BASES)) is not None:
             return _way(reached, base)
+        if in_world:
+            moving = _moving(reached)
+            return _way(reached, moving[0]) if len(moving) == 1 else ()
         climbed: list[Step] = []
         frame = start
         while (link := self._parent.get(frame)) is not None and link.static and len(climbed) < len(reached):
             climbed.append(Step(link, down=False))
             frame = link.parent
         return tuple(climbed)
+
+    def _worlds(self) -> set[str]:
+        return {frame for frame in self._near if _last(frame) in WORLDS}
 
     def _reached(self, start: str, avoid: Collection[str] = ()) -> dict[str, Step | None]:
         """Every frame that can be reached, the nearest first, with the step that leads to it."""
@@ -125,6 +133,21 @@ def _way(reached: Mapping[str, Step | None], target: str) -> tuple[Step, ...]:
         steps.append(step)
         target = step.source
     return tuple(reversed(steps))
+
+
+def _moving(reached: Mapping[str, Step | None]) -> list[str]:
+    """The frames that move in a fixed one and that no other moving thing carries; the nearest frames come first."""
+    carried: set[str] = set()
+    found = []
+    for frame, step in reached.items():
+        if step is None:
+            continue
+        if step.source in carried:
+            carried.add(frame)
+        elif not step.track.static and _last(frame) not in WORLDS:
+            carried.add(frame)
+            found += [frame] if step.down else []
+    return found
 
 
 def _named(frames: Iterable[str], names: Sequence[str]) -> str | None:

@@ -154,6 +154,14 @@ def test_a_partial_view_and_one_that_runs_backwards() -> None:
     assert (which.tolist(), point.tolist()) == ([0, 1, 2], [3, 2, 1])
 
 
+def test_a_step_of_next_to_nothing_has_no_bin_for_what_is_beside_it() -> None:
+    bins = Bins(0.0, 1e-300, 5)
+    bearing = np.array([-1.0, 1.0, 3.0])
+    with np.errstate(over="ignore"):
+        which, point = bins.nearest(np.cos(bearing), np.sin(bearing), 0.1, 9.0)
+    assert (which.tolist(), point.tolist()) == ([], [])
+
+
 def test_a_whole_sensor_agrees_with_a_look_at_every_point() -> None:
     random = np.random.default_rng(5)
     points = random.uniform(-10, 10, (16, 200, 3)) * [1, 1, 0.1]
@@ -218,6 +226,13 @@ def test_the_pose_of_a_foxglove_cloud_moves_its_points(encoding: str) -> None:
     assert sweep(turned, encoding) == [np.inf, np.inf, 2.0, np.inf]
 
 
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_a_quaternion_of_any_length_is_a_turn(encoding: str) -> None:
+    assert sweep(packed(foxglove_cloud(POINTS, (0, 0, 0, 0, 0, 0, 1e200)), encoding), encoding) == NEAREST
+    beyond = packed(foxglove_cloud(POINTS, (1e308, 1e308, 0, 0, 0, 0.6, 0.8)), encoding)
+    assert sweep(beyond, encoding) == [np.inf] * 4
+
+
 @pytest.mark.parametrize(
     ("data", "cause"),
     [
@@ -228,9 +243,10 @@ def test_the_pose_of_a_foxglove_cloud_moves_its_points(encoding: str) -> None:
         (make(POINTS, width=(1 << 32) - 1, height=(1 << 32) - 1), clouds.TOO_FEW),
         (make(POINTS, point_step=8), clouds.OUTSIDE),
         (make(POINTS, point_step=0), clouds.OUTSIDE),
+        (make(POINTS, (("x", "f4", 0), ("y", "f4", 0), ("z", "f4", 0)), step=4), clouds.OUTSIDE),
         (make(POINTS, (("x", "f4", 0), ("a", "f4", 4), ("z", "f4", 8))), clouds.NO_COORDINATES),
         (make(POINTS, (("x", "i2", 0), ("y", "i2", 4), ("z", "i2", 8))), clouds.NO_COORDINATES),
-        (make(POINTS, frame="f" * 5000), pointcloud2.NAME_LONG),
+        (make(POINTS, frame="f" * 5000), clouds.NAME_LONG),
     ],
 )
 def test_what_is_no_cloud_is_refused(data: bytes, cause: str) -> None:
@@ -256,6 +272,7 @@ def test_a_cloud_of_too_many_fields_is_refused() -> None:
         (packed(foxglove_cloud(fields=[]), "protobuf"), "protobuf", clouds.NO_COORDINATES),
         (packed(foxglove_cloud(timestamp={"sec": 1 << 62, "nsec": 0}), "json"), "json", foxglove.STAMP),
         (packed(foxglove_cloud(pose=(NAN, 0, 0, 0, 0, 0, 1)), "protobuf"), "protobuf", foxglove.NOT_FINITE),
+        (packed(foxglove_cloud(frame_id="f" * 5000), "json"), "json", clouds.NAME_LONG),
         (b"\xff\xff", "protobuf", foxglove.NOT_PROTOBUF),
     ],
 )
@@ -285,6 +302,14 @@ class Flat:
 
     def words(self, frame_id: str) -> str:
         return f"above {frame_id}"
+
+
+def test_a_message_beyond_what_containers_read_is_refused_in_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = make(POINTS)
+    monkeypatch.setattr(slicing, "MAX_MESSAGE", len(data) - 1)
+    report = ReadReport()
+    assert not list(slicer(report).take(message(data)))
+    assert report.refused == Counter({("/points", slicing.LONG): 1})
 
 
 def slicer(report: ReadReport, part: Slice = PART) -> Slicer:
@@ -322,6 +347,32 @@ def test_clouds_become_blocks_of_sweeps_and_bad_ones_are_counted(monkeypatch: py
         "/points: sweeps of the points from -0.5 to 0.5 m above a",
         "/points: sweeps of the points from -0.5 to 0.5 m above b",
     ]
+
+
+def test_clouds_that_nobody_knows_the_place_of_are_left_out() -> None:
+    class Late(Flat):
+        """From stamp 3 on a metre higher."""
+
+        def of(self, frame_id: str, stamp_ns: Any) -> Any:
+            known = np.where(stamp_ns < 3, np.nan, 1.0)[:, None, None]
+            return slicing.Levelled(
+                "base_link", np.eye(3) * known, np.array([[0.0, 0.0, 1.0]] * len(stamp_ns))
+            )
+
+    made = Slicer("/points", Slice(0.5, 1.5, 4), Bins.of(OpenOptions(), 4), Late(), ReadReport())
+    for at in (1, 2, 3):
+        assert list(made.take(message(make(POINTS, stamp_ns=at)))) == []
+    (block,) = made.flush()
+    assert (block.stamp_ns.tolist(), block.ranges.tolist()) == ([3], [NEAREST])
+    assert "/points: 2 clouds left out: no transform tells where the robot was then" in made.notes()
+    made.take(message(make(POINTS, stamp_ns=1)))
+    assert list(made.flush()) == []
+
+
+def test_zeros_are_no_point_wherever_the_sensor_is() -> None:
+    points = [[[0.0, 0.0, 0.0], [0.0, 3.0, 0.0], [-9.0, 0.0, 0.0]]]
+    ahead = packed(foxglove_cloud(points, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)), "protobuf")
+    assert sweep(ahead, "protobuf") == pytest.approx([8.0, np.inf, np.inf, np.sqrt(10.0)])
 
 
 def test_a_view_that_is_not_told_is_noted() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -147,6 +148,29 @@ def test_info_tells_of_clouds(people: Path, capfd: pytest.CaptureFixture[str]) -
     assert "/scan  sensor_msgs/msg/PointCloud2  20" in capfd.readouterr().out
 
 
+def test_info_tells_how_clouds_are_read(people: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    hint = "no LaserScan topic in this log; to read .* add --slice ZMIN ZMAX"
+    assert run(["info", str(people)]) == 4
+    assert re.search(hint, capfd.readouterr().err)
+    with pytest.warns(UserWarning, match=hint):
+        lidarcli.info(people)
+
+
+def test_an_overlay_reads_the_log_as_its_tables_were_made(people: Path, tmp_path: Path) -> None:
+    told = ["--slice", "-0.1", "0.1", "--bins", "300", "--range", "0.1", "20"]
+    assert run(["detect", str(people), "-o", str(tmp_path), "-q", *told]) == 0
+    (objects,) = tmp_path.glob("*.objects.parquet")
+    overlay = tmp_path / "overlay.mcap"
+    assert (
+        run(["overlay", str(people), "-q", "--with-log", "--objects", str(objects), "-o", str(overlay)]) == 0
+    )
+    made = lidarcli.read(people, slice=(-0.1, 0.1), bins=300, range=(0.1, 20.0))
+    copied = lidarcli.read(overlay)
+    shown, known = (np.concatenate([batch.ranges for batch in batches]) for batches in (copied, made))
+    assert shown.shape == (20, 300)
+    np.testing.assert_array_equal(shown, known)
+
+
 def test_a_pipe_of_clouds(
     people: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -158,12 +182,38 @@ def test_a_pipe_of_clouds(
     assert pq.read_table(path).num_rows == whole.num_rows > 20
 
 
+@pytest.mark.parametrize("command", ["detect", "info"])
+def test_a_pipe_without_clouds(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    simulate(SAMPLES / "people.toml", tmp_path / "flat.mcap", sweeps=5)
+    data = (tmp_path / "flat.mcap").read_bytes()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+    monkeypatch.chdir(tmp_path)
+    assert run([command, "-", "--slice", "0", "1"]) == 4
+    assert capfd.readouterr().err == (
+        "lidarcli: standard input: no point cloud in it, and --slice reads of a pipe nothing else; leave it out for "
+        "LaserScan\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"slice": (1.0, 0.5)}, "--slice: 1 to 0.5 m are no heights"),
         ({"slice": (float("nan"), 0.5)}, "are no heights"),
         ({"bins": 5}, "--bins is for point clouds"),
+        ({"slice": (-float("inf"), 1)}, "are no heights"),
+        ({"slice": (0, 1), "fov": 0.0}, "--fov: with --slice"),
+        (
+            {"slice": (0, 1), "fov": 6.3},
+            "--fov: with --slice the view is more than nothing, and one turn at most",
+        ),
+        ({"slice": (0, 1), "angle_increment": 0.01}, "--angle-increment: with --slice give --angle-min, too"),
+        (
+            {"slice": (0, 1), "bins": 7, "angle_min": 0.0, "angle_increment": -1.0},
+            "--angle-increment: 7 beams \\(--bins\\) so far apart are more than one turn",
+        ),
         ({"slice": (0, 1), "bins": 1}, "--bins: 1 is not from 2 to 100,000"),
         ({"slice": (0, 1), "bins": 100_001}, "--bins: 100001 is not from 2"),
     ],

@@ -51,10 +51,11 @@ class Bins:
         turned[turned < 0.0] += TURN
         # What is a whole turn on is the first bin again, also where a bearing has been rounded up to it.
         turned[turned >= TURN] -= turned.dtype.type(TURN)
-        at = (np.maximum(turned, 0.0) / step).astype(np.int64)
-        inside = at < self.count
+        places = np.maximum(turned, 0.0) / step
+        inside = places < self.count
         if not inside.all():
-            kept, at, square = kept[inside], at[inside], square[inside]
+            kept, places, square = kept[inside], places[inside], square[inside]
+        at = places.astype(np.int64)
         # Of positive numbers the bits are in the order of their values: the point follows its distance in one word.
         words = square.astype(np.float32).view(np.uint32).astype(np.uint64) << np.uint64(32)
         words |= np.arange(len(words), dtype=np.uint64)

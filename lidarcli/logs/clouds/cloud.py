@@ -18,6 +18,7 @@ OUTSIDE = "a field that is no part of its point"
 TOO_FEW = "more points declared than the message holds"
 MAX_NAME = 4096
 """Longest name of a frame or a field [bytes] that is believed."""
+NAME_LONG = f"a name of more than {MAX_NAME} bytes"
 
 _INTENSITIES = ("intensity", "intensities", "reflectivity")
 """Names of the field that says how strong a return was, the better one first."""
@@ -85,6 +86,9 @@ class Layout:
             raise BadCloudError(NO_COORDINATES)
         intensity = next((fields[name] for name in _INTENSITIES if name in fields), None)
         (rows, columns), (row_step, point_step) = shape, steps
+        # Coordinates that share bytes would let a message declare more points than it can hold.
+        if sum(axis.end - axis.offset for axis in (x, y, z) if axis is not None) > point_step:
+            raise BadCloudError(OUTSIDE)
         if any(field.end > point_step for field in (x, y, z, intensity) if field is not None):
             raise BadCloudError(OUTSIDE)
         if not rows or not columns:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Iterable
 
 import numpy as np
 
 from lidarcli.foxglove import CLOUD, NUMBER_KINDS, classes
-from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Layout, PointField
+from lidarcli.logs.clouds.cloud import MAX_NAME, NAME_LONG, BadCloudError, Cloud, Layout, PointField
 from lidarcli.sweeps import Float64
 
 NOT_JSON = "not JSON"
@@ -79,6 +80,8 @@ def _cloud(
 ) -> Cloud:
     if not -(2**63) <= stamp_ns < 2**63:
         raise BadCloudError(STAMP)
+    if len(frame_id) > MAX_NAME:
+        raise BadCloudError(NAME_LONG)
     fields: dict[str, PointField] = {}
     for name, offset, kind in named:
         if 0 < kind < len(NUMBER_KINDS) and offset >= 0:
@@ -91,7 +94,7 @@ def _cloud(
 def _pose(numbers: list[float]) -> Float64 | None:
     """The pose with a quaternion of length 1; None where it changes nothing. A turn of zeros is none."""
     pose = np.array(numbers)
-    length = float(np.linalg.norm(pose[3:]))
+    length = math.hypot(*numbers[3:])
     if not np.isfinite(pose).all() or not np.isfinite(length):
         raise BadCloudError(NOT_FINITE)
     pose[3:] = pose[3:] / length if length > 0 else [0.0, 0.0, 0.0, 1.0]

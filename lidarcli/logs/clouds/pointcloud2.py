@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from lidarcli.logs.clouds.cloud import MAX_NAME, BadCloudError, Cloud, Layout, PointField
+from lidarcli.logs.clouds.cloud import MAX_NAME, NAME_LONG, BadCloudError, Cloud, Layout, PointField
 from lidarcli.ros.cursor import BadMessageError, Cursor
 
-NAME_LONG = f"a name of more than {MAX_NAME} bytes"
 MANY_FIELDS = "more than 1,000 fields declared"
 
 _MAX_FIELDS = 1000

@@ -8,17 +8,19 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from lidarcli.logs.base import Message, ReadReport, Slice
+from lidarcli.logs.base import MAX_MESSAGE, Message, ReadReport, Slice
 from lidarcli.logs.blocks import as_singles, pad_intensities
 from lidarcli.logs.clouds import foxglove, pointcloud2
 from lidarcli.logs.clouds.bins import Bins, Fill
 from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Floats
+from lidarcli.showing import counted
 from lidarcli.sweeps import FARTHEST, NEAREST, Float32, Float64, Int64, RawSweeps
 
 ROWS = 64
 WAITING_BYTES = 16 << 20
 """Clouds are sliced when so many, or so many bytes of them, have come together."""
 
+LONG = f"a message of more than {MAX_MESSAGE >> 20} MiB"
 _MOST_FRAMES = 4
 """Frames of one topic of which notes speak."""
 
@@ -29,7 +31,7 @@ class Levelled(NamedTuple):
     frame_id: str
     """Frame of the sweeps: x and y are seen from its origin."""
     rotation: Float64
-    """(K, 3, 3)"""
+    """(K, 3, 3); NaN where nobody knows where points of a fixed frame are seen from."""
     offset: Float64
     """(K, 3) [m]; the third is the height that heights count from."""
 
@@ -55,6 +57,8 @@ class Levels(Protocol):
 
 def decode(message: Message) -> Cloud:
     """The cloud of a message; `BadCloudError` where it is none."""
+    if len(message.data) > MAX_MESSAGE:
+        raise BadCloudError(LONG)
     if message.encoding in ("cdr", "ros1"):
         return pointcloud2.decode(message.data, message.encoding)
     if message.encoding in ("json", "protobuf"):
@@ -71,9 +75,9 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
     """
     layout = cloud.layout
     axes = (layout.x, layout.y, layout.z)
-    if cloud.pose is not None:
-        turn, move = turn @ _matrix(cloud.pose[3:]), turn @ cloud.pose[:3] + move
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        if cloud.pose is not None:
+            turn, move = turn @ _matrix(cloud.pose[3:]), turn @ cloud.pose[:3] + move
         # Most points are at other heights: of these no more is looked at than what tells the height.
         height = _along(
             turn[2],
@@ -82,6 +86,9 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
         )
         kept = np.flatnonzero((height >= _like(part.low, height)) & (height <= _like(part.high, height)))
         x, y, z = (cloud.column(axis, kept if len(kept) < len(layout) else None) for axis in axes)
+        if move[:2].any() and not (real := (x != 0) | (y != 0) | (z != 0)).all():
+            # Drivers write zeros where there was no return; moved from there they would be a thing.
+            kept, x, y, z = kept[real], x[real], y[real], z[real]
         ahead, left = _along(turn[0], move[0], (x, y, z)), _along(turn[1], move[1], (x, y, z))
         near, far = part.limits or (0.0, FARTHEST)
         which, point = bins.nearest(ahead, left, max(near, NEAREST), min(far, FARTHEST))
@@ -137,6 +144,8 @@ class Slicer:
     _waiting: list[tuple[int, Cloud]] = field(default_factory=list)
     _bytes: int = 0
     _frames: dict[str, None] = field(default_factory=dict)
+    _from_nowhere: int = 0
+    """Clouds of which nobody knows where they are seen from."""
     _fill: Fill = field(init=False)
 
     def __post_init__(self) -> None:
@@ -161,7 +170,7 @@ class Slicer:
         for last in range(1, len(waiting) + 1):
             frame_id = waiting[first][1].frame_id
             if last == len(waiting) or waiting[last][1].frame_id != frame_id:
-                yield self._block(frame_id, waiting[first:last])
+                yield from self._block(frame_id, waiting[first:last])
                 first = last
 
     def notes(self) -> list[str]:
@@ -171,15 +180,26 @@ class Slicer:
             f"{self.topic}: sweeps of the points from {part.low:g} to {part.high:g} m {self.levels.words(frame_id)}"
             for frame_id in self._frames
         ]
+        if self._from_nowhere:
+            left_out = counted(self._from_nowhere, "cloud")
+            lines.append(f"{self.topic}: {left_out} left out: no transform tells where the robot was then")
         return lines + [f"{self.topic}: {note}" for note in self._fill.notes()]
 
-    def _block(self, frame_id: str, clouds: list[tuple[int, Cloud]]) -> RawSweeps:
+    def _block(self, frame_id: str, clouds: list[tuple[int, Cloud]]) -> Iterator[RawSweeps]:
         count = len(clouds)
         record_ns = np.array([record for record, _ in clouds], np.int64)
         stamp_ns = np.array([cloud.stamp_ns for _, cloud in clouds], np.int64)
         told = self.levels.of(frame_id, np.where(stamp_ns == 0, record_ns, stamp_ns))
         turns = np.broadcast_to(np.eye(3), (count, 3, 3)) if told is None else told.rotation
         moves = np.zeros((count, 3)) if told is None else told.offset
+        known = ~np.isnan(turns).any(axis=(1, 2))
+        self._from_nowhere += int(np.count_nonzero(~known))
+        if not known.any():
+            return
+        if not known.all():
+            count = int(np.count_nonzero(known))
+            clouds = [clouds[row] for row in np.flatnonzero(known)]
+            turns, moves, stamp_ns, record_ns = turns[known], moves[known], stamp_ns[known], record_ns[known]
         seen = [
             slice_cloud(cloud, self.part, self.bins, turn, move)
             for (_, cloud), turn, move in zip(clouds, turns, moves, strict=True)
@@ -192,7 +212,7 @@ class Slicer:
         if len(self._frames) < _MOST_FRAMES:
             self._frames[frame_id] = None
         near, far = self.part.limits or (0.0, np.inf)
-        return RawSweeps(
+        yield RawSweeps(
             topic=self.topic,
             frame_ids=(frame_id if told is None else told.frame_id,),
             frame=np.zeros(count, np.int32),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Unpack
 
 from lidarcli.errors import NoScanError
-from lidarcli.logs.choice import no_scan_topic
+from lidarcli.logs.choice import clouds_hint, no_scan_topic
 from lidarcli.pipeline.api.keywords import Inspecting, Paths
 from lidarcli.pipeline.api.options import opening_options, pose_options, rules
 from lidarcli.pipeline.api.signatures import with_keywords
@@ -44,7 +44,7 @@ def info(log: Paths, **options: Unpack[Inspecting]) -> list[dict[str, Any]]:
             for line in found.damage:
                 warn(f"{source.path}: {line}")
             if found.exit_code == NoScanError.exit_code:
-                warn(f"{source.path}: {no_scan_topic()}")
+                warn(f"{source.path}: {no_scan_topic()}{clouds_hint(found.topics)}")
             told.append(info_dict(found))
     failed.conclude()
     return told

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from lidarcli.errors import NoScanError
 from lidarcli.logs.base import CLOUD_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.logs.clouds.bins import Bins
 from lidarcli.logs.clouds.slicing import Slicer
@@ -19,6 +20,7 @@ _PIPE = (
     "a pipe is read only once: of its topics the point clouds alone, which are taken for level; give the file's name "
     "for LaserScan and transforms"
 )
+_NO_CLOUDS = "no point cloud in it, and --slice reads of a pipe nothing else; leave it out for LaserScan"
 _PIPED = "mcap"
 """The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds."""
 _NONE = "no point cloud in this log: --slice changes nothing"
@@ -68,7 +70,12 @@ class SlicedLog:
         listed = self.topics()
         if listed is None and self.format == _PIPED:
             report.notes.append(_PIPE)
-            yield from self._of_clouds(None, report)
+            found = False
+            for block in self._of_clouds(None, report):
+                found = True
+                yield block
+            if not found and not report.refused and not report.damage:
+                raise NoScanError(_NO_CLOUDS)
             return
         if listed is None:
             report.notes.append(_NONE)
