@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Entity, Scene, Sensor
-from lidarcli.sweeps import TURN, Float64, RangeRules, SweepBatch, SweepPoses, normalise
+from lidarcli.sweeps import TURN, Float64, SweepBatch, SweepPoses
 
 BEAMS = 720
 SPINNING = Sensor(beams=BEAMS, angle_increment=TURN / BEAMS, time_increment=0.1 / BEAMS)

@@ -13,7 +13,7 @@ PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
 GROUND = {"_version", "choices", "errors", "native"}
-CORE = GROUND | {"records", "showing", "sweeps", "times"}
+CORE = GROUND | {"judging", "records", "showing", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -31,7 +31,8 @@ MAY_IMPORT = {
     "native": set[str](),
     "ranges": {"native"},
     "showing": set[str](),
-    "sweeps": {"errors", "ranges", "records", "showing"},
+    "sweeps": {"records", "showing"},
+    "judging": {"errors", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
     "poses": CORE | {"foxglove", "logs", "ros"},
     "formalism": CORE,

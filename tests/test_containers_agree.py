@@ -12,12 +12,13 @@ import pyarrow.compute as pc
 import pytest
 
 import lidarcli
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate.csv_writer import LAYOUTS
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS
 from lidarcli.simulate.writers import write_log
-from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, normalise
+from lidarcli.sweeps import RawSweeps, SweepBatch
 from tests.places import SAMPLES
 
 SCENE = SAMPLES / "people.toml"

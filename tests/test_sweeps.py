@@ -10,21 +10,8 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.sweeps import (
-    NO_RETURN_WORDS,
-    TURN,
-    Closure,
-    RangeRules,
-    RawSweeps,
-    Status,
-    SweepBatch,
-    SweepPoses,
-    closure,
-    concatenate,
-    duration,
-    normalise,
-    parse_no_return,
-)
+from lidarcli.judging import NO_RETURN_WORDS, RangeRules, closure, duration, normalise, parse_no_return
+from lidarcli.sweeps import TURN, Closure, RawSweeps, Status, SweepBatch, SweepPoses, concatenate
 from tests.sweeping import raw_sweeps
 
 VALID, NO_RETURN, TOO_CLOSE, INVALID, PADDING = Status

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate import building_scenes
 from lidarcli.simulate.entities import legs_of
 from lidarcli.simulate.generate import simulate_sweep_arrays
@@ -22,7 +23,7 @@ from lidarcli.simulate.random_scenes import (
     sensor_with,
 )
 from lidarcli.simulate.scene import Entity, Scene, Sensor
-from lidarcli.sweeps import Float64, Int32, RangeRules, RawSweeps, SweepBatch, UInt8, concatenate, normalise
+from lidarcli.sweeps import Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
 
 Things = Literal["plain", "whole", "legs"]
 """Scenes without legged things; with them, each one entity; with them, each leg an entity of its own."""

@@ -24,9 +24,9 @@ from lidarcli.cli.options import (
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
+    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
-    from lidarcli.sweeps import RangeRules
 
 STATIONS = "Viewpoints (stations) of a moving sensor"
 

@@ -19,11 +19,11 @@ from lidarcli.cli.options import STDOUT, Number, Selection, opening_options, ran
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
+    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
-    from lidarcli.sweeps import RangeRules
 
 BACKGROUND = "Background"
 FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}

@@ -12,9 +12,9 @@ from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import opening_options, pose_options, range_options, text_or_json
 
 if TYPE_CHECKING:
+    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
-    from lidarcli.sweeps import RangeRules
 
 
 @click.command(

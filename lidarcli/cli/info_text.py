@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from typing import Any
 
 from lidarcli.cli.messages import one_line
+from lidarcli.judging import FARTHEST
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Topic
 from lidarcli.pipeline.info_json import info_dict
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
 from lidarcli.pipeline.reading.clock import ClockInfo
 from lidarcli.showing import moment
-from lidarcli.sweeps import FARTHEST
 
 _OTHERS = 10
 """Topics without sweeps or poses that are shown."""

@@ -27,10 +27,10 @@ from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.formalism.mapping.comparison import Comparison
+    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.map_files import Mapped
     from lidarcli.pipeline.reading.pose_options import PoseOptions
-    from lidarcli.sweeps import RangeRules
 
 GRID, CLOUD, TRUTH = "Occupancy grid", "Point cloud", "Comparison"
 

@@ -25,9 +25,9 @@ from lidarcli.cli.options import (
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
+    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
-    from lidarcli.sweeps import RangeRules
 
 OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES)
 """Headings of options that say how objects are found."""

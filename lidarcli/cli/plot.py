@@ -23,11 +23,11 @@ from lidarcli.cli.plot_options import (
 from lidarcli.stores.url import Place
 
 if TYPE_CHECKING:
+    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.mapping import MapOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
-    from lidarcli.sweeps import RangeRules
     from lidarcli.times import Instant
 
 PICTURE = "Picture"

@@ -12,9 +12,9 @@ from lidarcli.cli.options import INPUTS, Selection, opening_options, range_optio
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
+    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
-    from lidarcli.sweeps import RangeRules
 
 
 @click.command(

@@ -6,8 +6,9 @@ import math
 
 from lidarcli.choices import ECHOES
 from lidarcli.errors import OptionError
+from lidarcli.judging import FARTHEST, RangeRules
 from lidarcli.logs.base import OpenOptions, Slice
-from lidarcli.sweeps import FARTHEST, TURN, RangeRules
+from lidarcli.sweeps import TURN
 
 BINS = 720
 """Beams of a sweep that is made of a point cloud: half a degree each in a full turn …"""
@@ -20,7 +21,7 @@ UNITS = {"m": 1.0, "mm": 0.001}
 def range_rules(
     limits: tuple[float, float] | None, no_return: tuple[frozenset[str], tuple[float, ...]]
 ) -> RangeRules:
-    """How ranges are judged, by limits [m] and by words and markers as of `sweeps.parse_no_return`.
+    """How ranges are judged, by limits [m] and by words and markers as of `judging.parse_no_return`.
 
     Raises
     ------

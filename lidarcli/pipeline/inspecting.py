@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, UnreadableError
+from lidarcli.judging import RangeRules, closure, normalise
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.choice import scan_topics
 from lidarcli.pipeline.inputs.opening import open_source
@@ -24,7 +25,7 @@ from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.posing import alike_note
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
-from lidarcli.sweeps import Closure, RangeRules, RawSweeps, Status, closure, normalise
+from lidarcli.sweeps import Closure, RawSweeps, Status
 
 MAX_SCANS = 1000
 """Topics and frames that are told apart: a log may have a new name in every message."""

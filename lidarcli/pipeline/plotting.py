@@ -11,6 +11,7 @@ from lidarcli.choices import AS_IT_COMES, IMAGES, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
+from lidarcli.judging import RangeRules
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
@@ -27,7 +28,7 @@ from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.paths import COLUMNS, Paths, TrackPath
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import Int64, RangeRules, SweepBatch
+from lidarcli.sweeps import Int64, SweepBatch
 from lidarcli.times import SECOND_NS, Instant
 
 BATCH = 64

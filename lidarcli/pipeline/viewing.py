@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.judging import closure
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.opening import open_source
@@ -23,7 +24,7 @@ from lidarcli.reports.summary import Summary
 from lidarcli.reports.viewer import Choice, choose_sweeps, pack, pack_walls
 from lidarcli.reports.walls import Walls, walls_of
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import Float64, Int64, UInt8, closure
+from lidarcli.sweeps import Float64, Int64, UInt8
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
 MOST_CELLS = 50_000_000

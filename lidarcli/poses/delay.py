@@ -7,19 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.poses.motion import planar
 from lidarcli.poses.sources import Way
-from lidarcli.sweeps import (
-    Bool,
-    Float64,
-    Int64,
-    RangeRules,
-    RawSweeps,
-    Status,
-    SweepBatch,
-    SweepPoses,
-    normalise,
-)
+from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps, Status, SweepBatch, SweepPoses
 
 SWEEPS = 200
 """Sweeps that are looked at, the first ones of the way."""

@@ -192,7 +192,8 @@ def test_poses_far_away(lidarcli: Run, tmp_path: Path) -> None:
 BEYOND = """
 import numpy as np
 from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
-from lidarcli.sweeps import RangeRules, SweepPoses, normalise
+from lidarcli.judging import RangeRules, normalise
+from lidarcli.sweeps import SweepPoses
 from tests.sweeping import raw_sweeps, round_room
 batch = normalise(raw_sweeps(round_room(1, 90)), np.arange(1), RangeRules())
 for far in (1e12, 1e13, 1e15, 1.98e15, -1.98e15, 1e17, 1e25, 1e300):

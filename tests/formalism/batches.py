@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcli.formalism import Detection
-from lidarcli.sweeps import Closure, RangeRules, RawSweeps, SweepBatch, normalise
+from lidarcli.judging import RangeRules, normalise
+from lidarcli.sweeps import Closure, RawSweeps, SweepBatch
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
 from tests.sweeping import raw_sweeps
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lidarcli.sweeps import NO_RETURN_WORDS, RangeRules, SweepBatch, normalise
+from lidarcli.judging import NO_RETURN_WORDS, RangeRules, normalise
+from lidarcli.sweeps import SweepBatch
 from tests.sweeping import raw_sweeps
 
 

@@ -12,8 +12,9 @@ import pytest
 
 from lidarcli.formalism import detect, difference, noise, sweep
 from lidarcli.formalism.checks import check
-from lidarcli.sweeps import RangeRules as Rules
-from lidarcli.sweeps import SweepBatch, count_statuses, normalise
+from lidarcli.judging import RangeRules as Rules
+from lidarcli.judging import count_statuses, normalise
+from lidarcli.sweeps import SweepBatch
 from tests.sweeping import room_sweeps
 
 BATCH = sweep(np.tile([4.0, 4.0, 4.0, 2.0, 2.0, 2.0, 4.0, 4.0], (3, 1)), angle_increment=0.01)

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcli.formalism import PROFILES, SETS, Detection, detect
-from lidarcli.sweeps import RangeRules, SweepBatch, normalise
+from lidarcli.judging import RangeRules, normalise
+from lidarcli.sweeps import SweepBatch
 from tests.formalism.batches import (
     PER_BEAM,
     PER_FACE,

@@ -18,9 +18,10 @@ from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import REMOVED, WALL
 from lidarcli.formalism.intensity import MOST_INTENSITY
 from lidarcli.formalism.medians import grouped_medians
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.load import load_scene
-from lidarcli.sweeps import TURN, Closure, RangeRules, SweepBatch, normalise
+from lidarcli.sweeps import TURN, Closure, SweepBatch
 from tests.places import SAMPLES
 
 PAPER = Parameters.for_profile("paper")

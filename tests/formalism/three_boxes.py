@@ -9,10 +9,11 @@ import numpy as np
 
 import lidarcli
 from lidarcli.formalism.catalogue import Catalogue, Thing
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import PARKED, Course, Scene, Sensor, super_ellipse
-from lidarcli.sweeps import TURN, RangeRules, SweepPoses, normalise
+from lidarcli.sweeps import TURN, SweepPoses
 
 SIDES = {"small": (0.70, 0.50), "middle": (0.75, 0.55), "large": (0.80, 0.60)}
 CATALOGUE = Catalogue(

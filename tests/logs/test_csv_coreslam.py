@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import UnreadableError
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import OpenOptions
-from lidarcli.sweeps import RangeRules, Status, concatenate, normalise
+from lidarcli.sweeps import Status, concatenate
 from tests.logs.watched import CsvLog
 
 STATE = "14710 29221 25178 0 0 0 170.1 9941 12750 8807 12749 475 255 0 0 255 0 0 178 61 126 255 0"

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import LidarcliError
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import OpenOptions
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
-from lidarcli.sweeps import RangeRules, normalise
 from tests.logs.watched import CsvLog
 from tests.sweeping import STEP, raw_sweeps
 

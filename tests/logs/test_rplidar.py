@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import UnreadableError
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.grid import cut_turns
@@ -18,7 +19,7 @@ from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.logs.csv.rplidar import BARE, LISTED, MEASURED, PRINTED, SAVED
 from lidarcli.simulate.rplidar_writer import write_rplidar
 from lidarcli.simulate.run import truth_paths
-from lidarcli.sweeps import RangeRules, RawSweeps, Status, concatenate, normalise
+from lidarcli.sweeps import RawSweeps, Status, concatenate
 from tests.logs.watched import CsvLog
 from tests.sweeping import raw_sweeps
 

@@ -16,6 +16,7 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import _poses
+from lidarcli.judging import RangeRules
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions
@@ -34,7 +35,7 @@ from lidarcli.simulate.moving_scenes import moving_scene
 from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.scene import Odometry, Scene, Sensor
 from lidarcli.simulate.writers import write_log
-from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, SweepPoses
+from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs
 from tests.poses.pose_messages import SECOND
 

@@ -15,11 +15,12 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import LASERSCAN, POINTCLOUD2, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.pipeline.inputs.sliced import SlicedLog
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.simulate import simulate
-from lidarcli.sweeps import RangeRules, Status, normalise
+from lidarcli.sweeps import Status
 from tests.fake_log import FakeLog
 from tests.logs.cloud_messages import message, pointcloud2
 from tests.places import REAL_LOGS, SAMPLES, needs_real_logs

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.poses.matched import PATIENCE, Matching
 from lidarcli.poses.motion import planar
 from lidarcli.poses.tracks import SECOND_NS, Track
@@ -18,7 +19,7 @@ from lidarcli.simulate.generate import START_NS, simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.route import Waypoint, plan_route
 from lidarcli.simulate.scene import Motion, Scene, Sensor
-from lidarcli.sweeps import TURN, Float64, Int64, RangeRules, SweepBatch, concatenate, normalise
+from lidarcli.sweeps import TURN, Float64, Int64, SweepBatch, concatenate
 from tests.places import SAMPLES
 
 

@@ -17,6 +17,7 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
@@ -28,7 +29,7 @@ from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import SimulatedPoses, simulate_odometry
 from lidarcli.simulate.scene import Scene
 from lidarcli.simulate.writers import write_log
-from lidarcli.sweeps import RangeRules, RawSweeps, SweepBatch, SweepPoses, normalise
+from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses
 from tests.fake_log import FakeLog
 from tests.places import SAMPLES
 from tests.poses.pose_messages import ODOMETRY, POSE, SECOND, TF, odometry, pose_stamped, tf

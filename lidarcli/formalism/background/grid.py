@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism.background.stations import Shift
+from lidarcli.judging import NEAREST
 from lidarcli.records import record
-from lidarcli.sweeps import NEAREST, TURN, Bool, Closure, Float64, Int32, SweepBatch
+from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, SweepBatch
 
 SAME_BEAM = 0.05
 """Bearings that differ by less than this share of a step are the same."""

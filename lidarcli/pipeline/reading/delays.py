@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lidarcli.judging import RangeRules
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.choice import TopicChoice
-from lidarcli.sweeps import Int64, RangeRules, RawSweeps
+from lidarcli.sweeps import Int64, RawSweeps
 
 if TYPE_CHECKING:
     from lidarcli.poses.delay import DelaySample

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, OptionError
+from lidarcli.judging import RangeRules
 from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
 from lidarcli.logs.choice import TopicChoice
 from lidarcli.pipeline.inputs.pose_messages import read_pose_messages
 from lidarcli.pipeline.inputs.sliced import SlicedLog
 from lidarcli.pipeline.reading.delays import SECOND
 from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
-from lidarcli.sweeps import RangeRules
 
 if TYPE_CHECKING:
     from lidarcli.poses.sources import PoseSources, Told

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidarcli.judging import RangeRules
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.pipeline.inputs.sliced import made_of_clouds
 from lidarcli.pipeline.reading.delays import SECOND, TRACKS, Delay, later
 from lidarcli.pipeline.reading.pose_finding import FoundPoses, find_poses
 from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
-from lidarcli.sweeps import Int64, RangeRules, SweepBatch, SweepPoses
+from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
     from lidarcli.poses.motion import Motion

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
+from lidarcli.judging import count_statuses
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline.reading.posing import Posing
-from lidarcli.sweeps import STATUSES, SweepBatch, count_statuses
+from lidarcli.sweeps import STATUSES, SweepBatch
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.tracked import Followed

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli.choices import ECHOES
+from lidarcli.judging import NO_RETURN_WORDS, RangeRules
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, Slice
 from lidarcli.pipeline.reading.reading import GEOMETRY
-from lidarcli.sweeps import NO_RETURN_WORDS, RangeRules
 from lidarcli.tabular.reading import GREATEST_VALUE
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from lidarcli.formalism.mapping.counts import Beams, Counts, placed
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
-from lidarcli.sweeps import Float64, RangeRules, SweepBatch, SweepPoses, UInt8, normalise
+from lidarcli.judging import RangeRules, normalise
+from lidarcli.sweeps import Float64, SweepBatch, SweepPoses, UInt8
 from tests.sweeping import raw_sweeps
 
 RESOLUTION = 0.05

@@ -15,11 +15,12 @@ from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracked import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.moving_scenes import Kind, moving_scene
 from lidarcli.simulate.scene import PARKED, Course, Entity, Scene, Sensor
-from lidarcli.sweeps import TURN, RangeRules, SweepBatch, SweepPoses, normalise
+from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 
 SENSOR = Sensor(beams=720, angle_increment=TURN / 720, noise=0.01)
 """A full turn, each bearing once."""

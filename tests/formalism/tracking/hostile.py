@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from lidarcli.formalism import Parameters
-from lidarcli.sweeps import RangeRules, SweepBatch, SweepPoses, normalise
+from lidarcli.judging import RangeRules, normalise
+from lidarcli.sweeps import SweepBatch, SweepPoses
 from tests.sweeping import START, raw_sweeps
 
 PARAMETERS = (

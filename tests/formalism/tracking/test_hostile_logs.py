@@ -12,8 +12,9 @@ import pytest
 
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.tracking.tracker import Tracker
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate import entities as make
-from lidarcli.sweeps import RangeRules, SweepBatch, SweepPoses, normalise
+from lidarcli.sweeps import SweepBatch, SweepPoses
 from tests.formalism.tracking.following import (
     assert_same,
     assert_sums,

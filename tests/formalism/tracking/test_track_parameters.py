@@ -14,9 +14,9 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import REMOVED
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import Tracker
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Motion
-from lidarcli.sweeps import RangeRules, normalise
 from tests.formalism.tracking.following import follow, scene_of, simulated
 from tests.places import ROOT
 from tests.sweeping import raw_sweeps

@@ -12,9 +12,10 @@ from lidarcli.formalism.detect import scans
 from lidarcli.formalism.sweep.points import Scans
 from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.views import Seen, Views
+from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
-from lidarcli.sweeps import RangeRules, SweepBatch, normalise
+from lidarcli.sweeps import SweepBatch
 
 Pose = tuple[float, float, float, float]
 """x, y [m], yaw [rad] and side of the sensor."""

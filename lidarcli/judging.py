@@ -1,0 +1,225 @@
+"""What a beam says: the one place where ranges are judged, and what else is told from the geometry of a sweep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarcli import ranges as _ranges
+from lidarcli.errors import OptionError
+from lidarcli.sweeps import (
+    TURN,
+    Closure,
+    Float32,
+    Float64,
+    Int32,
+    Int64,
+    RawSweeps,
+    Status,
+    SweepBatch,
+    UInt8,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RangeRules:
+    """How raw ranges become a range and a status. `no_return` holds words and metres, see `parse_no_return`."""
+
+    no_return: frozenset[str] = frozenset({"inf", "zero", "max", "above"})
+    markers: tuple[float, ...] = ()
+    """Magic values [m] that stand for "no return" on some drivers (81.91, 50, ...)."""
+    limits: tuple[float, float] | None = None
+    """Range limits [m] that replace those of the messages."""
+
+
+NO_RETURN_WORDS = ("inf", "zero", "max", "above", "nan", "negative", "below")
+
+
+def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
+    """Split a `--no-return` list (`zero,max,81.91`) into its words and its markers [m].
+
+    >>> parse_no_return("zero,81.91")
+    (frozenset({'zero'}), (81.91,))
+    """
+    words, markers = set(), []
+    for item in filter(None, (part.strip().lower() for part in text.split(","))):
+        if item in NO_RETURN_WORDS:
+            words.add(item)
+            continue
+        try:
+            marker = float(item)
+        except ValueError:
+            raise OptionError(
+                f"--no-return: '{item}' is neither a number nor one of {', '.join(NO_RETURN_WORDS)}"
+            ) from None
+        if not abs(marker) <= FARTHEST:
+            raise OptionError(f"--no-return: {marker:g} is no range")
+        markers.append(marker)
+    return frozenset(words), tuple(markers)
+
+
+def closure(beams: Int32, angle_increment: Float64) -> UInt8:
+    """Which sweeps close to a full turn, and how (`Closure`), from beam count and increment.
+
+    A turn may fall short by half an increment or by 0.25 % of the turn: drivers that round `angle_increment` leave a
+    seam of up to three beams which no beam belongs to.
+
+    >>> step = TURN / 360
+    >>> closure(np.array([360, 361, 270], np.int32), np.array([step, -step, step])).tolist()
+    [1, 2, 0]
+    """
+    step = np.abs(angle_increment)
+    turn = np.asarray(beams) * step
+    slack = np.maximum(0.5 * step, 0.0025 * TURN)
+    enough = np.asarray(beams) > 3
+    shared = np.abs(turn - step - TURN) <= 0.5 * step
+    closed = (turn >= TURN - slack) & (turn <= TURN + 0.5 * step) & ~shared
+    kind: UInt8 = np.where(
+        shared & enough, Closure.SHARED, np.where(closed & enough, Closure.CLOSED, 0)
+    ).astype(np.uint8)
+    return kind
+
+
+LONGEST_SWEEP = 1.0
+"""No sweep takes longer [s], whatever its header says."""
+
+
+def duration(raw: RawSweeps) -> Float64 | None:
+    """(S,) how long sweeps take from the first beam to the last [s], from what their headers say; None where none does.
+
+    `time_increment` tells, with its sign; where it is 0 it is `scan_time`, from sweep to sweep, of which the sensor spends
+    the share of a turn that it sees. What is not finite, or longer than `LONGEST_SWEEP`, counts as nothing told: 0.
+    """
+    if raw.time_increment is None and raw.scan_time is None:
+        return None
+    seconds = np.zeros(len(raw))
+    steps = np.maximum(raw.beams - 1, 0)
+    # A header may say anything.
+    with np.errstate(invalid="ignore", over="ignore"):
+        if raw.scan_time is not None:
+            view = np.minimum(steps * np.abs(raw.angle_increment) / TURN, 1.0)
+            seconds = np.maximum(raw.scan_time.astype(np.float64), 0.0) * view
+        if raw.time_increment is not None:
+            each = raw.time_increment.astype(np.float64)
+            seconds = np.where(each != 0.0, each * steps, seconds)
+        believed = np.abs(seconds) <= LONGEST_SWEEP
+    return np.where(believed, seconds, 0.0) if bool((believed & (seconds != 0.0)).any()) else None
+
+
+NEAREST, FARTHEST = 1e-6, 1e6
+"""No range is smaller or larger [m]: some drivers call 3.4e38 their `range_max`, and squares of that overflow."""
+
+
+def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | None = None) -> SweepBatch:
+    """Judge every range once: `RawSweeps` → `SweepBatch`.
+
+    Parameters
+    ----------
+    raw : RawSweeps
+    sweep : (S,) int64, index of each row within its topic
+    rules : RangeRules
+    first_ns : stamp of the first sweep of the topic [ns], by default that of the first of these
+
+    Notes
+    -----
+    By default NaN and negative values are INVALID, +inf, 0, exactly `range_max` and anything above are NO_RETURN, and
+    -inf and values below `range_min` are TOO_CLOSE. A limit that is not finite, or not above the other, is no limit;
+    outside of `NEAREST` to `FARTHEST` there is nothing all the same.
+    """
+    rows = len(raw)
+    time_ns = raw.time_ns
+    if first_ns is None:
+        first_ns = int(time_ns[0]) if rows else 0
+    range_min, range_max = raw.range_min, raw.range_max
+    if rules.limits is not None:
+        range_min = np.full(rows, rules.limits[0], np.float32)
+        range_max = np.full(rows, rules.limits[1], np.float32)
+    low = np.where(np.isfinite(range_min), np.maximum(range_min, NEAREST), NEAREST).astype(np.float32)
+    high = np.where(np.isfinite(range_max) & (range_max > low), np.minimum(range_max, FARTHEST), FARTHEST)
+    high = high.astype(np.float32)
+
+    clean, status = judge(raw.ranges, raw.beams, low, high, rules.no_return)
+    for marker in rules.markers:
+        with np.errstate(invalid="ignore"):
+            marked = np.isclose(raw.ranges, marker, rtol=0, atol=1e-4) & (status != Status.PADDING.value)
+        clean[marked] = np.nan
+        status[marked] = Status.NO_RETURN
+    return SweepBatch(
+        topic=raw.topic,
+        frame_ids=raw.frame_ids,
+        frame=raw.frame,
+        sweep=sweep,
+        stamp_ns=time_ns,
+        record_ns=raw.record_ns,
+        angle_min=raw.angle_min,
+        angle_increment=raw.angle_increment,
+        range_min=range_min,
+        range_max=range_max,
+        beams=raw.beams,
+        ranges=clean,
+        status=status,
+        closure=closure(raw.beams, raw.angle_increment),
+        duration=duration(raw),
+        first_ns=first_ns,
+        intensities=_told_intensities(raw.intensities),
+    )
+
+
+def _told_intensities(intensities: Float32 | None) -> Float32 | None:
+    """(S, B) without those of sweeps whose intensities are all 0: so drivers fill in what they do not measure."""
+    if intensities is None:
+        return None
+    told = ((intensities != 0) & ~np.isnan(intensities)).any(axis=1)
+    if told.all():
+        return intensities
+    return np.where(told[:, None], intensities, np.float32(np.nan)) if told.any() else None
+
+
+def judge(
+    ranges: Float32, beams: Int32, low: Float32, high: Float32, words: frozenset[str]
+) -> tuple[Float32, UInt8]:
+    """(S, B) ranges, NaN where there is none, and the status of each beam.
+
+    Parameters
+    ----------
+    ranges : (S, B) raw values [m]
+    beams : (S,) number of values of each row, the others are padding
+    low, high : (S,) limits [m]
+    words : what is no return
+
+    Raises
+    ------
+    ValueError
+        There are not as many beams or limits as rows, or more beams than values.
+    """
+    rows, width = ranges.shape
+    if not (len(beams) == len(low) == len(high) == rows) or (beams < 0).any() or (beams > width).any():
+        raise ValueError(f"beams and limits do not fit {rows} sweeps of up to {width} ranges")
+    # Messages lie in a log as they like.
+    raw = np.require(ranges, np.float32, ["C", "A"])
+    clean, status = np.empty(raw.shape, np.float32), np.empty(raw.shape, np.uint8)
+    if raw.size:
+        verdicts = np.array([_verdict(word, words) for word in _KINDS], np.uint8)
+        most = np.nextafter(high, np.float32(-np.inf)) if "max" in words else high
+        _ranges.judge(raw, np.ascontiguousarray(beams, np.int32), low, most, high, verdicts, clean, status)
+    return clean, status
+
+
+_KINDS = ("nan", "inf", "-inf", "negative", "zero", "below", "max", "above", "padding")
+"""What a value is that is no range, in the order of `ranges`."""
+_VERDICTS = {"-inf": Status.TOO_CLOSE, "below": Status.TOO_CLOSE, "padding": Status.PADDING}
+"""What such values say unless they are named as no return; all others are invalid."""
+
+
+def _verdict(kind: str, words: frozenset[str]) -> int:
+    return Status.NO_RETURN if kind in words else _VERDICTS.get(kind, Status.INVALID)
+
+
+def count_statuses(status: UInt8) -> Int32:
+    """(5, S) beams of each row of (S, B) by `Status`; `ValueError` where one is none."""
+    if status.max(initial=0) >= len(Status):
+        raise ValueError(f"{status.max()} is no status of a beam")
+    counts = np.zeros((len(Status), len(status)), np.int32)
+    _ranges.count_statuses(np.ascontiguousarray(status, np.uint8), counts)
+    return counts
