@@ -19,6 +19,7 @@ from lidarcli.logs.blocks import (
     pad_rows,
     split_rows,
 )
+from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Float32, RawSweeps
 
 NOT_JSON = "not JSON"
@@ -78,6 +79,8 @@ def decode_each(
 
 
 def _check(sweep: Sweep) -> None:
+    if len(sweep.frame_id) > MAX_NAME:
+        raise RefusedError(NAME_LONG)
     beams = len(sweep.ranges)
     if beams > MAX_BEAMS:
         raise RefusedError(TOO_MANY)

@@ -26,21 +26,17 @@ from lidarcli.logs.blocks import (
     split_rows,
 )
 from lidarcli.records import record
+from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate
 
 if TYPE_CHECKING:
     from lidarcli.logs.multi_echo import Echoes
 
-MAX_FRAME_ID = 4096
-"""Longest frame name [bytes] that is believed."""
-
 SHORTEST = 48
 """Bytes of a LaserScan with an empty frame name and no beams, in either serialisation."""
 
 SHORT = "shorter than a LaserScan"
-ENCAPSULATION = "not plain CDR (unknown encapsulation)"
 FRAME_BEYOND = "frame_id longer than the message"
-FRAME_LONG = f"frame_id of more than {MAX_FRAME_ID} bytes"
 RANGES_BEYOND = "more ranges declared than the message holds"
 
 # Plain CDR and plain XCDR2 (both ids in use): without 8-byte members a LaserScan looks the same in both.
@@ -182,7 +178,7 @@ def _read_heads(
     # CDR aligns what follows the name, counted from the end of its 4-byte encapsulation; ROS 1 does not.
     at = heads.start + 16 + (name if encoding == "ros1" else (name + 3) & ~3)
     heads = replace(heads, stamp_ns=seconds * 1_000_000_000 + words[:, 2], frame_length=name, at=at)
-    heads = check(heads, (at + 32 > heads.end, FRAME_BEYOND), (name > MAX_FRAME_ID, FRAME_LONG))
+    heads = check(heads, (at + 32 > heads.end, FRAME_BEYOND), (name > MAX_NAME, NAME_LONG))
 
     words = _words(_windows(buffer, heads.at, 32), heads.big)
     beams = words[:, 7].astype(np.int64)

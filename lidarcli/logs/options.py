@@ -30,7 +30,7 @@ def range_rules(
     """
     if limits is not None:
         least, most = map(float, limits)
-        if not 0 <= least < most:
+        if not 0 <= least < most < math.inf:
             raise OptionError(
                 f"--range: {least:g} to {most:g} m is no range; give the least and the greatest"
             )

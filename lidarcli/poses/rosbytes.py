@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.poses.rows import (
-    MAX_NAME,
     MAX_TRANSFORMS,
     ODOMETRY,
     TRANSFORMS,
@@ -24,7 +23,6 @@ from lidarcli.poses.rows import (
 from lidarcli.ros.cursor import BadMessageError, Cursor
 from lidarcli.sweeps import UInt8
 
-NAME_LONG = f"a frame name of more than {MAX_NAME} bytes"
 TOO_MANY = f"more than {MAX_TRANSFORMS} transforms declared"
 
 _NUMBERS = 56
@@ -83,7 +81,7 @@ class _Walker:
     def _name(self, cursor: Cursor) -> str:
         cursor.align(4)
         start = cursor.at
-        text = cursor.text(MAX_NAME, NAME_LONG)
+        text = cursor.text()
         self.fixed.append((start, cursor.at))
         return text
 

@@ -14,8 +14,6 @@ TRANSFORMS = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage", "foxglove.
 ODOMETRY = "nav_msgs/msg/Odometry"
 WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
-MAX_NAME = 4096
-"""Longest frame name [bytes] that is believed."""
 MAX_TRANSFORMS = 10_000
 """Most transforms of one message that are believed."""
 

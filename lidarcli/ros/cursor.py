@@ -13,7 +13,11 @@ class BadMessageError(ValueError):
     """A message that is not what its type says; the text is the cause."""
 
 
+MAX_NAME = 4096
+"""Longest name of a frame or a field [bytes] that is believed."""
+
 SHORT = "shorter than its type"
+NAME_LONG = f"a name of more than {MAX_NAME} bytes"
 ENCAPSULATION = "not plain CDR (unknown encapsulation)"
 
 
@@ -61,11 +65,11 @@ class Cursor:
         (value,) = struct.unpack_from(f"{self.order}I", self.data, self.skip(4))
         return int(value)
 
-    def text(self, most: int, too_long: str) -> str:
-        """A string of at most `most` bytes."""
+    def text(self) -> str:
+        """A string of at most `MAX_NAME` bytes."""
         length = self.word()
-        if length > most:
-            raise BadMessageError(too_long)
+        if length > MAX_NAME:
+            raise BadMessageError(NAME_LONG)
         start = self.skip(length)
         return self.data[start : self.at].split(b"\0")[0].decode("utf-8", "replace")
 

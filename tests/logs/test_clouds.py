@@ -246,7 +246,7 @@ def test_a_quaternion_of_any_length_is_a_turn(encoding: str) -> None:
         (make(POINTS, (("x", "f4", 0), ("y", "f4", 0), ("z", "f4", 0)), step=4), clouds.OUTSIDE),
         (make(POINTS, (("x", "f4", 0), ("a", "f4", 4), ("z", "f4", 8))), clouds.NO_COORDINATES),
         (make(POINTS, (("x", "i2", 0), ("y", "i2", 4), ("z", "i2", 8))), clouds.NO_COORDINATES),
-        (make(POINTS, frame="f" * 5000), clouds.NAME_LONG),
+        (make(POINTS, frame="f" * 5000), cursor.NAME_LONG),
     ],
 )
 def test_what_is_no_cloud_is_refused(data: bytes, cause: str) -> None:
@@ -272,7 +272,7 @@ def test_a_cloud_of_too_many_fields_is_refused() -> None:
         (packed(foxglove_cloud(fields=[]), "protobuf"), "protobuf", clouds.NO_COORDINATES),
         (packed(foxglove_cloud(timestamp={"sec": 1 << 62, "nsec": 0}), "json"), "json", foxglove.STAMP),
         (packed(foxglove_cloud(pose=(NAN, 0, 0, 0, 0, 0, 1)), "protobuf"), "protobuf", foxglove.NOT_FINITE),
-        (packed(foxglove_cloud(frame_id="f" * 5000), "json"), "json", clouds.NAME_LONG),
+        (packed(foxglove_cloud(frame_id="f" * 5000), "json"), "json", cursor.NAME_LONG),
         (b"\xff\xff", "protobuf", foxglove.NOT_PROTOBUF),
     ],
 )

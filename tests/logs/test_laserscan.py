@@ -14,6 +14,7 @@ from lidarcli.logs import laserscan
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.laserscan import decode, decode_blocks
+from lidarcli.ros import cursor
 from lidarcli.sweeps import RawSweeps
 from tests.logs.scan_messages import GEOMETRY, scan
 
@@ -111,10 +112,10 @@ def test_any_mixture_equals_its_parts(rows: list[tuple[Any, ...]], encoding: str
     [
         (b"", laserscan.SHORT),
         (scan([1.0])[:40], laserscan.SHORT),
-        (b"\0\3" + scan([1.0])[2:], laserscan.ENCAPSULATION),
-        (b"\1\1" + scan([1.0])[2:], laserscan.ENCAPSULATION),
+        (b"\0\3" + scan([1.0])[2:], cursor.ENCAPSULATION),
+        (b"\1\1" + scan([1.0])[2:], cursor.ENCAPSULATION),
         (scan([1.0])[:12] + b"\xff\xff\xff\xff" + scan([1.0])[16:], laserscan.FRAME_BEYOND),
-        (scan([1.0], frame=b"x" * 5000), laserscan.FRAME_LONG),
+        (scan([1.0], frame=b"x" * 5000), cursor.NAME_LONG),
         (scan([1.0], declared=3), laserscan.RANGES_BEYOND),
         (scan([1.0], declared=MAX_BEAMS + 1), block_bounds.TOO_MANY),
         (scan([1.0], declared=2**32 - 1), block_bounds.TOO_MANY),

@@ -109,7 +109,7 @@ def test_causes_of_refusal() -> None:
     refused: Counter[str] = Counter()
     (rows,) = rosbytes.decode(POSE, "cdr", [b"", b"\1\2\3\4" + good[4:], long_name, good], refused)
     assert rows.row.tolist() == [3]
-    assert refused == {cursor.ENCAPSULATION: 2, rosbytes.NAME_LONG: 1}
+    assert refused == {cursor.ENCAPSULATION: 2, cursor.NAME_LONG: 1}
     refused.clear()
     assert not list(rosbytes.decode(TF, "cdr", [good[:4] + many, good[:4]], refused))
     assert refused == {rosbytes.TOO_MANY: 1, cursor.SHORT: 1}

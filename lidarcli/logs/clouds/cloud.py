@@ -16,9 +16,6 @@ Floats = NDArray[np.floating]
 NO_COORDINATES = "no x and y as float32 or float64"
 OUTSIDE = "a field that is no part of its point"
 TOO_FEW = "more points declared than the message holds"
-MAX_NAME = 4096
-"""Longest name of a frame or a field [bytes] that is believed."""
-NAME_LONG = f"a name of more than {MAX_NAME} bytes"
 
 _INTENSITIES = ("intensity", "intensities", "reflectivity")
 """Names of the field that says how strong a return was, the better one first."""

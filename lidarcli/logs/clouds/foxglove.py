@@ -10,7 +10,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from lidarcli.foxglove import CLOUD, NUMBER_KINDS, classes
-from lidarcli.logs.clouds.cloud import MAX_NAME, NAME_LONG, BadCloudError, Cloud, Layout, PointField
+from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Layout, PointField
+from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Float64
 
 NOT_JSON = "not JSON"

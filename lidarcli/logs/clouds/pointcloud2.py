@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lidarcli.logs.clouds.cloud import MAX_NAME, NAME_LONG, BadCloudError, Cloud, Layout, PointField
+from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Layout, PointField
 from lidarcli.ros.cursor import BadMessageError, Cursor
 
 MANY_FIELDS = "more than 1,000 fields declared"
@@ -28,14 +28,14 @@ def decode(data: bytes, encoding: str) -> Cloud:
 
 def _decode(cursor: Cursor) -> Cloud:
     stamp_ns = cursor.stamp_ns()
-    frame_id = cursor.text(MAX_NAME, NAME_LONG)
+    frame_id = cursor.text()
     rows, columns = cursor.word(), cursor.word()
     count = cursor.word()
     if count > _MAX_FIELDS:
         raise BadCloudError(MANY_FIELDS)
     fields: dict[str, PointField] = {}
     for _ in range(count):
-        name = cursor.text(MAX_NAME, NAME_LONG)
+        name = cursor.text()
         offset, kind = cursor.word(), cursor.byte()
         cursor.word()  # how many numbers there are: the first counts
         if 0 < kind < len(_KINDS):
