@@ -52,7 +52,7 @@ def detect_stream(
     report: LogProgress | None = None,
     name: str = "standard output",
 ) -> Iterator[Outcome]:
-    """Write the objects of all logs to one stream of `kind` (ndjson, opening, arrow, parquet), log after log.
+    """Write the objects of all logs to one stream of `kind` (ndjson, csv, arrow, parquet), log after log.
 
     `name` is what errors call the stream.
     """

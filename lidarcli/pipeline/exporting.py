@@ -68,7 +68,7 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
 
 
 def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
-    """Write a file of `kind` (parquet, opening, ndjson, arrow); how many rows, and what a user should know of it."""
+    """Write a file of `kind` (parquet, csv, ndjson, arrow); how many rows, and what a user should know of it."""
     refuse([path], overwrite, [str(file) for file in export.files])
     with new_files([path], overwrite) as new:
         with new.part(path).open("wb") as out:

@@ -119,7 +119,7 @@ def match_tables(inputs: Sequence[str], by: str = AUTO) -> MatchResult:
 
 
 def write_matches(result: MatchResult, path: Place, kind: str, overwrite: bool) -> list[str]:
-    """Write the matches to a file of `kind` (parquet, opening, ndjson, arrow); what a user should know of it."""
+    """Write the matches to a file of `kind` (parquet, csv, ndjson, arrow); what a user should know of it."""
     with new_files([path], overwrite) as new:
         with new.part(path).open("wb") as out:
             guard = CountingOutput(out, str(path))
