@@ -9,8 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from lidarcli.errors import OptionError
-from lidarcli.simulate.decimals import intensity_texts, opened, seconds, shortest, texts
-from lidarcli.simulate.jsonlines_writer import number_or_word
+from lidarcli.simulate.decimals import (
+    intensity_texts,
+    number_or_word,
+    only_topic,
+    seconds,
+    shortest,
+    texts,
+    write_lines,
+)
 from lidarcli.sweeps import RawSweeps
 
 _S = 1_000_000_000
@@ -33,13 +40,12 @@ def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic")
     """
     if layout not in LAYOUTS:
         raise OptionError(f"'{layout}' is no CSV layout: choose from {', '.join(LAYOUTS)}")
+    if layout != "plotjuggler":
+        blocks = only_topic(blocks, "this CSV layout", "use plotjuggler")
     if layout == "per-sweep":
         _write_files(path, blocks)
-        return
-    with opened(path) as out:
-        for line in LAYOUTS[layout](_one_topic(blocks) if layout != "plotjuggler" else blocks):
-            out.write(line)
-            out.write("\n")
+    else:
+        write_lines(path, LAYOUTS[layout](blocks))
 
 
 def _rostopic(blocks: Iterable[RawSweeps]) -> Iterator[str]:
@@ -195,7 +201,7 @@ def _long(blocks: Iterable[RawSweeps]) -> Iterator[str]:
 def _write_files(folder: Path, blocks: Iterable[RawSweeps]) -> None:
     """One file per sweep, named by its stamp in seconds; stamps that are not distinct get running numbers."""
     folder.mkdir(parents=True, exist_ok=True)
-    kept = list(_one_topic(blocks))
+    kept = list(blocks)
     stamps = [int(stamp) for block in kept for stamp in block.stamp_ns]
     distinct = all(a < b for a, b in pairwise(stamps))
     number = 0
@@ -220,17 +226,6 @@ LAYOUTS: dict[str, Callable[[Iterable[RawSweeps]], Iterator[str]]] = {
     "per-sweep": _long,
 }
 """Names of the layouts, as `write_csv` takes them."""
-
-
-def _one_topic(blocks: Iterable[RawSweeps]) -> Iterator[RawSweeps]:
-    topic = None
-    for block in blocks:
-        if topic not in (None, block.topic):
-            raise OptionError(
-                f"this CSV layout holds one topic, not {topic} and {block.topic}: use plotjuggler"
-            )
-        topic = block.topic
-        yield block
 
 
 def _geometry(block: RawSweeps, row: int) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import io
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -41,12 +42,13 @@ def write_lines(path: Path, lines: Iterable[str]) -> None:
             out.write("\n")
 
 
-def only_topic(blocks: Iterable[RawSweeps], what: str) -> Iterator[RawSweeps]:
-    """The blocks of a log that has one topic; OptionError at the first one of a second topic."""
+def only_topic(blocks: Iterable[RawSweeps], what: str, instead: str = "") -> Iterator[RawSweeps]:
+    """The blocks of a log that has one topic; OptionError at the first one of a second topic, with what to do `instead`."""
     topic = None
     for block in blocks:
         if topic not in (None, block.topic):
-            raise OptionError(f"{what} has one topic here, not {topic} and {block.topic}")
+            hint = f": {instead}" if instead else ""
+            raise OptionError(f"{what} holds one topic, not {topic} and {block.topic}{hint}")
         topic = block.topic
         yield block
 
@@ -84,3 +86,10 @@ def seconds(stamp_ns: int) -> str:
     """
     sign, rest = ("-", -stamp_ns) if stamp_ns < 0 else ("", stamp_ns)
     return f"{sign}{rest // _S}.{rest % _S:09d}"
+
+
+def number_or_word(value: float) -> float | str:
+    """A float as JSON has it: a word, as in the JSON mapping of protobuf, for what is no number there."""
+    if math.isfinite(value):
+        return value
+    return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"

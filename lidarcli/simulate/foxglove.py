@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from math import cos, isfinite, sin
+from math import cos, sin
 from typing import Any
 
 from lidarcli.foxglove import POSE, SCAN, TRANSFORM, classes
+from lidarcli.simulate.decimals import number_or_word
 from lidarcli.simulate.messages import Encoding
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 
-_WORDS = {"inf": "Infinity", "-inf": "-Infinity", "nan": "NaN"}
-
 
 def json_bytes(_: str, message: dict[str, Any]) -> bytes:
-    """JSON has no infinity and no NaN: they are words, as in the JSON mapping of protobuf."""
+    """A message as JSON, in which numbers that are not finite are words."""
     for name in ("ranges", "intensities"):
         if name in message:
-            message[name] = [value if isfinite(value) else _WORDS[repr(value)] for value in message[name]]
+            message[name] = [number_or_word(value) for value in message[name]]
     return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lidarcli.simulate.decimals import opened
+from lidarcli.simulate.decimals import number_or_word, write_lines
 from lidarcli.sweeps import RawSweeps
 
 _S = 1_000_000_000
@@ -17,21 +17,23 @@ _S = 1_000_000_000
 
 def write_jsonlines(path: Path, blocks: Iterable[RawSweeps]) -> None:
     """Write sweeps as LaserScan messages to `path`, one a line, packed where it ends in `.gz`."""
-    with opened(path) as out:
-        sequence = 0
-        for block in blocks:
-            for row in range(len(block)):
-                time = f"{np.datetime64(int(block.record_ns[row]), 'ns')}Z"
-                line = {
-                    "topic": block.topic,
-                    "sequence": sequence,
-                    "log_time": time,
-                    "publish_time": time,
-                    "data": _message(block, row),
-                }
-                out.write(json.dumps(line, separators=(",", ":"), allow_nan=False))
-                out.write("\n")
-                sequence += 1
+    write_lines(path, _lines(blocks))
+
+
+def _lines(blocks: Iterable[RawSweeps]) -> Iterator[str]:
+    sequence = 0
+    for block in blocks:
+        for row in range(len(block)):
+            time = f"{np.datetime64(int(block.record_ns[row]), 'ns')}Z"
+            line = {
+                "topic": block.topic,
+                "sequence": sequence,
+                "log_time": time,
+                "publish_time": time,
+                "data": _message(block, row),
+            }
+            yield json.dumps(line, separators=(",", ":"), allow_nan=False)
+            sequence += 1
 
 
 def _message(block: RawSweeps, row: int) -> dict[str, Any]:
@@ -56,10 +58,3 @@ def _message(block: RawSweeps, row: int) -> dict[str, Any]:
         if block.intensities is None
         else [number_or_word(value) for value in block.intensities[row, :beams].tolist()],
     }
-
-
-def number_or_word(value: float) -> float | str:
-    """A float as JSON has it: a word for what is no number there."""
-    if np.isfinite(value):
-        return value
-    return "NaN" if np.isnan(value) else "Infinity" if value > 0 else "-Infinity"

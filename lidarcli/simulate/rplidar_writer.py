@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarcli.errors import OptionError
-from lidarcli.simulate.decimals import opened
+from lidarcli.simulate.decimals import only_topic, write_lines
 from lidarcli.sweeps import RawSweeps
 
 _QUALITY = 47
@@ -21,17 +20,11 @@ def write_rplidar(path: Path, blocks: Iterable[RawSweeps]) -> None:
     Bearings are rounded to 0.01 degrees and run clockwise, distances to 0.25 mm; what is no return is 0. The format
     has no place for times, limits, names, and sweeps without beams.
     """
-    with opened(path) as out:
-        for line in _lines(blocks):
-            out.write(line)
+    write_lines(path, _lines(blocks))
 
 
 def _lines(blocks: Iterable[RawSweeps]) -> Iterator[str]:
-    topic = None
-    for block in blocks:
-        if topic not in (None, block.topic):
-            raise OptionError(f"RPLIDAR text has one topic, not {topic} and {block.topic}")
-        topic = block.topic
+    for block in only_topic(blocks, "RPLIDAR text"):
         for row, beams in enumerate(block.beams.tolist()):
             bearings = block.angle_min[row] + block.angle_increment[row] * np.arange(beams)
             ranges = block.ranges[row, :beams].astype(np.float64)
@@ -42,5 +35,5 @@ def _lines(blocks: Iterable[RawSweeps]) -> Iterator[str]:
             distance = np.round(np.where(seen, ranges, 0.0) * 4000.0) / 4.0
             begin = "S "
             for angle, far in zip(theta.tolist(), distance.tolist(), strict=True):
-                yield f"{begin} theta: {angle:.2f} Dist: {far:08.2f} Q: {_QUALITY if far else 0} \n"
+                yield f"{begin} theta: {angle:.2f} Dist: {far:08.2f} Q: {_QUALITY if far else 0} "
                 begin = "  "
