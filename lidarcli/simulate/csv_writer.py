@@ -133,21 +133,25 @@ def _mcap(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     """As `mcap cat --format=csv`: the fields of the first message in the order of the alphabet, float32 as float64."""
     kept = list(blocks)
     width = max((block.ranges.shape[1] for block in kept), default=0)
+    arrays = _arrays(any(block.intensities is not None for block in kept))
     sorted_names = sorted(
-        ("header.frame_id", "header.stamp.nanosec", "header.stamp.sec", *_GEOMETRY, "ranges")
+        ("header.frame_id", "header.stamp.nanosec", "header.stamp.sec", *_GEOMETRY, *arrays)
     )
     names = ["log_time", "publish_time", "sequence"]
     for name in sorted_names:
-        names += [f"ranges.{i}" for i in range(width)] if name == "ranges" else [name]
+        names += [f"{name}.{i}" for i in range(width)] if name in arrays else [name]
     yield ",".join(names)
     sequence = 0
     for block in kept:
         for row, beams in enumerate(block.beams.tolist()):
             whole, rest = divmod(int(block.stamp_ns[row]), _S)
-            ranges = [str(number_or_word(value)) for value in block.ranges[row, :beams].tolist()]
+            told = {"ranges": block.ranges, "intensities": block.intensities}
             cells = dict(zip(_GEOMETRY, _geometry(block, row), strict=True))
             cells |= {"header.frame_id": _frame(block, row), "header.stamp.sec": str(whole)}
-            cells |= {"header.stamp.nanosec": str(rest), "ranges": ",".join(ranges + [""] * (width - beams))}
+            cells["header.stamp.nanosec"] = str(rest)
+            for name in arrays:
+                values = () if (all_rows := told[name]) is None else all_rows[row, :beams].tolist()
+                cells[name] = ",".join(_filled([str(number_or_word(value)) for value in values], width))
             times = [f"{np.datetime64(int(block.record_ns[row]), 'ns')}Z"] * 2
             yield ",".join([*times, str(sequence), *(cells[name] for name in sorted_names)])
             sequence += 1

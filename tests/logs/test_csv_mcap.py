@@ -37,6 +37,8 @@ def test_a_laser_scan_of_ros_1() -> None:
     assert (got.frame_ids, got.topic) == (("laser",), "/scan")
     assert got.angle_increment.tolist() == [float(np.float32(0.1))]
     np.testing.assert_array_equal(got.ranges, np.array([[2.5, np.nan, np.inf]], np.float32))
+    assert got.intensities is not None
+    assert got.intensities.tolist() == [[1.0, 2.0, 3.0]]
     assert got.range_max.tolist() == [12.0]
 
 

@@ -22,7 +22,7 @@ from tests.sweeping import raw_sweeps
 from tools.fuzz.containers import poses
 
 ROWS, BEAMS = 6, 11
-WITH = ("rostopic", "ros2", "plotjuggler", "bagpy", "list")
+WITH = ("rostopic", "ros2", "plotjuggler", "bagpy", "mcap", "list")
 """Layouts of a CSV that have a place for intensities."""
 
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
