@@ -152,7 +152,7 @@ TIME = Time()
 INPUTS = click.Path(allow_dash=True, readable=False)
 
 RANGES = "Beams without a range"
-CSV = "Text logs without geometry"
+GEOMETRY = "Text logs without geometry"
 CLOUDS = "Point clouds"
 ECHO = "Beams with several echoes"
 SELECT = "Sweeps to read"
@@ -377,34 +377,41 @@ def opening_options(command: F) -> F:
         ),
         option(
             "--range-unit",
-            heading=CSV,
+            heading=GEOMETRY,
             type=click.Choice(["m", "mm"]),
             default="m",
             show_default=True,
             help="Unit of the ranges in the file.",
         ),
         option(
-            "--degrees", heading=CSV, is_flag=True, help="Angles above are in degrees.  [default: radians]"
+            "--degrees",
+            heading=GEOMETRY,
+            is_flag=True,
+            help="Angles above are in degrees.  [default: radians]",
         ),
         option(
             "--range-max",
-            heading=CSV,
+            heading=GEOMETRY,
             type=Number("METRES", above=0),
             help="Greatest range of the sensor.  [default: from the file, or none]",
         ),
         option(
             "--fov",
             unless=("angle_increment",),
-            heading=CSV,
+            heading=GEOMETRY,
             type=angle,
             help="Field of view, instead of --angle-increment.",
         ),
         option(
-            "--angle-increment", unless=("fov",), heading=CSV, type=angle, help="Angle from beam to beam."
+            "--angle-increment",
+            unless=("fov",),
+            heading=GEOMETRY,
+            type=angle,
+            help="Angle from beam to beam.",
         ),
         option(
             "--angle-min",
-            heading=CSV,
+            heading=GEOMETRY,
             type=angle,
             help="Bearing of the first beam.  [default: from the file, or centred on --fov]",
         ),

@@ -13,6 +13,7 @@ from lidarcli.cli.grouped import OUTPUT, GroupedCommand, GroupedOption, option
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.object_options import OBJECTS, THINGS, catalogue_option, object_options
 from lidarcli.cli.options import (
+    ECHO,
     INPUTS,
     POSES,
     RANGES,
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.reading.pose_options import PoseOptions
 
-OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES)
+OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO)
 """Headings of options that say how objects are found."""
 
 

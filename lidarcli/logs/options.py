@@ -15,7 +15,7 @@ BINS = 720
 MOST_BINS = 100_000
 """… and no more than these."""
 UNITS = {"m": 1.0, "mm": 0.001}
-"""Units that the ranges of a CSV may have, in metres."""
+"""Units that the ranges of a text log may have, in metres."""
 
 
 def range_rules(

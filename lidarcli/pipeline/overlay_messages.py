@@ -63,10 +63,9 @@ class Overlay:
         """`grid`: a map to show; `is_ros2`: whether for ROS 2, else for ROS 1; `with_log`: copy the log, too."""
         self._source = source
         self._grid = grid
-        if opening.slice is None:
-            # Sweeps that were made of clouds are to be made of them again.
-            opening = replace(opening, slice=opening_of(_metadata(pair, PARAMETERS)).slice)
-        self._opening = opening
+        # Sweeps are to be made again as they were for the tables.
+        told = opening_of(_metadata(pair, PARAMETERS))
+        self._opening = replace(opening, slice=opening.slice or told.slice, echo=told.echo)
         self._is_ros2 = is_ros2
         self._with_log = with_log
         self._tables = Tables(pair)

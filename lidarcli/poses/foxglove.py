@@ -10,11 +10,10 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from lidarcli.foxglove import TRANSFORM, classes
+from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP
 from lidarcli.poses.rows import BadPoseError, PoseRows, frame_name
 
-NOT_JSON = "not JSON"
 NOT_POSE = "not what its type says"
-NOT_PROTOBUF = "not protobuf of its schema"
 
 _Pose = tuple[str, str, int, list[float]]
 
@@ -87,5 +86,5 @@ def _proto(kind: str, data: bytes) -> _Pose:
 
 def _checked(stamp_ns: int) -> int:
     if not -(2**63) <= stamp_ns < 2**63:
-        raise BadPoseError("timestamp out of range")
+        raise BadPoseError(STAMP)
     return stamp_ns

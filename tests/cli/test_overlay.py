@@ -440,6 +440,7 @@ def test_tables_of_another_log_are_refused(lidarcli: Run, made: Path, logs: Path
         ),
         (("-o", "o.mcap", "--objects", "x.objects.parquet", "--pose", "none"), 2, "--pose is for finding"),
         (("-o", "o.mcap", "--objects", "x.objects.parquet", "--every", "2"), 2, "--every is for finding"),
+        (("-o", "o.mcap", "--objects", "x.objects.parquet", "--echo", "last"), 2, "--echo is for finding"),
     ],
 )
 def test_what_cannot_be_is_refused(

@@ -75,7 +75,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
         ),
         "a text in the schema and the topics of a database": f"{database.MAX_TEXT >> 10} KiB",
         "`metadata.yaml`": f"{folder.MAX_METADATA >> 20} MiB",
-        "a line of a CSV, or of another text log": f"{text.MAX_LINE >> 20} MiB",
+        "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "damaged places that are named one by one": str(base.ReadReport.MAX_DAMAGE),
     }
 

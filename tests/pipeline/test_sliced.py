@@ -100,6 +100,16 @@ def test_scans_and_clouds_of_one_log() -> None:
     assert [block.topic for block in log.scans({"/scan"}, ReadReport())] == ["/scan"]
 
 
+def test_who_reads_no_further_is_told_what_was_lost_so_far() -> None:
+    topics = [Topic("/points", POINTCLOUD2, "cdr", 66), Topic("/far", POINTCLOUD2, "cdr", 1)]
+    log = sliced(FakeLog(topics=topics, messages=[message(b"\0\1"), *clouds(64), *clouds(1, "/far")]))
+    report = ReadReport()
+    blocks = log.scans(None, report)
+    assert len(next(blocks)) == 64
+    del blocks
+    assert report.refused == {("/points", "not plain CDR (unknown encapsulation)"): 1}
+
+
 def test_a_slice_of_a_log_without_clouds_says_so() -> None:
     log = sliced(FakeLog([raw_sweeps(np.ones((2, 8)))], [Topic("/scan", LASERSCAN, "cdr", 2)]))
     report = ReadReport()

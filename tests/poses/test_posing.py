@@ -331,6 +331,8 @@ def test_no_pass_without_poses_on_a_pipe_or_unasked() -> None:
     assert Posing.of(pipe).notes() == [
         "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
     ]
+    pipe.format = "json lines"
+    assert Posing.of(pipe).notes() == []
     assert (plain.passes, pipe.passes, unasked.passes) == (0, 0, 0)
 
 

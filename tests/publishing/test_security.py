@@ -24,7 +24,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
             f"{small} MiB, and {unpacking.CHUNK_RATIO} times what is packed; never more than {codec.MAX_CHUNK >> 30} GiB"
         ),
         "a message of a ROS bag": f"{base.MAX_MESSAGE >> 20} MiB",
-        "a line of a CSV": f"{text.MAX_LINE >> 20} MiB",
+        "a line of a text log": f"{text.MAX_LINE >> 20} MiB",
         "beams of a sweep; LaserScan topics of a log": f"{base.MAX_BEAMS:,}; {batches.MAX_TOPICS:,}",
         "a scene, catalogue or other TOML file": f"{tomlfiles.MAX_BYTES:,} bytes, {tomlfiles.MAX_DEPTH} brackets deep",
         "pixels of a map that is read": f"{mapserver.MOST_PIXELS:,}",

@@ -11,13 +11,11 @@ import numpy as np
 
 from lidarcli.foxglove import CLOUD, NUMBER_KINDS, classes
 from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Layout, PointField
+from lidarcli.logs.foxglove import NOT_JSON, NOT_PROTOBUF, STAMP
 from lidarcli.ros.cursor import MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Float64
 
-NOT_JSON = "not JSON"
 NOT_CLOUD = "not a foxglove.PointCloud"
-NOT_PROTOBUF = "not protobuf of its schema"
-STAMP = "timestamp out of range"
 NOT_FINITE = "its pose is not finite"
 
 

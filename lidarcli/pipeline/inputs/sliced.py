@@ -89,9 +89,12 @@ class SlicedLog:
         clouds = {topic.name for topic in wanted if topic.sliced}
         if clouds:
             own = ReadReport()
-            # The list of a log that is cut off may lack topics.
-            yield from self._of_clouds(None if topics is None else clouds, own)
-            report.add_new(own)
+            try:
+                # The list of a log that is cut off may lack topics.
+                yield from self._of_clouds(None if topics is None else clouds, own)
+            finally:
+                # Who wants no more sweeps still wants to know what was lost so far.
+                report.add_new(own)
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
         """As of the log itself."""

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 TILTED = np.deg2rad(10.0)
 """A sensor that leans more than this is worth a note."""
+_WITHOUT_POSES = ("csv", "json lines")
+"""How the formats begin that tell no poses, also from a file."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 _SHOWN = 4
 
@@ -78,7 +80,7 @@ class Posing:
         """The poses of a log, as far as it has some and can be read twice; parameters as of `find_poses`."""
         options = options or PoseOptions()
         found = find_poses(log, options, topics, rules)
-        is_pipe = log.size is None and log.topics() is None and not log.format.startswith("csv")
+        is_pipe = log.size is None and log.topics() is None and not log.format.startswith(_WITHOUT_POSES)
         missed = _PIPE if is_pipe and found is None and options.source != NONE else ""
         return cls(
             found, missed, options.delay or 0.0, options.deskew, levelled=frozenset(made_of_clouds(log))
