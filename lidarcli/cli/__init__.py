@@ -63,8 +63,8 @@ class LazyCommands(Commands):
 def cli() -> None:
     """From a 2D LiDAR log to a table of objects, without a running ROS system.
 
-    LOG is an MCAP file, a ROS 1 or ROS 2 bag, a CSV file, a folder to search,
-    or - for standard input.
+    LOG is an MCAP file, a ROS 1 or ROS 2 bag, a text log (CSV, CARMEN and
+    others), a folder to search, or - for standard input.
     """
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
+import lidarcli
 from lidarcli.cli import run
 from tests.places import SAMPLES
 
@@ -67,3 +69,28 @@ def test_a_stream_has_the_shortest_decimals(capfd: pytest.CaptureFixture[str]) -
 def test_an_echo_that_is_none(capfd: pytest.CaptureFixture[str]) -> None:
     assert run(["detect", str(LOG), "--echo", "loudest"]) == 2
     assert "'loudest' is not one of 'first', 'last', 'strongest'" in capfd.readouterr().err
+
+
+def test_an_overlay_takes_the_echo_of_its_tables(tmp_path: Path) -> None:
+    log, shown = tmp_path / "run.jsonl", tmp_path / "shown.mcap"
+    data = {
+        "header": {"stamp": {"sec": 1_700_000_000, "nanosec": 0}, "frame_id": "laser"},
+        "angle_min": -0.2,
+        "angle_max": 0.2,
+        "angle_increment": 0.1,
+        "range_min": 0.1,
+        "range_max": 9.0,
+        "ranges": [{"echoes": [1.5, 2.5]}] * 5,
+    }
+    told = {
+        "topic": "/scan",
+        "sequence": 0,
+        "log_time": "2023-11-14T22:13:20Z",
+        "publish_time": "2023-11-14T22:13:20Z",
+    }
+    log.write_text(json.dumps(told | {"data": data}) + "\n")
+    assert run(["-q", "detect", str(log), "-o", str(tmp_path), "--echo", "last"]) == 0
+    tables = str(tmp_path / "run.objects.parquet")
+    assert run(["-q", "overlay", str(log), "--objects", tables, "--with-log", "-o", str(shown)]) == 0
+    (batch,) = lidarcli.read(shown)
+    assert batch.ranges.tolist() == [[2.5] * 5]

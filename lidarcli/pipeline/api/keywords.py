@@ -127,20 +127,20 @@ class Ranges(TypedDict, total=False):
         ),
     ]
     angle_min: Annotated[
-        float | None, Keyword("bearing of the first beam of a CSV file [rad, or degrees with `degrees`]")
+        float | None, Keyword("bearing of the first beam of a text log [rad, or degrees with `degrees`]")
     ]
     angle_increment: Annotated[
-        float | None, Keyword("angle from beam to beam of a CSV file [rad, or degrees with `degrees`]")
+        float | None, Keyword("angle from beam to beam of a text log [rad, or degrees with `degrees`]")
     ]
     fov: Annotated[
         float | None,
-        Keyword("field of view of a CSV file instead of `angle_increment` [rad, or degrees with `degrees`]"),
+        Keyword("field of view of a text log instead of `angle_increment` [rad, or degrees with `degrees`]"),
     ]
-    range_max: Annotated[float | None, Keyword("greatest range of the sensor of a CSV file [m]")]
+    range_max: Annotated[float | None, Keyword("greatest range of the sensor of a text log [m]")]
     degrees: Annotated[
         bool, Keyword("the three angles above are in degrees; without, they are radians", False)
     ]
-    range_unit: Annotated[Literal["m", "mm"], Keyword("unit of the ranges in a CSV file", "m")]
+    range_unit: Annotated[Literal["m", "mm"], Keyword("unit of the ranges in a text log", "m")]
     slice: Annotated[
         tuple[float, float] | None,
         Keyword(
