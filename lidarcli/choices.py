@@ -27,6 +27,8 @@ STATION_ANGLE = math.radians(STATION_DEGREES)
 """The same in radians."""
 ECHOES = ("first", "last", "strongest")
 """Which echo is taken of each beam that has several; the first by default."""
+BINS = 720
+"""Beams of a sweep that is made of a point cloud: half a degree each in a full turn."""
 MATCH_BY = ("position", "constellation", "auto")
 """How runs are laid beside each other."""
 MATCH = "match"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from lidarcli.choices import ECHOES, GREATEST_COUNT, GREATEST_NUMBER
+from lidarcli.choices import BINS, ECHOES, GREATEST_COUNT, GREATEST_NUMBER
 from lidarcli.cli.grouped import OUTPUT, F, option
 
 if TYPE_CHECKING:
@@ -354,7 +354,8 @@ def opening_options(command: F) -> F:
             heading=CLOUDS,
             type=click.INT,
             metavar="N",
-            help="Beams of such a sweep; their view is a full turn, or that of --angle-min and --fov.  [default: 720]",
+            help="Beams of such a sweep; their view is a full turn, or that of --angle-min and --fov.  "
+            f"[default: {BINS}]",
         ),
         option(
             "--slice",

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 
-from lidarcli.choices import ECHOES
+from lidarcli.choices import BINS, ECHOES
 from lidarcli.errors import OptionError
 from lidarcli.judging import FARTHEST, RangeRules
 from lidarcli.logs.base import OpenOptions, Slice
 from lidarcli.sweeps import TURN
 
-BINS = 720
-"""Beams of a sweep that is made of a point cloud: half a degree each in a full turn …"""
 MOST_BINS = 100_000
-"""… and no more than these."""
+"""A sweep that is made of a point cloud has no more beams."""
 UNITS = {"m": 1.0, "mm": 0.001}
 """Units that the ranges of a text log may have, in metres."""
 

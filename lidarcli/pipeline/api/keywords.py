@@ -10,6 +10,7 @@ from os import PathLike
 from typing import Annotated, Any, Literal, NamedTuple, TypedDict, get_args, get_type_hints
 
 from lidarcli.choices import (
+    BINS,
     ECHOES,
     GREATEST_COUNT,
     GREATEST_NUMBER,
@@ -149,7 +150,8 @@ class Ranges(TypedDict, total=False):
         ),
     ]
     bins: Annotated[
-        int | None, Keyword("beams of such a sweep, 720; a full turn, or `angle_min` and `fov`", None, COUNT)
+        int | None,
+        Keyword(f"beams of such a sweep, {BINS}; a full turn, or `angle_min` and `fov`", None, COUNT),
     ]
     echo: Annotated[
         Literal["first", "last", "strongest"],
