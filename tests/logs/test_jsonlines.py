@@ -174,6 +174,20 @@ def test_bad_lines_are_named_by_number() -> None:
     ]
 
 
+def test_json_of_another_program_is_not_called_broken() -> None:
+    text = '{"topic":"room/1","sequence":5,"log_time":"2023-11-14T22:13:20Z","payload":{"x":1}}\n'
+    blocks, report = read(text + line(laser()))
+    assert sum(map(len, blocks)) == 1
+    assert report.damage == [Damage("line 1", "no message of `mcap cat --json`")]
+
+
+def test_limits_that_are_null_are_none() -> None:
+    none = {"range_min": None, "range_max": None, "time_increment": None, "scan_time": None}
+    got = one(line(json.dumps(json.loads(laser()) | none)))
+    assert (got.range_min[0], got.range_max[0]) == (0.0, np.inf)
+    assert got.ranges[0, 0] == np.float32(2.1)
+
+
 @pytest.mark.parametrize(
     ("change", "cause"),
     [

@@ -62,7 +62,8 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
             "intensities": intensities,
         }
         others = [
-            float(message.get(name, default))
+            # What writes infinity as null means it so here, too.
+            float(default if message.get(name) is None else message[name])
             for name, default in (
                 ("range_min", 0.0),
                 ("range_max", np.inf),
