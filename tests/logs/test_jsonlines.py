@@ -122,6 +122,16 @@ def test_one_of_several_echoes_counts(echo: str, ranges: list[float], intensitie
     np.testing.assert_array_equal(got.intensities, np.array([intensities], np.float32))
 
 
+def test_strengths_that_are_none_cost_no_sweep() -> None:
+    data = json.loads(laser()) | {
+        "ranges": [{"echoes": [1.0, 2.0]}, {"echoes": [2.0, 3.0]}, {"echoes": [3.0]}],
+        "intensities": [{"echoes": ["a", 2.0]}, {"echoes": [1.0, 9.0]}, {"echoes": [None]}],
+    }
+    with open_log(io.BytesIO(line(json.dumps(data)).encode()), opening=OpenOptions(echo="strongest")) as log:
+        [block] = log.scans(None, ReadReport())
+    assert block.ranges.tolist() == [[2.0, 3.0, 3.0]]
+
+
 def test_intensities_are_kept() -> None:
     got = one(line(laser().replace('"intensities":[]', '"intensities":[12.5,null,900,7]')))
     assert got.intensities is not None
