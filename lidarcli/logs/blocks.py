@@ -19,6 +19,7 @@ BLOCK_VALUES = 1 << 20
 TOO_MANY = f"more than {MAX_BEAMS} beams declared"
 ANGLE_MIN = "angle_min is not finite"
 INCREMENT = "angle_increment is not finite"
+BEARINGS = "the last bearing is not finite"
 INCREMENT_ZERO = "angle_increment is zero"
 
 
@@ -60,7 +61,7 @@ def pad_intensities(rows: list[Float32], width: int) -> Float32 | None:
 
 def pad(flat: NDArray[np.floating], beams: Int64, scale: float) -> Float32:
     """(S, B) rows of `beams` values in metres, short ones padded with NaN; `flat` holds them one after the other."""
-    values = as_singles(flat * scale) if scale != 1.0 else flat.astype(np.float32, copy=False)
+    values = as_singles(flat * scale if scale != 1.0 else flat)
     width = int(beams.max(initial=0))
     if (beams == width).all():
         return values.reshape(len(beams), width)
@@ -90,10 +91,13 @@ def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSw
     if good is not None and not good.all():
         block = block.rows(good)
     whole = np.ones(len(block), np.bool_)
+    with np.errstate(over="ignore", invalid="ignore"):
+        last = block.angle_min + block.angle_increment * block.beams
     for bad, cause in (
         (block.beams > MAX_BEAMS, TOO_MANY),
         (~np.isfinite(block.angle_min), ANGLE_MIN),
         (~np.isfinite(block.angle_increment), INCREMENT),
+        (~np.isfinite(last), BEARINGS),
         ((block.angle_increment == 0) & (block.beams > 1), INCREMENT_ZERO),
     ):
         fresh = bad & whole
@@ -108,7 +112,7 @@ def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSw
 def as_singles(values: NDArray[np.floating]) -> Float32:
     """Values as float32; what is beyond it is infinite."""
     with np.errstate(over="ignore"):
-        return values.astype(np.float32)
+        return values.astype(np.float32, copy=False)
 
 
 def given_geometry(options: OpenOptions, beams: int) -> tuple[float, float] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ SQLITE = b"SQLite format 3\0"
 MCAP = (b"\x89MCAP0\r\n", b"\x89MCAP0\n")
 ROS1 = (b"#ROSBAG V", b"#ROSRECORD")
 
-_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +81,12 @@ def _is_text(head: bytes) -> bool:
 
 
 def _text_begins(begins: Callable[[bytes], bool]) -> Callable[[bytes], bool]:
-    """The same question of a text that may be packed with gzip."""
-    return lambda head: begins(gunzip_start(head) if head.startswith(GZIP) else head)
+    """The same question of a text that may be packed with gzip, and may be UTF-16."""
+    return lambda head: begins(_as_utf8(gunzip_start(head) if head.startswith(GZIP) else head))
+
+
+def _as_utf8(head: bytes) -> bytes:
+    return head.decode("utf-16", "ignore").encode() if head.startswith(_UTF16) else head
 
 
 def _is_csv_folder(folder: Path) -> bool:

@@ -36,8 +36,8 @@ def container_of(path: Path) -> str:
     if not path.suffix:
         return _SUFFIXES[""]
     raise OptionError(
-        f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-        ".log, .clf, .2d, .txt, .jsonl, or no suffix for a ROS 2 bag folder"
+        f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .log, .clf, "
+        ".2d, .txt, .jsonl (text also with .gz), or no suffix for a ROS 2 bag folder"
     )
 
 

@@ -61,7 +61,7 @@ def test_a_worker_that_is_killed_and_a_log_that_kills(
     out = tmp_path / "there"
     process = begin("detect", bags, "-o", out, "--cluster", "local:2", env=preload)
     until = time.monotonic() + 60
-    while len([*out.rglob("*.sweeps.parquet")]) < 5:
+    while len([*out.glob("*.sweeps.parquet")]) < 5:
         assert time.monotonic() < until
         assert process.poll() is None, process.communicate()
         time.sleep(0.01)

@@ -289,6 +289,12 @@ def test_counts_of_a_hostile_line_take_no_memory(tmp_path: Path) -> None:
         assert (log.report.damage, log.report.refused) == ([], {("/scan1", cause): 1}), samples
 
 
+def test_angles_beyond_all_numbers_are_refused(tmp_path: Path) -> None:
+    log = log_of(tmp_path, VERSION_4.replace("90.00 5", "inf 5") + scan())
+    assert list(log.scans()) == []
+    assert log.report.refused == {("/scan1", "angle_increment is not finite"): 1}
+
+
 def test_a_laser_of_one_beam(tmp_path: Path) -> None:
     text = VERSION_4.replace("-90.00 90.00 5", "0.00 0.00 1")
     assert only(log_of(tmp_path, text + scan(points="1000 0"))).ranges.tolist() == [[1.0]]

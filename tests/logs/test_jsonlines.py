@@ -122,6 +122,16 @@ def test_one_of_several_echoes_counts(echo: str, ranges: list[float], intensitie
     np.testing.assert_array_equal(got.intensities, np.array([intensities], np.float32))
 
 
+def test_strengths_that_are_none_cost_no_sweep() -> None:
+    data = json.loads(laser()) | {
+        "ranges": [{"echoes": [1.0, 2.0]}, {"echoes": [2.0, 3.0]}, {"echoes": [3.0]}],
+        "intensities": [{"echoes": ["a", 2.0]}, {"echoes": [1.0, 9.0]}, {"echoes": [None]}],
+    }
+    with open_log(io.BytesIO(line(json.dumps(data)).encode()), opening=OpenOptions(echo="strongest")) as log:
+        [block] = log.scans(None, ReadReport())
+    assert block.ranges.tolist() == [[2.0, 3.0, 3.0]]
+
+
 def test_intensities_are_kept() -> None:
     got = one(line(laser().replace('"intensities":[]', '"intensities":[12.5,null,900,7]')))
     assert got.intensities is not None
@@ -174,6 +184,20 @@ def test_bad_lines_are_named_by_number() -> None:
     ]
 
 
+def test_json_of_another_program_is_not_called_broken() -> None:
+    text = '{"topic":"room/1","sequence":5,"log_time":"2023-11-14T22:13:20Z","payload":{"x":1}}\n'
+    blocks, report = read(text + line(laser()))
+    assert sum(map(len, blocks)) == 1
+    assert report.damage == [Damage("line 1", "no message of `mcap cat --json`")]
+
+
+def test_limits_that_are_null_are_none() -> None:
+    none = {"range_min": None, "range_max": None, "time_increment": None, "scan_time": None}
+    got = one(line(json.dumps(json.loads(laser()) | none)))
+    assert (got.range_min[0], got.range_max[0]) == (0.0, np.inf)
+    assert got.ranges[0, 0] == np.float32(2.1)
+
+
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
@@ -184,6 +208,7 @@ def test_bad_lines_are_named_by_number() -> None:
         ({"header": {"stamp": {"sec": "soon"}}}, "not a LaserScan"),
         ({"header": {"stamp": {"sec": 10**12}}}, "timestamp out of range"),
         ({"angle_increment": 0.0}, "angle_increment is zero"),
+        ({"angle_increment": 1e308}, "the last bearing is not finite"),
         ({"angle_min": float("nan")}, "angle_min is not finite"),
         ({"ranges": [1.0] * (MAX_BEAMS + 1)}, f"more than {MAX_BEAMS} beams declared"),
     ],

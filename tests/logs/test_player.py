@@ -104,6 +104,17 @@ def test_a_laser_tells_how_strong_returns_were(line: str, intensities: list[floa
     assert block.intensities.tolist() == [intensities]
 
 
+def test_numbers_beyond_all_others_are_infinite_or_refused(tmp_path: Path) -> None:
+    """Intensities and ranges beyond float32 are infinite; a bearing beyond float64 belongs to no even sweep."""
+    line = f"{HEAD} laser 00 001 003 0001 +08.0000 0003 1e60 0.0 1e50 2.0 0.5 5 3.0 {{}} 6\n"
+    log = log_of(tmp_path, line.format("1.0") + line.format("-1e400") + line.format("1e308"))
+    [block] = log.scans()
+    assert block.ranges.tolist() == [[np.inf, 2.0, 3.0]]
+    assert block.intensities is not None
+    assert block.intensities.tolist() == [[np.inf, 5.0, 6.0]]
+    assert log.report.refused == {("/laser0", "beams that are not evenly spread"): 2}
+
+
 def test_beams_that_are_not_evenly_spread_are_refused(tmp_path: Path) -> None:
     even = f"{HEAD} laser 00 001 003 0001 +08.0000 0003 1.0 0.0 0 2.0 0.5 0 3.0 {{}} 0\n"
     log = log_of(tmp_path, even.format("1.0") + even.format("2.0"))

@@ -151,6 +151,29 @@ def test_other_ways_to_write_the_same() -> None:
         np.testing.assert_array_equal(sound(text).ranges, want)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "".join(f"{place % 3 > 0} {place} {2 * place}.5 {3 * place}\n" for place in range(40)),
+        "".join(f"{place % 3 > 0} 15 {place * 40.5} 2000\n" for place in range(40)),
+        "[(1, 2.0, 3.0), (2, 3.0, 4.0)]\n" * 40,
+        "[(1000, 2.0, 2000.0), (2000, 3.0, 2000.0)]\n" * 40,
+    ],
+)
+def test_flags_and_lists_of_other_programs_are_no_beams(text: str) -> None:
+    with (
+        pytest.raises(UnreadableError, match=r"text, but no table|none of the CSV layouts"),
+        open_log(io.BytesIO(text.encode())),
+    ):
+        pass
+
+
+def test_a_sensor_that_is_covered_has_beams_all_the_same() -> None:
+    got = sound(measured([[(0, angle, 0.0) for _, angle, _ in beams] for beams in TURNS]))
+    assert (got.ranges == 0).all()
+    assert got.beams.tolist() == [40] * 3
+
+
 def test_bearings_that_pass_the_front_within_a_sweep_go_on(tmp_path: Path) -> None:
     """225 to 135 degrees clockwise: from the left behind over the front to the right behind."""
     angles = [*range(225, 360, 5), *range(0, 136, 5)]
@@ -371,12 +394,12 @@ def test_any_doubt_is_enough(change: Callable[[int, float, float], tuple[float, 
 
 def test_hostile_text_is_bounded() -> None:
     for text in (
-        "[(15, 1.0, 2.0), " + "(15, 1.0, 2.0), " * 50_000,
-        "[(15, 1.0, 2.0)]\n" + "[(" * 100_000,
+        "[(15, 1.0, 2000.0), " + "(15, 1.0, 2000.0), " * 50_000,
+        "[(15, 1.0, 2000.0)]\n" + "[(" * 100_000,
         "S  theta: 1.00 Dist: 1.00 Q: 1 \n" + "   theta: " * 100_000,
         "   theta: 1.00 Dist: 1.00 Q: 1 \n" * 450_000,
         "#RPLIDAR SCAN DATA\n" * 1000 + "#Angle Distance\n" + "1e999 1e999\n" * 100 + "nan nan\n" * 100,
-        "True\t1\t1" + "0" * 400 + "\t1\nTrue\t1\t1\t1\n" * 10,
+        "True\t1\t1" + "0" * 400 + "\t2000\n" + "True\t1\t1\t2000\n" * 10,
     ):
         with open_log(io.BytesIO(text.encode())) as log:
             report = ReadReport()

@@ -277,8 +277,8 @@ def test_the_suffix_says_the_container():
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("a.dat", {}, "a.dat: no log format has the suffix '.dat'; use .mcap, .bag, .db3, .csv, .csv.gz, "
-                      ".log, .clf, .2d, .txt, .jsonl, or no suffix for a ROS 2 bag folder"),
+        ("a.dat", {}, "a.dat: no log format has the suffix '.dat'; use .mcap, .bag, .db3, .csv, .log, .clf, "
+                      ".2d, .txt, .jsonl (text also with .gz), or no suffix for a ROS 2 bag folder"),
         ("a.mcap", {"compression": "bz2"}, "a.mcap: compression 'bz2' is not one of none, lz4, zstd (mcap)"),
         ("a.bag", {"compression": "zstd"}, "a.bag: compression 'zstd' is not one of none, bz2, lz4 (bag)"),
         ("a.mcap", {"encoding": "xml"}, "a.mcap: encoding 'xml' is not one of cdr, cdr-idl, ros1, json, protobuf (mcap)"),

@@ -115,9 +115,11 @@ class SweepDecoder:
             first, step = np.radians(begin), np.radians(conf[:, 1] - begin) / gaps
         first, step = as_told(self.options, first, step, beams)
         if points.any():
-            first, step, ranges = self._of_points(
-                read, sensor, rows, numbers.values, count, (first, step, beams), points, line
-            )
+            # Angles beyond all numbers are refused below.
+            with np.errstate(over="ignore", invalid="ignore"):
+                first, step, ranges = self._of_points(
+                    read, sensor, rows, numbers.values, count, (first, step, beams), points, line
+                )
         else:
             ranges = pad(numbers.values, count, MILLI)
         unknown = good & (np.isnan(first) | np.isnan(step))

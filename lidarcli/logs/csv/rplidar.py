@@ -33,6 +33,7 @@ _PRINTED = re.compile(
 _MEASURED = re.compile(rb"\s*\(?(?:True|False)[ \t,;]+\d+[ \t,;]+%s[ \t,;]+%s\)?\s*" % (_NUMBER, _NUMBER))
 _NEW_SCAN = re.compile(rb"\W*new_scan\W+quality\W+angle\W+distance\W*", re.IGNORECASE)
 _LISTED = re.compile(rb"\s*\[\(\d+(?:\.\d*)?, ?%s, ?%s\)(?:,|\])" % (_NUMBER, _NUMBER))
+_BEAM = re.compile(rb"(\d+)[ \t,;]+(%s)[ \t,;]+(%s)" % (_NUMBER, _NUMBER))
 _SAVED = re.compile(rb"\s*#\s*RPLIDAR\s+SCAN\s+DATA\b", re.IGNORECASE)
 _NAMES = {b"angle": "angle", b"angule": "angle", b"distance": "distance", b"quality": "quality"}
 _WORD = re.compile(rb"[A-Za-z]+")
@@ -42,6 +43,12 @@ _BARE_ROWS = 30
 """Fewer rows without names are no turn of a sensor."""
 _ANGLES, _DISTANCES = 64.0, 4.0
 """The sensor counts its bearings in 64ths of a degree and its distances in quarters of a millimetre."""
+_LEAST_MEDIAN = 100.0
+"""Half of the distances to things are beyond this [mm], in any place where a sensor can see."""
+_MOST = 0.9
+"""Share of the beams of a text that may be damaged which are as a sensor measures them."""
+_ENOUGH = 64 << 10
+"""Bytes of a line that show what it holds."""
 _PUNCTUATION = bytes.maketrans(b"(),;\t", b"     ")
 
 
@@ -61,9 +68,9 @@ def recognise(lines: Sequence[bytes]) -> Layout | None:
     if len(data) > 1 and _NEW_SCAN.fullmatch(data[0][1]):
         data.pop(0)
     start, first = data[0]
-    if _MEASURED.fullmatch(first):
+    if _MEASURED.fullmatch(first) and _are_beams([line for _, line in data]):
         return _layout(MEASURED, start, 2, 3)
-    if _LISTED.match(first):
+    if _LISTED.match(first) and _are_beams([line for _, line in data]):
         return _layout(LISTED, start, 2, 3)
     if _is_bare([line for _, line in data]):
         return _layout(BARE, start, 2, 3)
@@ -122,9 +129,20 @@ def _is_bare(lines: Sequence[bytes]) -> bool:
         _counts(quality, 1.0, 255.0)
         and _counts(angle, _ANGLES, 360.0)
         and _counts(distance, _DISTANCES, 100_000.0)
-        and (np.median(returns) > 100.0 if len(returns) else False)
+        and (np.median(returns) > _LEAST_MEDIAN if len(returns) else False)
         and restarts(angle)
         and is_turn(angle)
+    )
+
+
+def _are_beams(lines: Sequence[bytes]) -> bool:
+    """Whether triples of numbers may be quality, angle and millimetres, as but few lists of other programs may."""
+    beams = [map(float, beam) for line in lines for beam in _BEAM.findall(line[:_ENOUGH])]
+    quality, angle, distance = np.array([[*beam] for beam in beams], np.float64).T
+    returns = distance[distance > 0]
+    return bool(
+        np.mean((quality <= 255.0) & (angle <= 361.0)) >= _MOST
+        and (np.median(returns) > _LEAST_MEDIAN if len(returns) else True)
     )
 
 

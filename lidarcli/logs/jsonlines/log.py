@@ -105,11 +105,14 @@ class _Decoder:
             return None
         record, bad = to_ns([match[2]], self._unit)
         try:
-            message = json.loads(line)["data"]
-        except (ValueError, KeyError, RecursionError):
+            whole = json.loads(line)
+        except (ValueError, RecursionError):
             return NOT_JSON
+        if "data" not in whole:
+            return _NO_MESSAGE
         if bad is not None:
             return "the time cannot be read"
+        message = whole["data"]
         if is_scan(message):
             self._keep(topic, message, line, int(record[0]))
         elif topic in self._scanned:

@@ -62,7 +62,8 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
             "intensities": intensities,
         }
         others = [
-            float(message.get(name, default))
+            # What writes infinity as null means it so here, too.
+            float(default if message.get(name) is None else message[name])
             for name, default in (
                 ("range_min", 0.0),
                 ("range_max", np.inf),
@@ -103,9 +104,17 @@ def _which(ranges: Sequence[Any], intensities: Sequence[Any], echo: str) -> int:
     if echo == "last":
         return max(len(ranges) - 1, 0)
     if echo == "strongest":
-        known = np.array([np.nan if each is None else float(each) for each in intensities[: len(ranges)]])
+        known = np.array([_strength(each) for each in intensities[: len(ranges)]])
         return 0 if np.isnan(known).all() else int(np.nanargmax(known))
     return 0
+
+
+def _strength(value: Any) -> float:
+    """An intensity, NaN where it is none: that costs no sweep."""
+    try:
+        return np.nan if value is None else float(value)
+    except (TypeError, ValueError, OverflowError):
+        return np.nan
 
 
 def _header_stamp(stamp: Any, line: bytes) -> dict[str, int]:

@@ -18,6 +18,4 @@ def begins(head: bytes) -> bool:
     >>> begins(b'{"topic":"/scan","sequence":0,"log_time":1.5,"publish_time":1.5,"data":{}}'), begins(b'{"ranges": []}')
     (True, False)
     """
-    if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        head = head.decode("utf-16", "ignore").encode()
     return BEGINS.match(head.removeprefix(codecs.BOM_UTF8)) is not None

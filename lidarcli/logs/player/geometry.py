@@ -49,11 +49,12 @@ def of_bearings(bearings: Float64, beams: Int64) -> tuple[Float64, Float64, Bool
     ends = np.append(bearings, np.nan)
     first = np.where(some, ends[np.where(some, begin, -1)], 0.0)
     last = np.where(some, ends[np.where(some, begin + beams - 1, -1)], 0.0)
-    step = (last - first) / np.maximum(beams - 1, 1)
-    step[beams < 2] = 1.0
     row = np.repeat(np.arange(len(beams)), beams)
-    expected = first[row] + (np.arange(len(row)) - begin[row]) * step[row]
-    odd = ~(np.abs(bearings - expected) <= _UNEVEN * np.abs(step[row]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        step = (last - first) / np.maximum(beams - 1, 1)
+        step[beams < 2] = 1.0
+        expected = first[row] + (np.arange(len(row)) - begin[row]) * step[row]
+        odd = ~(np.abs(bearings - expected) <= _UNEVEN * np.abs(step[row]))
     return first, step, np.bincount(row, odd, len(beams)) > 0
 
 
