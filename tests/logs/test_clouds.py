@@ -401,4 +401,4 @@ def test_bins_that_are_narrower_than_the_columns_are_noted() -> None:
     ]
     nothing = Fill(Bins.of(OpenOptions(), 360))
     nothing.add(np.full((2, 360), np.inf, np.float32))
-    assert nothing.notes() == ["no cloud has a point there"]
+    assert nothing.notes() == ["no cloud has a point between these heights"]

@@ -100,7 +100,7 @@ class Fill:
     def notes(self) -> list[str]:
         """What a user should know: a view that is told wrong, and bins that are too narrow for the sensor."""
         if not self._filled:
-            return ["no cloud has a point there"] if self.clouds else []
+            return ["no cloud has a point between these heights"] if self.clouds else []
         notes = []
         holes = self._between / (self._between + self._filled)
         if holes > MANY_HOLES:

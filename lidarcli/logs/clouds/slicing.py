@@ -118,7 +118,8 @@ def _along(row: Float64, move: float, axes: Iterable[Floats | None]) -> Floats:
     found: Floats = parts[0]
     for part in parts[1:]:
         found = found + part
-    return found + move if move else found
+    # With the digits of the points: a number of numpy's own would make all of them float64.
+    return found + float(move) if move else found
 
 
 def _matrix(turn: Float64) -> Float64:

@@ -198,7 +198,7 @@ class SqliteBag:
             if not _ascending([row[0] for row in topics]):
                 raise UnsoundError("row numbers of topics are out of order")
             self.topics = {row[0]: TopicRow(*row) for row in topics}
-            self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE)
+            self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE + MAX_TEXT)
             self._ask(self._database, _NEWEST).fetchone()
         except SQLITE_ERRORS as err:
             self._cause = _cause(err)
