@@ -6,7 +6,7 @@ import math
 
 import click
 
-from lidarcli.choices import MAP_RESOLUTION
+from lidarcli.choices import CONTAINERS, MAP_RESOLUTION
 from lidarcli.cli.grouped import GroupedCommand, option
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import Number
@@ -43,9 +43,7 @@ RUN, LOG = "Run", "Log"
 @option(
     "--container",
     heading=LOG,
-    type=click.Choice(
-        ["mcap", "bag", "ros2", "ros2-mcap", "db3", "csv", "carmen", "aria", "player", "rplidar", "jsonl"]
-    ),
+    type=click.Choice(CONTAINERS),
     help="Format, where the name does not say it.  [default: by suffix]",
 )
 @option(

@@ -34,9 +34,9 @@ from lidarcli.pipeline.overlay_copies import (
     transform_topics,
 )
 from lidarcli.pipeline.overlay_rows import Joined, Tables
+from lidarcli.pipeline.reading.from_metadata import opening_of
 from lidarcli.pipeline.reading.reading import Progress
 from lidarcli.pipeline.reading.summary import RunSummary, damage_lines
-from lidarcli.pipeline.reading.told import opening_of
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
 from lidarcli.ros.definitions import ROS2, TF
 from lidarcli.ros.outgoing import Outgoing

@@ -17,7 +17,7 @@ from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inputs.tables import Pair, batches
-from lidarcli.pipeline.reading.told import opening_of, rules_of
+from lidarcli.pipeline.reading.from_metadata import opening_of, rules_of
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.raw import Raw
 from lidarcli.reports.summary import Summary

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from lidarcli.choices import MAP_RESOLUTION
+from lidarcli.choices import CONTAINER_BY_SUFFIX, MAP_RESOLUTION
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.newfiles import NewFiles, refuse, unwritable
 from lidarcli.simulate.load import MAX_SWEEPS, load_scene
@@ -20,8 +20,7 @@ MAX_SECONDS = 400_000_000
 MAX_SEED = (1 << 63) - 1
 LEAST_CELL, LARGEST_CELL = 0.001, 1000.0
 """Bounds of the cells of a true map [m]."""
-_PLAIN = (".mcap", ".bag", ".db3", ".csv", ".log", ".clf", ".2d", ".txt", ".jsonl")
-_SUFFIXES = (*(f"{suffix}.gz" for suffix in _PLAIN), *_PLAIN)
+_SUFFIXES = (*(f"{suffix}.gz" for suffix in CONTAINER_BY_SUFFIX), *CONTAINER_BY_SUFFIX)
 """How the names of logs end."""
 
 

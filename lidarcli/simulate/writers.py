@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
 from lidarcli.errors import OptionError, OutputError
+from lidarcli.simulate.aria_writer import write_aria
 from lidarcli.simulate.bag_writers import (
     BAG_COMPRESSIONS,
     FOLDER_COMPRESSIONS,
@@ -13,31 +15,30 @@ from lidarcli.simulate.bag_writers import (
     write_db3,
     write_folder,
 )
+from lidarcli.simulate.carmen_writer import write_carmen
+from lidarcli.simulate.jsonlines_writer import write_jsonlines
 from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS, write_mcap
 from lidarcli.simulate.odometry import SimulatedPoses
+from lidarcli.simulate.player_writer import write_player
+from lidarcli.simulate.rplidar_writer import write_rplidar
 from lidarcli.sweeps import RawSweeps
 
-TEXT_CONTAINERS = ("csv", "carmen", "aria", "player", "rplidar", "jsonl")
-CONTAINERS = ("mcap", "bag", "ros2", "ros2-mcap", "db3", *TEXT_CONTAINERS)
-"""`ros2` is a folder with an sqlite3 file in it, `ros2-mcap` one with an MCAP file."""
-
-_CARMEN = (".log", ".clf", ".log.gz", ".clf.gz")
-_SUFFIXES = {".mcap": "mcap", ".bag": "bag", ".db3": "db3", ".csv": "csv", ".csv.gz": "csv", "": "ros2"}
-_SUFFIXES |= dict.fromkeys(_CARMEN, "carmen") | dict.fromkeys((".2d", ".2d.gz"), "aria")
-_SUFFIXES |= dict.fromkeys((".txt", ".txt.gz"), "rplidar") | dict.fromkeys((".jsonl", ".jsonl.gz"), "jsonl")
+_WITH_POSES = {"carmen": write_carmen, "aria": write_aria, "player": write_player}
+_WITHOUT_POSES = {"rplidar": write_rplidar, "jsonl": write_jsonlines}
+"""Containers of text that has one way to be written → what writes them; some have a place for poses."""
 
 
 def container_of(path: Path) -> str:
     """The container that a path's suffix asks for; a name without a suffix is a ROS 2 bag folder."""
     name = path.name.lower()
-    for suffix, container in _SUFFIXES.items():
-        if suffix and name.endswith(suffix):
+    for suffix, container in CONTAINER_BY_SUFFIX.items():
+        if name.endswith(suffix) or (container in TEXT_CONTAINERS and name.endswith(f"{suffix}.gz")):
             return container
     if not path.suffix:
-        return _SUFFIXES[""]
+        return "ros2"
     raise OptionError(
-        f"{path}: no log format has the suffix '{path.suffix}'; use .mcap, .bag, .db3, .csv, .log, .clf, "
-        ".2d, .txt, .jsonl (text also with .gz), or no suffix for a ROS 2 bag folder"
+        f"{path}: no log format has the suffix '{path.suffix}'; use {', '.join(CONTAINER_BY_SUFFIX)} "
+        "(text also with .gz), or no suffix for a ROS 2 bag folder"
     )
 
 
@@ -138,29 +139,9 @@ def _writer(
         one_of("compression", compression, ("none",), "none")
         arranged = one_of("layout", layout, tuple(LAYOUTS), next(iter(LAYOUTS)))
         return lambda target, blocks: write_csv(target, blocks, arranged)
-    if container == "carmen":
-        from lidarcli.simulate.carmen_writer import write_carmen
-
+    if container in TEXT_CONTAINERS:
         one_of("compression", compression, ("none",), "none")
-        return lambda target, blocks: write_carmen(target, blocks, poses)
-    if container == "aria":
-        from lidarcli.simulate.aria_writer import write_aria
-
-        one_of("compression", compression, ("none",), "none")
-        return lambda target, blocks: write_aria(target, blocks, poses)
-    if container == "player":
-        from lidarcli.simulate.player_writer import write_player
-
-        one_of("compression", compression, ("none",), "none")
-        return lambda target, blocks: write_player(target, blocks, poses)
-    if container == "rplidar":
-        from lidarcli.simulate.rplidar_writer import write_rplidar
-
-        one_of("compression", compression, ("none",), "none")
-        return write_rplidar
-    if container == "jsonl":
-        from lidarcli.simulate.jsonlines_writer import write_jsonlines
-
-        one_of("compression", compression, ("none",), "none")
-        return write_jsonlines
+        if container in _WITH_POSES:
+            return lambda target, blocks: _WITH_POSES[container](target, blocks, poses)
+        return _WITHOUT_POSES[container]
     raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")
