@@ -59,6 +59,7 @@ def _parts(batch: SweepBatch, found: Detection) -> tuple[Int64, Int64, Int64]:
     face, its, _ = spans(found.face_offsets[some].astype(np.int64), faces)
     theta = found.vertex_theta[vertex]
     # A face leads from one vertex to the next: a part begins where none leads to, and ends where none leaves.
+    # Which object and which bearing, as the two parts of one number: so pairs can be looked up in pairs.
     bearing = mine + 1j * theta
     begins = ~np.isin(bearing, its + 1j * found.face_theta_f[face])
     ends = ~np.isin(bearing, its + 1j * found.face_theta_i[face])
