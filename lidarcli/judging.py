@@ -88,21 +88,14 @@ LONGEST_SWEEP = 1.0
 def duration(raw: RawSweeps) -> Float64 | None:
     """(S,) how long sweeps take from the first beam to the last [s], from what their headers say; None where none does.
 
-    `time_increment` tells, with its sign; where it is 0 it is `scan_time`, from sweep to sweep, of which the sensor spends
-    the share of a turn that it sees. What is not finite, or longer than `LONGEST_SWEEP`, counts as nothing told: 0.
+    `time_increment` tells, with its sign. `scan_time` is the time between sweeps and says nothing here: where
+    `time_increment` is 0, a sweep was taken at once. What is not finite, or longer than `LONGEST_SWEEP`, counts as 0.
     """
-    if raw.time_increment is None and raw.scan_time is None:
+    if raw.time_increment is None:
         return None
-    seconds = np.zeros(len(raw))
-    steps = np.maximum(raw.beams - 1, 0)
     # A header may say anything.
     with np.errstate(invalid="ignore", over="ignore"):
-        if raw.scan_time is not None:
-            view = np.minimum(steps * np.abs(raw.angle_increment) / TURN, 1.0)
-            seconds = np.maximum(raw.scan_time.astype(np.float64), 0.0) * view
-        if raw.time_increment is not None:
-            each = raw.time_increment.astype(np.float64)
-            seconds = np.where(each != 0.0, each * steps, seconds)
+        seconds = raw.time_increment.astype(np.float64) * np.maximum(raw.beams - 1, 0)
         believed = np.abs(seconds) <= LONGEST_SWEEP
     return np.where(believed, seconds, 0.0) if bool((believed & (seconds != 0.0)).any()) else None
 

@@ -16,10 +16,12 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.formalism import Parameters, detect
+from lidarcli.formalism.mapping.comparison import compare
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import simulate_odometry
+from lidarcli.simulate.true_map import true_map
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import Float64, SweepBatch, concatenate
 from tests.formalism.tracking.following import Told, follow
@@ -60,9 +62,15 @@ class Logs:
 
     folder: Path
 
-    def made(self, increment: float = 0.1 / BEAMS, clockwise: bool = False, unplaced: int = 0) -> Path:
-        """The log of a sensor; of the first `unplaced` sweeps nobody tells a pose."""
-        name = f"{increment:.6f}{clockwise}{unplaced}"
+    def made(
+        self,
+        increment: float = 0.1 / BEAMS,
+        clockwise: bool = False,
+        unplaced: int = 0,
+        scan_time: float | None = None,
+    ) -> Path:
+        """The log of a sensor; of the first `unplaced` sweeps nobody tells a pose. `scan_time` is that of all headers."""
+        name = f"{increment:.6f}{clockwise}{unplaced}{scan_time}"
         path = self.folder / f"{name}.mcap"
         if not path.exists():
             scene = self.folder / f"{name}.toml"
@@ -82,6 +90,8 @@ class Logs:
                 yaw_rate=poses.yaw_rate[rows],
             )
             raw = concatenate([block.raw for block in simulate_blocks(loaded, loaded.sweeps, 0)])
+            if scan_time is not None:
+                raw = replace(raw, scan_time=np.full(len(raw), scan_time, np.float32))
             write_log(path, [raw], poses=poses)
         return path
 
@@ -176,6 +186,17 @@ def test_sweeps_that_take_no_time_are_the_same_either_way(drives: Logs, tmp_path
     once, again = (tables_of(log, tmp_path / name, command=command) for name in ("once", "again"))
     assert once == again
     assert len(once) >= 2
+
+
+def test_the_time_between_sweeps_moves_no_beam(drives: Logs) -> None:
+    """Of a sensor whose sweeps are taken at once some drivers tell `scan_time` all the same."""
+    log = drives.made(0.0, scan_time=0.1)
+    found = lidarcli.track(log)
+    assert set(found.objects["set"].to_pylist()) == {"O"}
+    assert found.tracks.num_rows == len(THINGS)
+    assert found.objects.num_rows > 4 * 115
+    truth = true_map(load_scene(log.with_suffix(".toml")), 126, 0.05)
+    assert compare(lidarcli.map(log), truth).f1 > 0.99
 
 
 def test_poses_of_instants_tell_no_way(drives: Logs) -> None:
