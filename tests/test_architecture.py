@@ -76,7 +76,7 @@ ROOMS_OF = {
     "jinja2": {"reports"},
     "pandas": {"pipeline", "sweeps"},
     "mcap": {"logs", "simulate", "ros"},
-    "rosbags": {"simulate", "ros", "overlays"},
+    "rosbags": {"simulate", "ros"},
     "sqlite3": {"logs", "simulate"},
     "pyarrow": {"tabular", "pipeline", "logs", "simulate", "reports", "maps", "overlays", "stores"},
     "distributed": {"pipeline"},

@@ -6,10 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from rosbags import rosbag1
-
 from lidarcli.maps.grid_message import TYPE as MAP
 from lidarcli.overlays.markers import TYPE as MARKERS
+from lidarcli.ros.bag_file import bag_writer
 from lidarcli.ros.definitions import ROS1, SCAN, TF, ros2_definition
 from lidarcli.ros.mcap_file import ALL, add_channel, offered, start_ros2
 from lidarcli.ros.outgoing import Outgoing
@@ -63,8 +62,7 @@ class BagFile:
     is_ros2 = False
 
     def __init__(self, path: Path) -> None:
-        self._writer = rosbag1.Writer(path)
-        self._writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+        self._writer = bag_writer(path, "lz4")
         self._writer.open()
         self._connections: dict[tuple[str, str], Any] = {}
 

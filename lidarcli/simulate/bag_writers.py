@@ -7,11 +7,12 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-from rosbags import rosbag1, rosbag2
+from rosbags import rosbag2
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from lidarcli.errors import OutputError
+from lidarcli.ros.bag_file import bag_writer
 from lidarcli.ros.definitions import ROS1, ROS2
 from lidarcli.simulate.clouds import as_clouds
 from lidarcli.simulate.messages import CDR, ROS1_BYTES
@@ -27,11 +28,6 @@ except ImportError:  # older releases of rosbags write through the standard libr
 else:
     DATABASE_ERRORS += (apsw.Error,)
 
-BAG_COMPRESSIONS = {
-    "none": None,
-    "bz2": rosbag1.Writer.CompressionFormat.BZ2,
-    "lz4": rosbag1.Writer.CompressionFormat.LZ4,
-}
 FOLDER_COMPRESSIONS = {
     "none": CompressionMode.NONE,
     "zstd": CompressionMode.FILE,
@@ -49,10 +45,7 @@ def write_bag(
 ) -> None:
     """Write a ROS 1 bag; with `clouds` its sweeps are point clouds."""
     encode = as_clouds(ROS1_BYTES) if clouds else ROS1_BYTES
-    writer = rosbag1.Writer(path)
-    if (form := BAG_COMPRESSIONS[compression]) is not None:
-        writer.set_compression(form)
-    with writer:
+    with bag_writer(path, compression) as writer:
         channels: dict[str, Connection] = {}
         for message in outgoing(blocks, poses, encode):
             if message.topic not in channels:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
 from lidarcli.errors import OptionError, OutputError
+from lidarcli.ros import bag_file
 from lidarcli.simulate.aria_writer import write_aria
 from lidarcli.simulate.bag_writers import (
-    BAG_COMPRESSIONS,
     FOLDER_COMPRESSIONS,
     write_bag,
     write_db3,
@@ -120,7 +120,7 @@ def _writer(
             clouds=clouds,
         )
     if container == "bag":
-        packed = one_of("compression", compression, tuple(BAG_COMPRESSIONS), "none")
+        packed = one_of("compression", compression, tuple(bag_file.COMPRESSIONS), "none")
         return lambda target, blocks: write_bag(
             target, blocks, compression=packed, poses=poses, clouds=clouds
         )
