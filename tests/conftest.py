@@ -1,28 +1,66 @@
-"""Small logs and the command line, for all tests; ctrl-C works in them wherever they run."""
+"""Small logs and the command line, for all tests; and the same surroundings for them wherever they run."""
 
 from __future__ import annotations
 
+import faulthandler
+import os
+import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from lidarcli.cli import run
 from lidarcli.simulate.writers import write_log
 from tests.sweeping import room_sweeps
+from tests.waiting import HANG
+
+OF_A_USER = re.compile(
+    r"LIDARCLI_(?!COMPILED$|BUILD$|BOUNDS$|REAL_LOGS$)|AWS_|AZURE_|GOOGLE_|STORAGE_EMULATOR|DASK_|MPL|MATPLOTLIBRC$"
+    r"|XDG_CONFIG|(NO|FORCE|CLI)_?COLOR|PY_COLORS$|COLUMNS$|LINES$|TZ$|SOURCE_DATE_EPOCH$|PYTHONWARNINGS$|GITHUB_"
+)
+"""Variables with which a user or a CI changes what programs do and show."""
+settings.register_profile(
+    "steady",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("steady")
 
 
-def pytest_configure() -> None:
-    """Let ctrl-C work again where it is ignored, as below `nohup` and in many schedulers.
+def pytest_configure(config: pytest.Config) -> None:
+    """Let tests see no settings of the user, and let ctrl-C work.
 
-    All processes that tests start would ignore it, too, also those that are to be interrupted.
+    It is ignored below `nohup` and in many schedulers. All processes that tests start would ignore it, too, also those
+    that are to be interrupted.
     """
+    for name in filter(OF_A_USER.match, list(os.environ)):
+        del os.environ[name]
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    # Tests catch what is written to the stream itself.
+    config.stash[HANGS] = os.fdopen(os.dup(2), "w")
+
+
+HANGS = pytest.StashKey[IO[str]]()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """End a process of tests that hangs, and say where: nothing else measures the time of a test."""
+    faulthandler.dump_traceback_later(HANG, exit=True, file=item.config.stash[HANGS])
+    try:
+        return (yield)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 @pytest.fixture(scope="session")

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 
 def descendants(pid: int) -> set[int]:
-    """Processes that a process has started, and those that these have."""
-    parents = {}
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            stat = (folder / "stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if stat[0] != "Z":
-            parents[int(folder.name)] = int(stat[1])
+    """Processes that a process has started, and those that these have; not those that have ended."""
+    parents = _parents()
     found = {pid}
     while more := {child for child, parent in parents.items() if parent in found} - found:
         found |= more
@@ -23,12 +15,18 @@ def descendants(pid: int) -> set[int]:
 
 
 def gone(pids: set[int]) -> bool:
-    """Whether processes end within some seconds."""
-    deadline = time.monotonic() + 10
-    while time.monotonic() < deadline:
-        running = {pid for pid in pids if Path(f"/proc/{pid}").exists()}
-        states = {(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]) for pid in running}
-        if states <= {"Z"}:
-            return True
-        time.sleep(0.02)
-    return False
+    """True where all of these processes have ended."""
+    return not pids & _parents().keys()
+
+
+def _parents() -> dict[int, int]:
+    """The parent of every process that has not ended."""
+    parents = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            state, parent = (folder / "stat").read_text().rpartition(")")[2].split()[:2]
+        except OSError:
+            continue
+        if state != "Z":
+            parents[int(folder.name)] = int(parent)
+    return parents

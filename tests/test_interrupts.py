@@ -15,6 +15,7 @@ import pytest
 
 from lidarcli.newfiles import NewFiles
 from lidarcli.tabular.parquet import ROWS_PER_GROUP, TableFile
+from tests.waiting import HANG
 
 IMPORTED = """
 import os, signal, time
@@ -42,7 +43,7 @@ def test_it_waits_for_an_import(tmp_path: Path, number: str, raised: str) -> Non
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=HANG,
         check=False,
     )
     assert (ran.stdout, ran.stderr, ran.returncode) == (f"{raised} True\n", "", 0)
@@ -58,7 +59,7 @@ def test_the_tests_of_interrupts_work_where_they_are_ignored() -> None:
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=HANG,
         check=False,
     )
     assert ran.returncode == 0, ran.stdout
@@ -88,7 +89,7 @@ except KeyboardInterrupt:
 
 def test_an_impatient_user_does_not_disturb_the_clearing_away() -> None:
     ran = subprocess.run(
-        [sys.executable, "-c", IMPATIENT], capture_output=True, text=True, timeout=30, check=False
+        [sys.executable, "-c", IMPATIENT], capture_output=True, text=True, timeout=HANG, check=False
     )
     assert (ran.stdout, ran.stderr, ran.returncode) == ("cleared away\nagain\n", "", 0)
 
@@ -120,7 +121,7 @@ def test_it_waits_for_the_start_of_processes(tmp_path: Path, number: str, raised
     script = tmp_path / "starting.py"
     script.write_text(STARTING.replace("NUMBER", number))
     ran = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, timeout=30, check=False
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=HANG, check=False
     )
     assert (ran.stdout, ran.stderr, ran.returncode) == (f"the start goes on {raised}\n", "", 0)
 
@@ -134,7 +135,7 @@ def test_where_it_is_ignored_it_stays_ignored() -> None:
         ["sh", "-c", 'trap "" INT; exec "$@"', "sh", sys.executable, "-c", script],
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=HANG,
         check=True,
     )
     assert ran.stdout == "still here\n"
@@ -190,6 +191,6 @@ except KeyboardInterrupt:
 
 def test_work_comes_to_its_end_whatever_interrupts() -> None:
     ran = subprocess.run(
-        [sys.executable, "-c", CLOSING], capture_output=True, text=True, timeout=30, check=False
+        [sys.executable, "-c", CLOSING], capture_output=True, text=True, timeout=HANG, check=False
     )
     assert (ran.stdout, ran.stderr, ran.returncode) == ("['work']\n", "", 0)

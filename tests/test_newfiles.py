@@ -22,6 +22,7 @@ from lidarcli.newfiles import NewFiles, refuse, write_whole
 from lidarcli.simulate import simulate
 from tests.places import SAMPLES
 from tests.unprivileged import lidarcli
+from tests.waiting import HANG
 
 ROOM = SAMPLES / "room.mcap"
 SCENE = ROOM.with_suffix(".toml")
@@ -139,7 +140,7 @@ def test_pairs_of_runs_leave_whole_tables_of_one_of_them(tmp_path: Path) -> None
             )
             for name in lengths
         ]
-        errors = [process.communicate(timeout=120)[1] for process in runs]
+        errors = [process.communicate(timeout=HANG)[1] for process in runs]
         codes = [process.returncode for process in runs]
         assert sorted(codes) == ([0, 0] if overwrite else [0, 5]), errors
         rows = pq.read_table(out / "run.sweeps.parquet").num_rows

@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -21,6 +22,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.simulate.writers import write_log
 from tests.sweeping import BOX, raw_sweeps, round_room
+from tests.waiting import HANG, endless, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -52,7 +54,7 @@ def whole(log: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str
     return {name: (out / name).read_bytes() for name in FINAL}, time.monotonic() - started
 
 
-def detect(log: Path, out: Path, *options: str) -> subprocess.Popen[bytes]:
+def detect(log: Path, out: Path, *options: str, **settings: Any) -> subprocess.Popen[bytes]:
     command = [
         sys.executable,
         "-m",
@@ -65,7 +67,7 @@ def detect(log: Path, out: Path, *options: str) -> subprocess.Popen[bytes]:
         str(out),
         *options,
     ]
-    return subprocess.Popen(command, stderr=subprocess.PIPE)
+    return subprocess.Popen(command, stderr=subprocess.PIPE, **settings)
 
 
 def said(process: subprocess.Popen[bytes]) -> str:
@@ -75,11 +77,25 @@ def said(process: subprocess.Popen[bytes]) -> str:
 
 def wait(process: subprocess.Popen[bytes], out: Path, seconds: float | None) -> None:
     """So long, or until the tables are being written."""
-    if seconds is not None:
+    if seconds is None:
+        wait_until(lambda: [*out.glob(".*.part")], process)
+    else:
         time.sleep(seconds)
+
+
+@contextmanager
+def working(log: Path, out: Path, seconds: float | None) -> Iterator[subprocess.Popen[bytes]]:
+    """`detect` so many seconds after its start, or while it writes tables, to which then no end comes."""
+    if seconds is not None:
+        process = detect(log, out)
+        wait(process, out, seconds)
+        yield process
         return
-    while process.poll() is None and not [*out.glob(".*.part")]:
-        time.sleep(0.02)
+    pipe = log.with_name("pipe") / log.name
+    with endless(log, pipe):
+        process = detect(pipe, out)
+        wait(process, out, None)
+        yield process
 
 
 def final_names(out: Path, whole: dict[str, bytes]) -> list[str]:
@@ -93,10 +109,9 @@ def test_killed_at_any_moment(log: Path, whole: tuple[dict[str, bytes], float], 
     """What killed runs leave behind is in nobody's way: they all write to one folder."""
     tables, seconds = whole
     for share in (0.3, 0.45, 0.6, 0.75, 0.9, 1.0, None):
-        process = detect(log, tmp_path)
-        wait(process, tmp_path, share and share * seconds)
-        process.kill()
-        assert said(process) == ""
+        with working(log, tmp_path, share and share * seconds) as process:
+            process.kill()
+            assert said(process) == ""
         for name in final_names(tmp_path, tables):
             (tmp_path / name).unlink()
         left = [path.name for path in tmp_path.iterdir()]
@@ -114,10 +129,9 @@ def test_interrupted_at_any_moment(log: Path, whole: tuple[dict[str, bytes], flo
     tables, seconds = whole
     codes = []
     for share in (0.2, 0.35, 0.5, 0.65, 0.8, None):
-        process = detect(log, tmp_path)
-        wait(process, tmp_path, share and share * seconds)
-        process.send_signal(signal.SIGINT)
-        err = said(process)
+        with working(log, tmp_path, share and share * seconds) as process:
+            process.send_signal(signal.SIGINT)
+            err = said(process)
         codes.append(process.returncode)
         if process.returncode == 130:
             assert err == "lidarcli: interrupted\n"
@@ -133,42 +147,40 @@ def test_interrupted_at_any_moment(log: Path, whole: tuple[dict[str, bytes], flo
 @pytest.mark.parametrize("jobs", [1, 3])
 def test_terminated_at_any_moment(jobs: int, log: Path, tmp_path: Path) -> None:
     """As `kill` and systemd do it, which tell the whole group: everything is cleared away first."""
+    pipe, out = tmp_path / "run.mcap", tmp_path / "out"
     for seconds in (0.1, 0.2, 0.3, None):
-        command = [sys.executable, "-m", "lidarcli", "detect", str(log), "--beams", "-o", str(tmp_path)]
-        process = subprocess.Popen(
-            [*command, "--jobs", str(jobs)], stderr=subprocess.PIPE, start_new_session=True
-        )
-        wait(process, tmp_path, seconds)
-        os.killpg(process.pid, signal.SIGTERM)
-        err = said(process)
+        with endless(log, pipe):
+            process = detect(pipe, out, "--jobs", str(jobs), start_new_session=True)
+            wait(process, out, seconds)
+            os.killpg(process.pid, signal.SIGTERM)
+            err = said(process)
         assert process.returncode == -signal.SIGTERM
         assert err in ("", "lidarcli: terminated\n")
-        assert list(tmp_path.iterdir()) == []
+        assert [*out.glob("**/*")] == []
     assert err == "lidarcli: terminated\n"
 
 
 def test_interrupted_while_several_logs_get_their_workers(log: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.mcap"
-    other.write_bytes(log.read_bytes())
+    one, other = tmp_path / "one.mcap", tmp_path / "other.mcap"
     for seconds in (0.12, 0.15, 0.18, 0.21, 0.24):
-        process = detect(log, tmp_path / "out", str(other), "--jobs", "2")
-        time.sleep(seconds)
-        process.send_signal(signal.SIGINT)
-        err = said(process)
+        with endless(log, one, other):
+            process = detect(one, tmp_path / "out", str(other), "--jobs", "2")
+            time.sleep(seconds)
+            process.send_signal(signal.SIGINT)
+            err = said(process)
         assert (process.returncode, err) in ((130, "lidarcli: interrupted\n"), (-signal.SIGINT, ""))
 
 
 @pytest.mark.parametrize("logs", [1, 2])
 def test_workers_end_with_the_process_that_gave_them_work(logs: int, log: Path, tmp_path: Path) -> None:
-    others = [tmp_path / f"other{number}.mcap" for number in range(1, logs)]
-    for other in others:
-        other.write_bytes(log.read_bytes())
+    pipes = [tmp_path / f"run{number}.mcap" for number in range(logs)]
     out = tmp_path / "out"
-    process = detect(log, out, *map(str, others), "--jobs", "2")
-    wait(process, out, None)
-    process.kill()
-    # The workers share this end of the pipe: it closes when the last of them is gone.
-    process.communicate(timeout=30)
+    with endless(log, *pipes):
+        process = detect(pipes[0], out, *map(str, pipes[1:]), "--jobs", "2")
+        wait(process, out, None)
+        process.kill()
+        # The workers share this end of the pipe: it closes when the last of them is gone.
+        process.communicate(timeout=HANG)
     assert process.returncode == -signal.SIGKILL
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from tests.logs.hostile_databases import HOSTILE, bag, killed, name_super_journal
 from tests.places import SAMPLES
+from tests.waiting import HANG
 
 WRITING = re.compile(r"O_WRONLY|O_RDWR|O_CREAT|O_TRUNC|O_APPEND")
 OPENING = ("open", "openat", "openat2", "creat")
@@ -45,7 +46,7 @@ def changes(folder: Path, *arguments: object) -> tuple[int, set[str]]:
     command += ["-e", f"trace={','.join((*OPENING, *CHANGING))}", sys.executable, "-m", "lidarcli", "-q"]
     environment = {**os.environ, "TMPDIR": str(temporary), "PYTHONDONTWRITEBYTECODE": "1"}
     ran = subprocess.run(
-        [*command, *map(str, arguments)], env=environment, capture_output=True, check=False, timeout=300
+        [*command, *map(str, arguments)], env=environment, capture_output=True, check=False, timeout=HANG
     )
     assert list(temporary.iterdir()) == []
     touched = set()

@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
 from tests.places import ROOT
+from tests.waiting import HANG
 
 pytestmark = pytest.mark.slow
 
@@ -20,7 +21,7 @@ def accuracy(*arguments: str, folder: str | None = None) -> subprocess.Completed
     environment = {"LIDARCLI_REAL_LOGS": folder} if folder else {}
     command = [sys.executable, "-m", "benchmarks.accuracy", *arguments]
     return subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300, check=False
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=HANG, check=False
     )
 
 

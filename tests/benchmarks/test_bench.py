@@ -12,6 +12,7 @@ import pytest
 
 from benchmarks.bench import run
 from tests.places import ROOT
+from tests.waiting import HANG
 
 BENCH = ROOT / "benchmarks" / "bench.py"
 
@@ -21,7 +22,7 @@ def test_the_benchmark_runs(tmp_path: Path) -> None:
     target = tmp_path / "bench.json"
     arguments = ["--sweeps", "50", "--repeats", "1", "--json", str(target)]
     done = subprocess.run(
-        [sys.executable, str(BENCH), *arguments], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, str(BENCH), *arguments], capture_output=True, text=True, timeout=HANG, check=False
     )
     assert done.returncode == 0, done.stderr
     figures = json.loads(target.read_text(encoding="utf-8"))
@@ -55,7 +56,7 @@ def test_the_full_benchmark_runs(tmp_path: Path) -> None:
         [sys.executable, "-m", "benchmarks.full", *arguments],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=HANG,
         check=False,
         cwd=ROOT,
     )

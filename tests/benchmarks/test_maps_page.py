@@ -41,6 +41,7 @@ from benchmarks.maps.scoring import Score
 from lidarcli.choices import MIN_MOVE
 from lidarcli.simulate.clearance import outline, to_segments
 from tests.places import REAL_LOGS, ROOT, needs_real_logs
+from tests.waiting import HANG
 
 PAGE = ROOT / "docs" / "maps.md"
 HEADINGS = (
@@ -219,7 +220,9 @@ def test_a_drive_is_measured(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_nonsense_is_refused() -> None:
     command = [sys.executable, "-m", "benchmarks.maps", "--seeds", "0"]
-    done = subprocess.run(command, cwd=ROOT, env={}, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        command, cwd=ROOT, env={}, capture_output=True, text=True, timeout=HANG, check=False
+    )
     assert done.returncode == 2
     assert done.stderr.endswith("error: --seeds is 1 to 100\n")
     assert REPORTING != TUNING

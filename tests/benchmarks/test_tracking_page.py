@@ -22,6 +22,7 @@ from benchmarks.tracking.page import page, summary
 from benchmarks.tracking.real import measure_cars, measure_legs
 from benchmarks.tracking.scoring import Score, Share
 from tests.places import REAL_LOGS, ROOT, needs_real_logs
+from tests.waiting import HANG
 
 ROOM, PEOPLE = QUICK[0], QUICK[-1]
 
@@ -126,7 +127,9 @@ def test_the_image_is_small_and_the_same_again(figures: Figures, tmp_path: Path)
 @pytest.mark.slow
 def test_nonsense_is_refused() -> None:
     command = [sys.executable, "-m", "benchmarks.tracking", "--seeds", "0"]
-    done = subprocess.run(command, cwd=ROOT, env={}, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        command, cwd=ROOT, env={}, capture_output=True, text=True, timeout=HANG, check=False
+    )
     assert done.returncode == 2
     assert done.stderr.endswith("error: --seeds is 1 to 100, --jobs at least 1\n")
 

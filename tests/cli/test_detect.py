@@ -19,6 +19,7 @@ import pytest
 
 from lidarcli.tabular import OBJECTS
 from tests.places import SAMPLES
+from tests.waiting import HANG
 
 Run = Callable[..., Any]
 
@@ -184,7 +185,7 @@ def test_closed_pipe_ends_quietly(logs: Path, kind: str) -> None:
     running = subprocess.Popen([*command, "--format", kind], stdout=writer, stderr=subprocess.PIPE)
     os.close(writer)
     os.close(reader)
-    _, err = running.communicate(timeout=30)
+    _, err = running.communicate(timeout=HANG)
     assert (running.returncode, err) == (0, b"")
 
 

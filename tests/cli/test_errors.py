@@ -7,8 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +20,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting
 from lidarcli.simulate.writers import write_log
+from tests.waiting import HANG, endless, wait_until
 
 Run = Callable[..., Any]
 
@@ -288,35 +287,25 @@ def test_interrupt(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_interrupt_in_the_middle_leaves_no_file(large: bytes, tmp_path: Path, jobs: int) -> None:
     """Logs that come through pipes and do not end are interrupted while their tables are being written."""
-    fifos = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
-    for fifo in fifos:
-        os.mkfifo(fifo)
-    writers = [os.open(fifo, os.O_RDWR) for fifo in fifos]
-    for writer in writers:
-        threading.Thread(target=os.write, args=(writer, large[:-1000]), daemon=True).start()
+    (tmp_path / "large.mcap").write_bytes(large)
+    pipes = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     out = tmp_path / "out"
     command = [
         sys.executable,
         "-m",
         "lidarcli",
         "detect",
-        *map(str, fifos),
+        *map(str, pipes),
         "-o",
         str(out),
         "--jobs",
         str(jobs),
     ]
-    running = subprocess.Popen(command, stderr=subprocess.PIPE)
-    deadline = time.monotonic() + 30
-    while (
-        time.monotonic() < deadline and running.poll() is None and len(list(out.glob(".*.part/*"))) < 2 * jobs
-    ):
-        time.sleep(0.05)
-    assert len(list(out.glob(".*.part/*"))) == 2 * jobs
-    running.send_signal(signal.SIGINT)
-    _, err = running.communicate(timeout=20)
-    for writer in writers:
-        os.close(writer)
+    with endless(tmp_path / "large.mcap", *pipes):
+        running = subprocess.Popen(command, stderr=subprocess.PIPE)
+        wait_until(lambda: len(list(out.glob(".*.part/*"))) == 2 * jobs, running)
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=HANG)
     assert (running.returncode, err.decode()) == (130, "lidarcli: interrupted\n")
     assert list(out.iterdir()) == []
 

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from tests.conftest import Ran
 from tests.descendants import descendants, gone
 from tests.fleet.conftest import tables
 from tests.places import SAMPLES
+from tests.waiting import HANG, wait_until
 
 distributed = pytest.importorskip("distributed")
 pytestmark = [
@@ -60,13 +60,9 @@ def test_a_worker_that_is_killed_and_a_log_that_kills(
     (bags / "killer.mcap").write_bytes(small)
     out = tmp_path / "there"
     process = begin("detect", bags, "-o", out, "--cluster", "local:2", env=preload)
-    until = time.monotonic() + 60
-    while len([*out.glob("*.sweeps.parquet")]) < 5:
-        assert time.monotonic() < until
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.01)
+    wait_until(lambda: len([*out.glob("*.sweeps.parquet")]) >= 5, process)
     os.kill(workers_of(process.pid)[0], signal.SIGKILL)
-    _, said = process.communicate(timeout=120)
+    _, said = process.communicate(timeout=HANG)
     lines = [line for line in said.decode().splitlines() if line.startswith("lidarcli:")]
     assert lines == [
         f"lidarcli: {bags}/killer.mcap: ends every worker that reads it (out of memory?); "
@@ -97,10 +93,7 @@ def scheduler(tmp_path: Path) -> Iterator[Callable[..., str]]:
                 stderr=subprocess.DEVNULL,
             )
         )
-        until = time.monotonic() + 30
-        while not file.exists() or not file.read_text():
-            assert time.monotonic() < until
-            time.sleep(0.05)
+        wait_until(lambda: file.exists() and file.read_text(), started[-1])
         address: str = json.loads(file.read_text())["address"]
         for extra in workers:
             started.append(
@@ -217,35 +210,24 @@ def test_ctrl_c_ends_the_tasks(
     address = scheduler({})
     out = tmp_path / "out"
     running = begin("detect", large_log, "-o", out, "--cluster", address, env={**os.environ})
-    until = time.monotonic() + 60
-    while not [*out.glob(".lidarcli-*.part/*")]:
-        assert time.monotonic() < until
-        assert running.poll() is None, running.communicate()
-        time.sleep(0.01)
+    wait_until(lambda: [*out.glob(".lidarcli-*.part/*")], running)
     running.send_signal(signal.SIGINT)
-    _, said = running.communicate(timeout=30)
+    _, said = running.communicate(timeout=HANG)
     assert running.returncode == 130
     assert said.decode().splitlines()[-1] == "lidarcli: interrupted"
-    until = time.monotonic() + 20
-    while [*out.glob(".lidarcli-*")]:
-        assert time.monotonic() < until, "the worker goes on"
-        time.sleep(0.05)
+    wait_until(lambda: not [*out.glob(".lidarcli-*")])
     assert [*out.glob("*.parquet")] == []
 
 
 def test_ctrl_c_ends_a_cluster_of_our_own(bags: Path, tmp_path: Path, large_log: Path) -> None:
     out = tmp_path / "out"
     running = begin("detect", large_log, "-o", out, "--cluster", "local:1", env={**os.environ})
-    until = time.monotonic() + 60
-    while not [*out.glob(".lidarcli-*.part/*")]:
-        assert time.monotonic() < until
-        assert running.poll() is None, running.communicate()
-        time.sleep(0.01)
+    wait_until(lambda: [*out.glob(".lidarcli-*.part/*")], running)
     pids = descendants(running.pid)
     running.send_signal(signal.SIGINT)
-    _, said = running.communicate(timeout=30)
+    _, said = running.communicate(timeout=HANG)
     assert (running.returncode, said.decode().splitlines()[-1]) == (130, "lidarcli: interrupted")
-    assert gone(pids)
+    wait_until(lambda: gone(pids))
     assert [*out.glob("*.parquet")] == []
 
 
@@ -349,13 +331,9 @@ def test_ctrl_c_of_a_terminal_reaches_the_workers_too(tmp_path: Path, large_log:
         "local:2",
     ]
     running = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
-    until = time.monotonic() + 60
-    while not [*out.glob(".lidarcli-*.part/*")]:
-        assert time.monotonic() < until
-        assert running.poll() is None, running.communicate()
-        time.sleep(0.01)
+    wait_until(lambda: [*out.glob(".lidarcli-*.part/*")], running)
     os.killpg(running.pid, signal.SIGINT)
-    _, said = running.communicate(timeout=30)
+    _, said = running.communicate(timeout=HANG)
     lines = [line for line in said.decode().splitlines() if not line.startswith("cluster ")]
     assert (running.returncode, lines) == (130, ["lidarcli: interrupted"])
     assert [*out.glob("**/*.parquet")] == []

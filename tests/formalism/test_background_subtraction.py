@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -316,7 +316,6 @@ def test_a_thing_across_the_seam_is_one() -> None:
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(
     st.integers(1, 59),
     st.lists(st.tuples(st.integers(0, 59), st.integers(1, 12), st.floats(0.5, 7.0)), max_size=4),
@@ -472,7 +471,6 @@ def runs_one_by_one(
     return result
 
 
-@settings(deadline=None)
 @given(
     st.lists(
         st.lists(st.sampled_from([-1.0, 0.0, 0.01, 0.05, 0.09, 0.5, np.nan]), min_size=12, max_size=12),

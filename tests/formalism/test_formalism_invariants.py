@@ -70,7 +70,7 @@ def test_every_beam_is_in_exactly_one_set(name: str, make: Callable[[], SweepBat
     assert_partition(batch, detect(batch, PARAMETERS[name], per_beam=True))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seeds, st.sampled_from(sorted(PARAMETERS)))
 def test_every_beam_of_random_sweeps_is_in_exactly_one_set(seed: int, name: str) -> None:
     rng = np.random.default_rng(seed)

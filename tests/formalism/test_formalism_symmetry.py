@@ -105,7 +105,7 @@ def assert_rotation(sweep: Sweep, beams: int, parameters: Parameters) -> int:
 
 
 @every_profile
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(seeds, st.integers(0, 60), st.sampled_from([EACH_BEARING_ONCE, FIRST_BEARING_TWICE]))
 def test_rotating_a_turn_rotates_its_objects(profile: str, seed: int, beams: int, closing: str) -> None:
     sweep = random_sweep(np.random.default_rng(seed), closing, rough=True)
@@ -171,7 +171,7 @@ def assert_mirror(sweep: Sweep, parameters: Parameters) -> None:
 
 @pytest.mark.slow
 @every_profile
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(seeds, st.sampled_from([NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE]))
 def test_a_mirrored_scene_has_mirrored_objects(profile: str, seed: int, closing: str) -> None:
     # Longer runs may be thinned from one end on, and with decimetres of noise a whole object lies within the tolerance
@@ -209,7 +209,7 @@ def clockwise(sweep: Sweep) -> Sweep:
 
 @pytest.mark.slow
 @every_profile
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(seeds, st.sampled_from([NO_TURN, EACH_BEARING_ONCE, FIRST_BEARING_TWICE]))
 def test_a_clockwise_log_holds_the_same_objects(profile: str, seed: int, closing: str) -> None:
     sweep = random_sweep(np.random.default_rng(seed), closing, rough=True)

@@ -83,14 +83,14 @@ def hold(sweeps: list[Sweep]) -> int:
 
 
 @pytest.mark.slow
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=250)
 @given(st.lists(small_sweeps(), min_size=1, max_size=4))
 def test_small_sweeps_on_a_coarse_grid(sweeps: list[Sweep]) -> None:
     hold(sweeps)
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 20))
 def test_random_surfaces(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

@@ -19,6 +19,7 @@ from lidarcli import cli
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from tests.places import ROOT
+from tests.waiting import HANG
 from tools.fuzz import commands, judge, run
 from tools.fuzz.containers import CONTAINERS
 from tools.fuzz.databases import KINDS
@@ -244,14 +245,14 @@ run.run_cases(sys.argv[1])
     ("act", "problem"),
     [
         ("os.kill(os.getpid(), 9)", "killed the process, exit code -9"),
-        ("time.sleep(99)", "hangs: nothing for 1.5 s"),
+        ("time.sleep(99)", "hangs: nothing for 5 s"),
         ("return ['odd']", "odd"),
     ],
 )
 def test_a_case_that_kills_or_hangs_is_named_and_the_rest_goes_on(
     act: str, problem: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run, "WALL", 1.5)
+    monkeypatch.setattr(run, "WALL", 5.0)
     monkeypatch.setattr(run, "CHILD", ("-c", SABOTAGE.format(act=act)))
     told: list[run.Failure] = []
     done, failures = fuzz(Plan(("db3",), seed=1, cases=3), told.append)
@@ -276,7 +277,7 @@ def test_children_beside_each_other_share_the_cases() -> None:
 
 def test_the_command_counts_and_ends_well() -> None:
     command = [sys.executable, "-m", "tools.fuzz", "csv-ros2", "bag-l*", "--cases", "2", "--seed", "3"]
-    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60)
+    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=HANG)
     assert (ran.returncode, ran.stdout) == (0, "seed 3, 2 targets\n4 cases, 0 failures\n")
 
 
@@ -296,7 +297,7 @@ def test_the_command_tells_failures_and_keeps_what_caused_them(tmp_path: Path) -
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=HANG,
     )
     told = f"\n{tmp_path}/db3-1-1/in: 7\nagain: python -m tools.fuzz db3 --seed 1 --first 1 --cases 1\n"
     assert ran.stdout == f"seed 1, 1 targets\n{told}2 cases, 1 failures\n"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarcli.errors import NoScanError
@@ -58,7 +58,6 @@ def sweeps(found: list[SweepBatch]) -> list[int]:
     return [int(sweep) for batch in found for sweep in batch.sweep]
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.lists(st.integers(0, 9), min_size=1, max_size=12), min_size=1, max_size=8),
     st.integers(1, 9),

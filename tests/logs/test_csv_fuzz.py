@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from tests.logs.watched import CsvLog
 from tests.sweeping import STEP, raw_sweeps
 
 CASES = 240
-SECONDS = 5.0
 WORDS = (
     b"nan",
     b"inf",
@@ -113,7 +111,7 @@ def mutate(data: bytes, random: np.random.Generator) -> bytes:
             data = b"\n".join(lines[pick:])
     wrapping = random.integers(0, 12)
     if wrapping == 0:
-        data = gzip.compress(data)[: int(random.integers(1, 400))]
+        data = gzip.compress(data, mtime=0)[: int(random.integers(1, 400))]
     elif wrapping == 1:
         data = data.decode("utf-8", "replace").encode("utf-16")[: int(random.integers(1, 4000))]
     return data
@@ -121,7 +119,6 @@ def mutate(data: bytes, random: np.random.Generator) -> bytes:
 
 def check(data: bytes) -> None:
     """Read it all; what is read must also pass the border between logs and everything else."""
-    started = time.monotonic()
     with suppress(LidarcliError), CsvLog(io.BytesIO(data), OpenOptions(fov=3.0)) as log:
         log.topics()
         for block in log.scans():
@@ -130,7 +127,6 @@ def check(data: bytes) -> None:
             assert len(block.ranges) == len(block)
             assert block.ranges.shape[1] >= block.beams.max()
             normalise(block, np.arange(len(block)), RangeRules())
-    assert time.monotonic() - started < SECONDS
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

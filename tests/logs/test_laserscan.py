@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarcli.logs import blocks as block_bounds
@@ -76,7 +76,6 @@ messages = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(messages, st.sampled_from(["cdr", "ros1"]))
 def test_any_mixture_equals_its_parts(rows: list[tuple[Any, ...]], encoding: str) -> None:
     cdr = encoding == "cdr"

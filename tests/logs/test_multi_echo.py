@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import lidarcli
@@ -92,7 +92,6 @@ floats = st.floats(width=32, allow_infinity=True)
 lists = st.lists(st.lists(floats, max_size=4), max_size=6)
 
 
-@settings(deadline=None)
 @given(lists, lists, st.sampled_from(ECHOES), st.booleans())
 def test_any_message_is_read_as_one_field_after_the_other(
     echoes: Lists, strengths: Lists, echo: str, big: bool

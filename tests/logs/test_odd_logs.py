@@ -34,6 +34,7 @@ from lidarcli.pipeline.inspecting import inspect_log
 from lidarcli.ros.definitions import ros2_definition
 from tests.logs.mcap_samples import chunks
 from tests.logs.scan_messages import scan
+from tests.waiting import HANG
 
 TF = "tf2_msgs/msg/TFMessage"
 CLOUD = "sensor_msgs/msg/PointCloud2"
@@ -225,7 +226,7 @@ def measured(path: Path, plain: Path) -> tuple[int, list[str], int]:
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=HANG,
     )
     found: tuple[int, list[str], int] = ast.literal_eval(ran.stdout)
     return found
@@ -322,7 +323,7 @@ def test_more_messages_than_bytes_are_not_believed(tmp_path: Path) -> None:
 def test_a_bomb_of_a_gzip_csv_is_skipped(tmp_path: Path) -> None:
     """Half a gibibyte of one line, then lines that are fine."""
     head = b"time,r0,r1,r2\n1.0,1.0,2.0,3.0\n1.1,1.0,2.0,3.0\n"
-    (tmp_path / "plain.csv.gz").write_bytes(gzip.compress(head))
+    (tmp_path / "plain.csv.gz").write_bytes(gzip.compress(head, mtime=0))
     with gzip.open(tmp_path / "bomb.csv.gz", "wb", compresslevel=1) as file:
         file.write(head)
         for _ in range(32):

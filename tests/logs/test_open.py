@@ -162,7 +162,7 @@ def test_what_is_no_log(tmp_path: Path, data: bytes) -> None:
 
 def test_a_packed_log_of_another_kind(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap.gz"
-    path.write_bytes(gzip.compress(mcap_samples.sample(2)))
+    path.write_bytes(gzip.compress(mcap_samples.sample(2), mtime=0))
     assert refusal(path) == f"{path}: a log packed with gzip; unpack it first (gunzip)"
 
 
@@ -246,7 +246,7 @@ def test_a_log_costs_only_the_libraries_of_its_container(tmp_path: Path) -> None
         ("\ufeffé,1\n".encode("utf-16-le"), FORMATS[-1].name),
         ("FLASER 1 2.0 0 0 0 0 0 0 1 nohost 1\n".encode("utf-16"), "CARMEN log (also .gz)"),
         ("\ufeffLaserOdometryLog\n".encode("utf-16-be"), "ARIA log (.2d, also .gz)"),
-        (gzip.compress("## Player version 3.0.2\n".encode("utf-16")), "Player log (also .gz)"),
+        (gzip.compress("## Player version 3.0.2\n".encode("utf-16"), mtime=0), "Player log (also .gz)"),
         ("é".encode("latin-1") + b",1\n", FORMATS[-1].name),
     ],
 )

