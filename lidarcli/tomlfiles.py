@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,13 @@ _TEXTS = re.compile(r""""(?:\\.|[^"\\\n])*"?|'[^'\n]*'?|\#[^\n]*""")
 _BETWEEN_KEYS = re.compile(r"[^\w \t.-]")
 
 
-def read_toml(file: str, what: str) -> dict[str, Any]:
-    """The document of a TOML file, which errors call a `what` (scene, catalogue)."""
-    text = _text(file, what)
+Judge = Callable[[os.stat_result], None]
+"""Raises an error where a file of such an owner and mode is not to be read."""
+
+
+def read_toml(file: str, what: str, judge: Judge | None = None) -> dict[str, Any]:
+    """The document of a TOML file, which errors call a `what` (scene, catalogue); `judge` sees the file once it is open."""
+    text = _text(file, what, judge)
     _refuse_nested(file, text)
     try:
         return tomllib.loads(text)
@@ -27,10 +33,12 @@ def read_toml(file: str, what: str) -> dict[str, Any]:
         raise UnreadableError(f"{file}: not valid TOML: {err}") from err
 
 
-def _text(file: str, what: str) -> str:
+def _text(file: str, what: str, judge: Judge | None) -> str:
     """The text of the file."""
     try:
         with Path(file).open("rb") as opened:
+            if judge is not None:
+                judge(os.fstat(opened.fileno()))
             data = opened.read(MAX_BYTES + 1)
     except OSError as err:
         raise UnreadableError(f"{file}: cannot read the {what}: {err.strerror or err}") from err

@@ -12,7 +12,7 @@ import click
 from lidarcli.cli.grouped import ORIGINS, GroupedCommand, GroupedOption
 from lidarcli.cli.messages import Messages, one_line
 from lidarcli.cli.options import text_or_json
-from lidarcli.cli.settings import NAME, commands, options, strange_variables, unknown_variables
+from lidarcli.cli.settings import commands, options, strange_variables, unknown_variables
 
 _DEFAULT = re.compile(r"\[default: ([^]]*)\]")
 
@@ -66,7 +66,8 @@ def config(ctx: click.Context, words: tuple[str, ...], kind: str) -> int:
     if kind == "json":
         click.echo(json.dumps([_row(each) for each in shown], indent=2, ensure_ascii=False))
         return 0
-    say.info(f"settings file: {file or f'none ({NAME} is neither here nor in a folder above)'}")
+    if file is None:
+        say.info("settings file: none")
     if not shown:
         say.info("every option has its default; lidarcli config COMMAND shows them")
     for line in _table([(each.command, f"--{each.option}", _shown(each), each.origin) for each in shown]):

@@ -161,7 +161,7 @@ def shared_options() -> list[GroupedOption]:
             is_eager=True,
             expose_value=False,
             callback=configured,
-            help="Settings to use (docs/settings.md).  [default: lidarcli.toml here or in a folder above]",
+            help="Settings to use (docs/settings.md); none: no file.  [default: lidarcli.toml here or in a folder above]",
         ),
     ]
 

@@ -6,16 +6,25 @@ import os
 from collections.abc import Iterator, Mapping
 from datetime import date
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
+from lidarcli.cli.found import PassedOverError, refuse_owner, refuse_value
 from lidarcli.cli.grouped import ORIGINS, GroupedOption
-from lidarcli.cli.messages import Messages
-from lidarcli.errors import OptionError
+from lidarcli.cli.messages import Messages, one_line
+from lidarcli.errors import LidarcliError, OptionError
 
 NAME = "lidarcli.toml"
+NONE = "none"
+"""As the name of a settings file: use none, also where one could be found."""
+
+FOUND = "lidarcli.found"
+"""Where the context keeps the file that was found, and why it is not used if it is not; a named one takes its place."""
+
 PREFIX = "LIDARCLI"
 NOT_OPTIONS = frozenset({"LIDARCLI_COMPILED", "LIDARCLI_BUILD", "LIDARCLI_REAL_LOGS", "LIDARCLI_CONFIG"})
 """Variables that do not stand for an option of a command."""
@@ -44,19 +53,41 @@ def use_settings(ctx: click.Context, named: str | None) -> None:
     """
     root = ctx.find_root()
     if named is None:
-        if ctx is not root:
-            return
-        try:
-            found = find_settings(Path.cwd())
-        except OSError:
-            # The working directory is gone, or nobody may look into it.
-            return
-        if found is None:
-            return
-        named = str(found)
+        if ctx is root:
+            _use_found(ctx)
+        return
+    for key in (FOUND, ORIGINS):
+        ctx.meta.pop(key, None)
+    if named == NONE:
+        root.default_map = ctx.default_map = None
+        return
     ctx.meta[ORIGINS] = named
-    tree: Any = _default_maps(ctx, named)
-    root.default_map = tree
+    _use(ctx, _default_maps(ctx, named))
+
+
+def _use_found(root: click.Context) -> None:
+    """The same with the nearest file. What is wrong with it is told before the work, if nobody names another one."""
+    try:
+        found = find_settings(Path.cwd())
+    except OSError:
+        # The working directory is gone, or nobody may look into it.
+        return
+    if found is None:
+        return
+    root.meta[ORIGINS] = str(found)
+    try:
+        refuse_owner(found)
+        _use(root, _default_maps(root, str(found), found.parent))
+    except (PassedOverError, LidarcliError, OSError) as err:
+        del root.meta[ORIGINS]
+        root.meta[FOUND] = found, err
+    else:
+        root.meta[FOUND] = found, None
+
+
+def _use(ctx: click.Context, tree: Any) -> None:
+    """Let the values of a file be the defaults of all commands."""
+    ctx.find_root().default_map = tree
     for word in _words(ctx):
         tree = tree.get(word, {})
     ctx.default_map = tree
@@ -104,12 +135,42 @@ def strange_variables(ctx: click.Context) -> list[str]:
 
 
 def tell_settings(ctx: click.Context) -> None:
-    """Tell of settings that are in force, where somebody wants to know, and of variables that do nothing, always."""
+    """Tell of the settings that are in force, or were passed over, and of variables that do nothing.
+
+    Raises
+    ------
+    LidarcliError
+        The settings that were found cannot be used, and nobody has named others.
+    """
+    if ctx.info_name == "completion":
+        # A shell asks whenever it starts, wherever that is.
+        return
     say = ctx.ensure_object(Messages)
-    if file := ctx.meta.get(ORIGINS):
-        say.detail(f"settings: {file}")
+    found, problem = ctx.meta.get(FOUND, (None, None))
+    if isinstance(problem, PassedOverError | OSError):
+        why = problem.strerror if isinstance(problem, OSError) else problem
+        say.error(f"{found}: these settings are not used: {why}; --config FILE uses them")
+    elif problem is not None:
+        raise problem
+    elif found is not None:
+        # Also where the file itself asks for quiet.
+        if not _asked_to_be_quiet(ctx):
+            say.write(one_line(f"settings: {found}; --config FILE uses others, --config {NONE} none"))
+    elif file := ctx.meta.get(ORIGINS):
+        say.info(f"settings: {file}")
     for line in unknown_variables(ctx):
         say.info(f"lidarcli: {line}")
+
+
+def _asked_to_be_quiet(ctx: click.Context) -> bool:
+    """Whether -q stands on the command line or in the environment."""
+    asked = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
+    each: click.Context | None = ctx
+    while each is not None:
+        if each.get_parameter_source("quiet") in asked:
+            return ctx.ensure_object(Messages).quiet
+        each = each.parent
+    return False
 
 
 def _words(ctx: click.Context) -> list[str]:
@@ -128,11 +189,15 @@ def _commands(
             yield from _commands(below, click.Context(below, ctx, name), (*words, name))
 
 
-def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
-    """The file's values as the default maps of all commands, as a tree; all of the file is checked."""
+def _default_maps(ctx: click.Context, file: str, found_in: Path | None = None) -> dict[str, Any]:
+    """The file's values as the default maps of all commands, as a tree; all of the file is checked.
+
+    A file that was `found_in` a folder may not set everything.
+    """
     from lidarcli.tomlfiles import read_toml
 
-    settings = read_toml(file, "settings file")
+    judge = None if found_in is None else partial(refuse_owner, Path(file))
+    settings = read_toml(file, "settings file", judge)
     shared = {key: value for key, value in settings.items() if not isinstance(value, Mapping)}
     for_all = _by_option(file, (), shared)
     for key in sorted(NOT_SHARED & for_all.keys()):
@@ -154,6 +219,11 @@ def _default_maps(ctx: click.Context, file: str) -> dict[str, Any]:
             for key, value in for_all.items()
             if key in known and not (isinstance(value, list) and takes_one(known[key]))
         }
+        if found_in is not None:
+            for key, value in (common | own).items():
+                if key in known:
+                    where = _place(file, words if key in own else (), key)
+                    refuse_value(where, found_in, known[key], value)
         found[words] = {
             str(known[key].name): _typed(file, words if key in own else (), known[key], value)
             for key, value in (common | own).items()
