@@ -22,10 +22,14 @@ COLUMNS = (
 HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
 """A sweep tells no height, so every body has the same [m]; and none is so slim that it cannot be seen, nor
 larger than any range [m]."""
-LINE, TEXT, SHAFT = 0.02, 0.14, 0.05
+LINE, TEXT, SHAFT = 0.02, 0.25, 0.05
 """Width of outlines, height of letters, and width of arrows [m]."""
 LIFT = 0.15
-"""How far labels are above the body [m]."""
+"""How far labels are above the body [m] …"""
+BEHIND = 0.6
+"""… and behind it, as seen by the sensor [m]: what is in its shadow hides no other object."""
+PALE = 0.5
+"""Share of white in the colour of letters, which are thin and lie on dark ground."""
 SOLID, CLEAR = 1.0, 0.35
 """Alpha of lines and letters, and of bodies, behind which the beams are still seen."""
 LEAST_SPEED = 0.05
@@ -129,6 +133,7 @@ class _Objects:
         """Number, name and size of each; once where several are one thing."""
         rows = np.flatnonzero(self._part == 0)
         texts = self._texts(rows)
+        behind = self._behind()
         lengths = pc.binary_length(texts).to_numpy()
         for length in np.unique(lengths).tolist():
             mine = np.flatnonzero(lengths == length)
@@ -138,7 +143,7 @@ class _Objects:
             yield self._markers(
                 Kind.LABEL,
                 where,
-                self._place[where],
+                behind[where],
                 0.0,
                 np.full(3, TEXT),
                 SOLID,
@@ -170,6 +175,9 @@ class _Objects:
         text: NDArray[np.bytes_] | None = None,
     ) -> Markers:
         count = len(rows)
+        colour = self._colour[rows]
+        if kind is Kind.LABEL:
+            colour = colour + PALE * (1 - colour)
         return Markers(
             kind,
             self._message[rows],
@@ -177,7 +185,7 @@ class _Objects:
             np.column_stack([place, np.full(count, lift)]),
             np.broadcast_to(yaw, count),
             np.broadcast_to(scale, (count, 3)),
-            np.column_stack([self._colour[rows], np.full(count, alpha, np.float32)]),
+            np.column_stack([colour, np.full(count, alpha, np.float32)]),
             points,
             text,
         )
@@ -191,6 +199,12 @@ class _Objects:
         chosen: Float32 = np.where(self._is_tracked[:, None], tracked, of_shapes[shape])
         return chosen
 
+    def _behind(self) -> Float64:
+        """(N, 2) a place behind each, as seen by the sensor."""
+        distance = np.hypot(*self._place.T)
+        away = 0.5 * np.hypot(*self._sides.T) + BEHIND
+        return self._place * (1 + away / np.maximum(distance, LEAST_SIDE))[:, None]
+
     def _texts(self, rows: NDArray[np.intp]) -> pa.StringArray:
         """Number, name and size of some objects."""
         name = pc.coalesce(
@@ -198,10 +212,12 @@ class _Objects:
         )
         length, width = (_metres(side) for side in self._sides[rows].T)
         both = pc.binary_join_element_wise(length, width, " x ")
-        size = pc.if_else(pa.array(self._is_round[rows]), length, both)
+        # A width that is no more than what is drawn at least was not seen.
+        alone = self._is_round[rows] | (self._sides[rows, 1] <= LEAST_SIDE)
+        size = pc.if_else(pa.array(alone), length, both)
         number = pa.array(self._number[rows]).cast(pa.string())
         # RViz draws ASCII alone; what stands in a catalogue is the user's.
-        return pc.binary_join_element_wise(number, ": ", name.take(pa.array(rows)), " ", size, " m", "")
+        return pc.binary_join_element_wise(number, ": ", name.take(pa.array(rows)), "\n", size, " m", "")
 
 
 def _metres(sides: Float64) -> pa.StringArray:

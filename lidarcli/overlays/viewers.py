@@ -11,6 +11,8 @@ PANEL = "3D!lidarcli"
 BEAMS, BACKGROUND = "#FFFFFF", "#101010"
 POINT = 4
 """Size of a beam's end [pixels]."""
+MAP_ALPHA = 0.3
+"""Of a map in RViz: on the dark background free space is then dark enough for white beams."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
     ]
     if scene.map is not None:
         displays.append(
-            f"    - Class: {plugins}/Map\n      Name: Map\n      Enabled: true\n      Alpha: 0.7\n"
+            f"    - Class: {plugins}/Map\n      Name: Map\n      Enabled: true\n      Alpha: {MAP_ALPHA}\n"
             + _topic(scene.map, "Topic", is_ros2, latched=True)
         )
     for topic in scene.scans:
@@ -105,8 +107,8 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
         f"    - Class: {plugins}/{name}\n" for name in ("Interact", "MoveCamera", "FocusCamera", "Measure")
     )
     text = (
+        # No other panel: without the state of the window, which only RViz writes, a second one takes the room of the view.
         f"Panels:\n  - Class: {common}/Displays\n    Name: Displays\n"
-        f"  - Class: {common}/Time\n    Name: Time\n    SyncMode: 0\n"
         'Visualization Manager:\n  Class: ""\n'
         f"  Displays:\n{''.join(displays)}"
         "  Enabled: true\n  Global Options:\n    Background Color: 16; 16; 16\n"

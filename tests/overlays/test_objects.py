@@ -7,9 +7,20 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from numpy.typing import NDArray
 
 from lidarcli.overlays.markers import Kind, Markers
-from lidarcli.overlays.objects import CLEAR, LEAST_SIDE, PART, SOLID, Colours, Poses, is_mirrored, markers_of
+from lidarcli.overlays.objects import (
+    BEHIND,
+    CLEAR,
+    LEAST_SIDE,
+    PART,
+    SOLID,
+    Colours,
+    Poses,
+    is_mirrored,
+    markers_of,
+)
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
 from lidarcli.tabular.schemas import OBJECTS
 
@@ -54,6 +65,12 @@ def rgb(text: str) -> list[float]:
     return [int(text[at : at + 2], 16) / 255 for at in (1, 3, 5)]
 
 
+def chosen(group: Markers) -> NDArray[np.float64]:
+    """The colours that were chosen for markers; letters are half as far from white."""
+    colour = group.colour[:, :3].astype(np.float64)
+    return 2 * colour - 1 if group.kind is Kind.LABEL else colour
+
+
 def test_a_plain_object_has_outline_body_and_label() -> None:
     groups = drawn({})
     assert [group.kind for group in groups] == [Kind.OUTLINE, Kind.CUBE, Kind.LABEL]
@@ -64,7 +81,7 @@ def test_a_plain_object_has_outline_body_and_label() -> None:
     assert body.position[0, :2].tolist() == [2.1, 1.1]
     assert body.scale[0, :2].tolist() == [0.6, 0.4]
     assert body.yaw.tolist() == [0.5]
-    assert words(label) == ["1: prismatic 0.60 x 0.40 m"]
+    assert words(label) == ["1: prismatic\n0.60 x 0.40 m"]
     assert label.position[0, 2] > body.scale[0, 2]
     assert [group.colour[0, 3] for group in groups] == pytest.approx([SOLID, CLEAR, SOLID])
     assert all(group.id.tolist() == [1] for group in groups)
@@ -73,7 +90,7 @@ def test_a_plain_object_has_outline_body_and_label() -> None:
 @pytest.mark.parametrize("shape", sorted(SHAPE_COLOURS))
 def test_an_object_has_the_colour_of_its_shape(shape: str) -> None:
     for group in drawn({"shape": shape}):
-        assert group.colour[0, :3].tolist() == pytest.approx(rgb(SHAPE_COLOURS[shape]))
+        assert chosen(group)[0].tolist() == pytest.approx(rgb(SHAPE_COLOURS[shape]), abs=1e-6)
     is_round = shape == "round"
     assert bool(of_kind(drawn({"shape": shape}), Kind.CYLINDER)) == is_round
     assert bool(of_kind(drawn({"shape": shape}), Kind.CUBE)) != is_round
@@ -83,12 +100,32 @@ def test_a_round_thing_is_as_wide_as_long() -> None:
     (body,) = of_kind(drawn({"shape": "round", "box_width": 0.1}), Kind.CYLINDER)
     assert body.scale[0, :2].tolist() == [0.6, 0.6]
     (label,) = of_kind(drawn({"shape": "round"}), Kind.LABEL)
-    assert words(label) == ["1: round 0.60 m"]
+    assert words(label) == ["1: round\n0.60 m"]
 
 
 def test_a_name_of_the_catalogue_stands_in_place_of_the_shape() -> None:
     (label,) = of_kind(drawn({"label": "Europalette €"}), Kind.LABEL)
-    assert words(label) == ["1: Europalette € 0.60 x 0.40 m"]
+    assert words(label) == ["1: Europalette €\n0.60 x 0.40 m"]
+
+
+@pytest.mark.parametrize("width", [None, 0.0, LEAST_SIDE])
+def test_the_label_tells_no_width_that_was_not_seen(width: float | None) -> None:
+    (label,) = of_kind(drawn({"box_width": width}), Kind.LABEL)
+    assert words(label) == ["1: prismatic\n0.60 m"]
+
+
+def test_labels_are_pale_and_in_the_shadow_of_their_objects() -> None:
+    for place in ((2.1, 1.1), (-3.0, 0.0), (0.0, 0.0)):
+        body, label = (
+            group
+            for group in drawn({"box_x": place[0], "box_y": place[1]})
+            if group.kind in (Kind.CUBE, Kind.LABEL)
+        )
+        behind = label.position[0, :2] - place
+        away = np.hypot(*place)
+        expected = np.array(place) / max(away, 1e-9) * (0.5 * np.hypot(0.6, 0.4) + BEHIND)
+        assert behind.tolist() == pytest.approx(expected.tolist())
+        assert label.colour[0, :3].tolist() == pytest.approx([(1 + each) / 2 for each in body.colour[0, :3]])
 
 
 @pytest.mark.parametrize(
@@ -138,10 +175,10 @@ def test_a_track_keeps_its_colour_whatever_its_shape_and_number() -> None:
     )
     colours: dict[int, set[tuple[float, ...]]] = {}
     for group in groups:
-        for number, colour in zip(group.id.tolist(), group.colour[:, :3].tolist(), strict=True):
-            colours.setdefault(number, set()).add(tuple(colour))
+        for number, colour in zip(group.id.tolist(), chosen(group).tolist(), strict=True):
+            colours.setdefault(number, set()).add(tuple(round(part, 5) for part in colour))
     assert {number: len(found) for number, found in colours.items()} == {9: 1, 10: 1}
-    assert colours[9].pop() == pytest.approx(rgb(TRACK_COLOURS[9 % len(TRACK_COLOURS)]))
+    assert colours[9].pop() == pytest.approx(rgb(TRACK_COLOURS[9 % len(TRACK_COLOURS)]), abs=1e-5)
 
 
 def test_no_two_markers_of_a_message_share_namespace_and_id() -> None:

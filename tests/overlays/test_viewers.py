@@ -68,3 +68,20 @@ def test_each_of_several_topics_has_markers_of_its_own() -> None:
     assert len(set(named.values())) == 4
     assert named["c"] == "/lidarcli/objects/c"
     assert topic_name("") == "/scan"
+
+
+@pytest.mark.parametrize("is_ros2", [True, False])
+def test_rviz_leaves_the_window_to_the_view(is_ros2: bool) -> None:
+    """Without a state of the window, a panel beside the displays takes all the room that the view has."""
+    config = YAML(typ="safe").load(rviz_config(SCENE, is_ros2=is_ros2))
+    assert [panel["Name"] for panel in config["Panels"]] == ["Displays"]
+    assert "QMainWindow State" not in config["Window Geometry"]
+
+
+@pytest.mark.parametrize("is_ros2", [True, False])
+def test_beams_are_clear_on_the_map(is_ros2: bool) -> None:
+    """Free space, which RViz draws nearly white, stays darker than half of the white of beams."""
+    options, shown = displays(SCENE, is_ros2=is_ros2)
+    (alpha,) = (each["Alpha"] for each in shown if each["Name"] == "Map")
+    ground = max(int(part) for part in options["Background Color"].split(";"))
+    assert 16 + 40 < alpha * 255 + (1 - alpha) * ground < 127
