@@ -203,7 +203,8 @@ class _Objects:
         """(N, 2) a place behind each, as seen by the sensor."""
         distance = np.hypot(*self._place.T)
         away = 0.5 * np.hypot(*self._sides.T) + BEHIND
-        return self._place * (1 + away / np.maximum(distance, LEAST_SIDE))[:, None]
+        behind: Float64 = self._place * (1 + away / np.maximum(distance, LEAST_SIDE))[:, None]
+        return behind
 
     def _texts(self, rows: NDArray[np.intp]) -> pa.StringArray:
         """Number, name and size of some objects."""
