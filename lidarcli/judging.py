@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,14 +27,27 @@ from lidarcli.sweeps import (
 class RangeRules:
     """How raw ranges become a range and a status. `no_return` holds words and metres, see `parse_no_return`."""
 
-    no_return: frozenset[str] = frozenset({"inf", "zero", "max", "above"})
+    no_return: frozenset[str] = frozenset({"inf", "zero", "max", "above", "pile"})
     markers: tuple[float, ...] = ()
     """Magic values [m] that stand for "no return" on some drivers (81.91, 50, ...)."""
     limits: tuple[float, float] | None = None
     """Range limits [m] that replace those of the messages."""
+    farthest: float = math.inf
+    """From here on [m] there is no return, because a pile of ranges is there (`logs.piles`)."""
+
+    @property
+    def words(self) -> frozenset[str]:
+        """Kinds of values that are no return: those that were named, and what a pile adds to them."""
+        return self.no_return | {"max", "above"} if self.farthest < math.inf else self.no_return
+
+    def in_order(self) -> list[str]:
+        """The words and markers as `--no-return` takes them."""
+        words = [word for word in NO_RETURN_WORDS if word in self.no_return]
+        return words + [f"{marker:g}" for marker in sorted(self.markers)]
 
 
-NO_RETURN_WORDS = ("inf", "zero", "max", "above", "nan", "negative", "below")
+PILE = "pile"
+NO_RETURN_WORDS = ("inf", "zero", "max", "above", PILE, "nan", "negative", "below")
 
 
 def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
@@ -128,11 +142,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
     if rules.limits is not None:
         range_min = np.full(rows, rules.limits[0], np.float32)
         range_max = np.full(rows, rules.limits[1], np.float32)
-    low = np.where(np.isfinite(range_min), np.maximum(range_min, NEAREST), NEAREST).astype(np.float32)
-    high = np.where(np.isfinite(range_max) & (range_max > low), np.minimum(range_max, FARTHEST), FARTHEST)
-    high = high.astype(np.float32)
-
-    clean, status = judge(raw.ranges, raw.beams, low, high, rules.no_return)
+    clean, status = judge(raw.ranges, raw.beams, *bounds(raw, rules), rules.words)
     for marker in rules.markers:
         with np.errstate(invalid="ignore"):
             marked = np.isclose(raw.ranges, marker, rtol=0, atol=1e-4) & (status != Status.PADDING.value)
@@ -157,6 +167,16 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         first_ns=first_ns,
         intensities=_told_intensities(raw.intensities),
     )
+
+
+def bounds(raw: RawSweeps, rules: RangeRules) -> tuple[Float32, Float32]:
+    """(S,) the least range of each sweep, and the value from which on there is none [m]."""
+    least, most = raw.range_min, raw.range_max
+    if rules.limits is not None:
+        least, most = (np.full(len(raw), limit, np.float32) for limit in rules.limits)
+    low = np.where(np.isfinite(least), np.maximum(least, NEAREST), NEAREST).astype(np.float32)
+    high = np.where(np.isfinite(most) & (most > low), np.minimum(most, FARTHEST), FARTHEST)
+    return low, np.minimum(high, rules.farthest).astype(np.float32)
 
 
 def _told_intensities(intensities: Float32 | None) -> Float32 | None:

@@ -271,7 +271,7 @@ def test_a_no_return_list_with_a_word_that_means_nothing() -> None:
     with pytest.raises(OptionError) as caught:
         parse_no_return("zero,minimum")
     assert str(caught.value) == (
-        "--no-return: 'minimum' is neither a number nor one of inf, zero, max, above, nan, negative, below"
+        "--no-return: 'minimum' is neither a number nor one of inf, zero, max, above, pile, nan, negative, below"
     )
     assert caught.value.exit_code == 2
 

@@ -27,7 +27,8 @@ TABLES = {
 METADATA = {
     metadata.VERSION: "version of lidarcli",
     metadata.PARAMETERS: "everything the result depends on, as JSON",
-    metadata.SOURCE: "name, size and format of the source log, and what tells its poses, as JSON",
+    metadata.SOURCE: "name, size and format of the source log, what tells its poses, and where a pile of ranges "
+    "is no return, as JSON",
     metadata.DAMAGE: "what could not be read, a JSON list; only where the source was damaged",
 }
 OTHER_CODES = {

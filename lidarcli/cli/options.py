@@ -324,10 +324,10 @@ def range_options(command: F) -> F:
             heading=RANGES,
             type=NoReturn(),
             metavar="LIST",
-            default="inf,zero,max,above",
+            default="inf,zero,max,above,pile",
             show_default=True,
-            help="Values that mean 'no return', comma separated: inf, zero, max, above, nan, negative, below, or metres "
-            "such as 81.91.",
+            help="Values that mean 'no return', comma separated: inf, zero, max, above, pile, nan, negative, below, or "
+            "metres such as 81.91.",
         ),
         option(
             "--range",

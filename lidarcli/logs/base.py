@@ -104,6 +104,10 @@ class ReadReport:
     """(topic, cause) → messages that were whole but cannot be a sweep (NaN geometry, count beyond the message)."""
     notes: list[str] = field(default_factory=list)
     """Choices the reader made that a user should know (the CSV layout taken, a missing metadata.yaml)."""
+    no_return: dict[str, float] = field(default_factory=dict)
+    """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`) …"""
+    range_notes: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """… and what a user should know of how its ranges are judged."""
 
     MAX_DAMAGE = 20
 
@@ -132,6 +136,12 @@ class ReadReport:
         self.damage_more += other.damage_more
         self.refused.update(other.refused)
         self.notes += [note for note in other.notes if note not in self.notes]
+        self.no_return.update(other.no_return)
+        self.range_notes.update(other.range_notes)
+
+    def notes_on_ranges(self) -> list[str]:
+        """What a user should know of how ranges are judged, topic by topic."""
+        return [note for notes in self.range_notes.values() for note in notes]
 
 
 @dataclass(frozen=True, slots=True)

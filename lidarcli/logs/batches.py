@@ -14,12 +14,13 @@ from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.choice import TopicChoice
+from lidarcli.logs.piles import MOST_TOPICS, Settling
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
 
 MOST_EVERY = 1_000_000
 """`every` is no larger."""
-MAX_TOPICS = 1000
+MAX_TOPICS = MOST_TOPICS
 """LaserScan topics of a log that are read at once."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
@@ -87,16 +88,19 @@ def read_batches(
             raise error
     lines: dict[str, _Line] = {}
     beyond: Counter[str] = Counter()
-    for block in log.scans(choice.asked, report):
-        if not choice.takes(block.topic):
-            continue
-        line = lines.get(block.topic)
-        if line is None and len(lines) == MAX_TOPICS:
-            beyond[block.topic] += len(block)
-            continue
-        if line is None:
-            line = lines[block.topic] = _Line(options)
-        yield from line.take(block)
+
+    def chosen() -> Iterator[RawSweeps]:
+        for block in log.scans(choice.asked, report):
+            if not choice.takes(block.topic):
+                continue
+            if block.topic not in lines and len(lines) == MAX_TOPICS:
+                beyond[block.topic] += len(block)
+                continue
+            lines.setdefault(block.topic, _Line(options))
+            yield block
+
+    for block, rules in Settling(options.rules, report).blocks(chosen()):
+        yield from lines[block.topic].take(block, rules)
     for topic, line in lines.items():
         yield from line.batches(final=True)
         if (note := line.empty_window(topic)) is not None:
@@ -143,6 +147,7 @@ class _Line:
 
     def __init__(self, options: ReadOptions) -> None:
         self._options = options
+        self._rules = options.rules
         self._count = 0
         self._begin_ns: int | None = None
         """Stamp of the topic's first sweep, also of one that is left out."""
@@ -152,8 +157,11 @@ class _Line:
         self._blocks: list[RawSweeps] = []
         self._sweeps: list[Int64] = []
 
-    def take(self, block: RawSweeps) -> Iterator[SweepBatch]:
-        """Number and filter a block; yield the batches that it completes."""
+    def take(self, block: RawSweeps, rules: RangeRules) -> Iterator[SweepBatch]:
+        """Number and filter a block; yield the batches that it completes, and those to which other rules apply."""
+        if rules != self._rules:
+            yield from self.batches(final=True)
+            self._rules = rules
         if self._begin_ns is None and len(block):
             self._begin_ns = int(block.rows(slice(0, 1)).time_ns[0])
         sweep = np.arange(self._count, self._count + len(block), dtype=np.int64)
@@ -207,7 +215,7 @@ class _Line:
             parts.pop()
         for part in parts:
             block, sweep = self._cut(part.stop - part.start)
-            yield normalise(block, sweep, self._options.rules, self._begin_ns)
+            yield normalise(block, sweep, self._rules, self._begin_ns)
 
     def _cut(self, rows: int) -> tuple[RawSweeps, Int64]:
         """Take the first `rows` of what waits, as wide as its widest sweep."""

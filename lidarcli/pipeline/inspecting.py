@@ -15,6 +15,7 @@ from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.judging import RangeRules, closure, normalise
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.choice import scan_topics
+from lidarcli.logs.piles import Settling
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sliced import made_of_clouds
 from lidarcli.pipeline.inputs.sources import Nothing, Source
@@ -113,17 +114,17 @@ def inspect_log(
         search = poses is not None and wanted.source != MATCH
         delays = DelaySearch(poses.sources, wanted.deskew) if poses is not None and search else None
         report = ReadReport()
-        for block in log.scans(None, report):
+        for block, judging in Settling(rules, report).blocks(log.scans(None, report)):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MAX_SCANS:
                     if key not in found:
                         found[key] = _Scan()
-                    found[key].add(block.rows(block.frame == code), rules)
+                    found[key].add(block.rows(block.frame == code), judging)
                 else:
                     only_counted[block.topic] += int(sweeps)
             if delays is not None:
-                delays.add(block, rules)
+                delays.add(block, judging)
             if progress is not None:
                 progress(log.position)
         topics = _with_counts(log.topics() or (), found, only_counted)
@@ -141,7 +142,12 @@ def inspect_log(
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
-            notes=(*report.notes, *_pose_notes(poses, delays, found), *_not_shown(only_counted)),
+            notes=(
+                *report.notes,
+                *report.notes_on_ranges(),
+                *_pose_notes(poses, delays, found),
+                *_not_shown(only_counted),
+            ),
             damage=tuple(damage_lines(report)),
         )
 

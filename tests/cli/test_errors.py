@@ -194,7 +194,7 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
         (
             "--no-return",
             "zero,naught",
-            "'naught' is neither a number nor one of inf, zero, max, above, nan, negative, below.",
+            "'naught' is neither a number nor one of inf, zero, max, above, pile, nan, negative, below.",
         ),
         ("--format", "xml", "'xml' is not one of 'ndjson', 'csv', 'arrow', 'parquet'."),
         ("--range-max", "0", "0 is not above 0."),

@@ -163,17 +163,29 @@ def test_parameters_tell_the_geometry(
 
 def test_a_parameter_counts_for_what_comes_after_it(tmp_path: Path) -> None:
     """Also within a block of lines, and without a number it counts for nothing."""
-    text = flaser() + "PARAM robot_front_laser_max 20.5 nohost 0\n" + flaser("13")
-    text += "PARAM robot_front_laser_max off nohost 0\nPARAM robot_front_laser_max\n" + flaser("14")
-    text += "PARAM robot_front_laser_max 30 nohost 0\n" + flaser("15")
-    assert only(log_of(tmp_path, text)).range_max.tolist() == [80.0, 20.5, 20.5, 30.0]
+
+    def sweep(stamp: str) -> str:
+        return flaser(stamp, ranges=[20.5, 30.0])
+
+    text = sweep("12") + "PARAM robot_front_laser_max 20.5 nohost 0\n" + sweep("13")
+    text += "PARAM robot_front_laser_max off nohost 0\nPARAM robot_front_laser_max\n" + sweep("14")
+    text += "PARAM robot_front_laser_max 30 nohost 0\n" + sweep("15")
+    inf = float("inf")
+    assert only(log_of(tmp_path, text)).ranges.tolist() == [
+        [20.5, 30.0],
+        [inf, 30.0],
+        [inf, 30.0],
+        [20.5, inf],
+    ]
 
 
-def test_what_is_beyond_the_greatest_range_is_no_return(tmp_path: Path) -> None:
-    text = "PARAM robot_front_laser_max 50 nohost 0\n" + flaser(ranges=[49.9, 50.0, 81.91, 0.0])
+def test_what_is_cut_off_and_what_is_beyond_the_greatest_range_is_no_return(tmp_path: Path) -> None:
+    """The parameter says where programs of the robot stop using ranges: the sensor sees what is beyond."""
+    text = "PARAM robot_front_laser_max 50 nohost 0\n" + flaser(ranges=[49.9, 50.0, 50.1, 81.91, 0.0])
     log_of(tmp_path, text).close()
     [batch] = lidarcli.read(tmp_path / "run.log")
-    assert batch.status.tolist() == [[Status.VALID, *[Status.NO_RETURN] * 3]]
+    assert batch.status.tolist() == [[Status.VALID, Status.NO_RETURN, Status.VALID, *[Status.NO_RETURN] * 2]]
+    assert batch.range_max.tolist() == [80.0]
 
 
 def test_steps_have_more_digits_than_six_decimals(tmp_path: Path) -> None:

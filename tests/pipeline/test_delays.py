@@ -244,9 +244,10 @@ class Counted:
 def test_no_more_is_read_than_it_takes(
     late: Path, monkeypatch: pytest.MonkeyPatch, enough: int, most: int, read: int
 ) -> None:
-    """A sample that is full, a limit, or the end of the log."""
+    """A sample that is full, a limit, or the end of the log; of the sweeps that are judged together all are read."""
     monkeypatch.setattr("lidarcli.poses.delay.SWEEPS", enough)
     monkeypatch.setattr(delays, "MOST_SWEEPS", most)
+    monkeypatch.setattr("lidarcli.logs.piles.WINDOW", 30)
     log = Counted(late)
     with log.log:
         poses = find_poses(log.log)

@@ -60,7 +60,7 @@ def test_parameters_are_in_the_metadata_and_nothing_else(tmp_path: Path) -> None
         "end": None,
         "every": 2,
         "range": None,
-        "no_return": ["above", "inf", "max", "zero"],
+        "no_return": ["above", "inf", "max", "pile", "zero"],
         "csv": {"fov": 1.5, "range_scale": 0.001},
     }
 

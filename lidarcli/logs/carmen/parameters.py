@@ -13,7 +13,11 @@ from lidarcli.logs.told import Told
 from lidarcli.sweeps import Bool, Float64, Int64
 
 MAX_RANGE = 80.0
-"""The greatest range [m] of a sweep whose log does not tell it: what SICK lasers write for no return is beyond it."""
+"""The greatest range [m] of a sweep whose line does not tell it: what SICK lasers write for no return is beyond it.
+
+The parameters `robot_front_laser_max` and `robot_rear_laser_max` do not tell it: they say up to where the programs of the
+robot were set to use ranges, and the lines also hold what was measured beyond. A range of just this value is cut off.
+"""
 
 _SPOKEN = {FRONT: "front", REAR: "rear"}
 _NAMES = {

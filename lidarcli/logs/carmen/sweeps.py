@@ -63,7 +63,8 @@ class SweepDecoder:
             bad |= told.bad
             first, step, most = _of_lines(told.values.reshape(-1, 4), beams)
         else:
-            first, step, most = self._of_parameters(laser, rows + first_line, beams)
+            first, step = self._of_parameters(laser, rows + first_line, beams)
+            most = np.full(len(rows), MAX_RANGE)
         first, step = as_told(self.options, first, step, beams)
         far = self.options.range_max
         most = most * scale if far is None else np.full(len(rows), far)
@@ -71,6 +72,10 @@ class SweepDecoder:
             self.report.add_damage(f"line {first_line + int(rows[row])}", not_a_number(cell))
         good = np.ones(len(rows), np.bool_)
         good[[*bad]] = False
+        ranges = pad(numbers.values[::width], beams, scale)
+        if not laser.geometry:
+            cut = self.parameters.at(laser.frame, "max", rows + first_line)
+            ranges[ranges == as_singles(cut * scale)[:, None]] = np.inf
         sound = keep_sound(
             RawSweeps(
                 topic=laser.topic,
@@ -83,7 +88,7 @@ class SweepDecoder:
                 range_min=np.zeros(len(rows), np.float32),
                 range_max=as_singles(most),
                 beams=beams.astype(np.int32),
-                ranges=pad(numbers.values[::width], beams, scale),
+                ranges=ranges,
                 intensities=_remissions(cells, found, some, numbers.values),
             ),
             good,
@@ -92,8 +97,8 @@ class SweepDecoder:
         if sound is not None:
             yield sound
 
-    def _of_parameters(self, laser: Laser, lines: Int64, beams: Int64) -> tuple[Float64, Float64, Float64]:
-        """Geometry and greatest range of sweeps whose lines hold none."""
+    def _of_parameters(self, laser: Laser, lines: Int64, beams: Int64) -> tuple[Float64, Float64]:
+        """First bearing and step of sweeps whose lines hold none."""
         first, step, guessed = geometry(
             beams, *(self.parameters.at(laser.frame, what, lines) for what in ("fov", "resolution"))
         )
@@ -105,9 +110,7 @@ class SweepDecoder:
                 f"{laser.topic}: no geometry in the log; by its {beams[row]} ranges it is taken to begin at "
                 f"{degrees[0]:g} degrees and to go on by {degrees[1]:.4g}; --angle-min and --angle-increment tell better"
             )
-        most = self.parameters.at(laser.frame, "max", lines)
-        with np.errstate(invalid="ignore"):
-            return first, step, np.where(most > 0, most, MAX_RANGE)
+        return first, step
 
 
 def _remissions(cells: Cells, found: Found, some: slice, ranges: NDArray[np.floating]) -> Float32 | None:

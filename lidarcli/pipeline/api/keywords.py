@@ -122,9 +122,9 @@ class Ranges(TypedDict, total=False):
     no_return: Annotated[
         str | Iterable[str | float],
         Keyword(
-            "what a driver writes for 'no return': inf, zero, max, above, nan, negative, below, or metres such as 81.91; "
-            "as a list or separated by commas",
-            "inf,zero,max,above",
+            "what a driver writes for 'no return': inf, zero, max, above, pile, nan, negative, below, or metres such as "
+            "81.91; as a list or separated by commas",
+            "inf,zero,max,above,pile",
         ),
     ]
     angle_min: Annotated[

@@ -11,6 +11,7 @@ import numpy as np
 from lidarcli.judging import RangeRules
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.choice import TopicChoice
+from lidarcli.logs.piles import Settling
 from lidarcli.sweeps import Int64, RawSweeps
 
 if TYPE_CHECKING:
@@ -111,8 +112,9 @@ def first_delays(
     empty = {topic.name for topic in log.topics() or () if topic.messages == 0}
     topics, sweeps = set(choice.chosen) - empty, 0
     # The damage that this pass meets is told by the one over all sweeps.
-    for block in log.scans(choice.asked, ReadReport()):
-        search.add(block, rules)
+    report = ReadReport()
+    for block, judging in Settling(rules, report).blocks(log.scans(choice.asked, report)):
+        search.add(block, judging)
         sweeps += len(block)
         if sweeps >= MOST_SWEEPS or search.whole(topics):
             break

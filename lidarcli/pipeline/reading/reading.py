@@ -165,9 +165,13 @@ class Reading:
         return summary
 
     def describe(self, source: Source) -> dict[str, Any]:
-        """What the tables' metadata says of the source, and of its poses where it has some."""
-        poses, clouds = self._posing.described(), made_of_clouds(self._log)
-        told = {name: what for name, what in (("poses", poses), ("made_of_clouds", clouds)) if what}
+        """What the tables' metadata says of the source, its poses, and from where on [m] a pile of ranges is no return."""
+        told = {
+            "poses": self._posing.described(),
+            "made_of_clouds": made_of_clouds(self._log),
+            "no_return_from": dict(sorted(self._report.no_return.items())),
+        }
+        told = {name: what for name, what in told.items() if what}
         return describe_source(source, self._log) | told
 
     def __enter__(self) -> Self:

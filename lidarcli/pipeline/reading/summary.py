@@ -93,7 +93,7 @@ class RunSummary:
         report = posing.together(report)
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
         self.damage = damage_lines(report)
-        self.notes = [*report.notes, *posing.notes()]
+        self.notes = [*report.notes, *report.notes_on_ranges(), *posing.notes()]
 
 
 def damage_lines(report: ReadReport) -> list[str]:

@@ -1,0 +1,280 @@
+"""The value that a sensor writes for no return, where nobody has told it: a pile of ranges at the most that a log holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lidarcli.judging import FARTHEST, PILE, RangeRules, bounds, judge
+from lidarcli.logs.base import ReadReport
+from lidarcli.sweeps import Float32, RawSweeps, concatenate
+
+WINDOW = 256
+"""Sweeps of a topic that are looked at together before any of them is judged …"""
+WINDOW_VALUES = 1 << 17
+"""… and the most ranges of theirs: they wait in memory."""
+THIN = 4
+"""Of so many of them one is looked at; all that follows counts these alone."""
+LEAST_SWEEPS = 5
+"""So many sweeps have to hold a value that is a pile …"""
+LEAST_BEAMS = 10
+"""… at so many bearings where there is something nearer in other sweeps …"""
+LEAST_NEARER = 0.1
+"""… in this share of those with either …"""
+MOST_STEADY = 0.5
+"""… and no more than this share of it at others: whoever stands sees a far wall at the same bearings all the time."""
+LEAST_SHARE = 0.002
+"""Share of all beams that a pile holds."""
+SPREAD = 0.06
+"""[m] A pile is one value, or two that are up to 5 cm apart, each a centimetre wide …"""
+TWO_VALUES = 0.8
+"""… and two values to the millimetre hold this share of it: what is measured spreads over more."""
+CLEAR = 20
+"""Each value to the millimetre that is a little less, and all that is above, occurs by so many times less often."""
+BAND, LEAST_BAND = 0.01, 0.25
+"""So far below, as a share of the range and no less [m], the others are looked for."""
+NEARER = 0.1
+"""What is seen through is nearer by this share of the range."""
+RARE = 0.01
+"""A value of the pile is one that occurs at least this share of times its most frequent one does."""
+MOST_PILES = 3
+"""In a window; each is below the one before."""
+COARSE, MOST_COARSE = 0.25, 1 << 12
+"""[m] Width of the bins in which piles are looked for first, and how many there are; the last has no end."""
+MOST_LOST = 0.03
+"""Share of all beams beyond the greatest range of a log that is worth a note, where they look like measurements."""
+LEAST_LOST = 50
+"""No fewer beams do."""
+MOST_TOPICS = 1000
+"""Of which sweeps wait; those of further ones are judged as they come."""
+
+MILLIMETRES = 1000.0
+
+
+@dataclass(slots=True)
+class Settling:
+    """Tells by which rules sweeps are judged: a fold over the blocks of a log, whatever they are cut into.
+
+    What is found in a window of sweeps counts for these and all later ones of their topic.
+    """
+
+    rules: RangeRules
+    report: ReadReport
+    """Takes what a user should know, in one note for each topic, and the values that were found."""
+    _topics: dict[str, _Topic] = field(default_factory=dict)
+
+    def blocks(self, blocks: Iterable[RawSweeps]) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        """The sweeps of a log in its order within each topic, and the rules for them."""
+        for block in blocks:
+            topic = self._topics.get(block.topic)
+            if topic is None and len(self._topics) == MOST_TOPICS:
+                yield block, self.rules
+                continue
+            if topic is None:
+                topic = self._topics[block.topic] = _Topic(self.rules, self.report)
+            yield from topic.take(block)
+        for topic in self._topics.values():
+            yield from topic.settle()
+
+
+@dataclass(slots=True)
+class _Topic:
+    """The sweeps of one topic that wait until their window is full."""
+
+    rules: RangeRules
+    report: ReadReport
+    _waiting: list[RawSweeps] = field(default_factory=list)
+    _sweeps: int = 0
+    _values: int = 0
+    _seen: int = 0
+    """Sweeps of the windows before this one."""
+    _beams: int = 0
+    _looked: int = 0
+    """Of them those of the sweeps that were looked at."""
+    _since: int = 0
+    """The sweep from which the rules are other than those that were told."""
+    _piled: int = 0
+    """Beams that a pile has made no return."""
+    _most: float = 0.0
+    """Its greatest value [m]."""
+    _lost: int = 0
+    """Beams beyond the greatest range that the log tells, which look like measurements …"""
+    _lost_range: tuple[float, float] = (0.0, 0.0)
+    """… that range, and the greatest of them [m]."""
+
+    def take(self, block: RawSweeps) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        """Wait with a block; what fills a window comes out."""
+        first = 0
+        while first < len(block):
+            ends = self._values + np.cumsum(
+                block.beams[first : first + WINDOW - self._sweeps], dtype=np.int64
+            )
+            rows = int(np.searchsorted(ends, WINDOW_VALUES, side="right"))
+            # A sweep of more values is a window of its own.
+            rows = rows if rows or self._waiting else 1
+            if rows:
+                self._waiting.append(block.rows(slice(first, first + rows)))
+                self._values = int(ends[rows - 1])
+                self._sweeps += rows
+            first += rows
+            if rows < len(ends) or self._sweeps == WINDOW:
+                yield from self.settle()
+
+    def settle(self) -> Iterator[tuple[RawSweeps, RangeRules]]:
+        """Look at what waits, and let it go."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            self._look(waiting)
+        self._seen += self._sweeps
+        self._sweeps = self._values = 0
+        for block in waiting:
+            yield block, self.rules
+
+    def _look(self, waiting: list[RawSweeps]) -> None:
+        window = concatenate(_every(waiting, THIN))
+        told = replace(self.rules, farthest=math.inf)
+        low, high = bounds(window, told)
+        self._looked += int(window.beams.sum())
+        if self.rules.limits is None:
+            self._look_beyond(window, high)
+        if PILE in self.rules.no_return:
+            clean, _ = judge(
+                window.ranges, window.beams, low, bounds(window, self.rules)[1], self.rules.words
+            )
+            for marker in self.rules.markers:
+                clean[np.isclose(window.ranges, marker, rtol=0, atol=1e-4)] = np.nan
+            self._look_for_piles(window.topic, clean, int(window.beams.sum()))
+            self._count_piled(waiting, told)
+        self._tell(window.topic)
+
+    def _look_for_piles(self, topic: str, ranges: Float32, beams: int) -> None:
+        for _ in range(MOST_PILES):
+            pile = _pile(ranges, beams)
+            if pile is None:
+                return
+            if not self._most:
+                self._since, self._most = self._seen, pile[1]
+            self.rules = replace(self.rules, farthest=pile[0])
+            self.report.no_return[topic] = pile[0]
+            with np.errstate(invalid="ignore"):
+                ranges[ranges >= np.float32(pile[0])] = np.nan
+
+    def _count_piled(self, blocks: list[RawSweeps], told: RangeRules) -> None:
+        """Count the beams that are no return by a pile, and all."""
+        for block in blocks:
+            self._beams += int(block.beams.sum())
+            if self._most:
+                here = block.ranges >= np.float32(self.rules.farthest)
+                here &= block.ranges < bounds(block, told)[1][:, None]
+                self._piled += int(np.count_nonzero(here & (np.arange(here.shape[1]) < block.beams[:, None])))
+
+    def _look_beyond(self, window: RawSweeps, high: Float32) -> None:
+        with np.errstate(invalid="ignore"):
+            beyond = (window.ranges > high[:, None]) & (window.ranges <= FARTHEST)
+        beyond &= np.arange(window.ranges.shape[1]) < window.beams[:, None]
+        if np.count_nonzero(beyond) <= MOST_LOST * window.beams.sum():
+            return
+        values, counts = np.unique(_millimetres(window.ranges[beyond]), return_counts=True)
+        # What a driver writes for no return is one value, or a few.
+        usual = counts * CLEAR > counts.sum()
+        lost = counts[~usual].sum()
+        if lost <= max(MOST_LOST * window.beams.sum(), LEAST_LOST):
+            return
+        self._lost += int(lost)
+        greatest = max(self._lost_range[1], float(values[~usual][-1] / MILLIMETRES))
+        self._lost_range = float(high[0]), greatest
+
+    def _tell(self, topic: str) -> None:
+        """Put what is known into the report, in place of what was known before."""
+        notes = []
+        if self._most:
+            since = f"from sweep {self._since} on, " if self._since else ""
+            value = _span(self.rules.farthest, self._most)
+            words = ",".join(word for word in self.rules.in_order() if word != PILE)
+            notes.append(
+                f"{topic}: {since}{self._piled / self._beams:.1%} of the beams end at {value}, the most there is: "
+                f"taken as no return; --no-return {words} takes them as measured, --range MIN MAX sets another limit"
+            )
+        if self._lost > MOST_LOST * self._looked:
+            limit, greatest = self._lost_range
+            notes.append(
+                f"{topic}: {self._lost / self._looked:.1%} of the beams are beyond the greatest range of {limit:g} m that "
+                f"the log tells, but look like measurements; --range 0 {np.ceil(greatest):g} takes them"
+            )
+        if notes:
+            self.report.range_notes[topic] = tuple(notes)
+        else:
+            self.report.range_notes.pop(topic, None)
+
+
+def _every(blocks: list[RawSweeps], step: int) -> list[RawSweeps]:
+    """Each `step`-th sweep of blocks that follow each other, the first one too."""
+    found, first = [], 0
+    for block in blocks:
+        rows = block.rows(slice(-first % step, None, step))
+        first += len(block)
+        if len(rows):
+            found.append(rows)
+    return found
+
+
+def _span(least: float, most: float) -> str:
+    return f"{least:g} m" if most - least < 1e-4 else f"{least:g} to {most:g} m"
+
+
+def _millimetres(values: Float32) -> np.ndarray:
+    return np.rint(values * np.float64(MILLIMETRES)).astype(np.int64)
+
+
+def _pile(ranges: Float32, beams: int) -> tuple[float, float] | None:
+    """The least and the greatest value of the farthest pile of (S, B) ranges, NaN where there is none [m]."""
+    known = ranges[~np.isnan(ranges)]
+    bins = np.minimum(known * np.float32(1.0 / COARSE), MOST_COARSE - 1).astype(np.int64)
+    counts = np.bincount(bins, minlength=1)
+    # From the far end, where the first share of the beams lies that could be a pile.
+    above = np.cumsum(counts[::-1])
+    if not len(known) or above[-1] < LEAST_SHARE * beams:
+        return None
+    place = len(counts) - 1 - int(np.argmax(above >= LEAST_SHARE * beams))
+    edge = (place - 1) * COARSE
+    band = max(LEAST_BAND, BAND * edge)
+    with np.errstate(invalid="ignore"):
+        far = ranges >= np.float32(edge - band)
+    values, counts = np.unique(_millimetres(ranges[far]), return_counts=True)
+    if not len(values):
+        return None
+    at = int(counts.argmax())
+    band = max(LEAST_BAND, BAND * values[at] / MILLIMETRES)
+    near = np.abs(values - values[at]) <= SPREAD * MILLIMETRES
+    below = ~near & (values < values[at]) & (values >= values[at] - band * MILLIMETRES)
+    over = ~near & (values > values[at])
+    two = np.sort(counts[near])[-2:].sum()
+    if (
+        two < TWO_VALUES * counts[near].sum()
+        or max(counts[over].sum(), counts[below].max(initial=0)) * CLEAR > two
+    ):
+        return None
+    kept = values[near & (counts >= RARE * counts[at])]
+    pile = ranges[
+        far & (ranges >= (kept[0] - 0.5) / MILLIMETRES) & (ranges <= (kept[-1] + 0.5) / MILLIMETRES)
+    ]
+    # The shortest decimals are what the sensor's driver has in mind.
+    least, most = float(str(pile.min())), float(str(pile.max()))
+    return (least, most) if _is_seen_through(ranges, least, beams) else None
+
+
+def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
+    """Whether what is from `least` on comes and goes at many bearings, and is no wall."""
+    with np.errstate(invalid="ignore"):
+        piled = ranges >= np.float32(least)
+        nearer = ranges < np.float32(least * (1.0 - NEARER))
+    if np.count_nonzero(piled.any(axis=1)) < LEAST_SWEEPS:
+        return False
+    hits, others = np.count_nonzero(piled, axis=0), np.count_nonzero(nearer, axis=0)
+    changing = (hits > 0) & (others >= LEAST_NEARER * (hits + others))
+    seen = int(hits[changing].sum())
+    enough = seen >= LEAST_SHARE * beams and hits.sum() - seen <= MOST_STEADY * hits.sum()
+    return bool(enough and np.count_nonzero(changing) >= LEAST_BEAMS)

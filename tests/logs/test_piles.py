@@ -1,0 +1,275 @@
+"""Ranges that pile up at the most that a log holds are no return; walls far away are none."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import lidarcli
+from lidarcli.cli import run
+from lidarcli.judging import RangeRules
+from lidarcli.logs import open_log
+from lidarcli.logs.base import ReadReport
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.piles import WINDOW, WINDOW_VALUES
+from lidarcli.simulate.carmen_writer import write_carmen
+from lidarcli.simulate.csv_writer import write_csv
+from lidarcli.simulate.mcap_writer import write_mcap
+from lidarcli.sweeps import Float32, RawSweeps, Status, SweepBatch
+from tests.fake_log import FakeLog
+from tests.places import REAL_LOGS, needs_real_logs
+from tests.sweeping import raw_sweeps
+
+SWEEPS, BEAMS = 300, 180
+NO_RETURN = Status.NO_RETURN.value
+
+
+def driven(
+    values: tuple[float, ...] = (50.0,), share: float = 0.1, sweeps: int = SWEEPS, seed: int = 1
+) -> Any:
+    """(S, B) ranges [m] of a sensor that is driven about: here and there nothing comes back, wherever it looks."""
+    rng = np.random.default_rng(seed)
+    ranges = np.round(2.0 + 10.0 * rng.random((sweeps, BEAMS)), 2)
+    nothing = rng.random((sweeps, BEAMS)) < share
+    ranges[nothing] = rng.choice(values, nothing.sum())
+    return ranges.astype(np.float32)
+
+
+def judged(*blocks: RawSweeps, **options: Any) -> tuple[list[SweepBatch], ReadReport]:
+    """The batches of a log of these blocks, and what reading it has met."""
+    report = ReadReport()
+    return list(read_batches(FakeLog(blocks), ReadOptions(**options), report)), report
+
+
+def far(ranges: Float32, **columns: Any) -> RawSweeps:
+    return raw_sweeps(ranges, range_max=80.0, angle_increment=np.pi / BEAMS, **columns)
+
+
+def statuses(batches: list[SweepBatch]) -> Any:
+    return np.concatenate([batch.status for batch in batches])
+
+
+@pytest.mark.parametrize(
+    "values", [(50.0,), (51.14, 51.15), (51.06, 51.11), (32.76,), (65.533,), (30.0,), (13.0 - 1e-4,)], ids=str
+)
+def test_a_pile_at_the_most_that_a_log_holds_is_no_return(values: tuple[float, ...]) -> None:
+    ranges = driven(values)
+    batches, report = judged(far(ranges))
+    piled = ranges > 12.5
+    assert (statuses(batches)[piled] == NO_RETURN).all()
+    assert (statuses(batches)[~piled] == Status.VALID.value).all()
+    assert report.no_return == {"/scan": pytest.approx(min(values), abs=1e-5)}
+    [note] = report.notes_on_ranges()
+    value = f"{min(values):g} m" if len(values) == 1 else f"{values[0]:g} to {values[1]:g} m"
+    assert note == (
+        f"/scan: {piled.mean():.1%} of the beams end at {value}, the most there is: taken as no return; --no-return "
+        "inf,zero,max,above takes them as measured, --range MIN MAX sets another limit"
+    )
+
+
+def test_stray_values_about_a_pile_do_not_hide_it() -> None:
+    ranges = driven()
+    ranges[::50, 7] = 50.3
+    ranges[5::60, 99] = 49.7
+    batches, report = judged(far(ranges))
+    assert report.no_return == {"/scan": 50.0}
+    assert (statuses(batches) == NO_RETURN).tolist() == (ranges >= 50.0).tolist()
+
+
+def test_a_second_pile_below_the_first_is_one_too() -> None:
+    ranges = driven((30.0, 50.0))
+    batches, report = judged(far(ranges))
+    assert report.no_return == {"/scan": 30.0}
+    assert "30 to 50 m" in report.notes_on_ranges()[0]
+    assert (statuses(batches) == NO_RETURN).tolist() == (ranges >= 30.0).tolist()
+
+
+def test_whoever_names_what_is_no_return_gets_that() -> None:
+    ranges = driven()
+    words = RangeRules().no_return - {"pile"}
+    batches, report = judged(far(ranges), rules=RangeRules(words))
+    assert (statuses(batches) == Status.VALID.value).all()
+    assert not report.no_return
+    assert not report.range_notes
+    for rules in (
+        RangeRules(markers=(50.0,)),
+        RangeRules(limits=(0.0, 50.0)),
+        RangeRules(limits=(0.0, 40.0)),
+    ):
+        batches, report = judged(far(ranges), rules=rules)
+        assert (statuses(batches) == NO_RETURN).tolist() == (ranges >= 50.0).tolist()
+        assert not report.range_notes
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_neither_blocks_nor_batches_matter(size: int) -> None:
+    """A pile that comes late counts from its window of sweeps on."""
+    ranges = np.concatenate([driven(share=0.0, sweeps=2 * WINDOW), driven(seed=2)])
+    ranges[40::300, 3] = 50.0
+    whole = far(ranges)
+    blocks = [whole.rows(slice(at, at + size)) for at in range(0, len(whole), size)]
+    batches, report = judged(*blocks, batch_size=max(size, 5))
+    expected, told = judged(whole)
+    assert statuses(batches).tolist() == statuses(expected).tolist()
+    assert report == told
+    piled = (ranges == 50.0) & (np.arange(len(ranges)) >= 2 * WINDOW)[:, None]
+    assert (statuses(batches) == NO_RETURN).tolist() == piled.tolist()
+    assert report.notes_on_ranges()[0].startswith(f"/scan: from sweep {2 * WINDOW} on, 3.6% ")
+
+
+def test_sweeps_that_are_left_out_do_not_matter() -> None:
+    whole = far(np.concatenate([driven(), driven(share=0.0, seed=2)]))
+    every, report = judged(whole, every=100, start=2.0)
+    assert report.no_return == {"/scan": 50.0}
+    expected = statuses(judged(whole)[0])
+    assert statuses(every).tolist() == expected[100::100].tolist()
+
+
+def test_each_topic_has_its_own() -> None:
+    first, second = far(driven((50.0,)), topic="/a"), far(driven((30.0,), seed=3), topic="/b")
+    _, report = judged(first, second)
+    assert report.no_return == {"/a": 50.0, "/b": 30.0}
+    assert len(report.notes_on_ranges()) == 2
+
+
+def test_windows_are_bounded_by_their_ranges() -> None:
+    """Sweeps of many beams wait in no greater number than there is room for."""
+    beams = WINDOW_VALUES // 40
+    ranges = np.random.default_rng(1).uniform(2.0, 10.0, (81, beams)).astype(np.float32)
+    ranges[40:, ::7] = 50.0
+    ranges[41::3, ::7] = 5.0
+    _, report = judged(raw_sweeps(ranges, range_max=80.0))
+    assert report.range_notes["/scan"][0].startswith("/scan: from sweep 40 on, ")
+
+
+def noisy(ranges: Any, sigma: float, step: float, seed: int = 1) -> Float32:
+    noise = np.random.default_rng(seed).normal(0.0, sigma, np.shape(ranges))
+    return (np.round((ranges + noise) / step) * step).astype(np.float32)
+
+
+def square(yaw: Any, side: float = 8.0) -> Any:
+    """(S, B) ranges from the middle of a square room, by the direction of the sensor (S,)."""
+    bearing = np.asarray(yaw)[:, None] + np.linspace(0.0, 2 * np.pi, BEAMS, endpoint=False)
+    return 0.5 * side / np.maximum(np.abs(np.cos(bearing)), np.abs(np.sin(bearing)))
+
+
+def tank(sigma: float, step: float) -> Float32:
+    """A standing sensor in a round tank; somebody walks about in it, and in the end stands still."""
+    ranges = noisy(np.full((SWEEPS, BEAMS), 2.0), sigma, step)
+    for sweep in range(SWEEPS):
+        first = min(sweep, 200) % (BEAMS - 20)
+        ranges[sweep, first : first + 20] = 1.2
+    return ranges
+
+
+def wall(sigma: float, step: float) -> Float32:
+    """A parked sensor before a wall far away, and things that come and go between."""
+    bearing = np.linspace(-0.6, 0.6, BEAMS)
+    ranges = noisy(np.tile(18.0 / np.cos(bearing), (SWEEPS, 1)), sigma, step)
+    hidden = np.random.default_rng(2).random((SWEEPS, BEAMS)) < 0.3
+    ranges[hidden] = 3.0
+    return ranges
+
+
+@pytest.mark.parametrize("step", [1e-6, 0.001, 0.01])
+@pytest.mark.parametrize("sigma", [0.0, 0.002, 0.005, 0.01])
+@pytest.mark.parametrize(
+    "room",
+    [
+        tank,
+        wall,
+        lambda sigma, step: noisy(square(np.zeros(SWEEPS)), sigma, step),
+        lambda sigma, step: noisy(square(0.01 * np.arange(SWEEPS)), sigma, step),
+        lambda sigma, step: noisy(square(np.arange(SWEEPS) * np.pi / BEAMS), sigma, step),
+    ],
+    ids=["tank", "wall", "parked", "turning", "turning by beams"],
+)
+def test_walls_are_no_pile(room: Callable[[float, float], Float32], sigma: float, step: float) -> None:
+    batches, report = judged(far(room(sigma, step)))
+    assert not report.no_return
+    assert not report.range_notes
+    assert (statuses(batches) == Status.VALID.value).all()
+
+
+def test_a_few_sweeps_are_not_enough() -> None:
+    _, report = judged(far(driven(sweeps=15)))
+    assert not report.no_return
+
+
+def test_one_beam_is_not_enough() -> None:
+    """A beam that always tells the same, as of a part of the robot that some program has cut out."""
+    ranges = driven(share=0.0)
+    ranges[::2, -1] = 50.0
+    _, report = judged(far(ranges))
+    assert not report.no_return
+
+
+def test_a_limit_of_the_log_that_takes_measurements_away_is_told() -> None:
+    ranges = driven(share=0.0)
+    _, report = judged(raw_sweeps(ranges, range_max=8.0))
+    share = float(np.mean(ranges[np.r_[:256:4, 256:300:4]] > 8.0))
+    assert report.notes_on_ranges() == [
+        f"/scan: {share:.1%} of the beams are beyond the greatest range of 8 m that the log tells, but look like "
+        "measurements; --range 0 12 takes them"
+    ]
+    _, report = judged(raw_sweeps(ranges, range_max=8.0), rules=RangeRules(limits=(0.0, 8.0)))
+    assert not report.range_notes
+    _, report = judged(raw_sweeps(ranges, range_max=11.9))
+    assert not report.range_notes
+
+
+def test_one_value_beyond_the_limit_is_what_a_driver_writes() -> None:
+    ranges = driven((81.91,))
+    batches, report = judged(far(ranges))
+    assert not report.range_notes
+    assert (statuses(batches) == NO_RETURN).tolist() == (ranges > 80).tolist()
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("piles") / "run.mcap"
+    write_mcap(path, [far(driven())])
+    return path
+
+
+def test_every_way_to_read_a_log_says_the_same(log: Path, tmp_path: Path) -> None:
+    piled = int(np.count_nonzero(driven() == 50.0))
+    with pytest.warns(UserWarning, match="end at 50 m"):
+        batches = list(lidarcli.read(log))
+    assert np.count_nonzero(statuses(batches) == NO_RETURN) == piled
+    assert lidarcli.info(log)[0]["scans"][0]["beams_by_status"]["no_return"] == piled
+    assert run(["-q", "detect", str(log), "-o", str(tmp_path)]) == 0
+    table = pq.read_table(tmp_path / "run.sweeps.parquet")
+    assert sum(table["no_return"].to_pylist()) == piled
+    assert json.loads(table.schema.metadata[b"lidarcli.source"])["no_return_from"] == {"/scan": 50.0}
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.log"])
+def test_any_container_has_piles(name: str, tmp_path: Path) -> None:
+    block = replace(far(driven((30.0,))), range_min=np.zeros(SWEEPS, np.float32))
+    path = tmp_path / name
+    write_csv(path, [block]) if name.endswith("csv") else write_carmen(path, [block])
+    with pytest.warns(UserWarning, match="end at 30 m"):
+        batches = list(lidarcli.read(path))
+    assert (statuses(batches) == NO_RETURN).tolist() == (block.ranges == 30.0).tolist()
+
+
+@needs_real_logs
+@pytest.mark.parametrize(("name", "limit"), [("acapulco", 51.14), ("edmonton", 51.1), ("belgioioso", None)])
+def test_real_sensors(name: str, limit: float | None) -> None:
+    """A SICK that writes 51.15 m, one of which a parameter says 10 m, and one that writes 81.91 m, as its class does."""
+    path = REAL_LOGS.parent / "judged" / "logs" / "carmen_ple" / f"{name}-corrected.log.gz"
+    if not path.is_file():
+        pytest.skip("not among the recordings")
+    report = ReadReport()
+    with open_log(str(path)) as log:
+        for _ in read_batches(log, ReadOptions(), report):
+            pass
+    assert report.no_return == ({} if limit is None else {"/front_laser": pytest.approx(limit)})
