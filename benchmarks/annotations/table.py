@@ -12,12 +12,12 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.annotations.pieces import MOST_LOST, Piece
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps import Bool, Int64
 
 Verdict = Literal["building", "thing", "own", "unclear"]
 VERDICTS: tuple[Verdict, ...] = ("building", "thing", "own", "unclear")
 BUILDING, THING, OWN, UNCLEAR = range(4)
-NOT_JUDGED = -1
+NOT_JUDGED, STRAY = -1, -2
 PLACES = ("open", "lab", "room", "corridor")
 LABELS = Path(__file__).with_name("labels.csv")
 FIELDS = ("log", "topic", "sweep", "place", "first", "last", "verdict", "thing")
@@ -33,15 +33,18 @@ class Judged:
     sweep: int
     place: str
     verdict: Int64
-    """(B,) code into `VERDICTS`; `NOT_JUDGED` for beams in no piece."""
+    """(B,) code into `VERDICTS`; for beams in no piece `STRAY` where they have a range, else `NOT_JUDGED`."""
     thing: Int64
     """(B,) number of the thing, from 1 on; 0 for what is none."""
 
 
-def answered(text: str, found: list[Piece], beams: int) -> tuple[str, Int64, Int64]:
-    """What a file of answers says of a sweep: place, verdicts, numbers of things; ValueError where it says nothing."""
-    verdict = np.full(beams, NOT_JUDGED, np.int64)
-    thing = np.zeros(beams, np.int64)
+def answered(text: str, found: list[Piece], has_range: Bool) -> tuple[str, Int64, Int64]:
+    """What a file of answers says of a sweep: place, verdicts, numbers of things; ValueError where it says nothing.
+
+    `has_range` (B,): which beams have one.
+    """
+    verdict = np.where(has_range, STRAY, NOT_JUDGED)
+    thing = np.zeros(len(has_range), np.int64)
     for piece in found:
         verdict[piece.beams] = BUILDING
     place, number = "", 0
@@ -78,13 +81,14 @@ def write(path: Path, sweeps: Iterable[Judged]) -> None:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(FIELDS)
         for each in sweeps:
-            code = np.where(each.verdict == NOT_JUDGED, -1, each.verdict * 1000 + each.thing)
-            judged = np.flatnonzero(code >= 0)
+            code = each.verdict * 1000 + each.thing
+            judged = np.flatnonzero(each.verdict >= 0)
             if not len(judged):
                 continue
-            # Few lost beams lie within the stretch of their neighbours.
-            ends = np.flatnonzero((np.diff(code[judged]) != 0) | (np.diff(judged) > MOST_LOST + 1)) + 1
-            for part in np.split(judged, ends):
+            # Few lost beams lie within the stretch of their neighbours; a stray, which was not judged, ends it.
+            strays = np.cumsum(each.verdict == STRAY)[judged]
+            breaks = (np.diff(code[judged]) != 0) | (np.diff(judged) > MOST_LOST + 1) | (np.diff(strays) > 0)
+            for part in np.split(judged, np.flatnonzero(breaks) + 1):
                 kind, number = divmod(int(code[part[0]]), 1000)
                 row = (
                     each.log,

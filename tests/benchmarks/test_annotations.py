@@ -18,6 +18,7 @@ from benchmarks.annotations.table import (
     NOT_JUDGED,
     OWN,
     PLACES,
+    STRAY,
     THING,
     UNCLEAR,
     Judged,
@@ -61,7 +62,7 @@ def test_answers_are_read_and_written(tmp_path: Path) -> None:
     batch = board_before_a_wall()
     found = pieces(batch, 0)
     text = "thing 1\nthing 2[80-89]\nunclear 0[0-9]\nown 0[40-49]\nplace lab\n"
-    place, verdict, thing = answered(text, found, 121)
+    place, verdict, thing = answered(text, found, ~np.isnan(batch.ranges[0]))
     assert place == "lab"
     assert (verdict[50:70] == THING).all()
     assert (thing[50:70] == 1).all()
@@ -78,6 +79,25 @@ def test_answers_are_read_and_written(tmp_path: Path) -> None:
     known = verdict != NOT_JUDGED
     np.testing.assert_array_equal(beams[known], verdict[known])
     np.testing.assert_array_equal(numbers[known], thing[known])
+    # The two lost beams lie within the wall.
+    assert (beams[20:22] == BUILDING).all()
+
+
+def test_a_stray_beam_has_no_verdict_of_its_neighbours(tmp_path: Path) -> None:
+    """One to three beams with a range that lie in no piece, amid a wall of one verdict."""
+    bearings = -0.6 + 0.01 * np.arange(121)
+    ranges = 4.0 / np.cos(bearings)
+    strays = [20, 40, 41, 60]
+    ranges[strays] = [3.0, 2.5, 1.5, 6.0]
+    ranges[59] = ranges[80] = np.nan
+    batch = sweep(ranges, angle_min=-0.6, angle_increment=0.01)
+    place, verdict, thing = answered("place room\n", pieces(batch, 0), ~np.isnan(ranges))
+    assert np.flatnonzero(verdict == STRAY).tolist() == strays
+    assert np.flatnonzero(verdict == NOT_JUDGED).tolist() == [59, 80]
+    write(tmp_path / "labels.csv", [Judged("a.bag", "/scan", 7, place, verdict, thing)])
+    (again,) = read(tmp_path / "labels.csv")
+    stretches = [(each.first, each.last) for each in again.stretches]
+    assert stretches == [(0, 19), (21, 39), (42, 58), (61, 120)]
 
 
 @pytest.mark.parametrize(
@@ -85,7 +105,7 @@ def test_answers_are_read_and_written(tmp_path: Path) -> None:
 )
 def test_answers_that_say_nothing_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="no "):
-        answered(text, pieces(board_before_a_wall(), 0), 121)
+        answered(text, pieces(board_before_a_wall(), 0), np.ones(121, bool))
 
 
 def test_detections_are_held_against_what_was_judged() -> None:
