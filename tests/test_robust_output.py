@@ -270,3 +270,24 @@ def keep_in_wal(path: Path) -> None:
     Path(f"{path}-wal").write_bytes(Path(f"{work}-wal").read_bytes())
     database.close()
     work.unlink()
+
+
+def test_a_killed_overlay_leaves_nothing_that_stays(log: Path, tmp_path: Path) -> None:
+    """Its tables lie beside what it writes, where the next run clears them away, and not in the temporary folder."""
+    out, temporary, pipe = tmp_path / "out", tmp_path / "temporary", log.with_name("pipe") / log.name
+    temporary.mkdir()
+    environment = os.environ | {"TMPDIR": str(temporary)}
+    command = [sys.executable, "-m", "lidarcli", "-q", "overlay", "-o", str(out / "run.overlay.mcap")]
+    with endless(log, pipe):
+        killed = subprocess.Popen([*command, str(pipe)], stderr=subprocess.PIPE, env=environment)
+        wait_until(lambda: [*out.glob(".*.part/tables/.*.part")], killed)
+        killed.kill()
+        killed.communicate()
+    assert [*temporary.iterdir()] == []
+    assert [path.name for path in out.iterdir() if not SCRATCH.fullmatch(path.name)] == []
+    write_log(tmp_path / "run.mcap", [raw_sweeps(round_room(5, 180, BOX))])
+    again = [*command, "--no-layout", str(tmp_path / "run.mcap")]
+    done = subprocess.run(again, capture_output=True, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert [path.name for path in out.iterdir()] == ["run.overlay.mcap"]
+    assert [*temporary.iterdir()] == []

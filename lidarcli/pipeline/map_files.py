@@ -19,7 +19,7 @@ from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWriter
 from lidarcli.maps.grid_message import write_occupancy_mcap
 from lidarcli.maps.mapserver import image_of, pgm_bytes, read_map, yaml_bytes
-from lidarcli.newfiles import WholeFiles, new_files, refuse, unwritable
+from lidarcli.newfiles import WholeFiles, new_files, refuse, scratch_folder, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
@@ -106,8 +106,8 @@ class MapRun:
         # Most runs need no process, nor wait for this import.
         from lidarcli.pipeline.running.side_by_side import side_by_side
 
-        with tempfile.TemporaryDirectory(prefix="lidarcli-") as scratch:
-            work = partial(_map_apart, options=self._options, sets=self._mapping.sets, scratch=scratch)
+        with scratch_folder(Path(tempfile.gettempdir())) as scratch:
+            work = partial(_map_apart, options=self._options, sets=self._mapping.sets, scratch=str(scratch))
             for source, outcome in zip(
                 self._sources, side_by_side(self._sources, work, at_once), strict=True
             ):

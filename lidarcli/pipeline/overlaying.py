@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -92,7 +91,7 @@ def write_overlay(
         if options.objects is not None:
             pair, found = one_pair(options.objects), None
         else:
-            pair, found = _found(source, options, stack, progress)
+            pair, found = _found(source, options, new.part(path).with_name("tables"), progress)
             progress = _second(progress, source.size)
         try:
             file = overlay_file(new.part(path))
@@ -115,10 +114,9 @@ def write_overlay(
 
 
 def _found(
-    source: Source, options: OverlayOptions, stack: ExitStack, progress: Progress | None
+    source: Source, options: OverlayOptions, folder: Path, progress: Progress | None
 ) -> tuple[Pair, RunSummary]:
-    """The tables of a log for the time of this run, and what making them has met."""
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="lidarcli-")))
+    """The tables of a log in a folder that is made, and what making them has met."""
     made = replace(options.detect, overwrite=True, layout=None)
     summary = detect_to_files(source, folder, made, _first(progress))
     return Pair(f"{folder / source.name}.", ".parquet"), summary

@@ -23,8 +23,9 @@ from lidarcli.ros.definitions import ROS1
 from lidarcli.simulate.writers import write_log
 from tests.overlays.reading import read_back
 from tests.places import SAMPLES
-from tests.ros1.tools import HERE, PYTHON, master, needs_master, needs_rosbag, started, wait_until
+from tests.ros1.tools import HERE, PYTHON, master, needs_master, needs_rosbag, started
 from tests.sweeping import room_sweeps
+from tests.waiting import wait_until
 
 DRIVE = SAMPLES / "drive.db3"
 ROSLZ4 = 0x64
@@ -158,8 +159,8 @@ def played(*played_bags: Path) -> list[tuple[str, str]]:
             beside.start()
             # Ten times as fast as it was; nothing is left out where somebody is slow.
             options = ("--rate", 10, "--queue", 1_000_000, "--wait-for-subscribers", "--keep-alive")
-            with started("rosbag", "play", *options, *played_bags, environment=environment):
-                wait_until(lambda: len(heard) >= expected.total(), f"{expected.total()} messages arrive")
+            with started("rosbag", "play", *options, *played_bags, environment=environment) as playing:
+                wait_until(lambda: len(heard) >= expected.total(), playing)
         finally:
             listener.terminate()
             listener.wait()

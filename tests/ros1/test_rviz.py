@@ -18,7 +18,8 @@ from lidarcli.cli import run
 from lidarcli.overlays.viewers import BACKGROUND
 from lidarcli.sweeps import UInt8
 from tests.places import SAMPLES
-from tests.ros1.tools import master, missing, needs_master, started, wait_until
+from tests.ros1.tools import master, missing, needs_master, started
+from tests.waiting import wait_until
 
 DRIVE = SAMPLES / "drive.db3"
 WIDTH, HEIGHT = 1280, 900
@@ -101,7 +102,7 @@ def test_rviz_shows_beams_map_and_objects(tmp_path: Path) -> None:
         # RViz listens to these alone.
         topics = ("--topics", "/scan", "/tf", "/tf_static", "/lidarcli/objects", "/lidarcli/map")
         with (
-            started("rviz", "-d", shown.with_suffix(".rviz"), environment=environment),
+            started("rviz", "-d", shown.with_suffix(".rviz"), environment=environment) as rviz,
             started(*play, *topics, environment=environment),
         ):
-            wait_until(lambda: has_scene(pixels(image)), "RViz shows a scene")
+            wait_until(lambda: has_scene(pixels(image)), rviz)

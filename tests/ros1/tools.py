@@ -7,17 +7,17 @@ import shutil
 import socket
 import subprocess
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from tests.waiting import wait_until
+
 PYTHON = "/usr/bin/python3"
 """That of the system, which has the modules of ROS."""
 HERE = Path(__file__).parent
-PATIENCE_S = 60.0
 
 
 def imports(module: str) -> bool:
@@ -57,14 +57,6 @@ def started(*command: object, environment: dict[str, str] | None = None) -> Iter
             process.wait()
 
 
-def wait_until(is_so: Callable[[], bool], what: str, patience: float = PATIENCE_S) -> None:
-    """Wait until something is so."""
-    until = time.monotonic() + patience
-    while not is_so():
-        assert time.monotonic() < until, f"not within {patience:.0f} s: {what}"
-        time.sleep(0.05)
-
-
 @contextmanager
 def master() -> Iterator[dict[str, str]]:
     """A ROS master of our own; the environment of the programs that are to find it."""
@@ -78,8 +70,8 @@ def master() -> Iterator[dict[str, str]]:
             "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
             "ROS_IP": "127.0.0.1",
         }
-        with started("rosmaster", "--core", "-p", port, environment=environment):
-            wait_until(lambda: _answers(port), "the ROS master answers")
+        with started("rosmaster", "--core", "-p", port, environment=environment) as core:
+            wait_until(lambda: _answers(port), core)
             yield environment
 
 
