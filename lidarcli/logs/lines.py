@@ -20,6 +20,8 @@ _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 MOST_DIGITS = 7
 """A count of more digits than this is none."""
 
+WITHOUT_TIMES = "no time in the log: all stamps are 0"
+
 CUT = "cut off"
 """Why the last line of a log is no message."""
 
@@ -97,6 +99,11 @@ def declared(cells: Cells, rows: Int64, at: int, width: int) -> Declared:
     for row in np.flatnonzero(after > count).tolist():
         causes.setdefault(row, f"it has less than the {beams[row]} ranges it declares")
     return Declared(beams, after, causes, refused)
+
+
+def left_over(fields: int, beams: int) -> str:
+    """Why a line is no sweep that holds more than the ranges it declares, and what may stand behind them."""
+    return f"{fields} field{'' if fields == 1 else 's'} left over behind the {beams} ranges it declares"
 
 
 def report_lines(report: ReadReport, first_line: int, bad: Iterable[tuple[int, str]]) -> None:

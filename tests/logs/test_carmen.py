@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
@@ -293,6 +294,86 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
         f"line {10 + at}": cause for at, cause in enumerate(bad.values())
     }
     assert run(["info", str(tmp_path / "run.log")]) == 3
+
+
+@pytest.mark.parametrize(
+    ("line", "cause"),
+    [
+        (f"FLASER 5 1 2 3 4 {POSES}", "1 missing of the 5 ranges it declares, or of its poses"),
+        (f"FLASER 5 1 2 {POSES}", "3 missing"),
+        (f"FLASER 3 1 2 3 4 5 {POSES}", "2 fields left over behind the 3 ranges it declares"),
+        (f"RLASER 180 {'2.5 ' * 361}{POSES}", "181 fields left over behind the 180 ranges it declares"),
+        ("LASER3 2 1 2 3", "1 field left over behind the 2 ranges it declares"),
+        (
+            f"REMISSIONFLASER 2 1.0 7 2.0 9 3.0 7 {POSES}",
+            "2 fields left over behind the 2 ranges it declares",
+        ),
+        (
+            f"RAWLASER1 {GEOMETRY} 4 1.0 2.0 3.0 4.0 5.0 0",
+            "2 fields left over behind the 4 ranges it declares",
+        ),
+        (f"ROBOTLASER1 {GEOMETRY} 4 1.0 2.0 3.0 4.0 5.0 0 {POSES} {MOTION}", "13 fields left over"),
+    ],
+)
+@pytest.mark.parametrize("end", ["12.5 nohost 3.5", "12.5 nohost"])
+def test_a_number_of_ranges_that_is_none_of_the_line_is_damage(
+    line: str, cause: str, end: str, tmp_path: Path
+) -> None:
+    if cause == "3 missing":
+        line, cause = (
+            line.replace("FLASER 5", "FLASER 5 3"),
+            "2 missing of the 5 ranges it declares, or of its poses",
+        )
+    log = log_of(tmp_path, f"{flaser()}{line} {end}\n")
+    assert sum(map(len, log.scans())) == 1
+    [part] = log.report.damage
+    assert part.place == "line 2"
+    assert part.cause.startswith(cause)
+
+
+def test_without_a_host_a_number_of_ranges_is_doubted_too(tmp_path: Path) -> None:
+    log = log_of(tmp_path, f"{flaser()}FLASER 2 1 2 3 4 5 6 7 {POSES} 12.5\nFLASER 4 1 2 3 {POSES} 12.5\n")
+    assert sum(map(len, log.scans())) == 1
+    assert [part.cause for part in log.report.damage] == [
+        "3 fields left over behind the 2 ranges it declares",
+        "no time at its end",
+    ]
+    log = log_of(tmp_path, f"FLASER 4 1 2 3 {POSES} 12.5\n" * 5)
+    assert sum(map(len, log.scans())) == 0
+    assert len(log.report.damage) == 5
+
+
+@pytest.mark.parametrize("poses", [f" {POSES}", " 1.0 2.0 0.5", ""])
+def test_a_log_without_times_is_read_in_its_order(poses: str, tmp_path: Path) -> None:
+    """With one note; where some lines have times, the others are damaged."""
+    text = "".join(f"FLASER 3 1.0 2.0 {k}.5{poses}\n" for k in range(1, 9))
+    log = log_of(tmp_path, text)
+    block = only(log)
+    assert block.stamp_ns.tolist() == [*range(8)]
+    assert block.ranges[:, 2].tolist() == [k + 0.5 for k in range(1, 9)]
+    assert sum("no time" in note for note in log.report.notes) == 1
+    timed = log_of(tmp_path, flaser() + text, "timed.log")
+    assert sum(map(len, timed.scans())) == 1
+    assert {part.cause for part in timed.report.damage} == {"no time at its end"}
+
+
+def test_equal_times_are_followed_without_speeds(tmp_path: Path) -> None:
+    """Neither a log without times nor one with a single one tells how fast anything is."""
+    lines = simulated_lines(tmp_path)
+    for name, end in (("none.log", ""), ("one.log", " 7.0 nohost 7.0")):
+        (tmp_path / name).write_text("".join(f"{line}{end}\n" for line in lines))
+        assert run(["-q", "track", str(tmp_path / name), "-o", str(tmp_path), "--overwrite"]) == 0
+        table = pq.read_table(tmp_path / name.replace("log", "objects.parquet"))
+        assert len(set(table["sweep"].to_pylist())) == len(lines)
+        speeds = [abs(speed) for name in ("vx", "vy") for speed in table[name].drop_null().to_pylist()]
+        assert max(speeds, default=0.0) < 5.0
+
+
+def simulated_lines(folder: Path) -> list[str]:
+    """The sweeps of a sensor that is driven, without their times."""
+    simulate(SAMPLES / "drive.toml", folder / "drive.log", sweeps=30)
+    lines = (folder / "drive.log").read_text().splitlines()
+    return [line.rsplit(" ", 3)[0] for line in lines if line.startswith("FLASER")]
 
 
 def test_more_ranges_than_any_sensor_has_are_refused(tmp_path: Path) -> None:

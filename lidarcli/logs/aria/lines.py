@@ -22,14 +22,13 @@ from lidarcli.logs.aria.words import (
     sensor_of,
 )
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.lines import CUT, Apart, cells_of, report_lines, sound_rows
+from lidarcli.logs.lines import CUT, WITHOUT_TIMES, Apart, cells_of, report_lines, sound_rows
 from lidarcli.logs.numbers import Cells, say
 from lidarcli.logs.text import TextBlock
 from lidarcli.logs.times import S, to_ns
 from lidarcli.sweeps import Bool, Int64
 
 NO_TIME = "its time is none"
-WITHOUT_TIMES = "no time in the log: all stamps are 0"
 _LONGEST_TAG = 80
 
 Told = tuple[int, tuple[str, str], list[float]]

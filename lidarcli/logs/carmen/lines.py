@@ -12,23 +12,30 @@ from lidarcli.logs.carmen.words import LASERS, PARAM, POSES, UNKNOWN, Laser
 from lidarcli.logs.lines import (
     CUT,
     MOST_DIGITS,
+    WITHOUT_TIMES,
     Apart,
     cells_of,
     declared,
     is_number,
+    left_over,
     refuse,
     report_lines,
 )
 from lidarcli.logs.numbers import Cells, say
 from lidarcli.logs.text import TextBlock
 from lidarcli.logs.times import S, to_ns
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps import TURN, Bool, Int64
 
 _TAIL = 3
 """Every whole line ends with ipc_timestamp, ipc_hostname and logger_timestamp."""
 
 _LONGEST_WORD, _LONGEST_HEAD = 17, 1024
 """Bytes in which the first word and the number of ranges are looked for."""
+
+_POSED = (0, 3, 6)
+"""Fields behind the ranges: none, the pose of the laser alone, or also that of the robot."""
+_MOVED = (*_POSED, 7, 8, 9, 10, 11)
+"""Of lines that tell their geometry: also how the robot moved, of which old writers have left some out."""
 
 NO_TIME = "no time at its end"
 
@@ -58,6 +65,8 @@ class Lines:
         self._wanted = frozenset(words)
         self._report = report
         self._apart = Apart()
+        self._timed = False
+        """Whether a sweep so far has a time."""
 
     def read(self, block: TextBlock) -> tuple[Cells, list[Found], list[tuple[int, bytes, bytes]]]:
         """The cells of a block, the messages that are wanted, and the parameters: row, name and value."""
@@ -99,14 +108,28 @@ class Lines:
             beams, after, causes, refused = told.beams, told.after, told.causes, told.refused
         usual = None if laser is not None and laser.geometry else 6 if laser is None or laser.posed else 0
         time, fields = _times_at(cells, rows, count, after, usual)
+        timeless = np.zeros(len(rows), np.bool_)
+        if laser is not None:
+            whole = np.ones(len(rows), np.bool_)
+            whole[[*causes, *refused]] = False
+            self._timed = self._timed or bool((whole & (fields >= 0)).any())
+            if not self._timed:
+                timeless = whole & _tell_all_but_time(cells, rows, after, laser)
+                fields = np.where(timeless, count - after, fields)
+            over = whole & (fields >= 0) & ~_fit(cells, rows, after, fields, count - time, laser)
+            for at in np.flatnonzero(over).tolist():
+                causes[at] = _miscounted(int(fields[at]), int(count[at] - time[at]), int(beams[at]), laser)
         for at in np.flatnonzero(fields < 0).tolist():
             causes.setdefault(at, NO_TIME)
         if len(rows) and rows[-1] == cut and not _is_whole(cells, rows[-1:], count[-1:], after[-1:]):
             causes[len(rows) - 1] = CUT
         stamps, wrong = to_ns(cells.spans(rows, np.minimum(time, count - 1), 1), S)
+        stamps = np.where(timeless, 0, stamps)
         if wrong is not None:
-            for at in np.flatnonzero(wrong).tolist():
+            for at in np.flatnonzero(wrong & ~timeless).tolist():
                 causes.setdefault(at, NO_TIME)
+        if timeless.any() and WITHOUT_TIMES not in self._report.notes:
+            self._report.notes.append(WITHOUT_TIMES)
         if laser is not None:
             refuse(self._report, laser.topic, refused)
         bad += [(int(rows[at]), cause) for at, cause in causes.items() if at not in refused]
@@ -142,6 +165,41 @@ def _times_at(
                 time[at] = -1
     fields = np.where((time >= after) & (time < count), time - after, -1)
     return np.where(fields < 0, 0, time), fields
+
+
+def _tell_all_but_time(cells: Cells, rows: Int64, after: Int64, laser: Laser) -> Bool:
+    """Which sweeps end with the poses, or where there are none with the ranges; numbers alone, and angles that are some."""
+    found = np.zeros(len(rows), np.bool_)
+    if laser.geometry:
+        return found
+    left = cells.count[rows] - after
+    for at in np.flatnonzero(np.isin(left, _POSED if laser.posed else (0,))).tolist():
+        text = cells.spans(rows[at : at + 1], after[at : at + 1], left[at : at + 1])[0]
+        fields = text.split(b" ") if left[at] else []
+        found[at] = all(map(is_number, fields)) and all(abs(float(yaw)) <= TURN for yaw in fields[2::3])
+    return found
+
+
+def _fit(cells: Cells, rows: Int64, after: Int64, fields: Int64, rest: Int64, laser: Laser) -> Bool:
+    """Of which sweeps there are as many fields behind the ranges as there may be, and no more from the time on."""
+    allowed = (_MOVED if laser.geometry else _POSED) if laser.posed else (0,)
+    fit: Bool = np.isin(fields, allowed)
+    if laser.geometry:
+        told = cells.spans(rows, after, np.clip(fields, 0, 1))
+        for at in np.flatnonzero(~fit).tolist():
+            cell = told[at]
+            if cell.isdigit() and len(cell) <= MOST_DIGITS:
+                fit[at] = int(fields[at]) - 1 - int(cell) in allowed
+    fit &= (rest <= _TAIL) | (fields == cells.count[rows] - after)
+    return fit
+
+
+def _miscounted(fields: int, rest: int, beams: int, laser: Laser) -> str:
+    """Why the number of ranges of a line is not believed, from the fields between them and its time, and from there on."""
+    usual = _POSED[-1] if laser.posed and not laser.geometry else 0
+    if fields < usual:
+        return f"{usual - fields} missing of the {beams} ranges it declares, or of its poses"
+    return left_over(max(fields - usual, rest - _TAIL), beams)
 
 
 def _is_whole(cells: Cells, rows: Int64, count: Int64, after: Int64) -> bool:

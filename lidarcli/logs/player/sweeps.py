@@ -10,7 +10,7 @@ import numpy as np
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.blocks import as_singles, keep_sound, pad, split_rows
 from lidarcli.logs.geometry import TELL_BEARINGS, as_told
-from lidarcli.logs.lines import CUT, Declared, declared, refuse, report_lines
+from lidarcli.logs.lines import CUT, Declared, declared, left_over, refuse, report_lines
 from lidarcli.logs.numbers import Cells, not_a_number
 from lidarcli.logs.player.geometry import (
     CONFIG,
@@ -166,6 +166,10 @@ class SweepDecoder:
 def framed(cells: Cells, found: Found, scan: Scan, bad: list[tuple[int, str]], cut: int) -> Declared:
     """The ranges of sweeps; those that are none are told in `bad`."""
     told = declared(cells, found.rows, scan.count, scan.width)
+    if not scan.tail:
+        over = cells.count[found.rows] - told.after
+        for at in np.flatnonzero(over > 0).tolist():
+            told.causes.setdefault(at, left_over(int(over[at]), int(told.beams[at])))
     last = len(found.rows) - 1
     # Of the last line without an end the last number may be cut: only where it is beside a range does that not matter.
     if (
