@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
-from lidarcli.errors import NoScanError, OptionError
+from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism.background.grid import Grid
 from lidarcli.formalism.background.learning import Learning
-from lidarcli.formalism.background.model import MAJORITY, Background
+from lidarcli.formalism.background.model import MAJORITY, STEADY, Background
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole
@@ -142,10 +142,12 @@ def scene_notes(sensors: Sequence[Background]) -> list[str]:
     for sensor in sensors:
         name = f"{sensor.topic} ({sensor.frame_id or 'no frame'})"
         weak, beams = int(np.count_nonzero(sensor.weak)), sensor.weak.size
+        unsteady = int(np.count_nonzero(~np.isnan(sensor.r_e) & (sensor.support < STEADY)))
         if sensor.seems_moved:
             lines.append(
-                f"the sensor of {name} seems to have moved: {weak:,} of {beams:,} beams do not see the same range in "
-                "most sweeps; poses are needed (--pose TOPIC, docs/poses.md), or a log of a parked sensor"
+                f"the sensor of {name} seems to have moved, or to have stood in several places: {unsteady:,} of {beams:,} "
+                f"beams do not see the same range in {STEADY:.0%} of the sweeps; poses are needed (--pose TOPIC, "
+                "docs/poses.md), or logs of a sensor parked in one place (--start, --end)"
             )
         elif weak:
             lines.append(
@@ -167,9 +169,14 @@ def _progress(source: Source, report: LogProgress | None) -> Callable[[int], Non
 
 
 def refuse_nothing(sensors: Sequence[Background]) -> None:
-    """Refuse a background without any sweep."""
+    """Refuse a background without any sweep, and one that knows nothing."""
     if not any(len(sensor) for sensor in sensors):
         raise NoScanError("no sweep to learn a background from")
+    if all(np.isnan(sensor.r_e).all() for sensor in sensors):
+        raise UnreadableError(
+            "no background: no beam of any sweep has a range or says that nothing returned; 'lidarcli info' tells what "
+            "the beams say, --range and --no-return how they are judged"
+        )
 
 
 def figures_of(sensor: Background) -> dict[str, Any]:

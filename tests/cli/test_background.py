@@ -173,10 +173,12 @@ def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run
     ran = lidarcli("background", "build", tmp_path / "moved.mcap", "-o", file)
     (note,) = [line for line in ran.err.splitlines() if line.startswith("note: ")]
     assert ran.code == 0
-    assert note.startswith("note: the sensor of /scan (laser) seems to have moved: ")
+    assert note.startswith(
+        "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: "
+    )
     assert note.endswith(
-        " of 360 beams do not see the same range in most sweeps; poses are needed (--pose TOPIC, docs/poses.md), "
-        "or a log of a parked sensor"
+        " of 360 beams do not see the same range in 80% of the sweeps; poses are needed (--pose TOPIC, docs/poses.md), "
+        "or logs of a sensor parked in one place (--start, --end)"
     )
     assert (
         f"  note          {note.removeprefix('note: ')}"
@@ -184,6 +186,67 @@ def test_a_sensor_that_moved_without_poses_is_told(tmp_path: Path, lidarcli: Run
     )
     (sensor,) = json.loads(lidarcli("background", "info", file, "--format", "json").out)["sensors"]
     assert sensor["seems_moved"] is True
+
+
+def standing(x: float, turned: float = 0.0, count: int = 60) -> RawSweeps:
+    """A room of 8 by 6 m with two posts, seen from `x` [m] beside its middle, by a sensor that is `turned` [rad]."""
+    bearing = turned + np.arange(360) * 2 * np.pi / 360
+    cos, sin = np.cos(bearing), np.sin(bearing)
+    with np.errstate(divide="ignore"):
+        ranges = np.minimum((np.sign(cos) * 4.0 - x) / cos, 3.0 / np.abs(sin))
+    for post_x, post_y in ((2.0, 1.0), (-1.5, -1.0)):
+        along = (post_x - x) * cos + post_y * sin
+        inside = 0.04 - (post_x - x) ** 2 - post_y**2 + along**2
+        hit = (inside > 0) & (along > 0)
+        ranges[hit] = np.minimum(ranges[hit], (along - np.sqrt(np.maximum(inside, 0.0)))[hit])
+    noise = np.random.default_rng(3).normal(0.0, 0.01, (count, 360))
+    return raw_sweeps(ranges + noise, angle_increment=np.float32(2 * np.pi / 360))
+
+
+@pytest.mark.parametrize(("x", "turned"), [(1.0, 0.0), (0.0, 0.09), (0.3, 0.05)])
+def test_one_background_of_two_places_is_told(x: float, turned: float, tmp_path: Path, lidarcli: Run) -> None:
+    write_log(tmp_path / "a.mcap", [standing(0.0)])
+    write_log(tmp_path / "b.mcap", [standing(x, turned)])
+    file = tmp_path / "bg.parquet"
+    ran = lidarcli("background", "build", tmp_path / "a.mcap", tmp_path / "b.mcap", "-o", file)
+    assert ran.code == 0
+    assert (
+        "note: the sensor of /scan (laser) seems to have moved, or to have stood in several places: "
+        in ran.err
+    )
+    alone = lidarcli("background", "build", tmp_path / "a.mcap", "-o", tmp_path / "alone.parquet")
+    assert alone.code == 0
+    assert "seems to have moved" not in alone.err
+
+
+def test_a_sensor_that_is_moved_on_the_way_is_told(tmp_path: Path, lidarcli: Run) -> None:
+    """Half of the sweeps are far from the background, and all of them together less than half."""
+    file = tmp_path / "bg.parquet"
+    write_log(tmp_path / "a.mcap", [standing(0.0)])
+    assert lidarcli("background", "build", tmp_path / "a.mcap", "-o", file).code == 0
+    both = np.concatenate([standing(0.0).ranges, standing(1.0).ranges])
+    write_log(tmp_path / "bumped.mcap", [raw_sweeps(both, angle_increment=np.float32(2 * np.pi / 360))])
+    ran = lidarcli(
+        "background", "subtract", tmp_path / "bumped.mcap", "--background", file, "-o", tmp_path / "out"
+    )
+    assert ran.code == 0
+    assert (
+        "60 of 120 sweeps of frame laser, from sweep 60 on, differ from bg.parquet in more than 40% of their ranges: "
+        "the sensor seems to have moved; compare what comes after it with a background of its own (--start, --end)"
+    ) in ran.err
+    ran = lidarcli(
+        "background", "subtract", tmp_path / "a.mcap", "--background", file, "-o", tmp_path / "out"
+    )
+    assert "seems to have moved" not in ran.err
+
+
+def test_a_log_of_which_nothing_is_known_makes_no_background(tmp_path: Path, lidarcli: Run) -> None:
+    write_log(tmp_path / "blind.mcap", [raw_sweeps(np.full((30, 90), np.nan))])
+    file = tmp_path / "bg.parquet"
+    ran = lidarcli("background", "build", tmp_path / "blind.mcap", "-o", file)
+    assert ran.code == 3
+    assert "no background: no beam of any sweep has a range or says that nothing returned" in ran.err
+    assert not file.exists()
 
 
 def test_a_background_of_another_place_is_told(scene: Path, tmp_path: Path, lidarcli: Run) -> None:

@@ -13,6 +13,11 @@ from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPose
 KNOWN_GAP = 0.05
 """Up to this share of sweeps without a return are lost beams of a surface that is there."""
 
+STEADY = 0.8
+"""Share of the observations that speak for the background of most beams where the sensor is parked."""
+MOST_UNSTEADY = 0.4
+"""Share of the beams that return where fewer do: above it the sensor moved. Among people it is up to 0.3, of a sensor
+that stood in two places a metre or five degrees apart 0.5 and more."""
 MAJORITY = 0.5
 """Share of the observations: a background that fewer back was hidden most of the time, or is none."""
 
@@ -92,13 +97,14 @@ class Background:
 
     @property
     def seems_moved(self) -> bool:
-        """Whether the sensor seems to have moved without a pose: of the beams that return most have no background.
+        """Whether the sensor seems to have moved without a pose, or to have stood in two places.
 
-        People hide a part of the scene, foliage and depth edges are few; a sensor that moves finds no range again.
+        Of the beams that return many do not see their background in most sweeps. People hide a part of the scene, foliage
+        and depth edges are few; a sensor that moves finds no range again, one in two places two ranges at many beams.
         """
         returning = ~np.isnan(self.r_e) & (self.no_return < MAJORITY) & ~self.posed[:, None]
-        lost = np.count_nonzero(returning & self.weak)
-        return bool(lost > MAJORITY * np.count_nonzero(returning))
+        lost = np.count_nonzero(returning & (self.support < STEADY))
+        return bool(lost > MOST_UNSTEADY * np.count_nonzero(returning))
 
 
 @record

@@ -27,6 +27,13 @@ APART = 0.5
 """Share of the ranges that differ from the background, before or behind it, from which on a note tells of it: in busy
 halls it is up to a fifth, with the background of another place or of a parked sensor that moves 0.6 and more."""
 
+SWEEP_APART = 0.4
+"""Share of the ranges of a sweep that differ, above which it is far from the background: somebody has moved the sensor."""
+MOST_APART = 0.05
+"""Share of the sweeps that are, above which a note tells of them …"""
+LEAST_APART = 10
+"""… and no fewer than this number."""
+
 
 @record
 class Difference:

@@ -17,6 +17,9 @@ from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.background.subtraction import (
     APART,
     BEHIND,
+    LEAST_APART,
+    MOST_APART,
+    SWEEP_APART,
     Difference,
     Subtraction,
     Tolerance,
@@ -79,6 +82,10 @@ class _Seen:
     """Ranges in directions of which the background knows nothing."""
     differing: int = 0
     """Ranges before the background, and behind it by `BEHIND`."""
+    apart: int = 0
+    """Sweeps that are far from the background …"""
+    first_apart: float = np.inf
+    """… and the first of them."""
 
     def plus(self, other: _Seen) -> _Seen:
         """Both together."""
@@ -90,6 +97,8 @@ class _Seen:
             self.ranges + other.ranges,
             self.without_background + other.without_background,
             self.differing + other.differing,
+            self.apart + other.apart,
+            min(self.first_apart, other.first_apart),
         )
 
 
@@ -170,6 +179,12 @@ class Subtracting:
                     f"{seen.differing / compared:.0%} of the ranges of frame {name} differ from {self._options.name}: "
                     "it is of another place, or the sensor moved"
                 )
+            elif seen.apart > max(MOST_APART * seen.sweeps, LEAST_APART - 1):
+                lines.append(
+                    f"{seen.apart:,} of {seen.sweeps:,} sweeps of frame {name}, from sweep {seen.first_apart:.0f} on, differ "
+                    f"from {self._options.name} in more than {SWEEP_APART:.0%} of their ranges: the sensor seems to have "
+                    "moved; compare what comes after it with a background of its own (--start, --end)"
+                )
         return lines
 
     def _subtraction(self, batch: SweepBatch, frame: str) -> Subtraction:
@@ -186,6 +201,9 @@ class Subtracting:
         valid = (batch.status == Status.VALID) & ~lost[:, None]
         with np.errstate(invalid="ignore"):
             behind = np.isfinite(part.r_e) & (part.difference > BEHIND)
+        differing = valid & part.known & (part.appeared | behind)
+        compared = np.count_nonzero(valid & part.known, axis=1)
+        apart = np.flatnonzero(np.count_nonzero(differing, axis=1) > SWEEP_APART * compared)
         seen = _Seen(
             sweeps=len(batch),
             without_station=int(np.count_nonzero(lost)),
@@ -193,7 +211,9 @@ class Subtracting:
             nearest=float(part.away[lost].min(initial=np.inf)),
             ranges=int(np.count_nonzero(valid)),
             without_background=int(np.count_nonzero(valid & ~part.known)),
-            differing=int(np.count_nonzero(valid & part.known & (part.appeared | behind))),
+            differing=int(np.count_nonzero(differing)),
+            apart=len(apart),
+            first_apart=float(batch.sweep[apart[0]]) if len(apart) else np.inf,
         )
         with self._counting:
             self._seen[frame] = seen.plus(self._seen.get(frame, _Seen()))
