@@ -5,10 +5,12 @@ from __future__ import annotations
 import datetime
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,7 @@ from lidarcli.cli.finding import refuse_elsewhere
 from lidarcli.errors import OutputError
 from lidarcli.pipeline.fleet.manifest import read_entries
 from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running import plain
 from lidarcli.pipeline.running.outcomes import Outcome
 from tests.conftest import Ran
 from tests.descendants import descendants, gone
@@ -74,6 +77,41 @@ def test_a_worker_that_is_killed_and_a_log_that_kills(
     assert (failed.log, failed.outcome, failed.exit_code) == ("killer", "failed", 3)
     again = lidarcli("detect", bags, "-o", out, "--resume")
     assert (again.code, "67 logs, 66 done before" in again.err) == (0, True)
+
+
+DIES = """
+import os, signal
+times = {times}
+for number in range(times):
+    try:
+        os.close(os.open(os.path.join({folder!r}, f"died-{{number}}"), os.O_CREAT | os.O_EXCL))
+    except FileExistsError:
+        continue
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+"""Workers that load it are killed while they start, so many times in all."""
+
+
+@pytest.mark.parametrize("times", [1, 99])
+def test_a_worker_that_is_killed_while_it_starts(
+    times: int, bags: Path, tmp_path: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
+) -> None:
+    path = tmp_path / "dies.py"
+    path.write_text(DIES.format(times=times, folder=str(tmp_path)))
+    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__PRELOAD": repr([str(path)])}
+    ran = process("detect", bags, "-o", tmp_path / "out", "--cluster", "local:1", env=environment)
+    if times == 1:
+        assert (ran.returncode, len(tables(tmp_path / "out"))) == (0, 12), ran.stderr
+        first, *_ = ran.stderr.decode().splitlines()
+        assert first.startswith("cluster tcp://127.0.0.1:")
+        assert first.endswith(": 1 worker, 1 thread")
+        return
+    assert ran.returncode == 2
+    assert ran.stderr.decode().splitlines() == [
+        "lidarcli: --cluster local:1: a worker ended while it started, 3 times (out of memory?); take fewer workers, or "
+        "--jobs in their place"
+    ]
+    assert len([*tmp_path.glob("died-*")]) == 3
 
 
 @pytest.fixture
@@ -129,6 +167,78 @@ def test_a_cluster_that_was_there(
     assert ran.returncode == 0, ran.stderr
     assert f"cluster {address}: " in ran.stderr.decode()
     assert tables(tmp_path / "there") == tables(tmp_path / "here")
+
+
+HOSTILE = """
+import os
+from distributed.protocol.serialize import Serialize, ToPickle
+
+class Evil(Exception):
+    def __reduce__(self):
+        return os.mkdir, ({mark!r},)
+
+def dask_setup(server):
+    async def answer(*arguments, **named):
+        return {answer}
+
+    server.handlers[{handler!r}] = answer
+"""
+"""Whoever unpickles what such a server answers makes a folder."""
+
+
+@pytest.mark.parametrize(
+    ("who", "handler", "answer"),
+    [
+        ("WORKER", "run", '{"status": "OK", "result": Serialize(Evil())}'),
+        ("WORKER", "run", '{"status": "error", "exception": Serialize(Evil()), "traceback": None}'),
+        ("SCHEDULER", "broadcast", '{"tcp://worker:1": __import__("pickle").dumps(Evil())}'),
+        ("SCHEDULER", "ncores", "ToPickle(Evil())"),
+    ],
+)
+def test_what_a_cluster_answers_runs_nothing_here(
+    who: str,
+    handler: str,
+    answer: str,
+    scheduler: Callable[..., str],
+    bags: Path,
+    tmp_path: Path,
+    process: Callable[..., subprocess.CompletedProcess[bytes]],
+) -> None:
+    mark, path = tmp_path / "executed", tmp_path / "hostile.py"
+    path.write_text(HOSTILE.format(mark=str(mark), answer=answer, handler=handler))
+    loading = {f"DASK_DISTRIBUTED__{who}__PRELOAD": repr([str(path)])}
+    address = scheduler(loading) if who == "WORKER" else scheduler({}, **loading)
+    ran = process("detect", bags, "-o", tmp_path / "out", "--cluster", address)
+    assert not mark.exists()
+    assert ran.returncode == 2, ran.stderr
+    (line,) = ran.stderr.decode().splitlines()
+    assert line.startswith(f"lidarcli: --cluster {address}: ")
+    assert not (tmp_path / "out").exists()
+
+
+def test_results_are_read_as_data_alone(tmp_path: Path) -> None:
+    class Evil:
+        def __reduce__(self) -> tuple[object, tuple[str]]:
+            return os.mkdir, (str(tmp_path / "executed"),)
+
+    summary = RunSummary(sweeps=5, topics={"/scan"}, dropped=[("/scan", "odd", 1)], outputs=["a.parquet"])
+    summary.by_status["valid"] += 7
+    outcomes = [Outcome("run.mcap", 3, summary, remark="again")]
+    assert plain.loads(pickle.dumps(outcomes)) == outcomes
+    found = plain.loads(pickle.dumps([1, "two", Evil(), {"three": Evil()}]))
+    assert found[:2] == [1, "two"]
+    assert isinstance(found[2], plain.StandIn)
+    assert isinstance(found[3]["three"], plain.StandIn)
+    # Errors of tasks are told apart by their names.
+    killed = plain.loads(pickle.dumps(distributed.KilledWorker("key", None, 3)))
+    assert isinstance(killed, plain.StandIn)
+    assert type(killed).__name__ == "KilledWorker"
+    lost = plain.loads(pickle.dumps(OSError(2, "gone")))
+    assert (type(lost).__name__, lost.args) == ("FileNotFoundError", (2, "gone"))
+    for code in (b"cos\nmkdir\n(S'x'\ntR.", b"(S'x'\nios\nmkdir\n.", b"cos\nmkdir\n(S'x'\nd\x81."):
+        with suppress(Exception):
+            plain.loads(code)
+    assert [*tmp_path.iterdir()] == []
 
 
 @pytest.fixture

@@ -7,23 +7,25 @@ to kill workers is tried once more alone before that is said of it.
 
 from __future__ import annotations
 
+import json
 import logging
 import os
+import pickle
 import queue
 import tempfile
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
-from types import TracebackType
+from types import SimpleNamespace, TracebackType
 from typing import Any, Self
 from urllib.parse import urlsplit
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.running import plain
 from lidarcli.pipeline.running.build import build
 from lidarcli.pipeline.running.memory import keep_freed_memory
 from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
@@ -53,6 +55,8 @@ HERE = {
 NO_WORKER_S = 120.0
 """[s] A cluster without a worker for so long is given up."""
 FIRST_WORKER_S = 30.0
+STARTS = 3
+"""Times that a cluster of our own is started: a worker may be ended on its way up, as where memory is short."""
 CONNECT_S = 10.0
 UNWIND_S = 5.0
 """[s] So long logs at work may take to remove their unfinished files, before their workers are ended."""
@@ -122,16 +126,10 @@ class Cluster:
 
     @property
     def about(self) -> str:
-        """Its address, its size and where its dashboard is."""
+        """Its address and its size."""
         count = len(self._workers())
         workers = f"{count} worker{'' if count == 1 else 's'}, {self._threads} thread{'' if self._threads == 1 else 's'}"
-        # Without bokeh there is a server, but no page.
-        board = (
-            ""
-            if self.is_local and find_spec("bokeh") is None
-            else f"; dashboard {self._client.dashboard_link}"
-        )
-        return f"{self._client.scheduler.address}: {workers}{board}"
+        return f"{self._client.scheduler.address}: {workers}"
 
     @property
     def warning(self) -> str | None:
@@ -188,12 +186,14 @@ class Cluster:
 
     def refuse_other_builds(self) -> None:
         """Refuse workers whose tables could have other bytes than ours."""
-        told = self._client.run(_by_value(_told), on_error="return")
+        try:
+            told = self._client.run(_by_value(_told), on_error="return")
+        except Exception as err:
+            raise OptionError(f"--cluster {self._address}: cannot be asked: {_words(err)}") from err
         mine = build()
         others = []
-        for worker, theirs in sorted(told.items()):
-            if not isinstance(theirs, dict):
-                theirs = {"lidarcli": f"cannot be asked ({type(theirs).__name__}: {theirs})"}
+        for worker, text in sorted(told.items()):
+            theirs = _parsed(text)
             others += [
                 f"{worker}: {what} {theirs[what]}, here {mine[what]}"
                 for what in mine
@@ -212,18 +212,21 @@ class Cluster:
         if kind == LOCAL:
             self._client = self._local(number)
         else:
+            refuse_address(self._address)
+            self._stack.enter_context(_nothing_run())
             try:
-                refuse_address(self._address)
                 self._client = self._stack.enter_context(
                     distributed.Client(self._address, set_as_default=False, timeout=CONNECT_S)
                 )
-            except (OSError, ValueError, TypeError) as err:
-                words = str(err).splitlines()[0] if str(err) else type(err).__name__
-                raise OptionError(f"--cluster {self._address}: cannot be reached: {words}") from err
+            except Exception as err:
+                # Whoever answers there may say anything.
+                raise OptionError(f"--cluster {self._address}: cannot be reached: {_words(err)}") from err
         try:
             self._client.wait_for_workers(1, timeout=FIRST_WORKER_S)
         except TimeoutError as err:
             raise OptionError(f"--cluster {self._address}: has no worker; start some first") from err
+        except Exception as err:
+            raise OptionError(f"--cluster {self._address}: cannot be asked: {_words(err)}") from err
         self.refuse_other_builds()
         self.window()
 
@@ -232,14 +235,25 @@ class Cluster:
             raise OptionError(f"--cluster {self._address}: write local:N with N workers")
         folder = self._stack.enter_context(tempfile.TemporaryDirectory(prefix="lidarcli-"))
         self._stack.enter_context(dask.config.set(HERE))
+        for _ in range(STARTS):
+            with suppress(RuntimeError, OSError):
+                return self._started(int(number), folder)
+        raise OptionError(
+            f"--cluster {self._address}: a worker ended while it started, {STARTS} times (out of memory?); take fewer "
+            "workers, or --jobs in their place"
+        )
+
+    def _started(self, count: int, folder: str) -> Any:
+        """A client of workers that have just been started."""
         # Ctrl-C is for this process, which ends the workers.
         with signals_held():
             cluster = self._stack.enter_context(
                 distributed.LocalCluster(
-                    n_workers=int(number),
+                    n_workers=count,
                     threads_per_worker=1,
                     processes=True,
-                    dashboard_address="127.0.0.1:0",
+                    # Nobody looks at it.
+                    dashboard_address=None,
                     local_directory=folder,
                     silence_logs=logging.CRITICAL,
                 )
@@ -248,8 +262,11 @@ class Cluster:
 
     def _workers(self) -> dict[str, int]:
         """Worker → its threads."""
-        found: dict[str, int] = self._client.nthreads()
-        return found
+        try:
+            found = self._client.nthreads()
+            return {str(worker): int(threads) for worker, threads in found.items()}
+        except Exception as err:
+            raise OptionError(f"--cluster {self._address}: cannot be asked: {_words(err)}") from err
 
 
 def refuse_address(address: str) -> None:
@@ -362,17 +379,19 @@ class _Submitting:
             ]
         error = future.exception() if status == "error" else None
         future.release()
-        if isinstance(error, distributed.KilledWorker):
+        # By their names, as errors of a cluster elsewhere are not made (`plain`).
+        kind = type(error).__name__
+        if kind == distributed.KilledWorker.__name__:
             if not task.alone:
                 self._suspects += task.sources
                 return []
             words = "ends every worker that reads it (out of memory?); try it alone, without --cluster"
             return _failed(task, UnreadableError.exit_code, words)
-        if isinstance(error, _OtherBuildError):
+        if kind == _OtherBuildError.__name__:
             self._cluster.refuse_other_builds()
             raise OptionError(f"--cluster: {error}")
         if error is not None:
-            words = f"internal error on a worker: {type(error).__name__}: {error}"
+            words = f"internal error on a worker: {kind}: {error}"
             return _failed(task, INTERNAL_ERROR, words)
         if task.lost >= LOST_TIMES:
             return _failed(task, INTERNAL_ERROR, f"the cluster lost it {task.lost + 1} times")
@@ -416,13 +435,49 @@ def _do(name: str, sources: tuple[Source | Nothing, ...]) -> list[Outcome]:
     return [replace(outcome_of(source, work), source=None) for source in sources]
 
 
-def _told() -> dict[str, str]:
-    """Which build a worker has; runs where lidarcli may not be installed."""
+def _told() -> str:
+    """Which build a worker has, as JSON; runs where lidarcli may not be installed."""
+    import json
+
     try:
         from lidarcli.pipeline.running.build import build
     except ImportError as err:
-        return {"lidarcli": f"cannot be imported ({err})"}
-    return build()
+        return json.dumps({"lidarcli": f"cannot be imported ({err})"})
+    return json.dumps(build())
+
+
+def _parsed(answer: object) -> dict[str, str]:
+    """Which build an answer tells; whatever is none of `_told` tells that it is none."""
+    try:
+        found = json.loads(answer) if isinstance(answer, str) else None
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict) or "lidarcli" not in found:
+        return {"lidarcli": f"cannot be asked ({type(answer).__name__}: {answer})"}
+    return {str(what): str(value) for what, value in found.items()}
+
+
+@contextmanager
+def _nothing_run() -> Iterator[None]:
+    """Read what comes from a cluster elsewhere as data alone, wherever distributed reads a pickle in this process."""
+    from distributed import client
+    from distributed.protocol import pickle as pickles
+
+    read = SimpleNamespace(**{**vars(pickle), "loads": plain.loads})
+    places = [(pickles, "loads", plain.loads), (client, "loads", plain.loads), (client, "pickle", read)]
+    before = [getattr(module, name) for module, name, _ in places]
+    try:
+        for module, name, value in places:
+            setattr(module, name, value)
+        yield
+    finally:
+        for (module, name, _), value in zip(places, before, strict=True):
+            setattr(module, name, value)
+
+
+def _words(err: Exception) -> str:
+    """What is wrong, as one line."""
+    return str(err).splitlines()[0] if str(err) else type(err).__name__
 
 
 def _at_work(dask_worker: Any) -> int:
