@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from lidarcli._version import __version__
-from lidarcli.errors import LidarcliError, OutputError, UnreadableError
+from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
 from lidarcli.newfiles import exists_already
 from lidarcli.pipeline.detecting import DetectOptions
 from lidarcli.pipeline.fleet.manifest import Manifest, read_entries
@@ -27,7 +27,7 @@ from lidarcli.pipeline.fleet.states import (
 )
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.running.outcomes import Outcome
-from lidarcli.stores.url import Place, absolute, place
+from lidarcli.stores.url import Place, Url, absolute, place
 from lidarcli.tabular import metadata
 from lidarcli.tabular.files import BY_DATE
 from lidarcli.tabular.reading import file_metadata, parsed
@@ -104,7 +104,10 @@ class FolderRun:
         entries, problems = read_entries(self._folder)
         # What failed later, as for tables that were there, leaves these as they are.
         by_url = newest(entry for entry in entries if entry.is_done)
-        self._before = {url: entry.outputs for url, entry in by_url.items()}
+        self._before = {
+            url: [output for output in entry.outputs if _is_below(self._folder, output)]
+            for url, entry in by_url.items()
+        }
         told_of = {entry.url for entry in entries}
         mine = {output for entry in entries for output in entry.outputs}
         plan = Plan([], [f"{problem}; not used" for problem in problems])
@@ -118,6 +121,8 @@ class FolderRun:
                 done = None
             elif done is None and _url(source) not in told_of and any(map(there, outputs)):
                 done = self._told_by_tables(source, outputs, there)
+                if done is not None and self._manifest is not None:
+                    self._manifest.add(done)
             existing = self._existing(source, there) if done is None and not overwrite else []
             foreign = [out for out in existing if out not in mine and not _is_of(out, source)]
             if foreign:
@@ -238,6 +243,10 @@ class FolderRun:
             or not is_unchanged(source, done)
         ):
             return False
+        # A manifest may name whatever it likes: the tables of this log in this folder count, and all of them.
+        existing = self._days[done.url] if self._options.layout == BY_DATE else self._existing(source, there)
+        if len(existing) != len(self._options.tables) or sorted(done.outputs) != sorted(existing):
+            return False
         states = [there.state(output) for output in done.outputs]
         if [state.size if state is not None else None for state in states] != done.output_sizes:
             return False
@@ -283,7 +292,22 @@ class FolderRun:
             UnreadableError.exit_code if lines else 0,
             "; ".join(lines) or None,
             [*outputs],
+            [found.size for output in outputs if (found := there.state(output)) is not None],
         )
+
+
+def _is_below(folder: Place, name: str) -> bool:
+    """Whether a name that a manifest holds is that of a file below the folder it is about."""
+    try:
+        where = place(name)
+    except OptionError:
+        return False
+    if isinstance(where, Url) and isinstance(folder, Url):
+        inside = where.key.startswith(f"{folder.key}/" if folder.key else "")
+        return inside and replace(where, key="") == replace(folder, key="")
+    if isinstance(where, Path) and isinstance(folder, Path):
+        return ".." not in where.parts and where.is_relative_to(folder.absolute())
+    return False
 
 
 def _url(source: Source | Nothing) -> str:

@@ -279,3 +279,65 @@ def test_a_folder_that_may_not_be_looked_into_is_one_line(
     assert code == (0 if more == ("--dry-run",) else 3)
     assert len(err.splitlines()) == (0 if more == ("--dry-run",) else 1)
     assert [*shut.iterdir()] == []
+
+
+def hostile(out: Path, **change: object) -> None:
+    """Let the one manifest say something else of `one`."""
+    (file,) = (out / "_lidarcli").iterdir()
+    rows = [
+        {**row, **(change if row["log"] == "one" else {}), "ended": row["ended"]}
+        for row in pq.read_table(file).to_pylist()
+    ]
+    pq.write_table(pa.Table.from_pylist(rows, RUNS), file)
+
+
+@pytest.mark.parametrize(
+    "outputs",
+    [
+        [],
+        ["/etc/passwd"],
+        ["/etc/passwd", "{out}/one.sweeps.parquet"],
+        ["{out}/one.objects.parquet"],
+        ["{out}/two.objects.parquet", "{out}/two.sweeps.parquet"],
+        ["{out}/../out/one.objects.parquet", "{out}/one.sweeps.parquet"],
+        ["s3://b/x?endpoint_override=127.0.0.1:1&scheme=http", "{out}/one.sweeps.parquet"],
+        ["https://host/x", "s3://AK:SK@b/x"],
+    ],
+)
+def test_a_manifest_is_believed_of_the_tables_of_the_log_alone(
+    outputs: list[str], bags: Path, tmp_path: Path, lidarcli: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, log = tmp_path / "out", bags / "one.mcap"
+    assert lidarcli("detect", log, "-o", out, "--resume").code == 0
+    names = [name.format(out=out) for name in outputs]
+    sizes = [os.path.getsize(name) if os.path.exists(name) else 1 for name in names]  # noqa: PTH110, PTH202
+    hostile(out, outputs=names, output_sizes=sizes)
+
+    def asked(*_: object) -> None:
+        raise AssertionError("a store is asked")
+
+    monkeypatch.setattr("lidarcli.stores.store.head", asked)
+    ran = lidarcli("detect", log, "-o", out, "--resume")
+    assert (ran.code, "done before" in ran.err) == (0, False)
+    assert all("/etc" not in line and "://" not in line for line in ran.err.splitlines())
+    assert "1 log, done before" in lidarcli("detect", log, "-o", out, "--resume").err
+
+
+@pytest.mark.parametrize("layout", [(), ("--partition", "date")])
+def test_logs_that_their_tables_tell_of_are_in_the_manifest(
+    layout: tuple[str, ...], bags: Path, tmp_path: Path, lidarcli: CommandLine
+) -> None:
+    out = tmp_path / "out"
+    (bags / "bad.mcap").write_text("nothing")
+    assert lidarcli("detect", bags, "-o", out, *layout).code == 3
+    if layout:
+        (manifest,) = (out / "_lidarcli").iterdir()
+        manifest.unlink()
+    assert lidarcli("detect", bags, "-o", out, *layout, "--resume").code == 3
+    entries, _ = read_entries(out)
+    outcomes = {entry.log: entry.outcome for entry in entries}
+    good = {"a/run", "b/run", "four", "one", "three", "two"}
+    assert outcomes == {**dict.fromkeys(good, "ok"), "bad": "failed"}
+    assert all(len(entry.outputs) == len(entry.output_sizes) == 2 for entry in entries if entry.is_done)
+    ran = lidarcli("report", out / "_lidarcli", "--check", "ok == 6", "--check", "failed == 1")
+    assert ran.code == 0, ran.out

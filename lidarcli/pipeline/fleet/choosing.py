@@ -42,7 +42,7 @@ def choose(
     found = find_logs(logs)
     if listed is not None:
         for number, line in _lines(listed):
-            for source in [_object(line)] if _is_object(line) else find_logs([line]):
+            for source in _listed(line):
                 place_in_list = f"{listed}: line {number}: {source.path}"
                 found.append(replace(source, path=place_in_list) if isinstance(source, Nothing) else source)
     if base is not None:
@@ -77,6 +77,18 @@ def _lines(listed: str) -> list[tuple[int, str]]:
         )
     lines = [(number, os.fsdecode(line).strip()) for number, line in enumerate(data.split(b"\n"), 1)]
     return [(number, line) for number, line in lines if line and not line.startswith("#")]
+
+
+def _listed(line: str) -> list[Source | Nothing]:
+    """The logs that a line of a list means."""
+    where = place(line) if is_url(line) else None
+    if isinstance(where, Url) and where.options:
+        error = UnreadableError(
+            "a list takes no options of a URL (?endpoint_override=): they say where credentials are sent; name the log on "
+            "the command line, or set AWS_ENDPOINT_URL"
+        )
+        return [Nothing(line, error)]
+    return [_object(line)] if _is_object(line) else find_logs([line])
 
 
 def _is_object(line: str) -> bool:
