@@ -1,5 +1,16 @@
 """The errors a user can meet, each with its exit code (docs/cli.md lists them). Imports nothing."""
 
+OUT_OF_MEMORY = "not enough memory; allow more, take --jobs 1, or read a part of the log with --start and --end or --every"
+"""What is said where `is_short_of_memory`, with the exit code of an `UnreadableError`: the log could not be read here."""
+
+
+def is_short_of_memory(err: Exception) -> bool:
+    """Whether an error says that there is no more memory; libraries say so that find no room when they are loaded."""
+    signs = ("failed to map segment", "Cannot allocate memory")
+    return isinstance(err, MemoryError) or (
+        isinstance(err, ImportError) and any(sign in str(err) for sign in signs)
+    )
+
 
 class LidarcliError(Exception):
     """Root of every error that is not a bug. The message is one line: file, place, cause, way out."""

@@ -87,6 +87,7 @@ class WholeFiles(ABC):
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
         self.close()
+        refuse_lost(error, self._beside)
 
 
 class NewFiles(WholeFiles):
@@ -269,6 +270,14 @@ def unwritable(path: Place | str, err: OSError) -> OutputError:
     # Arrow puts words of its own before those of the system.
     reason = os.strerror(err.errno) if err.errno else err.strerror or str(err).splitlines()[0]
     return OutputError(f"cannot write {path}: {reason}")
+
+
+def refuse_lost(error: object, folder: Path) -> None:
+    """Raise an `OutputError` for an error of the system whose cause is that somebody has removed an output folder."""
+    if isinstance(error, OSError) and error.filename is not None and not folder.is_dir():
+        lost = Path(os.fsdecode(error.filename))
+        if lost == folder or folder in lost.parents:
+            raise unwritable(folder, error) from error
 
 
 def _refuse_place(folder: Path) -> None:

@@ -18,8 +18,9 @@ import lidarcli as lidarcli_package
 from lidarcli import newfiles
 from lidarcli.cli import run
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.newfiles import NewFiles, refuse, write_whole
+from lidarcli.newfiles import NewFiles, refuse, refuse_lost, write_whole
 from lidarcli.simulate import simulate
+from lidarcli.tabular.files import TableFiles
 from tests.places import SAMPLES
 from tests.unprivileged import lidarcli
 from tests.waiting import HANG
@@ -264,6 +265,25 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path, command: str) -> None:
         assert (code, err) == (5, f"lidarcli: {label}cannot write {shut / 'deeper'}: Permission denied\n")
     shut.chmod(0o700)
     assert list(shut.iterdir()) == []
+
+
+def test_an_output_folder_that_is_removed_meanwhile(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publish, out = TableFiles.publish, tmp_path / "out"
+
+    def removed(files: TableFiles, metadata: dict[bytes, bytes]) -> list[str]:
+        shutil.rmtree(out)
+        return publish(files, metadata)
+
+    monkeypatch.setattr(TableFiles, "publish", removed)
+    assert run(["-q", "detect", str(ROOM), "-o", str(out)]) == 5
+    (line,) = said(capsys)
+    assert line == f"lidarcli: {ROOM}: cannot write {out}: No such file or directory"
+    # What becomes of a log that is removed has nothing to do with it.
+    refuse_lost(FileNotFoundError(2, "gone", str(ROOM)), out)
+    with pytest.raises(OutputError, match="cannot write "):
+        refuse_lost(FileNotFoundError(2, "gone", str(out / ".part" / "a")), out)
 
 
 def test_devices_and_folders_are_not_replaced(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import traceback
@@ -14,8 +15,9 @@ from lidarcli.cli.grouped import Commands, option
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.settings import PREFIX
 from lidarcli.cli.version import print_version
-from lidarcli.errors import LidarcliError, OutputError
+from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, OutputError, UnreadableError, is_short_of_memory
 from lidarcli.interrupts import Terminated
+from lidarcli.stores.url import blotted
 
 COMMANDS = (
     *("info", "detect", "track", "background", "match", "map", "overlay"),
@@ -75,7 +77,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         code = _invoke(sys.argv[1:] if arguments is None else list(arguments))
         _flush()
     except click.ClickException as err:
-        err.show()
+        words = io.StringIO()
+        err.show(words)
+        click.echo(blotted(words.getvalue()), err=True, nl=False)
         return err.exit_code
     except Terminated:
         say.error("terminated")
@@ -91,6 +95,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
         say.error(str(err))
         return err.exit_code
     except Exception as err:
+        if is_short_of_memory(err):
+            say.error(OUT_OF_MEMORY)
+            return UnreadableError.exit_code
         # What becomes of files the commands say themselves; what has no name is standard output.
         if isinstance(err, OSError) and err.filename is None:
             say.error(f"cannot write standard output: {err.strerror or err}")

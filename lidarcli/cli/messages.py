@@ -13,6 +13,7 @@ import click
 
 from lidarcli import compiled
 from lidarcli.errors import OutputError
+from lidarcli.stores.url import blotted
 
 
 def _to_stderr(line: str) -> None:
@@ -45,9 +46,12 @@ LONGEST_LINE = 1000
 def one_line(text: str) -> str:
     r"""Text from a log or a file name, with escapes for what would break the line or steer the terminal.
 
+    Credentials that somebody has typed into a URL are left out.
+
     >>> one_line("/scan\n\x1b[2J °")
     '/scan\\n\\x1b[2J °'
     """
+    text = blotted(text)
     if not text.isprintable():
         text = "".join(char if char.isprintable() else repr(char)[1:-1] for char in text[:LONGEST_LINE])
     return (

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.fs as fs
 
 from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
-from lidarcli.stores.url import State, Url
+from lidarcli.stores.url import State, Url, blotted
 
 CONNECT_S = 10.0
 REQUEST_S = 60.0
@@ -39,7 +39,6 @@ _CAUSES = {
     "INVALID_ACCESS_KEY_ID": "the store does not know these credentials",
     "SIGNATURE_DOES_NOT_MATCH": "the store refuses these credentials",
 }
-_SECRET = re.compile(r"(?i)\b(sig|signature|token|secret|password|key)=[^&\s\"']+")
 
 
 def head(url: Url) -> State | None:
@@ -270,5 +269,5 @@ def _named(url: Url, err: Exception, kind: type[LidarcliError], before: str) -> 
     if code and code[1] == "NETWORK_CONNECTION" and (endpoint := _env(*ENDPOINTS)):
         cause = f"{cause}: nobody answers at {endpoint.rpartition('@')[2]} ({' or '.join(ENDPOINTS)})"
     if cause is None:
-        cause = _SECRET.sub(r"\1=...", words.partition(" (Request ID")[0])
+        cause = blotted(words.partition(" (Request ID")[0])
     return kind(f"{before}{url}: {cause}")

@@ -15,8 +15,14 @@ SCHEMES = ("s3", "gs", "az", "abfs", "abfss")
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)/?(.*)", re.DOTALL)
 _OPTIONS = re.compile(r"\?((?:(?:endpoint_override|scheme|region)=[^&]*&?)+)$")
 _SECRETS = re.compile(
-    r"(?i)[?&](access_key|secret_key|session_token|sig|signature|x-amz-[a-z-]+|token|password)="
+    r"(?i)([?&](?:x-amz-[a-z-]+|[\w-]*(?:sig|signature|token|secret|password|key)(?:[_-]?id)?)="
+    r"|\b(?:sig|signature|token|secret|password|accountkey)=)[^&;:\s\"']+"
 )
+"""Credentials in the query of a URL, and as stores name them in their messages."""
+
+_USER = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):(//?)([^\s/@]*:[^\s@]*|[^\s/@]*)@")
+"""A URL up to the end of its user; a password may hold slashes, and a path has lost one."""
+
 _MAGIC = re.compile(r"[*?[]")
 
 
@@ -115,6 +121,23 @@ def is_url(text: str | PathLike[str]) -> bool:
     return bool(mark) and scheme.lower() in SCHEMES
 
 
+def blotted(text: str) -> str:
+    """The same text without credentials, for whoever reads a message.
+
+    >>> blotted("https://me:pass@host/x?aws_secret_access_key=K: no such file")
+    'https://...@host/x?aws_secret_access_key=...: no such file'
+    """
+
+    return _SECRETS.sub(r"\1...", _USER.sub(_without_user, text))
+
+
+def _without_user(found: re.Match[str]) -> str:
+    scheme, name = found[1].lower(), found[3]
+    # Nobody in particular, and the container of an account of Azure, are no secret.
+    known = scheme in ("s3", "gs") if name == "anonymous" else scheme in ("az", "abfs", "abfss")
+    return found[0] if known and ":" not in name else f"{found[1]}:{found[2]}...@"
+
+
 def _refuse_scheme(text: str) -> None:
     """Refuse what is meant as a URL and would be taken for a path, with a folder named `http:`."""
     scheme, mark, _ = text.partition("://")
@@ -143,8 +166,9 @@ def place(text: str | PathLike[str] | Url) -> Place:
     found = _URL.fullmatch(fspath(text))
     assert found is not None
     scheme, bucket, key = found[1].lower(), found[2], found[3]
-    user, mark, _ = bucket.rpartition("@")
-    if (mark and (":" in user or (scheme in ("s3", "gs") and user != "anonymous"))) or _SECRETS.search(key):
+    secret = _SECRETS.search(key)
+    named = fspath(text).partition("?")[0]
+    if _USER.sub(_without_user, named) != named or (secret and secret[0][0] in "?&"):
         raise OptionError(
             f"{scheme}://...: credentials do not belong in a URL; the store takes them from its own configuration "
             "and environment (docs/fleet.md)"

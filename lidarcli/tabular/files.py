@@ -10,7 +10,7 @@ from typing import Self
 
 import pyarrow as pa
 
-from lidarcli.newfiles import WholeFiles, new_files
+from lidarcli.newfiles import WholeFiles, new_files, refuse_lost
 from lidarcli.stores.url import Place
 from lidarcli.tabular.order import TopicOrder
 from lidarcli.tabular.parquet import TableFile
@@ -102,3 +102,6 @@ class TableFiles:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
+        for folder in self._new:
+            if isinstance(folder, Path):
+                refuse_lost(error, folder)

@@ -290,7 +290,7 @@ def test_odd_names_are_read_or_told(store: Store, lidarcli: CommandLine, tmp_pat
     store.put("odd/y.mcap?region=x.mcap", data)
     ran = lidarcli("detect", f"s3://{store.bucket}/odd/", "-o", tmp_path / "out")
     assert ran.code == 3
-    assert "odd/z.mcap?token=1.mcap: its name reads like" in ran.err
+    assert "odd/z.mcap?token=...: its name reads like" in ran.err
     assert "odd/y.mcap?region=x.mcap: its name reads like the options of a URL" in ran.err
     found = {path.name for path in (tmp_path / "out").glob("*.objects.parquet")}
     assert found == {f"{log}.objects.parquet" for log in ("br[1]", "50%", "a b#c", "hall[1]")}

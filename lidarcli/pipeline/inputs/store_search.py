@@ -48,11 +48,13 @@ def _why_none(url: Url, objects: Objects) -> str:
 def _below(base: Url, objects: Objects) -> list[Source | Nothing]:
     """All logs below a folder: bags and folders of sweeps, each as one log, and objects by their suffix."""
     folders: dict[str, list[Url]] = {"": []}
+    found: dict[PurePosixPath, Source | Nothing] = {}
     for url in objects:
         below = url.key.removeprefix(base.key).strip("/")
-        if not any(part.startswith(".") for part in below.split("/")):
+        if {".", ".."} & {*below.split("/")} and url.name.lower().endswith(SUFFIXES):
+            found[PurePosixPath(below)] = _odd(url, "has a part that is . or ..")
+        elif not any(part.startswith(".") for part in below.split("/")):
             folders.setdefault(below.rpartition("/")[0], []).append(url)
-    found: dict[PurePosixPath, Source | Nothing] = {}
     whole: list[str] = []
     for folder, urls in sorted(folders.items()):
         if any(folder == one or folder.startswith(f"{one}/") or not one for one in whole):
@@ -138,10 +140,13 @@ def _source(url: Url, name: str, objects: Objects) -> Source | Nothing:
     except OptionError:
         is_told = False
     if not is_told:
-        return Nothing(
-            str(url), UnreadableError("its name reads like the options of a URL; rename the object")
-        )
+        return _odd(url, "has an empty part (//)" if "//" in url.key else "reads like the options of a URL")
     return Source(str(url), name, found=objects[url])
+
+
+def _odd(url: Url, why: str) -> Nothing:
+    """An object whose name stands for no place."""
+    return Nothing(str(url), UnreadableError(f"its name {why}; rename the object"))
 
 
 def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Source:

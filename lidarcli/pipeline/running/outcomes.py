@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from lidarcli.errors import LidarcliError, UnreadableError
+from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_short_of_memory
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.reading.summary import RunSummary
 
@@ -66,6 +66,8 @@ def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failur
     except OSError as err:
         return Failure(err.strerror or str(err), UnreadableError.exit_code)
     except Exception as err:
+        if is_short_of_memory(err):
+            return Failure(OUT_OF_MEMORY, UnreadableError.exit_code)
         return Failure(f"internal error: {type(err).__name__}: {err}", INTERNAL_ERROR, traceback.format_exc())
 
 

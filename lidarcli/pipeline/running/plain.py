@@ -37,14 +37,21 @@ class _Reader(pickle.Unpickler):
     def find_class(self, module: str, name: str, /) -> Any:
         """One of our own classes, or one that does nothing."""
         if module == "tblib.pickling_support":
-            # Tracebacks; whoever asks for one takes none as well.
-            return _none
+            # By it workers pickle exceptions and tracebacks; whoever asks for one of these takes none as well.
+            return _exception if name.startswith("unpickle_exception") else _none
         return _KNOWN.get((module, name)) or type(name, (StandIn,), {})
 
 
 def loads(data: Any, *, buffers: Iterable[Any] = ()) -> Any:
     """What a pickle says, as of `pickle.loads`."""
     return _Reader(io.BytesIO(data), buffers=buffers).load()
+
+
+def _exception(kind: Any, values: Any, *more: Any) -> StandIn:
+    """An exception of this kind, which is a stand-in or makes one."""
+    words = next((each for each in (values, *more[-1:]) if isinstance(each, tuple)), ())
+    is_kind = isinstance(kind, type) and issubclass(kind, StandIn)
+    return (kind if is_kind else StandIn)(*words)
 
 
 def _none(*values: Any) -> None:

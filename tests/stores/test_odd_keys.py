@@ -1,0 +1,52 @@
+"""Names that a store allows and that stand for no place: each is told, none is left out in silence."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pytest
+
+from lidarcli.pipeline.inputs import store_search
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.stores.url import State, Url, blotted
+
+
+def test_keys_that_stand_for_no_place_are_told() -> None:
+    base = Url("s3", "b", "logs")
+    causes = {
+        "a.mcap": None,
+        "../b.mcap": "has a part that is . or ..",
+        "day/./c.mcap": "has a part that is . or ..",
+        "day//d.mcap": "has an empty part (//)",
+        "e.mcap?region=x.mcap": "reads like the options of a URL",
+        ".hidden/f.mcap": "",
+        "day/../notes.md": "",
+    }
+    objects = {base / name: State(1, 1) for name in causes}
+    found = {each.path: each for each in store_search._below(base, objects)}
+    assert sorted(found) == sorted(f"s3://b/logs/{name}" for name, cause in causes.items() if cause != "")
+    for name, cause in causes.items():
+        if cause is None:
+            assert isinstance(found[f"s3://b/logs/{name}"], Source)
+        elif cause:
+            error = cast("Nothing", found[f"s3://b/logs/{name}"]).error
+            assert str(error) == f"its name {cause}; rename the object"
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("https://user:pass@host/x: gone", "https://...@host/x: gone"),
+        ("https:/user:pa/ss@host/x", "https:/...@host/x"),
+        ("https://TOKEN@host/x", "https://...@host/x"),
+        ("image s3://AK:S/K@b/x.pgm is no file", "image s3://...@b/x.pgm is no file"),
+        ("s3://b/x?aws_secret_access_key=K&region=r", "s3://b/x?aws_secret_access_key=...&region=r"),
+        ("x?AWSAccessKeyId=A&X-Amz-Signature=B", "x?AWSAccessKeyId=...&X-Amz-Signature=..."),
+        ("AccountKey=abc==;Endpoint=e", "AccountKey=...;Endpoint=e"),
+        ("s3://anonymous@b/key=5/x", "s3://anonymous@b/key=5/x"),
+        ("abfs://c@a.dfs.core.windows.net/run key=1.mcap", "abfs://c@a.dfs.core.windows.net/run key=1.mcap"),
+        ("tcp://host:8786: a@b", "tcp://host:8786: a@b"),
+    ],
+)
+def test_credentials_are_left_out(text: str, shown: str) -> None:
+    assert blotted(text) == shown
