@@ -81,26 +81,30 @@ def test_a_worker_that_is_killed_and_a_log_that_kills(
 
 DIES = """
 import os, signal
-times = {times}
-for number in range(times):
+for number in range(99):
     try:
-        os.close(os.open(os.path.join({folder!r}, f"died-{{number}}"), os.O_CREAT | os.O_EXCL))
+        os.close(os.open(os.path.join({folder!r}, f"start-{{number}}"), os.O_CREAT | os.O_EXCL))
     except FileExistsError:
         continue
+    break
+if number in {numbers}:
     os.kill(os.getpid(), signal.SIGKILL)
 """
-"""Workers that load it are killed while they start, so many times in all."""
+"""Of the workers that load it those of some numbers are killed while they start."""
 
 
-@pytest.mark.parametrize("times", [1, 99])
+@pytest.mark.parametrize("numbers", [(0,), tuple(range(99))])
 def test_a_worker_that_is_killed_while_it_starts(
-    times: int, bags: Path, tmp_path: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
+    numbers: tuple[int, ...],
+    bags: Path,
+    tmp_path: Path,
+    process: Callable[..., subprocess.CompletedProcess[bytes]],
 ) -> None:
     path = tmp_path / "dies.py"
-    path.write_text(DIES.format(times=times, folder=str(tmp_path)))
+    path.write_text(DIES.format(numbers=numbers, folder=str(tmp_path)))
     environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__PRELOAD": repr([str(path)])}
     ran = process("detect", bags, "-o", tmp_path / "out", "--cluster", "local:1", env=environment)
-    if times == 1:
+    if len(numbers) == 1:
         assert (ran.returncode, len(tables(tmp_path / "out"))) == (0, 12), ran.stderr
         first, *_ = ran.stderr.decode().splitlines()
         assert first.startswith("cluster tcp://127.0.0.1:")
@@ -111,7 +115,23 @@ def test_a_worker_that_is_killed_while_it_starts(
         "lidarcli: --cluster local:1: a worker ended while it started, 3 times (out of memory?); take fewer workers, or "
         "--jobs in their place"
     ]
-    assert len([*tmp_path.glob("died-*")]) == 3
+    assert len([*tmp_path.glob("start-*")]) == 3
+
+
+def test_a_worker_that_is_killed_while_it_starts_again(
+    bags: Path, small: bytes, tmp_path: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
+) -> None:
+    """Its nanny gives it up, and it was the only one."""
+    path = tmp_path / "dies.py"
+    path.write_text(DIES.format(numbers=(1,), folder=str(tmp_path)) + KILLER)
+    environment = {**os.environ, "DASK_DISTRIBUTED__WORKER__PRELOAD": repr([str(path)])}
+    (bags / "killer.mcap").write_bytes(small)
+    ran = process("detect", bags, "-o", tmp_path / "out", "--cluster", "local:1", env=environment)
+    assert ran.returncode == 3
+    lines = [line for line in ran.stderr.decode().splitlines() if line.startswith("lidarcli:")]
+    assert len(lines) == 1
+    assert lines[0].startswith(f"lidarcli: {bags}/killer.mcap: ends every worker that reads it")
+    assert len(tables(tmp_path / "out")) == 12
 
 
 @pytest.fixture

@@ -104,6 +104,8 @@ class Cluster:
         self._address = address
         self._stack = ExitStack()
         self._client: Any = None
+        self._own: Any = None
+        """The cluster of `local:N`."""
         self._threads = 1
         self._looked = 0.0
         self._alone_since: float | None = None
@@ -172,6 +174,7 @@ class Cluster:
         if now - self._looked > LOOK_S:
             self._looked = now
             workers = self._workers()
+            self._replace_lost(len(workers))
             if workers:
                 self._alone_since = None
                 self._threads = max(1, sum(workers.values()))
@@ -183,6 +186,15 @@ class Cluster:
                     "with --resume"
                 )
         return WINDOW * self._threads
+
+    def _replace_lost(self, count: int) -> None:
+        """Start new workers of our own for those that ended while they started, which their nannies then give up."""
+        if self._own is None or count >= len(self._own.worker_spec):
+            return
+        for name, nanny in [*self._own.workers.items()]:
+            if nanny.status in (distributed.Status.closed, distributed.Status.failed):
+                self._own.workers.pop(name, None)
+        self._own.scale(len(self._own.worker_spec))
 
     def refuse_other_builds(self) -> None:
         """Refuse workers whose tables could have other bytes than ours."""
@@ -247,7 +259,7 @@ class Cluster:
         """A client of workers that have just been started."""
         # Ctrl-C is for this process, which ends the workers.
         with signals_held():
-            cluster = self._stack.enter_context(
+            self._own = self._stack.enter_context(
                 distributed.LocalCluster(
                     n_workers=count,
                     threads_per_worker=1,
@@ -258,7 +270,7 @@ class Cluster:
                     silence_logs=logging.CRITICAL,
                 )
             )
-        return self._stack.enter_context(distributed.Client(cluster, set_as_default=False))
+        return self._stack.enter_context(distributed.Client(self._own, set_as_default=False))
 
     def _workers(self) -> dict[str, int]:
         """Worker → its threads."""

@@ -48,10 +48,10 @@ def loads(data: Any, *, buffers: Iterable[Any] = ()) -> Any:
 
 
 def _exception(kind: Any, values: Any, *more: Any) -> StandIn:
-    """An exception of this kind, which is a stand-in or makes one."""
-    words = next((each for each in (values, *more[-1:]) if isinstance(each, tuple)), ())
+    """An exception of this kind, which makes a stand-in; its words are values or among its attributes."""
+    words = values.get("args") if isinstance(values, dict) else values
     is_kind = isinstance(kind, type) and issubclass(kind, StandIn)
-    return (kind if is_kind else StandIn)(*words)
+    return (kind if is_kind else StandIn)(*(words if isinstance(words, tuple) else ()))
 
 
 def _none(*values: Any) -> None:
