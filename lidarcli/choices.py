@@ -25,6 +25,8 @@ STATION_DEGREES = 5.0
 """… if their heading differs by no more than this [degrees]."""
 STATION_ANGLE = math.radians(STATION_DEGREES)
 """The same in radians."""
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Units that the ranges of a log may have, in metres."""
 ECHOES = ("first", "last", "strongest")
 """Which echo is taken of each beam that has several; the first by default."""
 BINS = 720

@@ -87,6 +87,8 @@ class RawSweeps:
     """(S,) from sweep to sweep [s], None where nobody has told."""
     intensities: Float32 | None = None
     """(S, B) how strong each return is, in the sensor's own unit; NaN where none is told. None: no sweep tells any."""
+    angle_max: Float64 | None = None
+    """(S,) bearing of the last beam as the log tells it beside the increment, which counts; None where nobody has told."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -108,8 +110,8 @@ class RawSweeps:
         return replace(self, ranges=self.ranges[:, :width], intensities=intensities)
 
 
-_TIMES = ("time_increment", "scan_time")
-_OPTIONAL = (*_TIMES, "intensities")
+_TOLD = ("time_increment", "scan_time", "angle_max")
+_OPTIONAL = (*_TOLD, "intensities")
 _ROW_FIELDS = (
     "frame",
     "stamp_ns",
@@ -135,7 +137,7 @@ def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
         for name in _ROW_FIELDS
         if name not in ("frame", "ranges")
     }
-    for name in _TIMES:
+    for name in _TOLD:
         told = [some for block in blocks if (some := getattr(block, name)) is not None]
         if len(told) == len(blocks):
             joined[name] = np.concatenate(told)

@@ -10,9 +10,9 @@ from typing import Any
 from lidarcli.cli.messages import one_line
 from lidarcli.judging import FARTHEST
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Topic
+from lidarcli.logs.clock import ClockInfo
 from lidarcli.pipeline.info_json import info_dict
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
-from lidarcli.pipeline.reading.clock import ClockInfo
 from lidarcli.showing import moment
 
 _OTHERS = 10
@@ -123,9 +123,12 @@ def _limits(least: Span, greatest: Span) -> str:
 
 def _stamps(clock: ClockInfo, sweeps: int) -> str:
     parts = ["increasing"]
+    if clock.repeated:
+        parts = [f"{clock.repeated:,} of {sweeps:,} are those of the sweep before"]
     if not clock.monotonic:
         times = "once" if clock.backward == 1 else f"{clock.backward} times"
-        parts = [f"go back {times}, by at most {clock.largest_backward:.3f} s"]
+        back = f"go back {times}, by at most {clock.largest_backward:.3f} s"
+        parts = [back, *parts] if clock.repeated else [back]
     if clock.zero_stamps:
         parts.append(f"{clock.zero_stamps:,} of {sweeps:,} are zero")
     if clock.offset is not None:

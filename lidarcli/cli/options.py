@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from lidarcli.choices import BINS, ECHOES, GREATEST_COUNT, GREATEST_NUMBER
+from lidarcli.choices import BINS, ECHOES, GREATEST_COUNT, GREATEST_NUMBER, UNITS
 from lidarcli.cli.grouped import OUTPUT, F, option
 
 if TYPE_CHECKING:
@@ -379,10 +379,10 @@ def opening_options(command: F) -> F:
         option(
             "--range-unit",
             heading=GEOMETRY,
-            type=click.Choice(["m", "mm"]),
+            type=click.Choice([*UNITS]),
             default="m",
             show_default=True,
-            help="Unit of the ranges in the file.",
+            help="Unit of the ranges in the log.",
         ),
         option(
             "--degrees",

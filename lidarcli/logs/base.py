@@ -108,6 +108,8 @@ class ReadReport:
     """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`) …"""
     range_notes: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """… and what a user should know of how its ranges are judged."""
+    doubts: list[str] = field(default_factory=list)
+    """What looks wrong in sweeps that were read (`logs.doubts`): the tables may be wrong, too."""
 
     MAX_DAMAGE = 20
 
@@ -121,7 +123,7 @@ class ReadReport:
     def add_new(self, other: ReadReport) -> None:
         """Take over what another pass over the same log has met, of its damage only what this report does not tell yet."""
         met = {part.place for part in self.damage}
-        self.add(replace(other, damage=[], damage_more=0))
+        self.add(replace(other, damage=[], damage_more=0, doubts=[]))
         for part in other.damage:
             if part.place not in met:
                 self.add_damage(part.place, part.cause)
@@ -136,6 +138,7 @@ class ReadReport:
         self.damage_more += other.damage_more
         self.refused.update(other.refused)
         self.notes += [note for note in other.notes if note not in self.notes]
+        self.doubts += other.doubts
         self.no_return.update(other.no_return)
         self.range_notes.update(other.range_notes)
 
@@ -167,7 +170,7 @@ class OpenOptions:
     fov: float | None = None
     range_max: float | None = None
     range_scale: float = 1.0
-    """Factor from the file's unit to metres (`--range-unit mm`: 0.001)."""
+    """Factor from the log's unit to metres (`--range-unit mm`: 0.001)."""
     slice: Slice | None = None
     """How point clouds are read as sweeps; None: they are not."""
     echo: str = ECHOES[0]

@@ -14,6 +14,7 @@ from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.choice import TopicChoice
+from lidarcli.logs.doubts import Doubts
 from lidarcli.logs.piles import MOST_TOPICS, Settling
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
@@ -87,6 +88,7 @@ def read_batches(
         if choice.is_listed and (error := choice.error(every=True)) is not None:
             raise error
     lines: dict[str, _Line] = {}
+    doubts = Doubts()
     beyond: Counter[str] = Counter()
 
     def chosen() -> Iterator[RawSweeps]:
@@ -96,7 +98,7 @@ def read_batches(
             if block.topic not in lines and len(lines) == MAX_TOPICS:
                 beyond[block.topic] += len(block)
                 continue
-            lines.setdefault(block.topic, _Line(options))
+            lines.setdefault(block.topic, _Line(options, doubts))
             yield block
 
     for block, rules in Settling(options.rules, report).blocks(chosen()):
@@ -105,6 +107,7 @@ def read_batches(
         yield from line.batches(final=True)
         if (note := line.empty_window(topic)) is not None:
             report.notes.append(note)
+    report.doubts += doubts.notes()
     if beyond:
         report.add_damage(
             "topics",
@@ -145,9 +148,10 @@ def _words(time: float | Instant | None, unit: str = " s") -> str:
 class _Line:
     """The sweeps of one topic that wait for their batch."""
 
-    def __init__(self, options: ReadOptions) -> None:
+    def __init__(self, options: ReadOptions, doubts: Doubts) -> None:
         self._options = options
         self._rules = options.rules
+        self._doubts = doubts
         self._count = 0
         self._begin_ns: int | None = None
         """Stamp of the topic's first sweep, also of one that is left out."""
@@ -215,7 +219,9 @@ class _Line:
             parts.pop()
         for part in parts:
             block, sweep = self._cut(part.stop - part.start)
-            yield normalise(block, sweep, self._rules, self._begin_ns)
+            batch = normalise(block, sweep, self._rules, self._begin_ns)
+            self._doubts.add(block, batch)
+            yield batch
 
     def _cut(self, rows: int) -> tuple[RawSweeps, Int64]:
         """Take the first `rows` of what waits, as wide as its widest sweep."""

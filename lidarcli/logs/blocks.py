@@ -21,6 +21,24 @@ ANGLE_MIN = "angle_min is not finite"
 INCREMENT = "angle_increment is not finite"
 BEARINGS = "the last bearing is not finite"
 INCREMENT_ZERO = "angle_increment is zero"
+WIDEST_STEP = 0.9
+"""[rad] A step from beam to beam beyond this one, 52 degrees, …"""
+WIDEST_VIEW = 1.5 * TURN
+"""[rad] … is one of degrees that were taken as radians, where the beams go round more than this."""
+IN_DEGREES = (
+    f"angle_increment is beyond {WIDEST_STEP} rad: probably degrees; a LaserScan has radians, and a text log may have "
+    "--degrees"
+)
+
+
+def in_degrees(beams: Int32 | Int64, angle_increment: Float32 | Float64) -> Bool:
+    """(S,) whether the steps of sweeps can only be degrees that were taken as radians.
+
+    >>> in_degrees(np.array([360, 360, 4]), np.array([1.0, 0.0175, 1.57])).tolist()
+    [True, False, False]
+    """
+    step = np.abs(angle_increment.astype(np.float64))
+    return np.asarray((step > WIDEST_STEP) & (step > WIDEST_VIEW / np.maximum(beams - 1, 1)) & (beams > 1))
 
 
 def split_rows(
@@ -99,6 +117,7 @@ def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSw
         (~np.isfinite(block.angle_increment), INCREMENT),
         (~np.isfinite(last), BEARINGS),
         ((block.angle_increment == 0) & (block.beams > 1), INCREMENT_ZERO),
+        (in_degrees(block.beams, block.angle_increment), IN_DEGREES),
     ):
         fresh = bad & whole
         if fresh.any():

@@ -11,10 +11,12 @@ import numpy as np
 from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import (
     ANGLE_MIN,
+    IN_DEGREES,
     INCREMENT,
     INCREMENT_ZERO,
     TOO_MANY,
     as_singles,
+    in_degrees,
     pad_intensities,
     pad_rows,
     split_rows,
@@ -90,6 +92,8 @@ def _check(sweep: Sweep) -> None:
         raise RefusedError(INCREMENT)
     if beams > 1 and sweep.angle_max == sweep.angle_min:
         raise RefusedError(INCREMENT_ZERO)
+    if in_degrees(np.array([beams]), np.array([sweep.angle_max - sweep.angle_min]) / max(beams - 1, 1))[0]:
+        raise RefusedError(IN_DEGREES)
     if not -(2**63) <= sweep.stamp_ns < 2**63:
         raise RefusedError(STAMP)
 

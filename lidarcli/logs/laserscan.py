@@ -18,9 +18,11 @@ from lidarcli.logs.base import MAX_BEAMS, ReadReport
 from lidarcli.logs.blocks import (
     ANGLE_MIN,
     BLOCK_ROWS,
+    IN_DEGREES,
     INCREMENT,
     INCREMENT_ZERO,
     TOO_MANY,
+    in_degrees,
     pad_intensities,
     pad_rows,
     split_rows,
@@ -192,6 +194,7 @@ def _read_heads(
         (~np.isfinite(geometry[:, 0]), ANGLE_MIN),
         (~np.isfinite(geometry[:, 2]), INCREMENT),
         ((geometry[:, 2] == 0) & (beams > 1), INCREMENT_ZERO),
+        (in_degrees(beams, geometry[:, 2]), IN_DEGREES),
     )
 
 
@@ -283,6 +286,7 @@ def _block(
         time_increment=heads.geometry[:, 3].copy(),
         scan_time=heads.geometry[:, 4].copy(),
         intensities=intensities,
+        angle_max=heads.geometry[:, 1].astype(np.float64),
     )
 
 

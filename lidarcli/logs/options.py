@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lidarcli.choices import BINS, ECHOES
+from lidarcli.choices import BINS, ECHOES, UNITS
 from lidarcli.errors import OptionError
 from lidarcli.judging import FARTHEST, RangeRules
 from lidarcli.logs.base import OpenOptions, Slice
@@ -12,8 +12,6 @@ from lidarcli.sweeps import TURN
 
 MOST_BINS = 100_000
 """A sweep that is made of a point cloud has no more beams."""
-UNITS = {"m": 1.0, "mm": 0.001}
-"""Units that the ranges of a text log may have, in metres."""
 
 
 def range_rules(

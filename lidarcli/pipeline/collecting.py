@@ -48,7 +48,7 @@ def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOpt
             described.append(origin)
             damage += summary.damage
             # Notes are for reading, but a table without a sweep needs its reason.
-            for line in [*summary.damage, *(summary.notes if not summary.sweeps else [])]:
+            for line in [*summary.damage, *(summary.doubts if summary.sweeps else summary.notes)]:
                 warn(f"{source.path}: {line}")
     failed.conclude()
     origins = described[0] if len(described) == 1 else described

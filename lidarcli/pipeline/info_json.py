@@ -52,6 +52,7 @@ def _scan_json(scan: ScanInfo) -> dict[str, Any]:
             "monotonic": clock.monotonic,
             "backward_steps": clock.backward,
             "largest_backward_step": clock.largest_backward,
+            "repeated_stamps": clock.repeated,
             "zero_stamps": clock.zero_stamps,
             "record_minus_header": clock.offset,
         },

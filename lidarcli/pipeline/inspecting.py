@@ -15,18 +15,19 @@ from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.judging import RangeRules, closure, normalise
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.choice import scan_topics
+from lidarcli.logs.clock import Clock, ClockInfo
+from lidarcli.logs.doubts import Doubts
 from lidarcli.logs.piles import Settling
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sliced import made_of_clouds
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.reading.clock import Clock, ClockInfo
 from lidarcli.pipeline.reading.delays import DelaySearch
 from lidarcli.pipeline.reading.pose_finding import FoundPoses, PoseInfo, find_poses, pose_infos
 from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.posing import alike_note
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
-from lidarcli.sweeps import Closure, RawSweeps, Status
+from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 
 MAX_SCANS = 1000
 """Topics and frames that are told apart: a log may have a new name in every message."""
@@ -113,14 +114,17 @@ def inspect_log(
         poses = find_poses(log, wanted, rules=rules)
         search = poses is not None and wanted.source != MATCH
         delays = DelaySearch(poses.sources, wanted.deskew) if poses is not None and search else None
-        report = ReadReport()
+        report, doubts = ReadReport(), Doubts()
         for block, judging in Settling(rules, report).blocks(log.scans(None, report)):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
                 if key in found or len(found) < MAX_SCANS:
                     if key not in found:
                         found[key] = _Scan()
-                    found[key].add(block.rows(block.frame == code), judging)
+                    mine = block.rows(block.frame == code)
+                    batch = normalise(mine, np.arange(len(mine)), judging)
+                    found[key].add(mine, batch)
+                    doubts.add(mine, batch)
                 else:
                     only_counted[block.topic] += int(sweeps)
             if delays is not None:
@@ -145,6 +149,7 @@ def inspect_log(
             notes=(
                 *report.notes,
                 *report.notes_on_ranges(),
+                *doubts.notes(),
                 *_pose_notes(poses, delays, found),
                 *_not_shown(only_counted),
             ),
@@ -191,8 +196,8 @@ class _Scan:
         self._statuses = np.zeros(len(Status), np.int64)
         self._clock = Clock()
 
-    def add(self, block: RawSweeps, rules: RangeRules) -> None:
-        """Take a block."""
+    def add(self, block: RawSweeps, batch: SweepBatch) -> None:
+        """Take a block, as the log holds it and as it was judged."""
         self.sweeps += len(block)
         self._clock.add(block)
         closed = closure(block.beams, block.angle_increment)
@@ -208,7 +213,6 @@ class _Scan:
         }
         for name, value in values.items():
             self._spans[name] = self._spans[name].with_values(value)
-        batch = normalise(block, np.arange(len(block)), rules)
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
 
     def info(self, topic: str, frame_id: str, pose: str, made_of: str) -> ScanInfo:

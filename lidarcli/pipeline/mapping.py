@@ -284,7 +284,8 @@ class Mapping:
         """Remember what a log has given, and tell what a user should know of it."""
         worlds = {told["world"]: None for told in described.get("poses", {}).values()}
         if not taken.count:
-            why = "; ".join(summary.notes) or "nothing in the log tells where the sensor was"
+            told = [note for note in summary.notes if note not in summary.doubts]
+            why = "; ".join(told) or "nothing in the log tells where the sensor was"
             if self.options.poses.source == NONE:
                 why = "--pose none leaves them out"
             others = "" if self.options.poses.file else ", or give --poses FILE.tum"

@@ -79,6 +79,7 @@ def test_json(logs: Path, lidarcli: Run) -> None:
         "monotonic": True,
         "backward_steps": 0,
         "largest_backward_step": 0.0,
+        "repeated_stamps": 0,
         "zero_stamps": 0,
     }
     assert scan == {

@@ -18,14 +18,17 @@ def scan(
     frame: bytes = b"laser",
     sec: int = 7,
     nsec: int = 8,
-    geometry: tuple[float, ...] = GEOMETRY,
+    geometry: tuple[float, ...] | None = None,
     big: bool = False,
     echoes: list[list[float]] | None = None,
     intensities: Sequence[float] | np.ndarray[Any, Any] = (),
     strengths: list[list[float]] | None = None,
     declared: int | None = None,
 ) -> bytes:
-    """One message, written field by field."""
+    """One message, written field by field; its geometry is by default `GEOMETRY` up to its last beam."""
+    if geometry is None:
+        first, _, step, *others = GEOMETRY
+        geometry = (first, first + (len(ranges if echoes is None else echoes) - 1) * step, step, *others)
     order = ">" if big else "<"
     body = b""
     if encoding == "cdr":

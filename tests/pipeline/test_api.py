@@ -243,7 +243,7 @@ def test_ranges_are_judged_as_on_the_command_line(tmp_path: Path) -> None:
         ({"no_return": "inf,1e9"}, "--no-return: 1e+09 is no range"),
         ({"range": (-1, 1)}, "--range: -1 to 1 m is no range; give the least and the greatest"),
         ({"range_max": -5.0}, "--range-max: -5 is not above 0 and at most 1e+06 m"),
-        ({"range_unit": "cm"}, "--range-unit: 'cm' is not one of m, mm"),
+        ({"range_unit": "km"}, "--range-unit: 'km' is not one of m, cm, mm"),
         ({"fov": 270}, "--fov: 270 radians are more than two turns; --degrees says that angles are degrees"),
         ({"angle_increment": 0.0}, "--angle-increment: 0 is no step from beam to beam"),
         ({"fov": 1.0, "angle_increment": 1.0}, "--angle-increment and --fov exclude each other"),

@@ -115,6 +115,7 @@ def build(
         time_increment=_times(known, "time_increment"),
         scan_time=_times(known, "scan_time"),
         intensities=intensities,
+        angle_max=known.get("angle_max"),
     )
 
 

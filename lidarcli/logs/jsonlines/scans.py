@@ -32,6 +32,8 @@ class Scan(NamedTuple):
     range_max: float = np.inf
     time_increment: float = 0.0
     scan_time: float = 0.0
+    angle_max: float = np.nan
+    """As told beside the increment."""
 
 
 def is_scan(message: Any) -> bool:
@@ -69,6 +71,7 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
                 ("range_max", np.inf),
                 ("time_increment", 0.0),
                 ("scan_time", 0.0),
+                ("angle_max", np.nan),
             )
         ]
     except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
@@ -151,7 +154,8 @@ def block_of(topic: str, scans: Sequence[Scan], report: ReadReport) -> RawSweeps
         return None
     names = {name: code for code, name in enumerate(dict.fromkeys(scan.sweep.frame_id for scan in kept))}
     sweeps = [scan.sweep for scan in kept]
-    others = as_singles(np.array([scan[3:] for scan in kept], np.float64))
+    told = np.array([scan[3:] for scan in kept], np.float64)
+    others = as_singles(told)
     block = RawSweeps(
         topic=topic,
         frame_ids=tuple(names),
@@ -170,5 +174,6 @@ def block_of(topic: str, scans: Sequence[Scan], report: ReadReport) -> RawSweeps
         ),
         time_increment=others[:, 2],
         scan_time=others[:, 3],
+        angle_max=told[:, 4],
     )
     return keep_sound(block, None, report)

@@ -141,7 +141,7 @@ class Ranges(TypedDict, total=False):
     degrees: Annotated[
         bool, Keyword("the three angles above are in degrees; without, they are radians", False)
     ]
-    range_unit: Annotated[Literal["m", "mm"], Keyword("unit of the ranges in a text log", "m")]
+    range_unit: Annotated[Literal["m", "cm", "mm"], Keyword("unit of the ranges in the log", "m")]
     slice: Annotated[
         tuple[float, float] | None,
         Keyword(

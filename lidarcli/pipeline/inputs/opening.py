@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 _TRIED = 3
 """A folder may hold a file or two that are no sweep (a README)."""
 
+_IN_METRES = ("mcap", "ros1 bag", "ros2 bag", "json lines")
+"""How the formats begin whose ranges are metres unless an option says otherwise; readers of text know their units."""
+
 
 @contextmanager
 def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[Log]:
@@ -27,12 +30,14 @@ def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[
     Where it is said which points of clouds are sweeps, it has these, too.
     """
     with _opened_source(source, opening) as log:
-        if opening is None or opening.slice is None:
+        scaled = opening is not None and opening.range_scale != 1.0 and log.format.startswith(_IN_METRES)
+        if opening is None or (opening.slice is None and not scaled):
             yield log
             return
-        from lidarcli.pipeline.inputs.sliced import SlicedLog
+        from lidarcli.pipeline.inputs.sliced import ScaledLog, SlicedLog
 
-        yield SlicedLog(log, opening, opening.slice)
+        log = ScaledLog(log, opening.range_scale) if scaled else log
+        yield log if opening.slice is None else SlicedLog(log, opening, opening.slice)
 
 
 @contextmanager

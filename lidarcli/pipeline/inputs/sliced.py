@@ -1,13 +1,14 @@
-"""A log whose point clouds are read as sweeps."""
+"""Logs whose sweeps are changed or made: ranges in another unit, point clouds as sweeps."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs.base import CLOUD_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
+from lidarcli.logs.blocks import as_singles
 from lidarcli.logs.clouds.bins import Bins
 from lidarcli.logs.clouds.slicing import Slicer
 from lidarcli.pipeline.inputs.pose_messages import PoseMessages, read_pose_messages
@@ -28,15 +29,11 @@ MOST_WAITING = 256 << 20
 """After so many bytes of clouds none of them waits for others of its topic."""
 
 
-class SlicedLog:
-    """A `Log` that makes sweeps of another one's point clouds as well; what is level is found before the first."""
+class ChangedLog:
+    """A `Log` that changes the sweeps of another one, and is else as that one."""
 
-    def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
+    def __init__(self, log: Log) -> None:
         self._log = log
-        self._part = part
-        self._bins = Bins.of(options, part.bins)
-        self._poses: PoseMessages | None = None
-        self._levels: TreeLevels | None = None
         self.path, self.format = log.path, log.format
 
     @property
@@ -53,6 +50,52 @@ class SlicedLog:
     def position(self) -> int:
         """As of the log itself."""
         return self._log.position
+
+    def topics(self) -> list[Topic] | None:
+        """As of the log itself."""
+        return self._log.topics()
+
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
+        """As of the log itself."""
+        return self._log.messages(types, report)
+
+    def close(self) -> None:
+        """Close the log itself."""
+        self._log.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+class ScaledLog(ChangedLog):
+    """A `Log` whose LaserScan messages have ranges in another unit than metres."""
+
+    def __init__(self, log: Log, scale: float) -> None:
+        super().__init__(log)
+        self._scale = scale
+
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        """The sweeps in metres."""
+        for block in self._log.scans(topics, report):
+            scaled = (
+                as_singles(each * self._scale) for each in (block.ranges, block.range_min, block.range_max)
+            )
+            ranges, least, most = scaled
+            yield replace(block, ranges=ranges, range_min=least, range_max=most)
+
+
+class SlicedLog(ChangedLog):
+    """A `Log` that makes sweeps of another one's point clouds as well; what is level is found before the first."""
+
+    def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
+        super().__init__(log)
+        self._part = part
+        self._bins = Bins.of(options, part.bins)
+        self._poses: PoseMessages | None = None
+        self._levels: TreeLevels | None = None
 
     def topics(self) -> list[Topic] | None:
         """All topics; those of point clouds hold sweeps."""
@@ -95,20 +138,6 @@ class SlicedLog:
             finally:
                 # Who wants no more sweeps still wants to know what was lost so far.
                 report.add_new(own)
-
-    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """As of the log itself."""
-        return self._log.messages(types, report)
-
-    def close(self) -> None:
-        """Close the log itself."""
-        self._log.close()
-
-    def __enter__(self) -> SlicedLog:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         from lidarcli.poses.level import TreeLevels

@@ -1,4 +1,4 @@
-"""The state of a log's clocks, from header and record times, in bounded memory for any length of log."""
+"""The state of a log's clocks, from header and record times, in bounded memory; and what is odd about it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,20 @@ import numpy as np
 from lidarcli.sweeps import Int64, RawSweeps
 
 SECOND = 1e-9
-_KEPT = 1 << 19
+_KEPT = 1 << 16
 """Values a `Sample` keeps at most."""
+FASTEST = 1000.0
+"""[Hz] No sensor sweeps faster."""
+SOME = 3
+"""Sweeps of which that is no accident either, where there are few."""
+SET_BACK = 1.0
+"""[s] Messages that overtake each other are not so late."""
+LEAP = 3600.0
+"""[s] From one sweep to the next nobody waits so long."""
+SAME_NS = 1
+"""[ns] Stamps of text that are equal lie so far apart at most."""
+OFTEN = 0.05
+"""Share of the sweeps from which on it is no accident that a stamp goes back, or is that of the sweep before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +43,13 @@ class ClockInfo:
     """Headers without a stamp."""
     offset: float | None
     """Median of record time - header stamp."""
+    sweeps: int = 0
+    recorded: int = 0
+    """Sweeps without a stamp that were recorded at a time which is known."""
+    repeated: int = 0
+    """Sweeps with the stamp of the one before them."""
+    largest_forward: float = 0.0
+    """The largest step ahead."""
 
     @property
     def span(self) -> float:
@@ -41,6 +60,58 @@ class ClockInfo:
     def monotonic(self) -> bool:
         """Whether the stamps never step back."""
         return self.backward == 0
+
+    def doubts(self, name: str, alike: bool) -> list[str]:
+        """What is odd, a line each with the way out; `alike`: sweeps with the stamp of the one before are that one."""
+        lines = []
+        often = max(OFTEN * self.sweeps, SOME)
+        both = "two sensors share the topic: record a topic for each"
+        several = "the clock was set, or the log holds several runs: --start and --end take one of them"
+        if self.repeated > often and alike:
+            lines.append(
+                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} are there twice, with stamp and ranges of the "
+                "sweep before: --every 2 takes each once"
+            )
+        elif self.repeated > often:
+            lines.append(
+                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have the stamp of the sweep before, and other "
+                f"ranges: stamps are too coarse to tell speeds, or {both}"
+            )
+        elif self.rate is not None and self.rate > FASTEST:
+            lines.append(
+                f"stamps of {name} are {1e9 / self.rate:,.0f} ns apart: probably milliseconds or microseconds that were "
+                "written as nanoseconds; until they are mended in the log, all speeds are wrong"
+            )
+        elif self.backward > often:
+            lines.append(
+                f"stamps of {name} go back {self.backward:,} times, by at most {_long(self.largest_backward)}: messages "
+                f"are out of order (sort them by their stamps), or {both}"
+            )
+        elif self.largest_backward >= SET_BACK:
+            times = "once" if self.backward == 1 else f"{self.backward:,} times"
+            lines.append(
+                f"stamps of {name} go back {times}, by at most {_long(self.largest_backward)}: {several}"
+            )
+        elif self.largest_forward > LEAP:
+            lines.append(f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {several}")
+        if 0 < self.recorded < self.sweeps:
+            lines.append(
+                f"{self.recorded:,} of {self.sweeps:,} sweeps of {name} have no stamp: the times at which they were "
+                "recorded are taken for them"
+            )
+        return lines
+
+
+def _long(seconds: float) -> str:
+    """A time in the unit that suits it.
+
+    >>> _long(0.25), _long(3600.0), _long(31_536_000.0)
+    ('0.250 s', '60.0 min', '365.0 days')
+    """
+    for unit, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
+        if seconds > 2 * unit:
+            return f"{seconds / unit:,.1f} {name}"
+    return f"{seconds:.3f} s"
 
 
 class Sample:
@@ -77,6 +148,10 @@ class Clock:
     """Folds blocks of sweeps of one topic and frame, in log order, into `ClockInfo`."""
 
     def __init__(self) -> None:
+        self._sweeps = 0
+        self._recorded = 0
+        self._repeated = 0
+        self._forward = 0
         self._last: int | None = None
         self._start: int | None = None
         self._end: int | None = None
@@ -90,8 +165,10 @@ class Clock:
         """Take the times of a block."""
         if not len(block):
             return
+        self._sweeps += len(block)
         has_stamp = block.stamp_ns != 0
         self._zero += int(np.count_nonzero(~has_stamp))
+        self._recorded += int(np.count_nonzero(~has_stamp & (block.record_ns != 0)))
         self._offsets.add((block.record_ns - block.stamp_ns)[has_stamp])
         stamps = block.time_ns
         before = stamps[:1] if self._last is None else np.array([self._last])
@@ -99,6 +176,10 @@ class Clock:
         self._steps.add(steps[steps > 0])
         self._backward += int(np.count_nonzero(steps < 0))
         self._largest = max(self._largest, -int(steps.min(initial=0)))
+        self._forward = max(self._forward, int(steps.max(initial=0)))
+        self._repeated += int(
+            np.count_nonzero((np.abs(steps) <= SAME_NS) & has_stamp[len(stamps) - len(steps) :])
+        )
         low, high = int(stamps.min()), int(stamps.max())
         self._start = low if self._start is None else min(self._start, low)
         self._end = high if self._end is None else max(self._end, high)
@@ -116,4 +197,8 @@ class Clock:
             largest_backward=self._largest * SECOND,
             zero_stamps=self._zero,
             offset=None if offset is None else offset * SECOND,
+            sweeps=self._sweeps,
+            recorded=self._recorded,
+            repeated=self._repeated,
+            largest_forward=self._forward * SECOND,
         )

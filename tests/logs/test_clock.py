@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.pipeline.reading.clock import Clock, Sample
+from lidarcli.logs.clock import Clock, Sample
 from tests.pipeline.in_memory import block
 
 

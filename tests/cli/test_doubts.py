@@ -1,0 +1,73 @@
+"""Every command that reads sweeps tells what looks wrong in them, in the same words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarcli as package
+from lidarcli.simulate.writers import write_log
+from tests.sweeping import raw_sweeps, room_sweeps, round_room
+
+NOTE = "most ranges of /scan are beyond 1,000 m: they are probably millimetres (--range-unit mm)"
+COMMANDS = {
+    "info": ("info",),
+    "detect": ("detect", "-o", "t"),
+    "track": ("track", "-o", "t"),
+    "background": ("background", "build", "-o", "t.parquet"),
+    "map": ("map", "--poses", "p.tum", "-o", "m.yaml", "--resolution", "10"),
+    "poses": ("poses", "--poses", "p.tum", "-o", "q.tum"),
+}
+
+
+@pytest.fixture
+def millimetres(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A log whose ranges are millimetres, and a trajectory, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    block = room_sweeps()
+    told = {name: getattr(block, name) * np.float32(1000) for name in ("ranges", "range_min", "range_max")}
+    write_log(tmp_path / "run.mcap", [replace(block, **told)])
+    times = (1_700_000_000 + k / 10 for k in range(-1, 23))
+    (tmp_path / "p.tum").write_text("".join(f"{time:.3f} 0 0 0 0 0 0 1\n" for time in times))
+    return tmp_path
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_tells_it(lidarcli: Callable[..., Any], millimetres: Path, command: str) -> None:
+    ran = lidarcli(*COMMANDS[command], "run.mcap")
+    assert ran.code == 0
+    assert f"{ran.out}{ran.err}".count(NOTE) == 1
+    again = lidarcli(
+        *COMMANDS[command], "run.mcap", "--range-unit", "mm", *(("--overwrite",) * (command != "info"))
+    )
+    assert again.code == 0
+    assert "--range-unit" not in f"{again.out}{again.err}"
+
+
+def test_python_warns_of_it(millimetres: Path) -> None:
+    for function in (package.detect, package.track, lambda log: list(package.read(log))):
+        with pytest.warns(UserWarning, match="most ranges of /scan are beyond 1,000 m"):
+            function("run.mcap")
+
+
+def test_degrees_are_refused(lidarcli: Callable[..., Any], tmp_path: Path) -> None:
+    good = room_sweeps()
+    many = replace(good, angle_increment=np.where(np.arange(20) < 5, 1.0, good.angle_increment))
+    write_log(tmp_path / "run.mcap", [many])
+    ran = lidarcli("detect", tmp_path / "run.mcap", "-o", tmp_path / "t")
+    assert ran.code == 3
+    assert "topic /scan: 5 messages left out: angle_increment is beyond 0.9 rad: probably degrees" in ran.err
+    assert ": 15 sweeps, " in ran.err
+
+
+def test_info_tells_of_repeated_stamps(lidarcli: Callable[..., Any], tmp_path: Path) -> None:
+    rows = np.repeat(np.arange(10), 2)
+    write_log(tmp_path / "twice.mcap", [raw_sweeps(round_room(10)).rows(rows)])
+    ran = lidarcli("info", tmp_path / "twice.mcap")
+    assert "    stamps    10 of 20 are those of the sweep before; recorded 0.000 s" in ran.out
+    assert "increasing" not in ran.out

@@ -1,0 +1,229 @@
+"""What looks wrong in sweeps is told: units, geometry, limits and stamps, and nothing of what is right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarcli
+from lidarcli.judging import RangeRules, normalise
+from lidarcli.logs.base import LASERSCAN, ReadReport
+from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.logs.blocks import IN_DEGREES
+from lidarcli.logs.doubts import MOST, Doubts
+from lidarcli.simulate.writers import write_log
+from lidarcli.sweeps import TURN, RawSweeps, concatenate
+from tests.fake_log import FakeLog
+from tests.logs.scan_messages import scan
+from tests.logs.test_odd_logs import written
+from tests.sweeping import START, STEP, raw_sweeps
+
+COUNT = 40
+HOUR = 3600 * 1_000_000_000
+MILLIMETRES = "are beyond 1,000 m: they are probably millimetres (--range-unit mm)"
+
+
+def room(count: int = COUNT, turned: int = 0) -> RawSweeps:
+    """A square room of 6 m seen from its middle, with noise, by a sensor that is turned by so many beams."""
+    bearing = TURN / 360 * (np.arange(360) + turned)
+    wall = 3.0 / np.maximum(np.abs(np.cos(bearing)), np.abs(np.sin(bearing)))
+    wall[20:60] -= 1.0
+    noise = np.random.default_rng(4).normal(0.0, 0.01, (count, 360))
+    return raw_sweeps(wall + noise)
+
+
+def notes(*blocks: RawSweeps, **options: Any) -> list[str]:
+    """What reading these sweeps tells."""
+    report = ReadReport()
+    for _ in read_batches(FakeLog(blocks), ReadOptions(**options), report):
+        pass
+    assert report.notes == []
+    return report.doubts
+
+
+def scaled(by: float, limits: float = 1.0) -> RawSweeps:
+    block = room()
+    return replace(
+        block,
+        ranges=block.ranges * np.float32(by),
+        range_min=block.range_min * np.float32(limits),
+        range_max=block.range_max * np.float32(limits),
+    )
+
+
+def bearings(first: float, step: float) -> RawSweeps:
+    return replace(room(), angle_min=np.full(COUNT, first), angle_increment=np.full(COUNT, step))
+
+
+def stamped(change: Callable[[Any], Any]) -> RawSweeps:
+    """The room with other stamps: `change` of the number of each sweep [ns]."""
+    stamps = START + STEP * np.arange(COUNT)
+    changed = np.asarray(change(np.arange(COUNT)), np.int64)
+    return replace(room(), stamp_ns=changed, record_ns=stamps)
+
+
+def in_turns() -> RawSweeps:
+    """Two sensors that look elsewhere, one after the other."""
+    other = room(turned=110)
+    both = concatenate([room(), replace(other, stamp_ns=other.stamp_ns + STEP // 3)])
+    return both.rows(np.argsort(both.stamp_ns, kind="stable"))
+
+
+ODD = {
+    "millimetres": (scaled(1000, 1000), MILLIMETRES),
+    "millimetres, limits in metres": (scaled(1000), MILLIMETRES),
+    "centimetres": (scaled(100, 100), "(--range-unit cm or mm)"),
+    "degrees": (
+        bearings(-180.0, 0.5),
+        "/scan sees 10,285 deg, more than a turn and a half (40 of 40 sweeps)",
+    ),
+    "no steps": (bearings(0.0, 1e-12), "the beams of /scan are 1e-12 rad apart (40 of 40 sweeps)"),
+    "no range": (
+        replace(room(), ranges=np.full((COUNT, 360), np.nan, np.float32)),
+        "100.0% of the beams of /scan have no range (100.0% NaN): the log tells no ranges there",
+    ),
+    "nothing near": (
+        replace(room(), ranges=np.full((COUNT, 360), np.inf, np.float32)),
+        "100.0% of the beams of /scan have no range (100.0% infinite): nothing was within reach",
+    ),
+    "limits that are too near": (
+        replace(room(), range_max=np.full(COUNT, 0.5, np.float32)),
+        "(100.0% at or above range_max): --range sets other limits than 0.1 to 0.5 m",
+    ),
+    "limits that are too far": (
+        replace(room(), range_min=np.full(COUNT, 10.0, np.float32)),
+        "(100.0% below range_min): --range sets other limits than 10 to 12 m",
+    ),
+    "limits the other way round": (
+        replace(
+            room(), range_min=np.full(COUNT, 12.0, np.float32), range_max=np.full(COUNT, 0.1, np.float32)
+        ),
+        "--range sets other limits than 12 to 0.1 m",
+    ),
+    "no beams": (raw_sweeps(np.zeros((COUNT, 0))), "the sweeps of /scan have no beams"),
+    "angle_max": (
+        replace(room(), angle_max=np.full(COUNT, 2 * np.pi)),
+        "angle_max of /scan is 360.00 deg, and by angle_min and angle_increment the last beam is at 179.00 deg "
+        "(40 of 40 sweeps): the increment is used",
+    ),
+    "twice": (
+        room().rows(np.repeat(np.arange(COUNT), 2)),
+        "40 of 80 sweeps of /scan are there twice, with stamp and ranges of the sweep before: --every 2 takes each once",
+    ),
+    "coarse stamps": (
+        stamped(lambda k: START + k // 10 * 10 * STEP),
+        "36 of 40 sweeps of /scan have the stamp of the sweep before, and other ranges: stamps are too coarse",
+    ),
+    "shuffled": (
+        room().rows(np.random.default_rng(1).permutation(COUNT)),
+        "messages are out of order (sort them by their stamps)",
+    ),
+    "in turns": (in_turns(), "sweeps of /scan come from two sensors in turns: record a topic for each"),
+    "milliseconds": (stamped(lambda k: (START + STEP * k) // 1_000_000), "stamps of /scan are 100 ns apart"),
+    "an hour back": (
+        stamped(lambda k: START + STEP * k - HOUR * (k >= 20)),
+        "stamps of /scan go back once, by at most 60.0 min: the clock was set, or the log holds several runs: --start",
+    ),
+    "a year ahead": (
+        stamped(lambda k: START + STEP * k + 365 * 24 * HOUR * (k >= 20)),
+        "stamps of /scan leap ahead by 365.0 days: the clock was set",
+    ),
+    "some without a stamp": (
+        stamped(lambda k: np.where(k % 20 == 3, 0, START + STEP * k)),
+        "2 of 40 sweeps of /scan have no stamp: the times at which they were recorded are taken for them",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_what_is_odd_is_told_in_one_line(name: str) -> None:
+    block, words = ODD[name]
+    (line,) = notes(block)
+    assert words in line
+    # Whatever the batches are.
+    assert notes(*(block.rows(slice(k, k + 7)) for k in range(0, len(block), 7)), batch_size=16) == [line]
+
+
+def test_nothing_is_told_of_what_is_right() -> None:
+    reach = room()
+    reach.ranges[:, :340] = np.inf
+    clockwise = bearings(np.pi, -TURN / 360)
+    moving = room(400)
+    for k in range(400):
+        moving.ranges[k] = np.roll(moving.ranges[k], 3 * k)
+    last = room().angle_min + 359 * room().angle_increment
+    pause = stamped(lambda k: START + STEP * k + (k > 30) * HOUR // 2)
+    late = stamped(lambda k: START + STEP * k - (k == 7) * (STEP + 7_000_000))
+    four = raw_sweeps(np.ones((COUNT, 4)), angle_increment=TURN / 4)
+    for block in (room(), reach, clockwise, moving, replace(room(), angle_max=last), pause, late, four):
+        assert notes(block) == []
+    # What the driver writes for "no return" is no range, whatever it is.
+    marked = room()
+    marked.ranges[:, 40:] = 65535.0
+    assert notes(marked) == []
+
+
+def test_the_way_out_ends_the_doubt() -> None:
+    assert notes(ODD["twice"][0], every=2) == []
+    assert notes(ODD["in turns"][0], every=2) == []
+    assert notes(ODD["an hour back"][0], end=1.95, start=0.0) == []
+    limits = RangeRules(limits=(0.1, 12.0))
+    assert notes(ODD["limits that are too near"][0], rules=limits) == []
+
+
+def test_each_topic_and_frame_is_looked_at_by_itself() -> None:
+    block = scaled(1000, 1000)
+    (line,) = notes(replace(block, topic="/rear"), room())
+    assert line == f"most ranges of /rear {MILLIMETRES}"
+    # Two sensors with frames of their own may share a topic.
+    mixed = replace(in_turns(), frame_ids=("left", "right"), frame=np.arange(2 * COUNT, dtype=np.int32) % 2)
+    assert notes(mixed) == []
+    assert notes(replace(mixed, ranges=mixed.ranges * 1000)) == [
+        f"most ranges of /scan (frame {frame}) {MILLIMETRES}" for frame in ("left", "right")
+    ]
+
+
+def test_a_new_name_in_every_message_is_no_way_to_fill_the_memory() -> None:
+    doubts = Doubts()
+    for k in range(MOST + 5):
+        block = replace(raw_sweeps(np.zeros((1, 0))), topic=f"/scan{k}")
+        doubts.add(block, normalise(block, np.arange(1), RangeRules()))
+    assert len(doubts.notes()) == MOST
+
+
+@pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.db3"])
+def test_angle_max_of_messages(name: str, tmp_path: Path) -> None:
+    encoding = "ros1" if name == "run.bag" else "cdr"
+    geometry = (-1.5, 3.0, 0.01, 0.0, 0.0, 0.05, 12.0)
+    data = [scan([1.0, 2.0, 3.0], encoding=encoding, sec=k + 1, geometry=geometry) for k in range(3)]
+    path = written(name, tmp_path, {"/scan": (LASERSCAN, data)})
+    with pytest.warns(
+        UserWarning, match=r"angle_max of /scan is 171\.89 deg, and .* at -84\.80 deg \(3 of 3 sweeps\)"
+    ):
+        assert sum(map(len, lidarcli.read(path))) == 3
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "bag", "db3", "csv", "clf", "jsonl"])
+def test_a_step_of_degrees_is_no_step_of_radians(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"run.{suffix}"
+    write_log(path, [bearings(-180.0, 1.0)])
+    with pytest.warns(UserWarning, match="40 messages left out") as told:
+        assert list(lidarcli.read(path)) == []
+    (line,) = (str(each.message) for each in told if "CSV layout" not in str(each.message))
+    assert line.endswith(f": 40 messages left out: {IN_DEGREES}")
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "bag", "db3", "jsonl", "csv", "clf"])
+@pytest.mark.parametrize(("unit", "factor"), [("mm", 1000), ("cm", 100)])
+def test_the_unit_of_ranges_is_that_of_any_log(suffix: str, unit: Any, factor: float, tmp_path: Path) -> None:
+    path = tmp_path / f"run.{suffix}"
+    write_log(path, [scaled(factor, factor)])
+    (batch,) = lidarcli.read(path, range_unit=unit)
+    expected = room()
+    assert np.allclose(batch.ranges, expected.ranges, atol=1e-5)
+    assert np.allclose(batch.range_max, expected.range_max)
