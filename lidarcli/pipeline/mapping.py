@@ -142,6 +142,7 @@ class Mapping:
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():
                     self._take(source, frame, mine, None if sets is None else sets[rows], taken, clouds)
+            reading.leave_out(taken.twice)
             summary = reading.close()
             described = reading.describe(source)
         self._conclude(source, summary, described, taken)

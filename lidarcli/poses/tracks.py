@@ -23,6 +23,13 @@ TOGETHER = 2048
 TOGETHER_BYTES = 4 << 20
 """Messages of a topic that are decoded at once, and bytes of all that wait."""
 
+FLAT = 0.02
+"""Parts of a quaternion below this one are none, …"""
+ROLLS = 0.05
+"""… one whose greatest and least differ by more changes (6 degrees), …"""
+GOES = 0.5
+"""… and what has gone as far [m] is no joint."""
+
 NOT_FINITE = "its pose is not finite"
 _LARGEST = 1e12
 """Nobody is so far away [m]."""
@@ -56,12 +63,19 @@ class Track:
     record_ns: tuple[int, int]
     """First and last record time."""
     jumps_back: int
-    """Stamps that are a second or more before one that was told earlier."""
+    """Stamps that are a second or more before the one that was told before them."""
 
     @property
     def span_ns(self) -> tuple[int, int]:
         """First and last stamp."""
         return int(self.stamp_ns[0]), int(self.stamp_ns[-1])
+
+    @property
+    def seems_w_first(self) -> bool:
+        """Whether its quaternions seem to be written w first: what turns on the ground then only rolls."""
+        x, y, z, _ = np.abs(self.motion.rotation).T
+        rolls = max(y.max(), z.max()) < FLAT and np.ptp(x) > ROLLS
+        return bool(rolls and np.ptp(self.motion.position[:, :2], axis=0).max() > GOES)
 
     @property
     def rate(self) -> float | None:
@@ -96,6 +110,8 @@ class _Growing:
     messages: int = 0
     record_ns: tuple[int, int] = (np.iinfo(np.int64).max, np.iinfo(np.int64).min)
     latest: int = -(1 << 62)
+    before: int = -(1 << 62)
+    """Stamp of the pose before."""
     jumps_back: int = 0
 
     def add(self, stamp_ns: Int64, numbers: Float64, record_ns: Int64) -> int:
@@ -106,7 +122,9 @@ class _Growing:
             max(self.record_ns[1], int(record_ns.max())),
         )
         latest = np.maximum.accumulate(np.concatenate([[self.latest], stamp_ns]))
-        self.jumps_back += int(np.count_nonzero(stamp_ns <= latest[:-1] - SECOND_NS))
+        before = np.maximum(np.concatenate([[self.before], stamp_ns[:-1]]), -(1 << 62))
+        self.jumps_back += int(np.count_nonzero(stamp_ns <= before - SECOND_NS))
+        self.before = max(int(stamp_ns[-1]), -(1 << 62))
         in_order = bool((stamp_ns >= latest[:-1]).all())
         self.latest = int(latest[-1])
         if in_order and len(stamp_ns) > 2:

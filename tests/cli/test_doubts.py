@@ -20,7 +20,7 @@ COMMANDS = {
     "detect": ("detect", "-o", "t"),
     "track": ("track", "-o", "t"),
     "background": ("background", "build", "-o", "t.parquet"),
-    "map": ("map", "--poses", "p.tum", "-o", "m.yaml", "--resolution", "10"),
+    "map": ("map", "--poses", "p.tum", "-o", "m.yaml", "--resolution", "10", "--max-size", "100"),
     "poses": ("poses", "--poses", "p.tum", "-o", "q.tum"),
 }
 

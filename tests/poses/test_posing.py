@@ -22,6 +22,7 @@ from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
 from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
+from lidarcli.pipeline.reading.delays import Delay
 from lidarcli.pipeline.reading.pose_options import NO_POSES, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.simulate.generate import simulate_blocks
@@ -285,8 +286,39 @@ def test_a_leaning_sensor_and_a_clock_that_jumps_are_noted() -> None:
     assert notes == [
         "poses by /tf (map > laser)",
         "frame laser leans by up to 30 degrees: its poses are their projection",
-        "stamps of /tf jump back 2 times: poses there may mix two runs",
+        "stamps of /tf jump back once: poses there may mix two runs",
     ]
+
+
+def test_quaternions_that_are_written_w_first_are_noted() -> None:
+    yaws = np.linspace(-1.0, 1.0, 6)
+    right = [(k, 0, 0, 0, 0, np.sin(yaw / 2), np.cos(yaw / 2)) for k, yaw in enumerate(yaws)]
+    wrong = [(x, y, z, w, qx, qy, qz) for x, y, z, qx, qy, qz, w in right]
+    joint = [(0, 0, 0, *turn) for _, _, _, *turn in wrong]
+    told = []
+    for poses in (right, wrong, joint):
+        _, notes = posed([tf(START + k * SECOND, "map", "laser", pose) for k, pose in enumerate(poses)])
+        told.append([note for note in notes if "w first" in note])
+    assert told == [
+        [],
+        [
+            "quaternions of /tf roll and never turn: they are probably written w first, and x y z w is the order; the "
+            "sensor seems to hang head down until that is mended"
+        ],
+        [],
+    ]
+
+
+def test_no_delay_is_told_of_a_topic_that_is_not_used() -> None:
+    messages = [tf(START + k * SECOND, "map", "laser", (k, 0, 0, 0, 0, 0, 1)) for k in range(6)]
+    posing = Posing.of(PosesLog(messages))
+    posing.delays = {(topic, "laser"): Delay(-0.36, 0.2) for topic in ("/scan", "/stable_scan")}
+    posing.attach(batch_of())
+    posing.leave_out({"/scan": "/stable_scan"})
+    told = [note for note in posing.notes() if "fit better" in note]
+    assert len(told) == 1
+    assert told[0].startswith("poses 0.36 s before the header stamps of /stable_scan fit better")
+    assert posing.described()["laser"]["track_delay"] == {"/stable_scan": -0.36}
 
 
 def test_an_upside_down_sensor() -> None:

@@ -14,6 +14,7 @@ from lidarcli.pipeline.inputs.sliced import made_of_clouds
 from lidarcli.pipeline.reading.delays import SECOND, TRACKS, Delay, later
 from lidarcli.pipeline.reading.pose_finding import FoundPoses, find_poses
 from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
+from lidarcli.showing import moment
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
@@ -57,6 +58,8 @@ class Posing:
     found: FoundPoses | None
     missed: str = ""
     """Why there are no poses though there may be some in the log."""
+    file: str = ""
+    """Name of the file that poses were told by, where they were."""
     delay: float = 0.0
     """The pose of a sweep is that at its header stamp and this much later [s]."""
     deskew: bool = True
@@ -83,12 +86,27 @@ class Posing:
         is_pipe = log.size is None and log.topics() is None and not log.format.startswith(_WITHOUT_POSES)
         missed = _PIPE if is_pipe and found is None and options.source != NONE else ""
         return cls(
-            found, missed, options.delay or 0.0, options.deskew, levelled=frozenset(made_of_clouds(log))
+            found,
+            missed,
+            str(options.file or ""),
+            options.delay or 0.0,
+            options.deskew,
+            levelled=frozenset(made_of_clouds(log)),
         )
 
     def together(self, report: ReadReport) -> ReadReport:
-        """What reading the log has met: the pass over its sweeps, and the one over its poses."""
-        return report if self.found is None else self.found.together(report)
+        """What reading the log has met: the pass over its sweeps, the one over its poses, and poses of another time."""
+        if self.found is None:
+            return report
+        both = self.found.together(report)
+        seen = list(self.seen.values())
+        if self.file and seen and all(frame.without == frame.sweeps for frame in seen):
+            first, last = min(frame.first_ns for frame in seen), max(frame.last_ns for frame in seen)
+            both.add_damage(
+                f"--poses {self.file}",
+                f"no pose in it is of the time of a sweep, {moment(first)} to {moment(last)}: is it that of another log?",
+            )
+        return both
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
         """The batch with its poses, if the log has some for its sensor: what nothing tells of is taken as standing."""
@@ -152,6 +170,10 @@ class Posing:
         lines += [delay.note_of_use(topic, self.purpose) for (topic, _), delay in sorted(self.delays.items())]
         return [*dict.fromkeys(lines), *self.found.notes]
 
+    def leave_out(self, topics: Collection[str]) -> None:
+        """Forget the delays of topics whose sweeps turned out to be used for nothing."""
+        self.delays = {key: delay for key, delay in self.delays.items() if key[0] not in topics}
+
     def described(self) -> dict[str, dict[str, Any]]:
         """Sensor frame → where its poses come from, for the tables' metadata."""
         if self.found is None:
@@ -184,10 +206,14 @@ class Posing:
                 f"frame {name} leans by up to {np.rad2deg(seen.tilt):.0f} degrees: its poses are their projection"
             )
         for step in way.steps:
-            if step.track.jumps_back:
+            track = step.track
+            if track.jumps_back:
+                times = "once" if track.jumps_back == 1 else f"{track.jumps_back:,} times"
+                lines.append(f"stamps of {track.topic} jump back {times}: poses there may mix two runs")
+            if not track.static and track.seems_w_first:
                 lines.append(
-                    f"stamps of {step.track.topic} jump back {step.track.jumps_back:,} times: "
-                    "poses there may mix two runs"
+                    f"quaternions of {track.topic} roll and never turn: they are probably written w first, and x y z w is "
+                    "the order; the sensor seems to hang head down until that is mended"
                 )
         return lines
 

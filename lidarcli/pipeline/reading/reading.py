@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -147,6 +147,10 @@ class Reading:
     def _read_now(self) -> Iterator[tuple[SweepBatch, int]]:
         for batch in read_batches(self._log, self._read, self._report, self._choice):
             yield self._posing.attach(batch), self._log.position
+
+    def leave_out(self, topics: Collection[str]) -> None:
+        """As `Posing.leave_out`."""
+        self._posing.leave_out(topics)
 
     def ahead(self) -> int | None:
         """Sweeps still to come, as far as the index or else the file's size tells; None where nothing does."""
