@@ -38,8 +38,9 @@ LEAST = 6
 """Sweeps that have to be compared before that is told."""
 WAYS = {
     "NaN": "the log tells no ranges there; --no-return nan takes them for nothing within reach",
-    "zero": "nothing was within reach, or the sensor did not measure",
-    "infinite": "nothing was within reach, or the sensor did not measure",
+    **dict.fromkeys(
+        ("zero", "infinite", "at range_max"), "nothing was within reach, or the sensor did not measure"
+    ),
 }
 """What to do where that is why most beams have no range."""
 
@@ -157,7 +158,8 @@ class _Seen:
         with np.errstate(invalid="ignore"):
             found = {
                 "NaN": np.isnan(values),
-                "at or above range_max": finite & (values >= batch.range_max[:, None]),
+                "at range_max": finite & (values == batch.range_max[:, None]),
+                "above range_max": finite & (values > batch.range_max[:, None]),
                 "below range_min": finite & (values > 0) & (values < batch.range_min[:, None]),
                 "zero": values == 0,
                 "infinite": np.isinf(values),

@@ -94,7 +94,7 @@ ODD = {
     ),
     "limits that are too near": (
         replace(room(), range_max=np.full(COUNT, 0.5, np.float32)),
-        "(100.0% at or above range_max): --range sets other limits than 0.1 to 0.5 m",
+        "(100.0% above range_max): --range sets other limits than 0.1 to 0.5 m",
     ),
     "limits that are too far": (
         replace(room(), range_min=np.full(COUNT, 10.0, np.float32)),
