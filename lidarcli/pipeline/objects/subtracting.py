@@ -181,9 +181,9 @@ class Subtracting:
                 )
             elif seen.apart > max(MOST_APART * seen.sweeps, LEAST_APART - 1):
                 lines.append(
-                    f"{seen.apart:,} of {seen.sweeps:,} sweeps of frame {name}, from sweep {seen.first_apart:.0f} on, differ "
-                    f"from {self._options.name} in more than {SWEEP_APART:.0%} of their ranges: the sensor seems to have "
-                    "moved; compare what comes after it with a background of its own (--start, --end)"
+                    f"{seen.apart:,} of {seen.sweeps:,} sweeps of frame {name}, from sweep {seen.first_apart:.0f} on, "
+                    f"differ from {self._options.name} in more than {SWEEP_APART:.0%} of their ranges: the sensor "
+                    "seems to have moved; compare what comes after it with a background of its own (--start, --end)"
                 )
         return lines
 
