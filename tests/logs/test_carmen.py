@@ -481,6 +481,17 @@ def test_the_mount_is_found_by_poses_that_keep_their_distance(tmp_path: Path) ->
     assert pose_of(path, "front_laser", 10.5) == pytest.approx([1.0, 2.5, np.pi / 2], abs=1e-6)
 
 
+def test_poses_that_are_one_tell_that_no_mount_was_used(tmp_path: Path) -> None:
+    """Whatever a parameter says of it; of a rear laser they would hide where it looks."""
+    same = "1.5 2.5 0.500000 1.5 2.5 0.500000"
+    path = tmp_path / "run.log"
+    lines = "".join(flaser(f"{stamp}", poses=same) for stamp in (10, 11, 12))
+    path.write_text("PARAM robot_frontlaser_offset -0.04 nohost 0\n" + lines)
+    assert pose_of(path, "front_laser", 10.5) == pytest.approx([1.5, 2.5, 0.5], abs=1e-6)
+    path.write_text("PARAM robot_rearlaser_offset -0.04 nohost 0\n" + lines.replace("FLASER", "RLASER"))
+    assert pose_of(path, "rear_laser", 10.5)[2] == pytest.approx(0.5 - np.pi, abs=1e-6)
+
+
 def test_a_rear_laser_looks_backwards(tmp_path: Path) -> None:
     path = tmp_path / "run.log"
     text = "PARAM robot_rearlaser_offset -0.4 nohost 0\n" + moving("0 0", "RLASER")

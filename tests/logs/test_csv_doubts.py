@@ -65,7 +65,8 @@ def test_bearing_range_quality_without_names(options: OpenOptions, jitter: float
     low, high = min(row[0] for row in rows), max(row[0] for row in rows)
     assert refusal(text_of(rows), options) == (
         f"a table without column names that looks like one beam per row (column 1 runs from {low:g} to {high:g} and"
-        " starts over): name the columns in a first line, such as `angle,range,quality`"
+        " starts over): name the columns in a first line, such as `angle,range,quality`;"
+        " --range-unit mm says that ranges are millimetres"
     )
 
 
@@ -397,7 +398,8 @@ def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
     assert (out, err.splitlines()[0]) == (
         "",
         f"lidarcli: {path}: a table without column names that looks like one beam per row (column 1 runs from 0 to"
-        " 358.5 and starts over): name the columns in a first line, such as `angle,range,quality`",
+        " 358.5 and starts over): name the columns in a first line, such as `angle,range,quality`;"
+        " --range-unit mm says that ranges are millimetres",
     )
     assert list(tmp_path.rglob("*.parquet")) == []
 
@@ -425,3 +427,42 @@ def test_sweeps_of_real_sensors_are_ranges(name: str) -> None:
                     assert no_ranges(table[start : start + rows, beams], 1) == "", (start, rows, beams)
                     judged += 1
     assert judged >= 6
+
+
+def test_the_rows_of_an_rplidar_lead_to_its_names_and_its_unit(tmp_path: Path) -> None:
+    rows = [f"{k}.5,{2000 + k},47,{turn + k / 360:.4f}\n" for turn in range(3) for k in range(360)]
+    path = tmp_path / "turns.csv"
+    path.write_text("".join(rows))
+    with pytest.raises(UnreadableError) as caught:
+        open_log(str(path))
+    assert str(caught.value).endswith(
+        "such as `angle,range,quality,time`; --range-unit mm says that ranges are millimetres"
+    )
+    path.write_text("angle,range,quality,time\n" + "".join(rows))
+    with CsvLog(path, OpenOptions(range_scale=0.001)) as log:
+        assert [int(beams) for block in log.scans() for beams in block.beams] == [360, 360, 360]
+
+
+@pytest.mark.parametrize("header", ["", "index,range\n"])
+def test_the_numbers_of_beams_are_no_bearings(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "beams.csv"
+    path.write_text(header + "".join(f"{k},{2 + k / 100:.2f}\n" for _ in range(3) for k in range(682)))
+    with pytest.raises(
+        UnreadableError, match="write the bearing in the place of the number, below `angle,range`"
+    ):
+        open_log(str(path))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sensor_msgs.msg.LaserScan(header=std_msgs.msg.Header(stamp=builtin_interfaces.msg.Time(sec=1)), ranges=[1.0])\n",
+        "ranges: [1.0, 2.0, 3.0]\n---\nranges: [1.0, 2.0, 3.0]\n---\n",
+        "header: \n  seq: 1\n  frame_id: laser\nangle_min: -1.57\nranges: [1.0, 2.0]\n---\n",
+    ],
+)
+def test_messages_as_they_are_printed_are_no_log(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "echo.txt"
+    path.write_text(text * 3)
+    with pytest.raises(UnreadableError, match="or print with `ros2 topic echo --csv --full-length`"):
+        open_log(str(path))

@@ -47,6 +47,11 @@ TEXTS = {
         RECORD,
     ),
     "---\nheader:\n  stamp: 1\n": ("YAML", RECORD),
+    "ranges: [1.0, 2.0]\n---\n": ("YAML", RECORD),
+    "sensor_msgs.msg.LaserScan(header=std_msgs.msg.Header(), ranges=[1.0])\n": (
+        "ROS messages as Python prints them",
+        RECORD,
+    ),
     "angle_min: -1.5\nangle_max: 1.5\nranges:\n- 1.0\n- 2.0\n": ("YAML", RECORD),
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 from lidarcli.logs.base import Message, ReadReport
 from lidarcli.logs.carmen.lines import Found, Lines
 from lidarcli.logs.carmen.parameters import Parameters
-from lidarcli.logs.carmen.words import LASERS, ODOM, TRUEPOS
+from lidarcli.logs.carmen.words import FRONT, LASERS, ODOM, TRUEPOS
 from lidarcli.logs.numbers import Cells, not_a_number, parse_rows
 from lidarcli.logs.planar import (
     MOUNT_TYPE,
@@ -32,6 +32,8 @@ TYPES = {ODOMETRY: ODOMETRY_TYPE, CORRECTED: POSE_TYPE, TRUE: POSE_TYPE, MOUNTS:
 _POSE = 3
 _FARTHEST = 2.0
 """No laser is mounted farther from where the robot is [m]."""
+_SAME = 1e-6
+"""Poses of laser and robot that differ by no more [m, rad] are one."""
 _ALIKE = 0.01
 """A laser whose place on the robot changes by more than this [m, rad] is not mounted there: its pose has been corrected."""
 
@@ -83,8 +85,11 @@ class PoseDecoder:
         for frame, stamp_ns in self._frames.items():
             pose = self.parameters.mount(frame)
             mount = self._mounts.get(frame)
-            if pose is None and mount is not None and mount.spread <= _ALIKE:
-                pose = tuple(mount.first.tolist())
+            if mount is not None and mount.spread <= _ALIKE:
+                same = frame == FRONT and float(np.abs(mount.first).max()) <= _SAME
+                # Where lines tell one pose for both, whoever wrote them took no notice of the parameters.
+                if pose is None or same:
+                    pose = tuple(mount.first.tolist())
             if pose is not None:
                 yield from pose_messages(
                     MOUNTS, MOUNT_TYPE, np.array([stamp_ns]), ROBOT, frame, np.array([pose])

@@ -62,7 +62,7 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
         long_enough = width < LEAST_NUMBERS or (len(same) >= COUNTER_ROWS and is_turn(same[:, column]))
         if long_enough and restarts(same[:, column]):
             rated = column == 1 and width == 3 and _is_quality(same[:, 0])
-            raise UnreadableError(f"{head.path}: {_one_beam_per_row(same[:, column], column, width, rated)}")
+            raise UnreadableError(f"{head.path}: {_one_beam_per_row(same, column, width, rated)}")
     if width < LEAST_NUMBERS:
         raise UnreadableError(
             f"{head.path}: rows of {width} numbers without column names, such as {shown(head.lines[0])}, are too"
@@ -74,6 +74,10 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
             f"{head.path}: a table without column names in which not all numbers are ranges ({why}): name the"
             " columns in a first line, the ranges r0, r1, ..., or take the other columns out"
         )
+
+
+_MILLIMETRES = 200.0
+"""Ranges of which half are greater than this are no metres."""
 
 
 def _numbers(rows: Sequence[Sequence[bytes]], columns: int) -> Float64:
@@ -115,13 +119,45 @@ def _is_quality(values: Float64) -> bool:
     return bool(whole.all() and ((np.diff(values) < 0).any() or np.ptp(values) == 0))
 
 
-def _one_beam_per_row(values: Float64, column: int, width: int, rated: bool) -> str:
+def refuse_numbered(head: Head) -> None:
+    """Refuse rows of the number of a beam and its range: neither tells where the beam points to."""
+    if len(head.rows) < COUNTER_ROWS or any(len(row) != 2 for row in head.rows):
+        return
+    numbers = _numbers(head.rows, 2)[:, 0]
+    whole = bool((numbers == np.rint(numbers)).all())
+    if whole and numbers[0] in (0.0, 1.0) and (np.diff(numbers) == 1.0).mean() > 0.9:
+        raise UnreadableError(
+            f"{head.path}: rows of the number of a beam and its range: write the bearing in the place of the number, below"
+            " `angle,range`, or all ranges of a sweep in one row, below `time,r0,r1,...`, and tell --fov"
+        )
+
+
+def _behind(table: Float64, column: int) -> list[str]:
+    """The names of what stands behind bearings and ranges: the quality of returns, and times."""
+    rest = [table[:, place] for place in range(column + 2, table.shape[1])]
+    if len(rest) == 1:
+        return ["quality"]
+    if (
+        len(rest) == 2
+        and _is_quality(rest[0])
+        and bool((np.diff(rest[1]) >= 0).all())
+        and np.ptp(rest[1]) > 0
+    ):
+        return ["quality", "time"]
+    return []
+
+
+def _one_beam_per_row(table: Float64, column: int, width: int, rated: bool) -> str:
     """What such a table is, and the names that tell it; `rated`: the quality of returns comes first."""
+    values = table[:, column]
     low, high = np.nanmin(values), np.nanmax(values)
-    before, behind = (["quality"], []) if rated else (["time", "sweep"][:column], ["quality"])
-    names = [*before, "angle", "range", *(behind if width == column + 3 else [])]
+    before, behind = (["quality"], []) if rated else (["time", "sweep"][:column], _behind(table, column))
+    names = [*before, "angle", "range", *behind]
     names += [f"column{place}" for place in range(len(names) + 1, width + 1)]
     way_out = f"`{','.join(names[:width])}`" + (f"; {TITLES}" if rated else "")
+    ranges = table[:, column + 1] if column + 1 < width else np.zeros(1)
+    if not rated and np.nanmedian(ranges) > _MILLIMETRES:
+        way_out += "; --range-unit mm says that ranges are millimetres"
     return (
         f"a table without column names that looks like one beam per row (column {column + 1} runs from {low:g} to"
         f" {high:g} and starts over): name the columns in a first line, such as {way_out}"

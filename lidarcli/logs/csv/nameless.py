@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.csv.coreslam import find_coreslam
-from lidarcli.logs.csv.doubts import COUNTER_ROWS, is_turn, refuse_other_tables, restarts
+from lidarcli.logs.csv.doubts import COUNTER_ROWS, is_turn, refuse_numbered, refuse_other_tables, restarts
 from lidarcli.logs.csv.head import (
     Head,
     long_layout,
@@ -58,6 +58,7 @@ def without_header(head: Head) -> Layout:
     if width <= 3 and (layout := _bare_long(head, width)):
         return layout
     if width < 3:
+        refuse_numbered(head)
         raise unknown(head, f"a table of {width} columns without names, such as {shown(head.lines[0])}")
     fields, first = _leading(rows)
     refuse_other_tables(head, rows, first)

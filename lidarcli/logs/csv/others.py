@@ -27,6 +27,9 @@ class Other:
 _COMMENTS = rb"(?:[ \t]*(?:#[^\n]*)?\r?\n)*"
 _YAML_KEY = rb"[ \t]*(?:- )?[A-Za-z_][\w.-]*:"
 _ANY_WAY = "convert it to CSV with a column per beam (`time,r0,r1,...` in the first line)"
+_RECORD = (
+    "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`"
+)
 _POSES = "it holds poses, no ranges"
 _POINTS = "it holds points, no sweeps; record the LaserScan topic itself"
 
@@ -48,11 +51,17 @@ OTHERS = (
     Other("JSON", _ANY_WAY, re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{\"])")),
     Other("XML or HTML", "look whether a download has failed", re.compile(rb"\s*<[?!A-Za-z]")),
     Other(
+        "ROS messages as Python prints them",
+        _RECORD,
+        re.compile(rb"[ \t]*(?:\[[ \t]*)?\w+_msgs\.msg\.[\w.]+\("),
+    ),
+    Other(
         "YAML",
-        "record with `ros2 bag record` or `rosbag record`, or print with `ros2 topic echo --csv --full-length`",
+        _RECORD,
         re.compile(
-            rb"%s(?:%%YAML|---[ \t]*\r?\n|%s[ \t]*\r?\n(?:[ \t]+%s|[ \t]*- )|%s[ \t][^\n,;]*\n%s(?:[ \t][^\n,;]*)?\r?\n)"
-            % (_COMMENTS, _YAML_KEY, _YAML_KEY, _YAML_KEY, _YAML_KEY)
+            rb"%s(?:%%YAML|---[ \t]*\r?\n|%s[ \t][^\n]*\n---[ \t]*\r?\n|%s[ \t]*\r?\n(?:[ \t]+%s|[ \t]*- )"
+            rb"|%s[ \t][^\n,;]*\n%s(?:[ \t][^\n,;]*)?\r?\n)"
+            % (_COMMENTS, _YAML_KEY, _YAML_KEY, _YAML_KEY, _YAML_KEY, _YAML_KEY)
         ),
     ),
 )

@@ -12,6 +12,7 @@ import numpy as np
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.csv.dialect import csv_cells, empty_lists
+from lidarcli.logs.csv.doubts import refuse_numbered
 from lidarcli.logs.csv.head import (
     Head,
     long_layout,
@@ -82,6 +83,7 @@ def with_header(head: Head) -> Layout:
             return Layout(
                 name if name != WIDE else LIST, head.dialect, head.start, notes=("no ranges in it",)
             )
+        refuse_numbered(head)
         raise unknown(head, f"a table with the columns {shown(', '.join(names).encode())}")
     name = ros_name(names)
     index = FieldIndex(names)
