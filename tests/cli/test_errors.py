@@ -19,6 +19,7 @@ from lidarcli.cli.version import version_text
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting
+from lidarcli.pipeline.running import memory
 from lidarcli.simulate.writers import write_log
 from tests.waiting import HANG, endless, wait_until
 
@@ -412,3 +413,26 @@ def test_names_in_a_log_do_not_steer_the_terminal(logs: Path, tmp_path: Path, li
     for ran in (lidarcli("info", path), lidarcli("detect", path, "--topic", "/x", "-o", tmp_path)):
         assert "/scan\\n\\x1b[31m" in ran.out + ran.err
         assert "\x1b" not in ran.out + ran.err
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError(), ImportError("libarrow.so: failed to map segment from shared object")]
+)
+@pytest.mark.parametrize("place", ["open_source", "keep_freed_memory"])
+def test_too_little_memory_is_no_bug(
+    error: Exception, place: str, lidarcli: Run, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*arguments: object, **named: object) -> None:
+        raise error
+
+    inside = place == "open_source"
+    monkeypatch.setattr(detecting if inside else memory, place, fail)
+    ran = lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path)
+    assert ran.code == 3
+    log = f"{logs / 'run.mcap'}: " if inside else ""
+    advice = "allow more, take --jobs 1, or read a part of the log with --start and --end or --every"
+    assert ran.err == f"lidarcli: {log}not enough memory; {advice}\n"
+    assert lidarcli("info", "x?aws_secret_access_key=K").err.startswith(
+        "lidarcli: x?aws_secret_access_key=...: no"
+    )
+    assert "pass" not in lidarcli("detect", "x", "-o", "https://me:pass@host/x.txt").err

@@ -44,6 +44,8 @@ GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     "trajectories": (("trajectories",), 40),
     "tables": (("tables",), 20),
     "names of tables": (("table-names",), 7),
+    "settings": (("settings",), 20),
+    "manifests": (("manifests",), 12),
     "links": (("links",), 35),
     "two at once": (("twice",), 1),
 }

@@ -6,11 +6,13 @@ from tools.fuzz.checks import check_targets
 from tools.fuzz.databases import database_targets
 from tools.fuzz.hostile_logs import hostile_log_targets
 from tools.fuzz.links import link_targets
+from tools.fuzz.manifests import manifest_targets
 from tools.fuzz.maps import map_targets
 from tools.fuzz.metadata import metadata_targets
 from tools.fuzz.numbers import number_targets
 from tools.fuzz.sample_targets import sample_targets
 from tools.fuzz.scenes import scene_targets
+from tools.fuzz.settings import settings_targets
 from tools.fuzz.tables import table_targets
 from tools.fuzz.target import Target
 from tools.fuzz.twice import twice_targets
@@ -28,6 +30,8 @@ TARGETS: dict[str, Target] = {
         *check_targets(),
         *number_targets(),
         *map_targets(),
+        *settings_targets(),
+        *manifest_targets(),
         *twice_targets(),
     )
 }
