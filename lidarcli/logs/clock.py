@@ -151,6 +151,7 @@ class Clock:
         self._sweeps = 0
         self._recorded = 0
         self._repeated = 0
+        self._number = -1
         self._forward = 0
         self._last: int | None = None
         self._start: int | None = None
@@ -161,8 +162,8 @@ class Clock:
         self._largest = 0
         self._zero = 0
 
-    def add(self, block: RawSweeps) -> None:
-        """Take the times of a block."""
+    def add(self, block: RawSweeps, sweep: Int64 | None = None) -> None:
+        """Take the times of a block; `sweep` (S,) numbers its sweeps in the log, where some are left out."""
         if not len(block):
             return
         self._sweeps += len(block)
@@ -177,8 +178,11 @@ class Clock:
         self._backward += int(np.count_nonzero(steps < 0))
         self._largest = max(self._largest, -int(steps.min(initial=0)))
         self._forward = max(self._forward, int(steps.max(initial=0)))
+        number = np.arange(self._number + 1, self._number + 1 + len(block)) if sweep is None else sweep
+        apart = np.diff(np.concatenate([[self._number], number]))[len(stamps) - len(steps) :]
+        self._number = int(number[-1])
         self._repeated += int(
-            np.count_nonzero((np.abs(steps) <= SAME_NS) & has_stamp[len(stamps) - len(steps) :])
+            np.count_nonzero((np.abs(steps) <= SAME_NS * apart) & has_stamp[len(stamps) - len(steps) :])
         )
         low, high = int(stamps.min()), int(stamps.max())
         self._start = low if self._start is None else min(self._start, low)

@@ -106,7 +106,7 @@ class _Seen:
 
     def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
         """Take sweeps."""
-        self.clock.add(raw)
+        self.clock.add(raw, batch.sweep)
         self._take_geometry(raw)
         counts = count_statuses(batch.status).sum(axis=1)
         self.statuses += counts
@@ -193,7 +193,8 @@ class _Seen:
         if self.last is not None and abs(int(stamps[0]) - self.last[0]) <= SAME_NS:
             self._compare(self.last[1], ranges[0])
         self.last = int(stamps[-1]), ranges[-1].copy()
-        for row in np.flatnonzero(np.abs(np.diff(stamps)) <= SAME_NS)[:SAMPLE].tolist():
+        same = np.abs(np.diff(stamps)) <= SAME_NS * np.diff(batch.sweep)
+        for row in np.flatnonzero(same)[:SAMPLE].tolist():
             self._compare(ranges[row], ranges[row + 1])
         some = np.nan_to_num(batch.ranges[:SAMPLE, :: max(batch.width // BEAMS, 1)])
         if len(some) < 4 or not some.shape[1]:

@@ -122,7 +122,7 @@ def inspect_log(
                     if key not in found:
                         found[key] = _Scan()
                     mine = block.rows(block.frame == code)
-                    batch = normalise(mine, np.arange(len(mine)), judging)
+                    batch = normalise(mine, np.arange(len(mine)) + found[key].sweeps, judging)
                     found[key].add(mine, batch)
                     doubts.add(mine, batch)
                 else:

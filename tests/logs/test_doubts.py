@@ -177,6 +177,16 @@ def test_the_way_out_ends_the_doubt() -> None:
     assert notes(ODD["limits that are too near"][0], rules=limits) == []
 
 
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_equal_stamps_of_text_are_too_coarse_however_few_are_read(every: int) -> None:
+    """Readers of text put a nanosecond between them, so that poses find their sweeps."""
+    (line,) = notes(stamped(lambda k: START + k), every=every)
+    read = -(-COUNT // every)
+    assert line.startswith(
+        f"{read - 1} of {read} sweeps of /scan have the stamp of the sweep before, and other ranges"
+    )
+
+
 def test_each_topic_and_frame_is_looked_at_by_itself() -> None:
     block = scaled(1000, 1000)
     (line,) = notes(replace(block, topic="/rear"), room())
