@@ -40,13 +40,18 @@ def test_the_fuzzer_holds_what_is_promised() -> None:
 
 
 def test_what_is_unpickled_comes_from_its_own_processes() -> None:
+    """But for what a cluster answers, which is read as data alone."""
     package = ROOT / "lidarcli"
     files = {
-        path.relative_to(package).as_posix()
-        for path in package.rglob("*.py")
-        if "pickle.load" in path.read_text("utf-8")
+        word: {
+            path.relative_to(package).as_posix()
+            for path in package.rglob("*.py")
+            if word in path.read_text("utf-8")
+        }
+        for word in ("pickle.load", "Unpickler")
     }
-    assert files == {"pipeline/map_files.py"}
+    assert files == {"pickle.load": {"pipeline/map_files.py"}, "Unpickler": {"pipeline/running/plain.py"}}
+    assert "the driver reads them as data alone" in " ".join(PAGE.split())
     assert "a private folder below the temporary one (`map --jobs`)" in " ".join(PAGE.split())
 
 

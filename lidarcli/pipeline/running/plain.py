@@ -43,7 +43,7 @@ class _Reader(pickle.Unpickler):
 
 
 def loads(data: Any, *, buffers: Iterable[Any] = ()) -> Any:
-    """What a pickle says, as of `pickle.loads`."""
+    """What a pickle says; distributed calls it like the function of this name in the standard library."""
     return _Reader(io.BytesIO(data), buffers=buffers).load()
 
 
