@@ -40,6 +40,7 @@ GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     "databases": (("db3-crafted",), len(KINDS) + 10),
     "hostile logs": (("logs-crafted",), 8),
     "texts": (("metadata", "scenes", "checks", "numbers"), 37),
+    "counts": (("counts",), 30),
     "maps": (("maps",), 70),
     "trajectories": (("trajectories",), 40),
     "tables": (("tables",), 20),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tools.fuzz.checks import check_targets
+from tools.fuzz.counts import count_targets
 from tools.fuzz.databases import database_targets
 from tools.fuzz.hostile_logs import hostile_log_targets
 from tools.fuzz.links import link_targets
@@ -23,6 +24,7 @@ TARGETS: dict[str, Target] = {
         *sample_targets(),
         *database_targets(),
         *hostile_log_targets(),
+        *count_targets(),
         *metadata_targets(),
         *table_targets(),
         *link_targets(),
