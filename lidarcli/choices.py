@@ -98,3 +98,8 @@ AS_IT_COMES = Look()
 
 SET_WORDS = {"O": "objects", "A": "agents", "S": "walls and rest"}
 """Set (Def. 4) → what its beams are on, for readers."""
+
+
+def beams_on(agents: bool) -> dict[str, str]:
+    """The same where agents are told apart, or not: an agent is an object, too."""
+    return {"A": "agents", **SET_WORDS, "O": "other objects"} if agents else {k: SET_WORDS[k] for k in "OS"}

@@ -54,6 +54,7 @@ class LazyCommands(Commands):
     "5 output refused, 70 internal error, 130 interrupted.",
 )
 @option(
+    "-V",
     "--version",
     is_flag=True,
     is_eager=True,

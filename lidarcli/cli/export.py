@@ -85,11 +85,14 @@ def export(
     from lidarcli.pipeline.exporting import chosen, export_file, export_stream
 
     wanted = chosen(tables, columns)
+    for problem in wanted.problems:
+        say.error(str(problem))
     if output == STDOUT:
-        export_stream(wanted, standard_output().buffer, form)
-        return 0
-    rows, notes = export_file(wanted, place(output), form, overwrite)
+        _, notes = export_stream(wanted, standard_output().buffer, form)
+    else:
+        rows, notes = export_file(wanted, place(output), form, overwrite)
     for note in notes:
         say.info(f"  note     {note}")
-    say.info(f"  wrote    {output} ({rows:,} rows)")
-    return 0
+    if output != STDOUT:
+        say.info(f"  wrote    {output} ({rows:,} rows)")
+    return wanted.problems[0].exit_code if wanted.problems else 0

@@ -40,7 +40,17 @@ def as_text(info: LogInfo) -> str:
     lines += [_line("damage", damage) for damage in info.damage]
     for scan in info.scans:
         lines += _scan_lines(scan)
-    return "\n".join(map(one_line, lines))
+    return "\n".join(_no_command(one_line(line)) for line in lines)
+
+
+def _no_command(line: str) -> str:
+    r"""A line of which CI servers read no command, whatever a log or a topic is called.
+
+    >>> _no_command("  ::error file=x"), _no_command("  ##[error]x"), _no_command("  /scan::x")
+    ('  \\x3a:error file=x', '  \\x23#[error]x', '  /scan::x')
+    """
+    text = line.lstrip()
+    return line if text[:2] not in ("::", "##") else line.replace(text[0], f"\\x{ord(text[0]):x}", 1)
 
 
 def _topics(topics: Sequence[Topic]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from lidarcli.choices import SET_WORDS
+from lidarcli.choices import beams_on
 from lidarcli.cli.messages import Messages
 
 if TYPE_CHECKING:
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.reading.summary import RunSummary
     from lidarcli.pipeline.running.outcomes import Outcome
 
-_WORDS = {"no_return": "no return", "too_close": "too close", **SET_WORDS}
+_WORDS = {"no_return": "no return", "too_close": "too close"}
 _COLUMNS = 80
 TELLING_SECONDS = 1.0
 """What took less time [s] tells how long a program takes to start, not how fast it reads."""
@@ -39,7 +39,7 @@ def show_reading(outcome: Outcome, say: Messages) -> None:
         say.error(outcome.label, outcome.error)
     if (run := outcome.summary) is not None:
         _show_losses(outcome.label, run, say)
-        say.info(f"{outcome.label}: {_count(run.sweeps, 'sweep')}{_speed(run)}")
+        say.info(f"{outcome.label}: {_count(run.sweeps, 'sweep')}{_damaged(run)}")
         for note in run.notes:
             say.info(f"  note     {note}")
 
@@ -84,15 +84,15 @@ class Total:
 
 def _show_run(label: str, run: RunSummary, say: Messages) -> None:
     _show_losses(label, run, say)
-    say.info(f"{label}: {_counts(run)}{_speed(run)}")
+    say.info(f"{label}: {_counts(run)}{_damaged(run)}")
     if run.sweeps:
-        # Agents are there only where things are followed.
         _say_parts(say, f"  beams    {run.beams:,}: ", run.by_status, run.beams, ("valid",))
-        _say_parts(
-            say, "  on       ", run.by_set, run.beams, ("O", "S", *(["A"] if run.things is not None else []))
-        )
+        # Agents are there only where things are followed.
+        words = beams_on(run.things is not None)
+        on = {name: run.by_set[letter] for letter, name in words.items()}
+        _say_parts(say, "  on       ", on, run.beams, (*on,))
     say.detail(f"  topics   {', '.join(sorted(run.topics)) or 'none'}")
-    say.detail(f"  time     {run.seconds:.3f} s")
+    say.detail(f"  time     {run.seconds:.3f} s{_speed(run)}")
     for note in run.notes:
         say.info(f"  note     {note}")
     for path in run.outputs:
@@ -113,14 +113,17 @@ def _counts(run: RunSummary) -> str:
     sweeps = _count(run.sweeps, "sweep")
     if run.things is None:
         return f"{sweeps}, {_count(run.objects, 'object')}"
-    views = f"{_count(run.objects, 'object')}, {run.agents:,} of agents"
-    return f"{sweeps}, {views}, {_count(run.things, 'thing')} ({_count(run.moved, 'agent')})"
+    objects = f"{_count(run.objects + run.agents, 'object')} ({run.agents:,} of agents)"
+    return f"{sweeps}, {objects}, {_count(run.things, 'thing')} ({_count(run.moved, 'agent')})"
 
 
 def _speed(run: RunSummary) -> str:
     is_told = run.seconds >= TELLING_SECONDS and run.sweeps
-    speed = f", {run.sweeps / run.seconds:,.0f} sweeps/s" if is_told else ""
-    return speed + (", source damaged" if run.damage else "")
+    return f", {run.sweeps / run.seconds:,.0f} sweeps/s" if is_told else ""
+
+
+def _damaged(run: RunSummary) -> str:
+    return ", source damaged" if run.damage else ""
 
 
 def _say_parts(

@@ -140,6 +140,9 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     )
     if columns.explained and core.robust and not core.scans.has_within:
         _explain(core, columns)
+    near = sweep.nearest(core.points)
+    columns.nearest[row] = core.points.r[near] if near >= 0 else NAN
+    columns.nearest_theta[row] = sweep.bearing(core.points, near) if near >= 0 else NAN
     columns.d_mean[row], columns.sweep_d_th[row], columns.noise[row] = (
         d_mean,
         core.points.d_th,

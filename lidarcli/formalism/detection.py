@@ -69,6 +69,10 @@ class Detection:
     face_length: Float64
     face_rms: Float64
 
+    nearest: Float64
+    """(S,) the least range of the sweep, whatever it is of; NaN without one."""
+    nearest_theta: Float64
+    """(S,) its bearing; of several the first."""
     d_mean: Float64
     """(S,) Def. 3's mean absolute difference."""
     sweep_d_th: Float64

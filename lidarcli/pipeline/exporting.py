@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import new_files, refuse
@@ -17,6 +18,10 @@ from lidarcli.tabular.parquet import Output
 from lidarcli.tabular.reading import read_as_is, schema_of
 from lidarcli.tabular.stream import FORMATS, CountingOutput
 
+MOST_COLUMNS = 1000
+"""A table of lidarcli has no more than 50; every column of others takes time and memory for each group of rows."""
+FORMULA = "^[=+@\t\r-]"
+"""How text begins that spreadsheets take for a formula."""
 APART = "export each kind of table by itself, as '*.objects.parquet'"
 
 
@@ -27,6 +32,8 @@ class Export:
     files: tuple[Place, ...]
     schema: pa.Schema
     """The columns that are written, with the metadata that all tables share."""
+    problems: tuple[UnreadableError, ...] = ()
+    """Folders that cannot be searched for more."""
 
     def pieces(self) -> Iterator[pa.RecordBatch]:
         """All rows."""
@@ -46,10 +53,18 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
         The tables are of several kinds, or have no such column, or it is named twice.
     """
     # A table that is named twice is one.
-    files = [*dict.fromkeys(file for text in tables for file in _tables(text))]
+    found = [_tables(text) for text in tables]
+    files = [*dict.fromkeys(file for named, _ in found for file in named)]
+    problems = tuple(problem for _, denied in found for problem in denied)
+    if not files:
+        raise problems[0]
     schemas = [schema_of(file) for file in files]
     first = schemas[0]
     names = [_column(name, files[0], first) for name in columns] or first.names
+    if len(names) > MOST_COLUMNS:
+        raise OptionError(
+            f"{files[0]}: has {len(names):,} columns, and at most {MOST_COLUMNS:,} are written; choose some with --columns"
+        )
     if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise OptionError(
             f"--columns: {', '.join(twice)} is named twice; every column of a table has its own name"
@@ -64,7 +79,8 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
                 raise OptionError(
                     f"{file}: column {name} is {schema.field(name).type}, in {files[0]} {first.field(name).type}"
                 )
-    return Export(tuple(files), pa.schema([first.field(name) for name in names], metadata=_common(schemas)))
+    schema = pa.schema([first.field(name) for name in names], metadata=_common(schemas))
+    return Export(tuple(files), schema, problems)
 
 
 def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
@@ -72,20 +88,40 @@ def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tupl
     refuse([path], overwrite, [str(file) for file in export.files])
     with new_files([path], overwrite) as new:
         with new.part(path).open("wb") as out:
-            rows = export_stream(export, out, kind, str(path))
-        return rows, new.publish()
+            rows, notes = export_stream(export, out, kind, str(path))
+        return rows, [*notes, *new.publish()]
 
 
-def export_stream(export: Export, out: Output, kind: str, name: str = "standard output") -> int:
-    """The same to a stream; how many rows."""
+def export_stream(
+    export: Export, out: Output, kind: str, name: str = "standard output"
+) -> tuple[int, list[str]]:
+    """The same to a stream."""
     metadata = dict(export.schema.metadata or {})
     stream = FORMATS[kind](CountingOutput(out, name), export.schema, metadata)
     count = 0
+    formulas: dict[str, None] = {}
     for rows in export.pieces():
         stream.write(rows)
         count += rows.num_rows
+        if kind == "csv":
+            formulas |= dict.fromkeys(_formulas(rows))
     stream.finish(metadata)
-    return count
+    if not formulas:
+        return count, []
+    return count, [
+        f"text of column {', '.join(formulas)} begins as a formula does, which a spreadsheet would run: "
+        "import such columns as text; for other programs they are as the log has them"
+    ]
+
+
+def _formulas(rows: pa.RecordBatch) -> list[str]:
+    """The columns with text that a spreadsheet takes for a formula."""
+    found = []
+    for field, column in zip(rows.schema, rows.columns, strict=True):
+        texts = column.dictionary if pa.types.is_dictionary(field.type) else column
+        if pa.types.is_string(texts.type) and pc.any(pc.match_substring_regex(texts, FORMULA)).as_py():
+            found.append(field.name)
+    return found
 
 
 def _common(schemas: Sequence[pa.Schema]) -> dict[bytes, bytes]:
@@ -94,12 +130,12 @@ def _common(schemas: Sequence[pa.Schema]) -> dict[bytes, bytes]:
     return {key: value for key, value in first.items() if all(each.get(key) == value for each in others)}
 
 
-def _tables(text: str) -> list[Place]:
-    """The Parquet files that a name stands for."""
-    _, files = files_named(text)
-    if not files:
+def _tables(text: str) -> tuple[list[Place], list[UnreadableError]]:
+    """The Parquet files that a name stands for, and the folders that cannot be searched for more."""
+    _, files, denied = files_named(text)
+    if not files and not denied:
         raise UnreadableError(f"{text}: no Parquet table there")
-    return files
+    return files, denied
 
 
 def _column(name: str, file: Place, schema: pa.Schema) -> str:

@@ -13,7 +13,7 @@ import pyarrow as pa
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.fleet.reporting import MadeRuns, nothing_read, render_runs
 from lidarcli.pipeline.inputs.tables import Pair, find_pairs, origin_of, read_table, read_tracks, require
-from lidarcli.reports.checks import Check, columns_needed, judge, parse_check
+from lidarcli.reports.checks import Check, accepts, columns_needed, judge, parse_check
 from lidarcli.reports.columns import Origin, Rows, Run
 from lidarcli.reports.compare import compare
 from lidarcli.reports.figures import DELTA
@@ -102,22 +102,23 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
     found, base_found = find_pairs(options.tables), find_pairs(options.baseline)
     step = _steps(2 * len(found[0]) + 2 * len(base_found[0]) + 1 + viewer, progress)
     run, pairs, problems = _load(*found, checks, viewer, step)
+    unseen = _unseen(checks, run)
     if not options.baseline:
         summary = summarise(run)
         verdicts = tuple(judge(check, summary.figures, run) for check in checks)
-        made = Made(Report(summary, verdicts=verdicts, problems=problems), run, pairs)
+        made = Made(Report(summary, verdicts=verdicts, unread=problems, unseen=unseen), run, pairs)
         step()
         return _with_page(made, options) if viewer else made
-    base_run, base_pairs, base_problems = _load(*base_found, (), False, step)
+    compared = [check for check in checks if check.name.startswith(DELTA)]
+    base_run, _, base_problems = _load(*base_found, compared, False, step)
     if base_problems:
         raise UnreadableError(f"baseline: {base_problems[0]}")
-    _refuse_untracked([check for check in checks if check.name.startswith(DELTA)], base_pairs)
     # Both runs share the edges of their histograms.
     edges = edges_of(*(values_of(one, streams_of(one)) for one in (run, base_run)))
     summary, baseline = summarise(run, edges), summarise(base_run, edges)
     comparison = compare(run, summary, base_run, baseline)
     verdicts = tuple(judge(check, summary.figures | comparison.figures, run) for check in checks)
-    made = Made(Report(summary, comparison, verdicts=verdicts, problems=problems), run, pairs)
+    made = Made(Report(summary, comparison, verdicts=verdicts, unread=problems, unseen=unseen), run, pairs)
     step()
     return _with_page(made, options) if viewer else made
 
@@ -130,7 +131,7 @@ def _with_page(made: Made, options: ReportOptions) -> Made:
 
     run = made.run
     seen = viewer_of(run, made.report.summary, made.pairs, options.logs)
-    report = replace(made.report, problems=(*made.report.problems, *seen.problems))
+    report = replace(made.report, unread=(*made.report.unread, *seen.problems))
     # Every log has a world of its own.
     above = overview(run.sweeps, run.objects, run.tracks) if len(run.sources) == 1 else None
     return replace(made, report=report, page=Page(seen.data, above, seen.walls, _command(options)))
@@ -207,6 +208,19 @@ def _load(
     things = Rows.join([*tracks.values()], [*tracks]) if tracks else None
     run = Run(sources, Rows.join(sweep_tables), Rows.join(object_tables), things)
     return run, kept, tuple(str(problem) for problem in problems)
+
+
+def _unseen(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
+    """A line where checks have seen a part of the logs alone, and none of them says how much damage there may be."""
+    damaged = [source for source in run.sources if source.damage]
+    if not checks or not damaged or accepts(checks, "damage"):
+        return ()
+    first, total = damaged[0], sum(len(source.damage) for source in damaged)
+    more = f" and {len(damaged) - 1:,} more logs" if len(damaged) > 1 else ""
+    return (
+        f"{first.log}{more}: damaged ({first.damage[0]}), so the checks saw only what could be read; "
+        f"--check 'damage <= {total}' accepts that",
+    )
 
 
 def _refuse_untracked(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lidarcli.choices import beams_on
 from lidarcli.reports import palette
 from lidarcli.reports.distributions import Histogram
 from lidarcli.reports.picture import printable
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import BEAMS_ON
+from lidarcli.reports.wording import beams_by_set, has_agents
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -101,8 +102,8 @@ def course(axes: Axes, streams: tuple[Stream, ...], name: str) -> None:
 def beams(axes: Axes, summary: Summary) -> None:
     """All beams twice, by what became of them and by what they are on: two bars of their own."""
     status = {name.replace("_", " "): count for name, count in summary.status.items()}
-    sets = {BEAMS_ON[name]: count for name, count in summary.sets.items()}
-    colours = [palette.SET_STYLES[name][0] for name in summary.sets]
+    sets = beams_by_set(summary)
+    colours = [palette.SET_STYLES[name][0] for name in beams_on(has_agents(summary))]
     for place, rows, paints in ((1.0, status, STATUS_COLOURS), (0.0, sets, colours)):
         there = [
             (name, count, paint) for (name, count), paint in zip(rows.items(), paints, strict=True) if count

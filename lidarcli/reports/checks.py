@@ -20,6 +20,7 @@ from lidarcli.reports.conditions import (
     COMPARE,
     COUNTED,
     Condition,
+    column_names,
     nearest,
     parse_condition,
     read_limits,
@@ -27,9 +28,8 @@ from lidarcli.reports.conditions import (
 )
 from lidarcli.reports.spread import STATISTICS
 from lidarcli.reports.tokens import Tokens
+from lidarcli.sweeps import Bool
 
-OF_THINGS = frozenset({"track", "vx", "vy", "moving", "label", "label_score"})
-"""Columns of the objects table that tell of things: where a condition names one, agents count as objects do."""
 OF_TRACKS = frozenset({"vx", "vy", "moving"})
 """Columns of the objects table that are empty until something was tracked: a check of them would always hold."""
 
@@ -55,10 +55,15 @@ class Check:
         return f"{self.sign} {self.low:g}"
 
     @property
+    def figure(self) -> str:
+        """The figure that it looks at, be it the value or its difference from a baseline."""
+        return self.name.removeprefix(figures.DELTA)
+
+    @property
     def needs_tracks(self) -> bool:
         """Whether there is nothing to hold it against without tracks tables."""
         if self.condition is None:
-            return self.name.removeprefix(figures.DELTA) in figures.track_names()
+            return self.figure in figures.track_names()
         return self.name == "tracks" or (self.name == "objects" and bool(self.condition.columns & OF_TRACKS))
 
     def admits(self, value: float) -> bool:
@@ -151,16 +156,30 @@ def _count(check: Check, condition: Condition, run: Run) -> float | None:
     if rows is None:
         return None
     chosen = condition.holds(rows)
-    # Walls and agents count only where the condition asks for them.
-    if check.name == "objects" and "set" not in condition.columns:
-        chosen &= run.is_object | run.is_agent if condition.columns & OF_THINGS else run.is_object
+    if check.name == "objects":
+        # Walls, and what has gone from a background, count only where the condition asks for them.
+        chosen &= run.is_object | _asked_for(condition, run)
     return float(chosen.sum())
 
 
+def _asked_for(condition: Condition, run: Run) -> Bool:
+    """(K,) rows of the objects table that are no objects of their sweeps, but of a kind that a condition tells apart."""
+    walls, gone = run.objects.are("set", "S"), run.objects.are("change", "removed")
+    return (walls & ("set" in condition.columns)) | (gone & ("change" in condition.columns))
+
+
 def columns_needed(checks: Sequence[Check], table: str) -> frozenset[str]:
-    """Columns of a table that the checks look at."""
+    """Columns of a table that the checks look at, by conditions or by figures that have their name."""
     conditions = [check.condition for check in checks if check.name == table and check.condition is not None]
-    return frozenset().union(*(condition.columns for condition in conditions))
+    figures_of = {check.figure.split(".")[0] for check in checks if check.condition is None}
+    return frozenset(figures_of & {*column_names(COUNTED[table])}).union(
+        *(condition.columns for condition in conditions)
+    )
+
+
+def accepts(checks: Sequence[Check], *names: str) -> bool:
+    """Whether a check looks at one of these figures: then it says how much of it is accepted."""
+    return any(check.condition is None and check.figure in names for check in checks)
 
 
 def _known(tokens: Tokens, name: str, compared: bool) -> None:

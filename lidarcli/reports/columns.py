@@ -14,6 +14,11 @@ from numpy.typing import NDArray
 
 from lidarcli.sweeps import Float64, Int32, Int64
 
+OBJECTS_OF_SWEEP = ("objects", "agents")
+"""Columns of the sweeps table (Def. 4) that together count the objects of a sweep, tracked or not …"""
+BEAMS_OF_OBJECTS = ("object_beams", "agent_beams")
+"""… and their beams."""
+
 
 @dataclass(frozen=True, slots=True)
 class Origin:
@@ -66,6 +71,11 @@ class Rows:
         values: Int64 = column.to_numpy(zero_copy_only=False).astype(np.int64, copy=False)
         return values
 
+    def total(self, names: Sequence[str]) -> Float64:
+        """(K,) the sum of some columns."""
+        numbers: Float64 = np.sum([self.numbers(name) for name in names], axis=0)
+        return numbers
+
     def words(self, name: str) -> tuple[Int32, list[str]]:
         """A column of names: (K,) codes, -1 for null, and the names."""
         column = self.table[name]
@@ -104,13 +114,21 @@ class Run:
 
     @cached_property
     def is_object(self) -> NDArray[np.bool_]:
-        """(K,) rows of the objects table that are objects (set O): walls and agents are not."""
-        return self.objects.are("set", "O")
+        """(K,) rows of the objects table that are objects of their sweeps, agents among them.
+
+        Walls (set S) are none, nor is what has gone from a background.
+        """
+        return ~self.objects.are("set", "S") & ~self.objects.are("change", "removed")
 
     @cached_property
     def is_agent(self) -> NDArray[np.bool_]:
-        """(K,) rows of the objects table that are agents (set A)."""
+        """(K,) those of the objects that are agents (set A)."""
         return self.objects.are("set", "A")
+
+    @cached_property
+    def objects_per_sweep(self) -> Float64:
+        """(S,) objects of each sweep, agents among them."""
+        return self.sweeps.total(OBJECTS_OF_SWEEP)
 
     @cached_property
     def agents_at_once(self) -> Float64:

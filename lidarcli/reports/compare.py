@@ -7,13 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lidarcli.errors import OptionError
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.figures import DELTA
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import number
+from lidarcli.reports.wording import number, share
 from lidarcli.sweeps import Int64
 
 SHOWN = 10
+SAME_STAMP = 1_000_000
+"""[ns] Stamps that programs have rewritten in coarser units differ by less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,17 +55,25 @@ class Comparison:
             for name in ("compared_sweeps", "changed_sweeps", "added_sweeps", "removed_sweeps")
         )
         return (
-            f"Sweeps in both runs: {number(compared)}, {number(changed)} of them with another number of objects; "
+            f"Sweeps in both runs: {number(compared)}, {number(changed)} of them ({share(changed or 0, compared or 0)}) "
+            "with another number of objects; "
             f"only here: {number(added)}; only in the baseline: {number(removed)}"
         )
 
 
 def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Comparison:
-    """Sweeps are matched by log, topic and index; of one log each, the names of the logs may differ."""
+    """Sweeps are matched by log, topic and index; of one log each, the names of the logs may differ.
+
+    Raises
+    ------
+    OptionError
+        The baseline is of other recordings.
+    """
     ids = _identities(run, base_run)
     rows, base_rows = ids
-    here, there = run.sweeps.numbers("objects"), base_run.sweeps.numbers("objects")
+    here, there = run.objects_per_sweep, base_run.objects_per_sweep
     _, mine, theirs = np.intersect1d(rows, base_rows, return_indices=True)
+    _refuse_others(run, base_run, mine, theirs)
     difference = here[mine] - there[theirs]
     changed = np.flatnonzero(difference)
     figures: dict[str, float | None] = {
@@ -88,6 +99,30 @@ def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Com
         for row, other in zip(mine[best].tolist(), theirs[best].tolist(), strict=True)
     )
     return Comparison(baseline, figures, _parameters(run.sources, base_run.sources), changes)
+
+
+def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
+    """Refuse another recording: its sweeps have other stamps, or other numbers of beams, or none is in both runs."""
+    if not len(run.sweeps) or not len(base_run.sweeps):
+        return
+    where = (
+        "; --baseline compares one recording under two versions or settings, lidarcli match different ones"
+    )
+    if not len(mine):
+        raise OptionError(f"--baseline: no sweep is in both runs: no log and topic of the two agree{where}")
+    stamp, before = (one.sweeps.integers("stamp") for one in (run, base_run))
+    beams, beams_before = (one.sweeps.integers("beams") for one in (run, base_run))
+    other = np.abs(stamp[mine] - before[theirs]) > SAME_STAMP
+    other |= beams[mine] != beams_before[theirs]
+    source = run.sweeps.source[mine]
+    differing, compared = (
+        np.bincount(source[chosen], minlength=len(run.sources)) for chosen in (other, slice(None))
+    )
+    for at in np.flatnonzero(2 * differing > compared).tolist():
+        raise OptionError(
+            f"--baseline: {run.sources[at].log} is another recording: {differing[at]:,} of {compared[at]:,} sweeps have "
+            f"other stamps or beams{where}"
+        )
 
 
 def _identities(run: Run, base_run: Run) -> tuple[Int64, Int64]:

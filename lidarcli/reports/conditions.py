@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from lidarcli.formalism.detection import CHANGES, SETS, SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.tracked import ENDS
-from lidarcli.reports.columns import Rows
+from lidarcli.reports.columns import BEAMS_OF_OBJECTS, OBJECTS_OF_SWEEP, Rows
 from lidarcli.reports.tokens import Tokens
 from lidarcli.sweeps import Bool, Float64
 from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS
@@ -34,6 +34,8 @@ ALIASES = {
     "tracks": dict[str, str](),
 }
 """Table → other names of its columns."""
+SUMS = {"sweeps": {"objects": OBJECTS_OF_SWEEP, "object_beams": BEAMS_OF_OBJECTS}}
+"""Table → columns that stand for a sum in conditions: a word means the same in all checks, of figures and of rows."""
 VOCABULARY = {
     "set": SETS,
     "shape": SHAPES,
@@ -116,12 +118,13 @@ def _comparison(tokens: Tokens, table: str) -> Condition:
         return _word(tokens, name)
     if pa.types.is_boolean(kind):
         return _truth(tokens, name)
+    summed = SUMS.get(table, {}).get(name, (name,))
     if tokens.take_if("between"):
         low, high = read_limits(tokens)
-        return _number(name, lambda values: (values >= low) & (values <= high))
+        return _number(summed, lambda values: (values >= low) & (values <= high))
     sign = tokens.expect("operator", f"a comparison ({', '.join(COMPARE)}, between, is) of {name}").text
     limit = read_number(tokens)
-    return _number(name, lambda values: COMPARE[sign](values, limit))
+    return _number(summed, lambda values: COMPARE[sign](values, limit))
 
 
 def _column(tokens: Tokens, table: str) -> str:
@@ -176,15 +179,17 @@ def _truth(tokens: Tokens, name: str) -> Condition:
     if tokens.next.text in ("==", "!=") and tokens.after_next.text in TRUTH:
         equal = tokens.take().text == "=="
         wanted = TRUTH[tokens.take().text] == equal
-    return _number(name, lambda values: (values != 0) == wanted)
+    return _number((name,), lambda values: (values != 0) == wanted)
 
 
-def _number(name: str, test: Callable[[Float64], Bool]) -> Condition:
+def _number(names: Sequence[str], test: Callable[[Float64], Bool]) -> Condition:
+    """What a test says of a column, or of the sum of some."""
+
     def judge(rows: Rows) -> Truths:
-        values = rows.numbers(name)
+        values = rows.total(names)
         return test(values), ~np.isnan(values)
 
-    return Condition(frozenset({name}), judge)
+    return Condition(frozenset(names), judge)
 
 
 def _null(name: str, wanted: bool) -> Condition:

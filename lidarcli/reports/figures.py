@@ -12,15 +12,15 @@ COUNTS: dict[str, tuple[str, str]] = {
     "logs": ("1", "logs"),
     "topics": ("1", "sequences of sweeps: one per log, topic and frame"),
     "sweeps": ("1", "sweeps"),
-    "objects": ("1", "objects (set O) of all sweeps"),
-    "agents": ("1", "agents (set A): tracks, or without a tracks table objects of all sweeps"),
+    "objects": ("1", "objects of all sweeps, agents among them (sets O and A)"),
+    "agents": ("1", "of these, objects that are agents (set A)"),
     "beams": ("1", "beams of all sweeps"),
     "valid_share": ("1", "share of the beams with a range"),
     "no_return_share": ("1", "share of the beams without a return"),
     "too_close_share": ("1", "share of the beams below the range limit"),
     "invalid_share": ("1", "share of the beams without a usable value"),
-    "object_share": ("1", "share of the beams on objects (set O)"),
-    "agent_share": ("1", "share of the beams on agents (set A)"),
+    "object_share": ("1", "share of the beams on objects, agents among them"),
+    "agent_share": ("1", "share of the beams on agents"),
     "noise_share": ("1", "share of the beams on walls and the rest (set S); no noise in metres"),
     "duration": ("s", "from first to last stamp, summed over the logs"),
     "rate": ("Hz", "one over the median step between stamps"),
@@ -34,13 +34,14 @@ COUNTS: dict[str, tuple[str, str]] = {
 """Figures of one number."""
 
 SPREADS: dict[str, tuple[str, str]] = {
-    "objects_per_sweep": ("1", "objects (set O) of a sweep"),
-    "agents_per_sweep": ("1", "agents (set A) of a sweep"),
+    "objects_per_sweep": ("1", "objects of a sweep, agents among them"),
+    "agents_per_sweep": ("1", "of these, objects that are agents"),
     "lost_share": ("1", "share of a sweep's beams without a range"),
     "step": ("s", "time from sweep to sweep"),
     "noise": ("m", "estimated standard deviation of the ranges of a sweep"),
     "d_th": ("m", "threshold of a discontinuity"),
     "d_mean": ("m", "mean of |s| of a sweep (Def. 3)"),
+    "nearest": ("m", "least range of a sweep, be it of an object or a wall"),
     "range": ("m", "range of the nearest point of an object"),
     "bearing": ("rad", "bearing of the nearest point of an object"),
     "width": ("m", "chord of an object"),
@@ -61,6 +62,7 @@ CATEGORIES: dict[str, tuple[str, ...]] = {
 
 TRACK_COUNTS: dict[str, tuple[str, str]] = {
     "tracks": ("1", "things that were followed from sweep to sweep"),
+    "tracks.agents": ("1", "of these, agents (set A): things that moved by themselves"),
 }
 """Figures of one number that need tracks tables."""
 

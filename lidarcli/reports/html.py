@@ -161,7 +161,7 @@ def _cards(report: Report) -> Iterator[tuple[str, str, str]]:
         yield (
             "tracks",
             number(figures["tracks"]),
-            f"{number(tracked.agents)} agents; at once {lines['agents at once']}",
+            f"{number(figures['tracks.agents'])} agents; at once {lines['agents at once']}",
         )
         if tracked.scene is not None:
             yield "scene", tracked.scene, lines["scene"].removeprefix(f"{tracked.scene}: ")

@@ -87,7 +87,7 @@ class Picture:
         assert owner is not None  # pictures are made with `per_beam`
         beams = np.flatnonzero((owner[0] == self.detection.object[k]) & np.isfinite(self.batch.ranges[0]))
         if not len(beams):
-            # Walls own no beams: theirs are those between their edges.
+            # Walls, and what has gone, own no beams: theirs are those between their edges.
             beams = np.flatnonzero(self.between(k) & np.isfinite(self.batch.ranges[0]))
         start = float(self.detection.theta_i[k])
         theta = start + unwound(self.theta[beams] - start)

@@ -19,8 +19,15 @@ class Judged:
     """What reports of every kind have."""
 
     verdicts: tuple[Verdict, ...] = ()
-    problems: tuple[str, ...] = ()
-    """Tables that could not be read, one line each."""
+    unread: tuple[str, ...] = ()
+    """Tables and folders that could not be read, one line each."""
+    unseen: tuple[str, ...] = ()
+    """What the checks have not seen although all tables could be read, one line each."""
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What could not be read, be it now or when the tables were made."""
+        return (*self.unread, *self.unseen)
 
     @property
     def title(self) -> str:
@@ -53,10 +60,12 @@ class Judged:
 
     @property
     def exit_code(self) -> int:
-        """3 when tables could not be read, 1 when a check does not hold, else 0."""
-        if self.problems:
+        """3 when tables could not be read, 1 when a check does not hold, 3 when the checks have not seen all, else 0."""
+        if self.unread:
             return UnreadableError.exit_code
-        return 0 if self.holds else CHECK_FAILED
+        if not self.holds:
+            return CHECK_FAILED
+        return UnreadableError.exit_code if self.unseen else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +92,7 @@ class Report(Judged):
         if figures["sweeps"]:
             parts[-1] += f" ({number(figures['objects_per_sweep.mean'], 3)} per sweep)"
         if self.summary.tracked is not None:
-            agents = counted(figures["agents"], "agent")
+            agents = counted(figures["tracks.agents"], "agent")
             parts.append(f"{counted(figures['tracks'], 'track')} ({agents})")
         if figures["damage"]:
             parts.append(f"damage in {counted(figures['damage'], 'place')} of the logs")

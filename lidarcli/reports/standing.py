@@ -50,7 +50,7 @@ def standing_out(run: Run, streams: Streams) -> tuple[Standing, ...]:
     They are of different logs and topics, each with its earliest; where there is only one, each is of another time.
     """
     rows = run.sweeps
-    objects, beams, valid = rows.numbers("objects"), rows.numbers("beams"), rows.numbers("valid")
+    objects, beams, valid = run.objects_per_sweep, rows.numbers("beams"), rows.numbers("valid")
     lost = np.divide(beams - valid, beams, out=np.zeros(len(rows)), where=beams > 0)
     gap = np.where(streams.gap, streams.step, 0.0)
     agents = np.nan_to_num(run.agents_at_once)

@@ -113,7 +113,7 @@ class _Columns:
         self.stamp = rows.integers("stamp")
         self.sweep = rows.integers("sweep")
         self.beams = rows.numbers("beams")
-        self.objects = rows.numbers("objects")
+        self.objects = run.objects_per_sweep
         self.d_th = rows.numbers("d_th")
         self.noise = rows.numbers("noise")
         self.agents = run.agents_at_once

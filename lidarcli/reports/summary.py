@@ -55,7 +55,7 @@ TRACKED_COLUMNS = ("topic", "sweep", "track")
 """… and where there are tracks."""
 SWEEP_COLUMNS = (
     *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
-    *("d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SET_COLUMNS)),
+    *("nearest", "d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SET_COLUMNS)),
 )
 """Columns of the sweeps table that a summary reads."""
 
@@ -95,10 +95,11 @@ def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
         beams - sweeps.numbers("valid"), beams, out=np.full(len(sweeps), np.nan), where=beams > 0
     )
     values = {
-        "objects_per_sweep": sweeps.numbers("objects"),
+        "objects_per_sweep": run.objects_per_sweep,
         "agents_per_sweep": sweeps.numbers("agents"),
         "lost_share": lost,
         "step": streams.step,
+        "nearest": sweeps.numbers("nearest"),
         "noise": sweeps.numbers("noise"),
         "d_th": sweeps.numbers("d_th"),
         "d_mean": sweeps.numbers("d_mean"),
@@ -128,14 +129,16 @@ def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
     edges = edges or edges_of(values)
     spreads = {name: Spread.of(values[name]) for name in SPREADS}
     mine = run.is_object
-    kinds = {name: run.objects.counts(name, mine) for name in CATEGORIES}
+    kinds = {name: run.objects.counts(name, mine) for name in CATEGORIES if name != "change"}
+    # What has gone is no object of the sweep, but one of the changes.
+    kinds["change"] = run.objects.counts("change")
     status = {name: int(run.sweeps.numbers(name).sum()) for name in STATUSES}
     sets = {letter: int(run.sweeps.numbers(f"{name}_beams").sum()) for name, letter in SET_COLUMNS.items()}
     tracked = tracked_of(run, streams)
     differences = unlike_of(streams.all)
     figures = _figures(run, streams, spreads, kinds, status, sets)
     if tracked is not None:
-        figures |= {**tracked.figures, "agents": tracked.agents}
+        figures |= tracked.figures
     return Summary(
         sources=run.sources,
         streams=streams,
@@ -174,11 +177,13 @@ def _figures(
         "logs": len(run.sources),
         "topics": len(streams.all),
         "sweeps": len(run.sweeps),
-        "objects": int(run.sweeps.numbers("objects").sum()),
+        "objects": int(run.objects_per_sweep.sum()),
         "agents": int(run.sweeps.numbers("agents").sum()),
         "beams": beams,
         **{f"{name}_share": share(status[name]) for name in STATUSES},
-        **{f"{name}_share": share(sets[letter]) for name, letter in SET_COLUMNS.items()},
+        "object_share": share(sets["O"] + sets["A"]),
+        "agent_share": share(sets["A"]),
+        "noise_share": share(sets["S"]),
         "duration": sum(durations.values()),
         "rate": float(np.median(rates)) if rates else None,
         "gaps": sum(stream.gaps for stream in streams.all),

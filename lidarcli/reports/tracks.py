@@ -72,8 +72,6 @@ class Label:
 class Tracked:
     """The tracks of a run."""
 
-    agents: int
-    """Tracks of set A."""
     figures: dict[str, float | None]
     """Every name of `figures.track_names()` → value."""
     spreads: dict[str, Spread]
@@ -119,14 +117,13 @@ def tracked_of(run: Run, streams: Streams) -> Tracked | None:
         "tracks.shape": shapes,
         "tracks.end": {name.replace(" ", "_"): count for name, count in ends.items()},
     }
-    figures: dict[str, float | None] = {"tracks": len(rows)}
+    is_agent = rows.are("set", "A")
+    figures: dict[str, float | None] = {"tracks": len(rows), "tracks.agents": int(is_agent.sum())}
     for name, spread in spreads.items():
         figures |= {f"{name}.{statistic}": getattr(spread, statistic) for statistic in STATISTICS}
     for name, known in TRACK_CATEGORIES.items():
         figures |= {f"{name}.{kind}": kinds[name].get(kind, 0) for kind in known}
-    is_agent = rows.are("set", "A")
     return Tracked(
-        agents=int(is_agent.sum()),
         figures=figures,
         spreads=spreads,
         kinds=kinds,
@@ -136,8 +133,8 @@ def tracked_of(run: Run, streams: Streams) -> Tracked | None:
 
 
 def labels_of(run: Run) -> tuple[Label, ...]:
-    """The names of the catalogue that occur, by name, among objects and agents."""
-    objects = run.objects.counts("label", run.is_object | run.is_agent)
+    """The names of the catalogue that occur, by name."""
+    objects = run.objects.counts("label", run.is_object)
     tracks = {} if run.tracks is None else run.tracks.counts("label")
     return tuple(
         Label(name, None if run.tracks is None else tracks.get(name, 0), objects.get(name, 0))

@@ -24,7 +24,7 @@ BUDGET = 2_200_000
 """Most characters of packed sweeps: with the charts the file stays below 3 MB."""
 STREAMS_SHOWN = 40
 """Most streams that the viewer shows."""
-PER_SWEEP, PER_OBJECT = 16, 19
+PER_SWEEP, PER_OBJECT = 20, 19
 """Bytes of one sweep and one object, ranges aside …"""
 PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
 """… and what poses and tracks add to them."""
@@ -67,7 +67,7 @@ def choose_sweeps(run: Run, summary: Summary) -> Choice:
     posed = run.sweeps.has_any("pose_x")
     cost = PER_SWEEP + PER_SWEEP_POSED * posed + 2 * run.sweeps.numbers("beams")
     per_object = PER_OBJECT + PER_OBJECT_TRACKED * tracked
-    cost += per_object * (run.sweeps.numbers("objects") + run.sweeps.numbers("agents"))
+    cost += per_object * run.objects_per_sweep
     total = float(cost[mine].sum()) * 4 / 3
     keep = min(1.0, BUDGET / total) if total else 1.0
     standing = {(one.stream, one.sweep) for one in summary.standing}
@@ -175,6 +175,9 @@ def _stream(
         "sweep": _base64(sweeps, np.int32),
         "seconds": _base64((stamp - stream.start_ns) * 1e-9, np.float32),
         "d_th": _base64(run.sweeps.numbers("d_th")[rows], np.float32),
+        # Of all objects, and of those that are agents.
+        "objects": _base64(np.minimum(run.objects_per_sweep[rows], LOST), np.uint16),
+        "agents": _base64(np.minimum(run.sweeps.numbers("agents")[rows], LOST), np.uint16),
         "offsets": _base64(offsets, np.int32),
         "scale": scale,
         "object": _base64(np.minimum(columns["object"], LOST), np.uint16),

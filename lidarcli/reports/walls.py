@@ -85,9 +85,9 @@ def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Floa
 
 
 def _members(run: Run, topic: str, sweeps: Int64) -> tuple[Int64, Int64]:
-    """Rows of the objects and agents of these sweeps, and the place of the sweep of each among them."""
+    """Rows of the objects of these sweeps, and the place of the sweep of each among them."""
     index = run.objects.integers("sweep")
-    mine = run.objects.are("topic", topic) & (run.is_object | run.is_agent) & np.isin(index, sweeps)
+    mine = run.objects.are("topic", topic) & run.is_object & np.isin(index, sweeps)
     members = np.flatnonzero(mine)
     return members, np.searchsorted(sweeps, index[members])
 

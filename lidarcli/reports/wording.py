@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
-from lidarcli.choices import SET_WORDS
+from lidarcli.choices import beams_on
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, TRACK_SPREADS, unit_of
 from lidarcli.reports.spread import Spread
@@ -16,13 +16,12 @@ from lidarcli.reports.unlike import Unlike
 from lidarcli.showing import date_and_time
 
 NONE = "-"
-BEAMS_ON = {name: words if name == "S" else f"on {words}" for name, words in SET_WORDS.items()}
-"""Set → how its beams are counted."""
 TINY = 1e-12
 NAMED = 3
 """Most frames that are named."""
 SHOWN_SPREADS = (
     "objects_per_sweep",
+    "nearest",
     "range",
     "width",
     "box_length",
@@ -39,8 +38,6 @@ SHOWN_STATISTICS = ("mean", "min", "p05", "p50", "p95", "max")
 
 COMPARED = (
     "sweeps",
-    "objects",
-    "agents",
     "valid_share",
     "no_return_share",
     "gaps",
@@ -48,12 +45,16 @@ COMPARED = (
     "rate",
     "objects_per_sweep.mean",
     "objects_per_sweep.p95",
+    "agents_per_sweep.mean",
+    "nearest.min",
+    "range.min",
     "range.p50",
     "width.p50",
     "width.p95",
     "d_th.mean",
     "noise.p50",
     "tracks",
+    "tracks.agents",
     "agents_at_once.mean",
     "agents_at_once.max",
     "tracks.duration.p50",
@@ -202,15 +203,21 @@ def has_agents(summary: Summary) -> bool:
 
 
 def agents(summary: Summary) -> str:
-    """How many agents, which are tracks where there are any, else objects of single sweeps."""
-    count = summary.figures["agents"]
-    return number(count) if summary.tracked is None else counted(count, "moving thing")
+    """How many of the objects are agents, and of how many things where these were followed."""
+    words = f"{number(summary.figures['agents'])} of these objects"
+    return (
+        words
+        if summary.tracked is None
+        else f"{words}, of {counted(summary.figures['tracks.agents'], 'thing')}"
+    )
 
 
 def beams_by_set(summary: Summary) -> dict[str, int]:
     """What the beams fell on; without agents where nobody looked for them."""
-    sets = summary.sets
-    return {BEAMS_ON[name]: sets[name] for name in sets if name != "A" or sets[name] or has_agents(summary)}
+    return {
+        words if name == "S" else f"on {words}": summary.sets[name]
+        for name, words in beams_on(has_agents(summary)).items()
+    }
 
 
 def kind_counts(summary: Summary, name: str) -> dict[str, int]:
@@ -221,7 +228,7 @@ def kind_counts(summary: Summary, name: str) -> dict[str, int]:
 
 def tracked_words(tracked: Tracked) -> dict[str, str]:
     """What matters most of the tracks: how many, how many agents at once, what kind of scene."""
-    count, agents = tracked.figures["tracks"], tracked.agents
+    count, agents = tracked.figures["tracks"], tracked.figures["tracks.agents"]
     at_once = tracked.spreads["agents_at_once"]
     words = {
         "things": f"{number(count)}, {number(agents)} of them {'an agent' if agents == 1 else 'agents'}",
@@ -304,7 +311,7 @@ def compared_rows(
     """
     for name in names:
         before, now = there.get(name), here.get(name)
-        is_kind = name == "agents" or name.split(".")[0] in CATEGORIES
+        is_kind = name.split(".")[0] in ("agents_per_sweep", *CATEGORIES)
         if (before or now) if is_kind else (before is not None or now is not None):
             change = quantity(name, delta.get(f"delta.{name}"), sign=True)
             yield name, quantity(name, before), quantity(name, now), change

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 
 from lidarcli.errors import UnreadableError
 from lidarcli.stores.url import Place, Url
-from lidarcli.tabular.schemas import INFINITE, LATER, NULLABLE
+from lidarcli.tabular.schemas import BACKGROUND, INFINITE, LATER, MATCHES, NULLABLE, SCHEMAS
 
 GREATEST_VALUE = 1e12
 """A number of a table is no larger [m], [rad]: no place on Earth is farther, whatever the origin."""
@@ -26,6 +26,10 @@ DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
 ANY = "any"
 """The kind of a table whose columns nobody judges."""
+MAKERS = {"background": "background build", "tracks": "track", "matches": "match"}
+"""Kind of table → the command that writes it, where that is not `detect`."""
+KINDS = {**SCHEMAS, "background": BACKGROUND, "matches": MATCHES}
+"""Kind of table → the columns by which it is recognised."""
 MOST_WHOLE = 1 << 53
 """A count or an index is no larger: up to here a double holds every whole number."""
 
@@ -174,7 +178,15 @@ def _columns_there(path: Place, kind: str, there: list[str], wanted: pa.Schema) 
     """Those of the wanted columns that a file has; refused where one is missing that was always there, or there twice."""
     missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
     if missing:
-        maker = {"background": "background build", "tracks": "track"}.get(kind, "detect")
+        maker = MAKERS.get(kind, "detect")
+        other = next(
+            (name for name, schema in KINDS.items() if name != kind and {*schema.names} <= {*there}), None
+        )
+        if other is not None:
+            raise UnreadableError(
+                f"{path}: this is the {other} table of lidarcli {MAKERS.get(other, 'detect')}; "
+                f"give the {kind} table of lidarcli {maker}"
+            )
         raise UnreadableError(f"{path}: not a table of lidarcli {maker}: no column {', '.join(missing)}")
     twice = [name for name in wanted.names if there.count(name) > 1]
     if twice:

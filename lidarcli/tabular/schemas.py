@@ -138,6 +138,13 @@ SWEEPS = pa.schema(
         column("no_return", INT32, "1", "beams without a return"),
         column("too_close", INT32, "1", "beams below the range limit"),
         column("invalid", INT32, "1", "beams without a usable value"),
+        column(
+            "nearest",
+            FLOAT,
+            "m",
+            "least range of the sweep, be it of an object or a wall; null without a range",
+        ),
+        column("nearest_theta", FLOAT, "rad", "bearing of the beam with that range; null without one"),
         column("d_mean", FLOAT, "m", "mean of |s|, the threshold of Def. 3; null without a difference"),
         column("d_th", FLOAT, "m", "threshold of a discontinuity that was used"),
         column("noise", FLOAT, "m", "noise of the ranges: their estimated standard deviation sigma"),
@@ -315,7 +322,7 @@ NULLABLE = {
 """Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
 LATER = {
     "objects": frozenset({"t", "vx", "vy", "moving", "thing", "label", "label_score", "why", "intensity"}),
-    "sweeps": frozenset({"t"}),
+    "sweeps": frozenset({"t", "nearest", "nearest_theta"}),
 }
 """Table → columns that tables of earlier versions do not have: read as null."""
 INFINITE = frozenset({"r_e", "r_near"})

@@ -358,9 +358,15 @@ def test_what_has_gone_is_there_when_it_is_asked_for(logs: Path, tmp_path: Path,
         "--overwrite",
     )
     assert notes(lidarcli(*common).err) == ["compared with early.parquet: 0 appeared"]
-    assert notes(lidarcli(*common, "--removed").err) == [
-        "compared with early.parquet: 0 appeared, 10 removed"
-    ]
+    ran = lidarcli(*common, "--removed", "--beams")
+    assert ran.err.splitlines()[0] == f"{logs / 'run.mcap'}: 20 sweeps, 0 objects"
+    assert notes(ran.err) == ["compared with early.parquet: 0 appeared, 10 removed"]
+    # What has gone is no object of the sweep: its beams end on the wall behind it.
+    sweeps, beams = (pq.read_table(tmp_path / f"run.{table}.parquet") for table in ("sweeps", "beams"))
+    assert {*sweeps["objects"].to_pylist(), *sweeps["object_beams"].to_pylist()} == {0}
+    assert sweeps["noise_beams"].to_pylist() == sweeps["beams"].to_pylist()
+    assert {*beams["set"].to_pylist()} == {"S"}
+    assert beams["object"].null_count == beams.num_rows
     objects = pq.read_table(tmp_path / "run.objects.parquet")
     assert objects["sweep"].to_pylist() == list(range(10, 20))
     assert set(objects["change"].to_pylist()) == {"removed"}

@@ -111,3 +111,32 @@ def test_a_url_that_is_not_supported_makes_no_folder_of_its_name(
         f"lidarcli: {name}: {scheme}:// is not supported; give a path, or a URL of s3://"
     )
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path) -> None:
+    """The data stay as the log has them, for pandas and joins by name; people are warned."""
+    table = pa.table(
+        {"log": ["a", "-b"], "topic": pa.array(["=cmd|x", "/scan"]).dictionary_encode(), "x": [-1.0, 2.0]}
+    )
+    pq.write_table(table, tmp_path / "odd.parquet")
+    ran = lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.csv")
+    assert ran.code == 0
+    assert ran.err.splitlines()[0] == (
+        "  note     text of column log, topic begins as a formula does, which a spreadsheet would run: "
+        "import such columns as text; for other programs they are as the log has them"
+    )
+    assert (tmp_path / "odd.csv").read_text() == "log,topic,x\na,=cmd|x,-1.0\n-b,/scan,2.0\n"
+    assert "formula" not in lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.ndjson").err
+    words = (tmp_path / "odd.parquet", "--columns", "x", "-o", tmp_path / "x.csv")
+    assert "formula" not in lidarcli("export", *words).err
+
+
+def test_a_table_of_very_many_columns_is_refused(lidarcli: Run, tmp_path: Path) -> None:
+    wide = tmp_path / "wide.parquet"
+    pq.write_table(pa.table({f"c{k}": [1] for k in range(1001)}), wide)
+    ran = lidarcli("export", wide, "-o", tmp_path / "wide.csv")
+    assert (ran.code, (tmp_path / "wide.csv").exists()) == (2, False)
+    assert ran.err == (
+        f"lidarcli: {wide}: has 1,001 columns, and at most 1,000 are written; choose some with --columns\n"
+    )
+    assert lidarcli("export", wide, "-o", "-", "--columns", "c7,c3").out == "c7,c3\n1,1\n"

@@ -184,3 +184,18 @@ def test_closed_pipe_ends_quietly(logs: Path) -> None:
     ran = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, check=False)
     os.close(writer)
     assert (ran.returncode, ran.stderr) == (0, b"")
+
+
+def test_no_name_of_a_log_is_a_command_of_a_ci_server(
+    tmp_path: Path, lidarcli: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for topic in ("::error file=x::y", "##[error]z"):
+        Path("::warning::x.mcap").unlink(missing_ok=True)
+        write_log(Path("::warning::x.mcap"), [raw_sweeps([[2.0] * 10] * 3, topic=topic)])
+        ran = lidarcli("info", "::warning::x.mcap")
+        lines = [line.lstrip() for line in ran.out.splitlines()]
+        assert ran.code == 0
+        assert lines[0] == "\\x3a:warning::x.mcap"
+        assert f"\\x{ord(topic[0]):x}{topic[1:]} (frame laser)" in lines
+        assert not [line for line in lines if line.startswith(("::", "##"))]

@@ -8,11 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from lidarcli.formalism.detection import SHAPES
 from lidarcli.pipeline.reporting import FORMATS
-from tests.reports.runs import crossing, sweep, thing, write_run
+from tests import unprivileged
+from tests.places import SAMPLES
+from tests.reports.runs import START, TENTH, crossing, sweep, thing, write_run
 
 Run = Callable[..., Any]
 
@@ -172,7 +176,10 @@ def test_a_baseline(lidarcli: Run, run: Path, tmp_path: Path) -> None:
         "now": 1,
     }
     text = lidarcli("report", run, "--baseline", base).out
-    words = "Sweeps in both runs: 18, 8 of them with another number of objects; only here: 2; only in the baseline: 0"
+    words = (
+        "Sweeps in both runs: 18, 8 of them (44.4 %) with another number of objects; only here: 2; "
+        "only in the baseline: 0"
+    )
     assert words in " ".join(text.split())
     assert text.startswith("Compared with the baseline\n")
     assert text.index(words[:20]) < text.index("Overview")
@@ -387,3 +394,168 @@ def test_a_baseline_with_and_without_tracks(lidarcli: Run, run: Path, tracked: P
         for kind in FORMATS:
             ran = lidarcli("report", here, "--baseline", there, "--format", kind)
             assert (ran.code, ran.err) == (0, "")
+
+
+def test_objects_are_the_same_rows_after_detect_and_after_track(lidarcli: Run, tmp_path: Path) -> None:
+    """A gate on objects sees agents, too: who walks by is nearest of all."""
+    for command in ("detect", "track"):
+        assert lidarcli("-q", command, SAMPLES / "people.csv.gz", "-o", tmp_path / command).code == 0
+    expressions = (
+        "objects where r_min < 2.3 == 0",
+        "range.min > 2.3",
+        "objects_per_sweep.max <= 4",
+        "sweeps where objects > 6 == 0",
+        "object_share < 0.01",
+        "shape.legged == 0",
+        "objects > 0",
+    )
+    checks = [word for text in expressions for word in ("--check", text)]
+    found = {}
+    for command in ("detect", "track"):
+        ran = lidarcli("report", tmp_path / command, "--format", "json", *checks)
+        assert ran.code == 1
+        told = json.loads(ran.out)
+        found[command] = {one["check"]: one["found"] for one in told["checks"][:4]}
+        sweeps = pq.read_table(tmp_path / command / "people.sweeps.parquet")
+        objects = pq.read_table(tmp_path / command / "people.objects.parquet")
+        per_sweep = np.add(*(sweeps[name].to_numpy() for name in ("objects", "agents")))
+        assert told["figures"]["objects"] == objects.num_rows == per_sweep.sum()
+        assert told["figures"]["range.min"] == pytest.approx(objects["r_min"].to_numpy().min())
+        assert told["figures"]["objects_per_sweep.max"] == per_sweep.max()
+        assert told["figures"]["agents"] == objects["set"].to_pylist().count("A")
+        assert (
+            sum(told["figures"][f"shape.{shape}"] for shape in SHAPES if shape != "wall") == objects.num_rows
+        )
+        near = (objects["r_min"].to_numpy() < 2.3).sum()
+        assert told["checks"][0]["found"] == near > 0
+    # Tracking tells agents apart; it takes away nothing that detection has found near.
+    assert found["detect"][expressions[1]] == pytest.approx(found["track"][expressions[1]], abs=0.05)
+
+
+def test_what_has_gone_is_no_object(lidarcli: Run, tmp_path: Path) -> None:
+    rows = [
+        thing(0, 1, change="appeared", difference=-1.0),
+        thing(0, 2, change="removed", difference=1.0, r_min=0.3),
+        thing(0, 3, set="S", shape="wall", r_min=0.2),
+    ]
+    run = write_run(tmp_path, [sweep(0, 1)], rows)
+    wanted = {
+        "objects == 1": 1,
+        "objects where r_min > 0 == 1": 1,
+        "objects where set == O == 1": 1,
+        "objects where set == S == 1": 1,
+        "objects where change == removed == 1": 1,
+        "objects where change == appeared == 1": 1,
+        "objects where set != S and change is not null == 2": 2,
+        "range.min == 2": 2,
+        "shape.prismatic == 1": 1,
+        "change.removed == 1": 1,
+        "change.appeared == 1": 1,
+        "difference.max == -1": -1,
+    }
+    words = [word for check in wanted for word in ("--check", check)]
+    ran = lidarcli("report", run, "--format", "json", *words)
+    assert {one["check"]: one["found"] for one in json.loads(ran.out)["checks"]} == wanted
+    assert ran.code == 0
+
+
+def test_the_nearest_beam(lidarcli: Run, tmp_path: Path) -> None:
+    near = {"nearest": 0.4, "nearest_theta": 1.0}
+    rows = [sweep(0, 1, nearest=2.0, nearest_theta=0.0), sweep(1, 1, **near), sweep(2, 1)]
+    run = write_run(tmp_path / "walls", rows, [thing(k, 1) for k in range(3)])
+    ran = lidarcli("report", run, "--check", "nearest.min > 0.5", "--check", "range.min > 0.5")
+    assert ran.code == 1
+    assert ran.out.startswith(
+        "Checks: 1 of 2 failed\nFAIL  nearest.min > 0.5  (found 0.4)\nok    range.min > 0.5  (found 2)\n"
+    )
+    for check in ("sweeps where nearest < 0.5 == 1", "sweeps where nearest is null == 1", "nearest.max == 2"):
+        assert lidarcli("report", run, "--check", check).code == 0
+    older = write_run(tmp_path / "older", [sweep(0)], [])
+    sweeps = older.with_name("run.sweeps.parquet")
+    table = pq.read_table(sweeps)
+    pq.write_table(table.drop_columns(["nearest", "nearest_theta"]), sweeps)
+    assert lidarcli("report", older).code == 0
+    for check in ("nearest.min > 0.5", "nearest.p05 >= 0", "sweeps where nearest < 0.5 == 0"):
+        ran = lidarcli("report", older, "--check", check)
+        assert (ran.code, ran.out) == (3, "")
+        assert ran.err == (
+            f"lidarcli: {sweeps}: no column nearest, which a check asks for; an older version has written this table: "
+            "write it again\n"
+        )
+    assert lidarcli("report", run, older, "--check", "nearest.min > 0.1").code == 3
+    ran = lidarcli("report", run, "--baseline", older, "--check", "delta.nearest.min > 0")
+    assert (ran.code, ran.err.startswith(f"lidarcli: {sweeps}: no column nearest")) == (3, True)
+
+
+def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    cut = write_run(
+        tmp_path / "cut", [sweep(0, log="cut")], damage=["byte 99: cut", "byte 200: cut"], name="cut"
+    )
+    line = "cut: damaged (byte 99: cut), so the checks saw only what could be read; --check 'damage <= 2' accepts that"
+    ran = lidarcli("report", cut, run, "--check", "sweeps >= 1")
+    assert (ran.code, ran.err) == (3, f"lidarcli: {line}\n")
+    assert " ".join(ran.out.split()).startswith(f"not read: {line} Checks: 1 of 1 passed")
+    ran = lidarcli("report", cut, "--check", "sweeps >= 1", "--format", "junit")
+    suite = ET.fromstring(ran.out)[0]
+    assert (suite.get("failures"), suite.get("errors")) == ("0", "1")
+    assert (
+        f"::error title=lidarcli%3A not read::{line}"
+        in lidarcli("report", cut, "--check", "sweeps >= 1", "--format", "github").out.splitlines()
+    )
+    for checks, code in (
+        (("sweeps >= 1", "damage <= 2"), 0),
+        (("sweeps >= 1", "damage <= 1"), 1),
+        (("sweeps > 100",), 1),
+        ((), 0),
+    ):
+        words = [word for check in checks for word in ("--check", check)]
+        assert lidarcli("report", cut, *words).code == code
+    words = ("--baseline", cut, "--check", "delta.damage == 0")
+    assert lidarcli("report", cut, *words).code == 0
+
+
+def test_a_baseline_of_another_recording_is_refused(lidarcli: Run, run: Path, tmp_path: Path) -> None:
+    way_out = (
+        "--baseline compares one recording under two versions or settings, lidarcli match different ones"
+    )
+    later = [sweep(k, 1, stamp=START + 7 * TENTH * k + 5) for k in range(20)]
+    other = write_run(tmp_path / "other", later, [thing(k, 1) for k in range(20)])
+    ran = lidarcli("report", run, "--baseline", other)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err == (
+        f"lidarcli: --baseline: run is another recording: 19 of 20 sweeps have other stamps or beams; {way_out}\n"
+    )
+    beams = write_run(tmp_path / "beams", [sweep(k, 1, beams=200, noise_beams=195) for k in range(20)])
+    assert "20 of 20 sweeps have other stamps or beams" in lidarcli("report", run, "--baseline", beams).err
+    topic = write_run(tmp_path / "topic", [sweep(k, 1, topic="/front") for k in range(20)])
+    ran = lidarcli("report", run, "--baseline", topic)
+    assert ran.err == (
+        f"lidarcli: --baseline: no sweep is in both runs: no log and topic of the two agree; {way_out}\n"
+    )
+    # Other programs write stamps in microseconds, and a mended log may have a few others.
+    rewritten = [sweep(k, 2, stamp=START + TENTH * k + 999 + 10**9 * (k in (3, 4))) for k in range(20)]
+    same = write_run(tmp_path / "same", rewritten)
+    assert lidarcli("report", run, "--baseline", same).code == 0
+    empty = write_run(tmp_path / "empty", [])
+    assert lidarcli("report", run, "--baseline", empty).code == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", [0o000, 0o444])
+def test_a_folder_that_nobody_may_enter_is_told(run: Path, mode: int) -> None:
+    """The gate has not seen what lies below."""
+    below = run.parent / "sub"
+    below.mkdir()
+    for table in ("objects", "sweeps"):
+        run.with_name(f"run.{table}.parquet").rename(below / f"shut.{table}.parquet")
+    write_run(run.parent, [sweep(0, 1)], [thing(0, 1)])
+    below.chmod(mode)
+    try:
+        for named in (run.parent, f"{run.parent}/**/*.objects.parquet"):
+            code, err = unprivileged.lidarcli("report", named, "--check", "sweeps >= 1")
+            assert (code, err.count("\n")) == (3, 1)
+            assert err.startswith(f"lidarcli: {below}")
+            assert "Permission denied" in err
+        assert unprivileged.lidarcli("report", f"{run.parent}/*.parquet", "--check", "sweeps >= 1")[0] == 0
+    finally:
+        below.chmod(0o755)

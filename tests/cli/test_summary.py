@@ -12,9 +12,9 @@ from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import Outcome
 
 
-def said(run: RunSummary) -> list[str]:
+def said(run: RunSummary, verbose: bool = False) -> list[str]:
     lines: list[str] = []
-    show(Outcome("run.mcap", 0, run), Messages(write=lines.append))
+    show(Outcome("run.mcap", 0, run), Messages(verbose=verbose, write=lines.append))
     return lines
 
 
@@ -28,7 +28,10 @@ def run_of(seconds: float, **counts: int) -> RunSummary:
 @pytest.mark.parametrize(("seconds", "speed"), [(0.5, ""), (2.0, ", 500 sweeps/s")])
 def test_a_speed_is_told_where_it_is_not_that_of_starting(seconds: float, speed: str) -> None:
     lines = said(run_of(seconds, valid=1000))
-    assert lines[0] == f"run.mcap: 1,000 sweeps, 2,000 objects{speed}"
+    assert lines[0] == "run.mcap: 1,000 sweeps, 2,000 objects"
+    assert not any("sweeps/s" in line for line in lines)
+    detailed = said(run_of(seconds, valid=1000), verbose=True)
+    assert f"  time     {seconds:.3f} s{speed}" in detailed
 
 
 def test_what_does_not_occur_is_left_out_and_lines_fit_the_terminal() -> None:
@@ -44,5 +47,6 @@ def test_what_does_not_occur_is_left_out_and_lines_fit_the_terminal() -> None:
     run.things = 0
     assert said(run)[1:] == [
         "  beams    1,000: valid 1,000 (100.0%)",
-        "  on       objects 600 (60.0%), agents 0 (0.0%), walls and rest 400 (40.0%)",
+        "  on       agents 0 (0.0%), other objects 600 (60.0%),",
+        "           walls and rest 400 (40.0%)",
     ]

@@ -46,11 +46,14 @@ def test_tables_and_summary(logs: Path, tmp_path: Path, lidarcli: Run, patient: 
     assert (ran.code, ran.out) == (0, "")
     lines = ran.err.splitlines()
     assert lines[0].startswith(
-        f"{logs / 'run.mcap'}: 20 sweeps, 20 objects, 10 of agents, 2 things (1 agent)"
+        f"{logs / 'run.mcap'}: 20 sweeps, 30 objects (10 of agents), 2 things (1 agent)"
     )
-    assert lines[2] == "  on       objects 400 (5.6%), agents 300 (4.2%), walls and rest 6,500 (90.3%)"
-    assert lines[3] == "  note     2 things in 20 sweeps of /scan"
-    assert lines[4:] == [f"  wrote    {tmp_path / f'run.{table}.parquet'}" for table in (*TABLES, "beams")]
+    assert lines[2:4] == [
+        "  on       agents 300 (4.2%), other objects 400 (5.6%),",
+        "           walls and rest 6,500 (90.3%)",
+    ]
+    assert lines[4] == "  note     2 things in 20 sweeps of /scan"
+    assert lines[5:] == [f"  wrote    {tmp_path / f'run.{table}.parquet'}" for table in (*TABLES, "beams")]
     for table in (*TABLES, "beams"):
         assert pq.read_schema(tmp_path / f"run.{table}.parquet").equals(SCHEMAS[table])
     objects = pq.read_table(tmp_path / "run.objects.parquet")
@@ -128,7 +131,7 @@ def test_an_output_that_exists_is_refused(logs: Path, tmp_path: Path, lidarcli: 
 def test_topics_are_followed_apart(logs: Path, tmp_path: Path, lidarcli: Run, patient: None) -> None:
     ran = lidarcli("track", logs / "two.mcap", "-o", tmp_path)
     assert ran.err.startswith(
-        f"{logs / 'two.mcap'}: 40 sweeps, 40 objects, 20 of agents, 4 things (2 agents)"
+        f"{logs / 'two.mcap'}: 40 sweeps, 60 objects (20 of agents), 4 things (2 agents)"
     )
     tracks = pq.read_table(tmp_path / "two.tracks.parquet")
     assert list(zip(tracks["topic"].to_pylist(), tracks["track"].to_pylist(), strict=True)) == [
@@ -146,7 +149,7 @@ def test_several_logs_by_processes_give_the_same_bytes(
             "track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams"
         )
         assert ran.code == 0
-        assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects, ")
+        assert ran.err.splitlines()[-1].startswith("2 logs: 60 sweeps, 90 objects (0 of agents), ")
     assert len(names(tmp_path / "1")) == 8
     for name in names(tmp_path / "1"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
@@ -198,6 +201,8 @@ def test_what_has_gone_is_no_thing(tmp_path: Path, lidarcli: Run) -> None:
     objects = pq.read_table(tmp_path / "room_empty.objects.parquet")
     assert {*objects["change"].to_pylist()} == {"removed"}
     assert objects["track"].null_count == objects["moving"].null_count == objects.num_rows > 0
+    sweeps = pq.read_table(tmp_path / "room_empty.sweeps.parquet")
+    assert {*sweeps["objects"].to_pylist(), *sweeps["object_beams"].to_pylist()} == {0}
 
 
 def test_an_empty_selection_gives_empty_tables(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
@@ -205,7 +210,7 @@ def test_an_empty_selection_gives_empty_tables(logs: Path, tmp_path: Path, lidar
     assert ran.code == 0
     assert (
         ran.err.splitlines()[0]
-        == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects, 0 of agents, 0 things (0 agents)"
+        == f"{logs / 'run.mcap'}: 0 sweeps, 0 objects (0 of agents), 0 things (0 agents)"
     )
     for table in TABLES:
         found = pq.read_table(tmp_path / f"run.{table}.parquet")

@@ -100,6 +100,8 @@ PER_OBJECT = (
 PER_VERTEX = ("vertex_theta", "vertex_r", "vertex_kind")
 PER_FACE = ("face_theta_i", "face_theta_f", "face_length", "face_rms")
 PER_SWEEP = (
+    "nearest",
+    "nearest_theta",
     "d_mean",
     "sweep_d_th",
     "noise",

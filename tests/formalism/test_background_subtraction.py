@@ -120,8 +120,9 @@ def test_what_is_gone_is_built_from_the_background(gone_to: float) -> None:
     assert found.difference is not None
     assert found.difference.tolist() == pytest.approx([beyond - 2.5, beyond - 2.2])
     assert found.beam_object is not None
-    assert found.beam_object[0].tolist() == [0] * 20 + [1] * 6 + [2] * 4 + [0] * 30
-    assert (found.objects[0], found.object_beams[0]) == (2, 10)
+    assert found.beams.tolist() == [6, 4]
+    assert found.beam_object[0].tolist() == [0] * 60
+    assert (found.objects[0], found.object_beams[0], found.noise_beams[0]) == (0, 0, 60)
 
 
 def test_lost_beams_are_not_gone() -> None:
@@ -151,7 +152,9 @@ def test_a_moved_thing_has_appeared_and_is_gone() -> None:
     assert found.change.tolist() == [REMOVED, APPEARED]
     assert found.object.tolist() == [1, 2]
     assert found.beam_object is not None
-    assert found.beam_object[0, [10, 17, 18, 30, 37, 38]].tolist() == [1, 1, 0, 2, 2, 0]
+    # The beams that pass where it stood end on the wall: no object of the sweep is there.
+    assert found.beam_object[0, [10, 17, 18, 30, 37, 38]].tolist() == [0, 0, 0, 2, 2, 0]
+    assert (found.objects[0], found.object_beams[0]) == (1, 8)
 
 
 def test_depth_edges_may_jitter_by_a_beam() -> None:
@@ -518,12 +521,13 @@ def test_objects_of_two_detections_are_ordered_and_numbered_anew() -> None:
     assert both.row.tolist() == [0, 0, 1, 1, 2, 2, 2, 2]
     assert both.object.tolist() == [1, 2, 1, 2, 1, 2, 3, 4]
     assert both.beam_i.tolist() == [20, 50, 5, 40, 5, 20, 40, 50]
-    assert both.objects.tolist() == [2, 2, 4]
-    assert both.object_beams.tolist() == [10, 10, 20]
+    # What the second tells of is not in the sweeps.
+    assert both.objects.tolist() == [0, 2, 2]
+    assert both.object_beams.tolist() == [0, 10, 10]
     assert (both.object_beams + both.noise_beams).tolist() == [60] * 3
     assert both.beam_object is not None
     assert both.beam_set is not None
-    assert both.beam_object[2, [5, 20, 40, 50, 0]].tolist() == [1, 2, 3, 4, 0]
+    assert both.beam_object[2, [5, 20, 40, 50, 0]].tolist() == [1, 0, 3, 0, 0]
     assert np.array_equal(both.beam_set == 0, both.beam_object > 0)
     for k in range(len(both)):
         vertices = both.vertex_theta[both.vertex_offsets[k] : both.vertex_offsets[k + 1]]
@@ -552,7 +556,7 @@ def test_walls_come_after_what_differs() -> None:
 
 
 def test_the_partition_of_every_sweep() -> None:
-    """Def. 4: a beam belongs to what appeared, to what is gone, or to the noise."""
+    """Def. 4: a beam belongs to what appeared or to the noise, also where it passes through what is gone."""
     rng = np.random.default_rng(7)
     background = learned(partial(4.0 + 0.02 * rng.standard_normal((40, 60))))
     ranges = 4.0 + 0.02 * rng.standard_normal((50, 60))
@@ -566,8 +570,12 @@ def test_the_partition_of_every_sweep() -> None:
     assert not (difference.appeared & difference.removed).any()
     found = changes(batch, difference, WIDE, sigma, per_beam=True)
     assert found.beam_object is not None
-    per_sweep = np.bincount(found.row, found.beams, minlength=50)
+    assert found.change is not None
+    assert {*found.change.tolist()} == {APPEARED, REMOVED}
+    there = found.change == APPEARED
+    per_sweep = np.bincount(found.row[there], found.beams[there], minlength=50)
     assert np.array_equal(per_sweep, found.object_beams)
+    assert np.array_equal(np.bincount(found.row[there], minlength=50), found.objects)
     assert np.array_equal((found.beam_object > 0).sum(axis=1), found.object_beams)
     assert np.array_equal(found.object_beams + found.noise_beams, batch.beams)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lidarcli.formalism import PROFILES, SETS, Detection, detect
 from lidarcli.judging import RangeRules, normalise
-from lidarcli.sweeps import SweepBatch
+from lidarcli.sweeps import Closure, SweepBatch
 from tests.formalism.batches import (
     PER_BEAM,
     PER_FACE,
@@ -135,10 +135,37 @@ def test_sweeps_that_hold_nothing(profile: str, ranges: list[list[float]]) -> No
     for name in (*PER_OBJECT, *PER_VERTEX, *PER_FACE, "row"):
         assert len(getattr(found, name)) == 0, name
     assert found.noise_beams.tolist() == [len(row) for row in ranges]
+    some = [row == [2.0] for row in ranges]
+    assert found.nearest.tolist() == pytest.approx([2.0 if one else nan for one in some], nan_ok=True)
+    assert found.nearest_theta.tolist() == pytest.approx([0.0 if one else nan for one in some], nan_ok=True)
     assert found.d_mean.tolist() == [0.0] * len(ranges)
     assert found.objects.tolist() == found.object_beams.tolist() == [0] * len(ranges)
     for name in PER_BEAM:
         assert getattr(found, name).shape == batch.ranges.shape
+
+
+@every_profile
+@settings(max_examples=30, deadline=None)
+@given(seed=seeds)
+def test_the_nearest_beam_is_that_of_the_whole_sweep(profile: str, seed: int) -> None:
+    """Walls included, at the bearing of the beam in the log; a mask of objects changes nothing."""
+    batch = batch_of([random_sweep(np.random.default_rng(seed + k)) for k in range(4)])
+    within = np.random.default_rng(seed).random(batch.ranges.shape) < 0.5
+    for mask in (None, within & np.isfinite(batch.ranges)):
+        found = detect(batch, PARAMETERS[profile], within=mask)
+        for row in range(len(batch)):
+            ranges = batch.ranges[row].astype(float)
+            known = np.isfinite(ranges)
+            if not known.any():
+                assert np.isnan([found.nearest[row], found.nearest_theta[row]]).all()
+                continue
+            # A bearing that a sweep has twice counts once.
+            turn_over = batch.closure[row] == Closure.SHARED.value
+            ranges = ranges[: batch.beams[row] - turn_over]
+            assert found.nearest[row] == np.nanmin(ranges)
+            assert np.isclose(batch.bearings()[row, : len(ranges)], found.nearest_theta[row])[
+                ranges == found.nearest[row]
+            ].any()
 
 
 @every_profile

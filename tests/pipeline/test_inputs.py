@@ -8,10 +8,13 @@ from pathlib import Path
 import pytest
 
 from lidarcli.errors import OptionError
+from lidarcli.pipeline.inputs.files import denied_to
 from lidarcli.pipeline.inputs.search import find_logs, log_name, refuse_clashes
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inspecting import inspect_log
+from lidarcli.simulate.writers import write_log
 from tests.pipeline.folders import logs_apart
+from tests.sweeping import room_sweeps
 from tests.unprivileged import lidarcli as lidarcli_command
 
 
@@ -150,3 +153,36 @@ def test_what_may_not_be_looked_into_is_told(tmp_path: Path) -> None:
         f"lidarcli: {folder}: cannot be searched: Permission denied\n",
     )
     folder.chmod(0o700)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", [0o000, 0o444])
+def test_what_a_pattern_may_not_enter_is_told(tmp_path: Path, mode: int) -> None:
+    for name in ("open", "shut", "other"):
+        (tmp_path / name).mkdir()
+        write_log(tmp_path / name / f"{name}.mcap", [room_sweeps(count=2)])
+    shut = tmp_path / "shut"
+    shut.chmod(mode)
+    try:
+        for pattern in ("**/*.mcap", "*/*.mcap", "[so]*/*.mcap"):
+            out = tmp_path / f"out{len(list(tmp_path.iterdir()))}"
+            code, err = lidarcli_command("detect", f"{tmp_path}/{pattern}", "-o", out)
+            assert code == 3, pattern
+            refused = [line for line in err.splitlines() if line.startswith("lidarcli: ")]
+            assert len(refused) == 1
+            assert refused[0].startswith(f"lidarcli: {shut}")
+            assert refused[0].endswith("Permission denied")
+            tables = sorted(path.name for path in out.rglob("*.objects.parquet"))
+            assert tables == ["open.objects.parquet", "other.objects.parquet"]
+        assert lidarcli_command("detect", f"{tmp_path}/o*/*.mcap", "-o", tmp_path / "out")[0] == 0
+    finally:
+        shut.chmod(0o755)
+
+
+def test_a_pattern_is_walked_no_farther_than_it_leads(tmp_path: Path) -> None:
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "b" / "x.csv").write_text("")
+    (tmp_path / "a" / "again").symlink_to(tmp_path, target_is_directory=True)
+    for pattern in ("**/*.csv", "*/b/*", "a/*/x.csv", "*", "**"):
+        assert denied_to(f"{tmp_path}/{pattern}") == []
+    assert denied_to("no such folder/*.csv") == []

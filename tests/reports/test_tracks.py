@@ -22,8 +22,13 @@ def test_figures_of_a_crossing() -> None:
     found = summarise(run_of(**crossing()))
     wanted = {
         "tracks": 3,
-        "agents": 2,
-        "objects": 10,
+        "tracks.agents": 2,
+        "agents": 8 * 2 + 5,
+        "objects": 10 + 8 * 2 + 5,
+        "objects_per_sweep.mean": 3.1,
+        "object_share": (10 * 5 + 8 * 4 + 5 * 6) / 1000,
+        "agent_share": (8 * 4 + 5 * 6) / 1000,
+        "noise_share": 0.95 - (8 * 4 + 5 * 6) / 1000,
         "agents_at_once.mean": (8 + 5) / 10,
         "agents_at_once.min": 1,
         "agents_at_once.max": 2,
@@ -112,11 +117,8 @@ def test_logs_with_and_without_tracks() -> None:
         Rows.join([first.tracks.table, third.tracks.table], [1, 2]),
     )
     found = summarise(run)
-    assert (found.figures["tracks"], found.figures["agents"], found.figures["agents_at_once.max"]) == (
-        6,
-        4,
-        2,
-    )
+    names = ("tracks", "tracks.agents", "agents", "objects", "agents_at_once.max")
+    assert [found.figures[name] for name in names] == [6, 4, 42, 62, 2]
     assert found.figures["agents_at_once.mean"] == pytest.approx(1.3)
     assert np.isnan(run.agents_at_once[:4]).all()
     assert found.tracked is not None

@@ -55,7 +55,7 @@ CONTRACT = {
     "sweeps": [
         *SOURCE,
         *counts("beams valid no_return too_close invalid"),
-        *doubles("d_mean d_th noise"),
+        *doubles("nearest nearest_theta d_mean d_th noise"),
         *counts("objects agents object_beams agent_beams noise_beams"),
         *doubles("pose_x pose_y pose_yaw"),
         ("station", "int32"),

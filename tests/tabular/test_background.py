@@ -23,7 +23,7 @@ from lidarcli.formalism.background.model import Background
 from lidarcli.sweeps import SweepPoses
 from lidarcli.tabular.background import GEOMETRY, background_rows, read_background, write_background
 from lidarcli.tabular.metadata import PARAMETERS, SOURCE, VERSION, table_metadata
-from lidarcli.tabular.schemas import BACKGROUND
+from lidarcli.tabular.schemas import BACKGROUND, SCHEMAS
 
 CONTRACT = [
     ("topic", "dictionary<values=string, indices=int32, ordered=0>"),
@@ -180,3 +180,14 @@ def test_rows_of_a_background(path: Path) -> None:
     assert rows["theta"].to_pylist() == pytest.approx([-0.2, -0.1, 0.0, 0.1, 0.2] * 2)
     assert rows["sweeps"].to_pylist() == [2] * 5 + [1] * 5
     assert rows["pose_y"].to_pylist() == [0.0] * 5 + [2.0] * 5
+
+
+@pytest.mark.parametrize(("kind", "maker"), [("sweeps", "detect"), ("tracks", "track"), ("objects", "detect")])
+def test_another_table_is_called_by_its_name(tmp_path: Path, kind: str, maker: str) -> None:
+    path = tmp_path / "run.parquet"
+    pq.write_table(SCHEMAS[kind].empty_table(), path)
+    with pytest.raises(UnreadableError) as err:
+        read_background(path)
+    assert str(err.value) == (
+        f"{path}: this is the {kind} table of lidarcli {maker}; give the background table of lidarcli background build"
+    )

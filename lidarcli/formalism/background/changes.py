@@ -55,16 +55,16 @@ def changes(
         beam_difference=difference.difference if per_beam else None,
     )
     if difference.removed.any():
-        found = _with_removed(found, batch, difference, alone, per_beam)
+        found = _with_removed(found, batch, difference, alone)
     if parameters.walls:
         found = _with_walls(found, batch, difference.appeared, parameters, sigma)
     return found
 
 
 def _with_removed(
-    found: Detection, batch: SweepBatch, difference: Difference, parameters: Parameters, per_beam: bool
+    found: Detection, batch: SweepBatch, difference: Difference, parameters: Parameters
 ) -> Detection:
-    """Add the objects that are gone, as the background shows them."""
+    """Add the objects that are gone, as the background shows them: none is in the sweep or owns a beam of it."""
     rows = np.flatnonzero(difference.removed.any(axis=1))
     before = batch.rows(rows)
     r_e, removed = difference.r_e[rows], difference.removed[rows]
@@ -74,7 +74,7 @@ def _with_removed(
     status[before.status == Status.PADDING] = Status.PADDING
     ranges = np.where(status == Status.VALID, r_e, np.nan).astype(np.float32)
     scene = replace(before, ranges=ranges, status=status.astype(np.uint8), intensities=None)
-    gone = detect(scene, parameters, per_beam=per_beam, within=removed, sigma=noise(scene))
+    gone = detect(scene, parameters, within=removed, sigma=noise(scene))
     gone = _described(gone, scene, difference.difference[rows], removed, REMOVED)
     if found.intensity is not None:
         # What a beam passes through returned nothing of it.
@@ -96,8 +96,6 @@ def _with_walls(
     count = len(walls)
     walls = replace(
         walls,
-        objects=np.zeros_like(walls.objects),
-        object_beams=np.zeros_like(walls.object_beams),
         difference=np.full(count, np.nan),
         change=np.full(count, -1, np.int8),
         thing=np.full(count, np.nan),

@@ -1,4 +1,4 @@
-"""Two detections on the same sweeps as one."""
+"""What is not in a sweep beside what is: two detections as one."""
 
 from __future__ import annotations
 
@@ -9,11 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.background.ragged import offsets_of, spans
-from lidarcli.formalism.detection import OBJECT, WALL, Detection
+from lidarcli.formalism.detection import WALL, Detection
 from lidarcli.sweeps import Bool, Int32, Int64
 
 _SWEEP_FIELDS = {
-    *("d_mean", "sweep_d_th", "noise", "objects", "agents", "object_beams", "agent_beams", "noise_beams"),
+    *(
+        "nearest",
+        "nearest_theta",
+        "d_mean",
+        "sweep_d_th",
+        "noise",
+        "objects",
+        "agents",
+        "object_beams",
+        "agent_beams",
+        "noise_beams",
+    ),
     *("beam_set", "beam_object", "beam_s", "beam_difference", "station"),
 }
 _VERTEX_FIELDS = ("vertex_theta", "vertex_r", "vertex_kind")
@@ -37,7 +48,8 @@ def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
     Parameters
     ----------
     first : detection on S sweeps
-    second : detection on some of them; its objects hold beams that no object of the first holds
+    second : detection on some of them; none of its objects is there in the sweep: their beams end elsewhere, and count as
+        they do in the first
     rows : rows of `first` that the rows of `second` are
     """
     second = replace(second, row=rows[second.row])
@@ -50,28 +62,12 @@ def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
     number = np.arange(len(order)) - offsets_of(counts)[values["row"]] + 1
     values |= _lists(first, second, "vertex_offsets", _VERTEX_FIELDS, order)
     values |= _lists(first, second, "face_offsets", _FACE_FIELDS, order)
-    object_beams, objects = first.object_beams.copy(), first.objects.copy()
-    object_beams[rows] += second.object_beams
-    objects[rows] += second.objects
-    noise_beams = first.noise_beams - (object_beams - first.object_beams)
-    result = replace(
-        first,
-        **values,
-        object=number.astype(np.int32),
-        objects=objects,
-        object_beams=object_beams,
-        noise_beams=noise_beams,
-    )
-    if first.beam_object is None or second.beam_object is None or first.beam_set is None:
+    result = replace(first, **values, object=number.astype(np.int32))
+    if first.beam_object is None:
         return result
     new = np.empty(len(order), np.int32)
     new[order] = number
-    beam_object = _renumbered(first.beam_object, first.row, new[: len(first)])
-    added = _renumbered(second.beam_object, np.searchsorted(rows, second.row), new[len(first) :])
-    beam_object[rows] = np.where(added > 0, added, beam_object[rows])
-    beam_set = first.beam_set.copy()
-    beam_set[beam_object > 0] = OBJECT
-    return replace(result, beam_object=beam_object, beam_set=beam_set)
+    return replace(result, beam_object=_renumbered(first.beam_object, first.row, new[: len(first)]))
 
 
 def select(found: Detection, chosen: Bool) -> Detection:

@@ -40,6 +40,8 @@ cdef class Columns:
     cdef double* face_theta_f
     cdef double* face_length
     cdef double* face_rms
+    cdef double* nearest
+    cdef double* nearest_theta
     cdef double* d_mean
     cdef double* sweep_d_th
     cdef double* noise

@@ -19,7 +19,9 @@ OBJECT: dict[str, Any] = _WHOLE | dict.fromkeys(_MEASURED, np.float64)
 OFFSETS: dict[str, Any] = {"vertex_offsets": np.int32, "face_offsets": np.int32}
 VERTEX: dict[str, Any] = {"vertex_theta": np.float64, "vertex_r": np.float64, "vertex_kind": np.uint8}
 FACE: dict[str, Any] = dict.fromkeys(("face_theta_i", "face_theta_f", "face_length", "face_rms"), np.float64)
-SWEEP: dict[str, Any] = dict.fromkeys(("d_mean", "sweep_d_th", "noise"), np.float64)
+SWEEP: dict[str, Any] = dict.fromkeys(
+    ("nearest", "nearest_theta", "d_mean", "sweep_d_th", "noise"), np.float64
+)
 SWEEP |= dict.fromkeys(("objects", "object_beams"), np.int32)
 BEAM: dict[str, Any] = {"beam_object": np.int32, "beam_s": np.float64}
 
@@ -79,6 +81,8 @@ class Columns:
         self.face_theta_f = native.at_doubles(arrays["face_theta_f"])
         self.face_length = native.at_doubles(arrays["face_length"])
         self.face_rms = native.at_doubles(arrays["face_rms"])
+        self.nearest = native.at_doubles(arrays["nearest"])
+        self.nearest_theta = native.at_doubles(arrays["nearest_theta"])
         self.d_mean = native.at_doubles(arrays["d_mean"])
         self.sweep_d_th = native.at_doubles(arrays["sweep_d_th"])
         self.noise = native.at_doubles(arrays["noise"])

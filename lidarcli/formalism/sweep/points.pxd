@@ -4,7 +4,7 @@ cimport libc.math as math
 from lidarcli cimport native
 
 cdef Py_ssize_t NEVER
-cdef double NAN, TURN
+cdef double NAN, INFINITE, TURN
 cdef int OPEN, SHARED, NO_RETURN
 cdef Py_ssize_t LONGEST_GAP
 cdef double GAP_STEP, GAP_STEP_GROWS
@@ -46,6 +46,8 @@ cdef void repeat(Points points, Py_ssize_t lead) noexcept nogil
 cdef double bearing(Points points, Py_ssize_t at) noexcept nogil
 cdef Py_ssize_t beam_at(Points points, Py_ssize_t position) noexcept nogil
 cdef double distance(Points points, Py_ssize_t a, Py_ssize_t b) noexcept nogil
+@cython.locals(at=Py_ssize_t, least=double)
+cdef Py_ssize_t nearest(Points points) noexcept nogil
 cdef void differences(Points points) noexcept nogil
 @cython.locals(gone=Py_ssize_t, lost=Py_ssize_t)
 cdef double flicker(Points points, Scans scans) noexcept nogil

@@ -12,6 +12,7 @@ from lidarcli import native, sweeps
 NEVER = 1 << 24
 """Number of lost beams between a point and a predecessor that does not exist: above every `max_gap`, in 32 bits, too."""
 NAN = float("nan")
+INFINITE = float("inf")
 TURN = sweeps.TURN
 LONGEST_GAP = 3
 """Of more lost beams in a row nobody knows whether they should have returned."""
@@ -153,6 +154,17 @@ def distance(points: Points, a: int, b: int) -> float:
     """How far two points are apart [m]."""
     dx, dy = points.x[b] - points.x[a], points.y[b] - points.y[a]
     return math.sqrt(dx * dx + dy * dy)
+
+
+def nearest(points: Points) -> int:
+    """The point with the least range, of several the first; -1 without a point."""
+    at = 0
+    least = INFINITE
+    for k in range(points.count):
+        if points.r[k] < least:
+            least = points.r[k]
+            at = k
+    return at if points.count > 0 else -1
 
 
 def differences(points: Points) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detect import scans
-from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, WALL, Detection
+from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, WALL, Detection
 from lidarcli.formalism.tracking import noting, sightings, summary
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.fold import Fold
@@ -247,6 +247,9 @@ def _followed(one: _Waiting, settled: Settled, least: float, by_memory: bool) ->
         kind[refused], shape[refused] = NOISE, WALL
     kind[known & settled.agent & (kind == OBJECT)] = AGENT
     agent, thing_at = kind == AGENT, kind == OBJECT
+    if found.change is not None:
+        # What has gone is no object of the sweep.
+        thing_at &= found.change != REMOVED
     order = np.lexsort((found.theta_i, kind == NOISE, found.row))
     agent_beams = _count(found.row[agent], found.beams[agent], sweeps)
     object_beams = _count(found.row[thing_at], found.beams[thing_at], sweeps)

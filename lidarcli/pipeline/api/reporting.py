@@ -39,7 +39,7 @@ class RunReport:
     ----------
     figures : every figure by its name, as checks name it; None where it cannot be measured
     checks : one verdict for each check: `expression`, `holds`, `expected`, `found`
-    problems : tables that could not be read, one line each
+    problems : what could not be read, and damage that no check accepts, one line each
     """
 
     _made: Made
@@ -58,7 +58,7 @@ class RunReport:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Tables that could not be read, one line each."""
+        """What could not be read, and damage that no check accepts, one line each."""
         return self._made.report.problems
 
     @property

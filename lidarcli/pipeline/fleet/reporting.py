@@ -10,8 +10,9 @@ from pathlib import Path
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
 from lidarcli.pipeline.fleet.manifest import FOLDER
 from lidarcli.pipeline.inputs.files import Named, all_files, files_named
-from lidarcli.reports.checks import Check, parse_check, verdict_of
-from lidarcli.reports.runs import FIGURES, RunsReport, summarise_runs
+from lidarcli.reports.checks import Check, accepts, parse_check, verdict_of
+from lidarcli.reports.runs import BAD, FIGURES, RunsReport, RunsSummary, summarise_runs
+from lidarcli.reports.wording import counted
 from lidarcli.stores.url import Place, absolute, place
 from lidarcli.tabular.runs import Entry, read_run
 
@@ -83,7 +84,17 @@ def report_runs(
         raise nothing_read(problems)
     summary = summarise_runs(rows, read)
     verdicts = tuple(verdict_of(check, summary.figures[check.name]) for check in gates)
-    return MadeRuns(RunsReport(summary, verdicts=verdicts, problems=tuple(map(str, problems))))
+    unread, unseen = tuple(map(str, problems)), _unseen(gates, summary)
+    return MadeRuns(RunsReport(summary, verdicts=verdicts, unread=unread, unseen=unseen))
+
+
+def _unseen(checks: Sequence[Check], summary: RunsSummary) -> tuple[str, ...]:
+    """A line for logs that are missing where checks judge the others, and none says how many of these there may be."""
+    return tuple(
+        f"{counted(count, 'log')} {outcome}: the checks saw what is left; --check '{outcome} <= {count:.0f}' accepts that"
+        for outcome in BAD
+        if checks and (count := summary.figures[outcome] or 0.0) and not accepts(checks, outcome)
+    )
 
 
 def nothing_read(problems: Sequence[UnreadableError]) -> LidarcliError:
@@ -114,9 +125,11 @@ def render_runs(report: RunsReport, kind: str, colour: bool = False) -> str:
 
 
 def _files(text: str) -> list[Place]:
-    kind, files = files_named(text)
+    kind, files, denied = files_named(text)
     if kind is Named.FILE:
         return files
+    if denied:
+        raise denied[0]
     found = [manifest for file in files for manifest in _manifests(file)]
     if not found:
         where = "in this folder" if kind is Named.FOLDER else "matches this pattern"

@@ -14,6 +14,7 @@ from pathlib import Path, PurePath
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2.folder import is_bag
+from lidarcli.pipeline.inputs.files import denied_to, fixed_part
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
 from lidarcli.stores.url import Place, is_url
@@ -209,12 +210,15 @@ def _pattern(text: str) -> Iterator[Source | Nothing]:
         yield Nothing(text, UnreadableError("the link leads to nothing"))
         return
     files = sorted(glob.glob(text, recursive=True)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
-    if not files:
+    denied = denied_to(text) if glob.has_magic(text) else []
+    for err in denied:
+        yield Nothing(os.fsdecode(err.filename), UnreadableError(f"cannot be searched: {err.strerror}"))
+    if not files and not denied:
         hint = "; URLs of stores begin with s3://, gs:// or az://" if re.match(r"[a-z0-9]+:/", text) else ""
         yield Nothing(text, UnreadableError(f"no such file or folder{hint}"))
-    elif hold_one_sweep_each([Path(file) for file in files]):
+    elif files and hold_one_sweep_each([Path(file) for file in files]):
         yield Source(text, log_name(Path(files[0]).parent), tuple(files))
-    else:
+    elif files:
         yield from _keyed(text, find_logs(files))
 
 
@@ -234,16 +238,6 @@ def _keyed(pattern: str, found: Iterable[Source | Nothing]) -> Iterator[Source |
             yield source if name.split("/")[0] == ".." else replace(source, name=name)
         else:
             yield source
-
-
-def fixed_part(pattern: str) -> str:
-    """The folder up to which a pattern says what it means.
-
-    >>> fixed_part("bags/2026-*/run.mcap"), fixed_part("*.mcap")
-    ('bags/', '')
-    """
-    first = min(at for sign in "*?[" if (at := pattern.find(sign)) >= 0)
-    return pattern[: pattern.rfind("/", 0, first) + 1]
 
 
 def known_suffixes() -> str:

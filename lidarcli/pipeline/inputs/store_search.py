@@ -8,8 +8,9 @@ from fnmatch import fnmatchcase
 from pathlib import PurePosixPath
 
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.pipeline.inputs.files import fixed_part
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
-from lidarcli.pipeline.inputs.search import SUFFIXES, are_one_log, fixed_part, known_suffixes, stem_of
+from lidarcli.pipeline.inputs.search import SUFFIXES, are_one_log, known_suffixes, stem_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.stores.store import has_bucket, head, is_folder, listing
 from lidarcli.stores.url import State, Url, place

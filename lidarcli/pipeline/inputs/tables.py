@@ -65,9 +65,12 @@ def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]
     problems = []
     for text in inputs:
         try:
-            found |= dict.fromkeys(_pairs(text))
+            pairs, denied = _pairs(text)
         except UnreadableError as err:
             problems.append(err)
+            continue
+        found |= dict.fromkeys(pairs)
+        problems += denied
     return [*found], problems
 
 
@@ -95,21 +98,22 @@ def table_files(inputs: Iterable[str]) -> list[Place]:
     return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.tracks, pair.beams)]
 
 
-def _pairs(text: str) -> list[Pair]:
-    named, files = files_named(text)
+def _pairs(text: str) -> tuple[list[Pair], list[UnreadableError]]:
+    """The tables by log, and the folders that cannot be searched for more."""
+    named, files, denied = files_named(text)
     tables = [(file, *known) for file in files if (known := _table_of(file)) is not None]
     if named is Named.FOLDER:
         # Others of a log are found beside its objects.
         tables = [each for each in tables if each[1] == "objects"]
-        if not tables:
+        if not tables and not denied:
             raise UnreadableError(f"{text}: no *{_OBJECTS} in this folder; write some with lidarcli detect")
-    if not tables:
+    if not tables and not denied:
         if named is Named.FILE:
             raise UnreadableError(
                 f"{text}: not a table of lidarcli detect (<log>{_OBJECTS} or <log>{_SWEEPS})"
             )
         raise UnreadableError(f"{text}: no tables match this pattern")
-    return [pair for _, _, pair in tables]
+    return [pair for _, _, pair in tables], denied
 
 
 def is_table(file: Place, table: str) -> bool:
@@ -152,7 +156,7 @@ def require(pair: Pair, kind: str, columns: Collection[str]) -> None:
     if missing:
         raise UnreadableError(
             f"{getattr(pair, kind)}: no column {', '.join(missing)}, which a check asks for; "
-            "an older version has written this table"
+            "an older version has written this table: write it again"
         )
 
 

@@ -49,9 +49,11 @@ def find_tracks(inputs: Iterable[str]) -> list[Place]:
 
 
 def _tables(text: str) -> list[Place]:
-    named, files = files_named(text)
+    named, files, denied = files_named(text)
     if named is Named.FILE:
         return files
+    if denied:
+        raise denied[0]
     tables = [file for file in files if is_table(file, "tracks")]
     if not tables and named is Named.FOLDER:
         raise UnreadableError(f"{text}: no *{_TRACKS} in this folder; write some with lidarcli track")

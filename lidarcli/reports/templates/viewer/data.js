@@ -21,7 +21,7 @@ function unpack(one) {
   const s = { log: one.log, topic: one.topic, frame: one.frame, count: one.count, scale: one.scale };
   decodeAll(one, ["sweep", "offsets"], Int32Array, s);
   decodeAll(one, ["seconds", "d_th"], Float32Array, s);
-  decodeAll(one, ["object"], Uint16Array, s);
+  decodeAll(one, ["object", "objects", "agents"], Uint16Array, s);
   decodeAll(one, ["shape", "set"], Uint8Array, s);
   decodeAll(one, ["box_x", "box_y", "box_length", "box_width", "r_min", "box_yaw", "theta_i", "theta_f"], Int16Array, s);
   if (one.label) { s.labels = one.labels; s.label = decode(one.label, Uint16Array); }
@@ -44,23 +44,10 @@ function unpack(one) {
     decodeAll(one.raw, ["ranges"], Uint16Array, s.raw);
     for (let k = 0; k < one.count; k++) s.raw.start[k + 1] = s.raw.start[k] + s.raw.beams[k];
   }
-  s.objects = new Int32Array(s.count);
-  s.agents = new Int32Array(s.count);
-  for (let k = 0; k < s.count; k++) count(s, k);
   return s;
 }
 
-// Agents are counted by their tracks: a person on two legs is one.
-function count(s, k) {
-  const seen = new Set();
-  for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) {
-    s.objects[k] += s.set[j] === OBJECT;
-    if (s.set[j] === AGENT && s.tracks) seen.add(s.tracks.track[j]);
-  }
-  s.agents[k] = seen.size;
-}
-
-// The rows of the objects and agents of sweep k.
+// The rows of the objects of sweep k, agents among them.
 function members(s, k) {
   const found = [];
   for (let j = s.offsets[k]; j < s.offsets[k + 1]; j++) if (s.set[j] !== REST) found.push(j);

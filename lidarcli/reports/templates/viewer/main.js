@@ -24,8 +24,7 @@ function show() {
 
 function wordsOf(s, k) {
   const counted = (value, name) => value + " " + name + (value === 1 ? "" : "s");
-  const parts = ["sweep " + s.sweep[k], s.seconds[k].toFixed(2) + " s", counted(s.objects[k], "object")];
-  if (s.tracks) parts.push(counted(s.agents[k], "agent"));
+  const parts = ["sweep " + s.sweep[k], s.seconds[k].toFixed(2) + " s", counted(s.objects[k], "object") + (s.tracks ? " (" + s.agents[k] + " of agents)" : "")];
   if (!isNaN(s.d_th[k])) parts.push("d_th " + s.d_th[k].toPrecision(3) + " m");
   const why = data.standing.filter((one) => one.stream === now.stream && one.sweep === s.sweep[k]).map((one) => one.kind + " (" + one.value + ")");
   return parts.join(", ") + (why.length ? " \u2014 " + why.join(", ") : "");

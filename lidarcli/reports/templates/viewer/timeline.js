@@ -1,4 +1,4 @@
-// The time line: objects per sweep with agents above them, under the slider of the sweeps, in its scale.
+// The time line: objects per sweep, the agents among them on top, under the slider of the sweeps, in its scale.
 const THUMB = 16, BASE = 40;
 
 function timeScale(s, width) {
@@ -8,12 +8,12 @@ function timeScale(s, width) {
 
 function drawTimeline(s, k, colours) {
   const { pen, width, height } = open("timeline"), { step, X } = timeScale(s, width);
-  const most = s.objects.reduce((high, value, i) => Math.max(high, value + s.agents[i]), 1), room = BASE - 12;
+  const most = s.objects.reduce((high, value) => Math.max(high, value), 1), room = BASE - 12;
   const edge = (i) => Math.floor(X(i) - Math.max(step, 1) / 2);
   for (let i = 0; i < s.count; i++) {
     // Whole pixels: bars side by side leave no seam.
     const x = edge(i), next = Math.max(x + 1, edge(i + 1));
-    const low = s.objects[i] / most * room, more = s.agents[i] / most * room;
+    const more = s.agents[i] / most * room, low = s.objects[i] / most * room - more;
     if (low) { pen.fillStyle = colours["bar-objects"]; pen.fillRect(x, BASE - low, next - x, low); }
     if (more) { pen.fillStyle = colours["bar-agents"]; pen.fillRect(x, BASE - low - more, next - x, more); }
   }
