@@ -182,7 +182,9 @@ def test_rows_of_a_background(path: Path) -> None:
     assert rows["pose_y"].to_pylist() == [0.0] * 5 + [2.0] * 5
 
 
-@pytest.mark.parametrize(("kind", "maker"), [("sweeps", "detect"), ("tracks", "track"), ("objects", "detect")])
+@pytest.mark.parametrize(
+    ("kind", "maker"), [("sweeps", "detect"), ("tracks", "track"), ("objects", "detect")]
+)
 def test_another_table_is_called_by_its_name(tmp_path: Path, kind: str, maker: str) -> None:
     path = tmp_path / "run.parquet"
     pq.write_table(SCHEMAS[kind].empty_table(), path)
