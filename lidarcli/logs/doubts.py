@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.judging import FARTHEST, count_statuses
+from lidarcli.judging import FARTHEST
 from lidarcli.logs.blocks import WIDEST_VIEW
 from lidarcli.logs.clock import SAME_NS, Clock
-from lidarcli.sweeps import Bool, Float32, Int64, RawSweeps, Status, SweepBatch
+from lidarcli.sweeps import Bool, Float32, RawSweeps, Status, SweepBatch
 
 MOST = 100
 """Topics and frames that are looked at: a log may have a new name in every message."""
@@ -77,7 +77,8 @@ class _Seen:
 
     clock: Clock = field(default_factory=Clock)
     beams: int = 0
-    statuses: Int64 = field(default_factory=lambda: np.zeros(len(Status), np.int64))
+    valid: int = 0
+    """Beams, and those with a range."""
     wide: int = 0
     fine: int = 0
     view: float = 0.0
@@ -108,10 +109,9 @@ class _Seen:
         """Take sweeps."""
         self.clock.add(raw, batch.sweep)
         self._take_geometry(raw)
-        counts = count_statuses(batch.status).sum(axis=1)
-        self.statuses += counts
-        beams, valid = int(raw.beams.sum()), int(counts[Status.VALID])
+        beams, valid = int(raw.beams.sum()), int(np.count_nonzero(batch.status == Status.VALID))
         self.beams += beams
+        self.valid += valid
         if valid < (1.0 - UNUSABLE) * beams:
             self._take_causes(raw, batch)
         self._take_units(raw.ranges, batch.status, valid)
@@ -199,7 +199,9 @@ class _Seen:
         some = np.nan_to_num(batch.ranges[:SAMPLE, :: max(batch.width // BEAMS, 1)])
         if len(some) < 4 or not some.shape[1]:
             return
-        changes = [np.median(np.abs(some[3:] - some[3 - by : len(some) - by]), axis=1) for by in (1, 2, 3)]
+        differences = np.abs(np.stack([some[3:] - some[3 - by : len(some) - by] for by in (1, 2, 3)]))
+        half = some.shape[1] // 2
+        changes = np.partition(differences, half, axis=2)[:, :, half]
         nearer = np.minimum(changes[1], changes[2]) * NEARER < changes[0]
         self.compared += len(nearer)
         self.turns += int(np.count_nonzero(nearer & (changes[0] > APART)))
@@ -243,7 +245,7 @@ class _Seen:
             return [
                 f"most ranges of {name} are beyond {least:,.0f} m: they are probably {unit} (--range-unit {way})"
             ]
-        without = self.beams - int(self.statuses[Status.VALID])
+        without = self.beams - self.valid
         if without <= UNUSABLE * self.beams:
             return []
         total = max(sum(self.causes.values()), 1)
