@@ -39,6 +39,7 @@ GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     "libraries": (LIBRARY_LOGS, 4),
     "databases": (("db3-crafted",), len(KINDS) + 10),
     "hostile logs": (("logs-crafted",), 8),
+    "geometry": (("geometry",), 90),
     "texts": (("metadata", "scenes", "checks", "numbers"), 37),
     "counts": (("counts",), 30),
     "maps": (("maps",), 70),

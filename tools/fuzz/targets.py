@@ -5,6 +5,7 @@ from __future__ import annotations
 from tools.fuzz.checks import check_targets
 from tools.fuzz.counts import count_targets
 from tools.fuzz.databases import database_targets
+from tools.fuzz.geometry import geometry_targets
 from tools.fuzz.hostile_logs import hostile_log_targets
 from tools.fuzz.links import link_targets
 from tools.fuzz.manifests import manifest_targets
@@ -25,6 +26,7 @@ TARGETS: dict[str, Target] = {
         *database_targets(),
         *hostile_log_targets(),
         *count_targets(),
+        *geometry_targets(),
         *metadata_targets(),
         *table_targets(),
         *link_targets(),
