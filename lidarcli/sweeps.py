@@ -282,7 +282,9 @@ class SweepBatch:
         return len(self.stamp_ns)
 
     def rows(self, index: NDArray[np.intp] | Int64) -> SweepBatch:
-        """The same batch with the sweeps of `index` alone."""
+        """The same batch with the sweeps of `index` alone: (K,) rows, or truth values (S,)."""
+        if np.ndim(index) != 1:
+            raise TypeError(f"rows are given as an array or list, not as {index!r}: rows([{index!r}])")
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
         for name in ("poses", "true_poses"):
             told = getattr(self, name)

@@ -74,3 +74,19 @@ def test_what_no_report_can_be_made_of(tables: Path, tmp_path: Path) -> None:
         lidarcli.report(tmp_path / "nothing")
     with pytest.raises(lidarcli.OutputError):
         lidarcli.report(tables, tables / "room.objects.parquet" / "x.md")
+
+
+def test_tables_in_memory_are_no_paths() -> None:
+    frame = lidarcli.detect(ROOM, end=0.1).to_pandas()
+    with pytest.raises(
+        TypeError, match=r"^tables, logs and outputs are named by their paths, not given as DataFrame$"
+    ):
+        lidarcli.report(frame)
+    with pytest.raises(TypeError, match=r"^a file is named by its path, not given as DataFrame$"):
+        lidarcli.report([frame])
+    with pytest.raises(TypeError, match=r"^a file is named by its path, not given as DataFrame$"):
+        lidarcli.plot(ROOM, tracks=frame)
+    (batch,) = lidarcli.read(ROOM, end=0.5)
+    with pytest.raises(TypeError, match=r"^rows are given as an array or list, not as 1: rows\(\[1\]\)$"):
+        batch.rows(1)  # type: ignore[arg-type]
+    assert batch.rows([1]).sweep.tolist() == [1]  # type: ignore[arg-type]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from os import PathLike, fspath
 from typing import Any
 
@@ -28,8 +28,21 @@ OPENING = ("angle_min", "angle_increment", "fov", "range_max", "degrees", "range
 
 
 def several(values: Paths) -> list[str]:
-    """Paths as text, from one or several."""
-    return [fspath(each) for each in ([values] if isinstance(values, str | PathLike) else values)]
+    """Paths as text, from one or several (`TypeError` where these are none, such as a table in memory)."""
+    if isinstance(values, str | PathLike):
+        return [fspath(values)]
+    if not isinstance(values, Sequence | Set | Iterator):
+        raise TypeError(
+            f"tables, logs and outputs are named by their paths, not given as {type(values).__name__}"
+        )
+    return [path_text(each) for each in values]
+
+
+def path_text(value: Any) -> str:
+    """The path of a file as text (`TypeError` where it is none)."""
+    if not isinstance(value, str | PathLike):
+        raise TypeError(f"a file is named by its path, not given as {type(value).__name__}")
+    return fspath(value)
 
 
 def read_options(told: Told) -> ReadOptions:

@@ -11,7 +11,7 @@ from lidarcli.choices import VIEWS, Look
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters
 from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges, defaults_of
-from lidarcli.pipeline.api.options import Told, opening_options, parameters_of, pose_options, rules
+from lidarcli.pipeline.api.options import Told, opening_options, parameters_of, path_text, pose_options, rules
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import path_of
 from lidarcli.pipeline.inputs.search import one_log
@@ -81,7 +81,7 @@ def _picture(log: AnyPath | SweepBatch, sweep: int, parameters: Parameters | Non
         rules=rules(told),
         opening=opening_options(told),
         background=None if told["background"] is None else fspath(told["background"]),
-        tracks=None if told["tracks"] is None else fspath(told["tracks"]),
+        tracks=None if told["tracks"] is None else path_text(told["tracks"]),
         poses=pose_options(told),
     )
     if isinstance(log, SweepBatch):
