@@ -14,6 +14,7 @@ import pytest
 from lidarcli.reports.page_colours import COLOURS
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import START, crossing, sweep, thing, write_run
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 
@@ -124,7 +125,7 @@ def test_details_on_hover_and_click(page: Page, made: Callable[..., Path]) -> No
     # The chosen one stays chosen in the next sweep.
     press(page, "ArrowRight")
     assert page.evaluate(DETAILS)["object"] == "2"
-    assert awaited(page, WAIT) == "#sweep=1&object=2"
+    wait_until(lambda: page.evaluate("location.hash") == "#sweep=1&object=2")
     click(page, pixel_of(page, 1.0, 0.3))
     assert page.evaluate(DETAILS) == {}
     for number in ("1", "2", "1"):
@@ -140,16 +141,14 @@ def test_details_on_hover_and_click(page: Page, made: Callable[..., Path]) -> No
 def test_details_of_a_track(page: Page, made: Callable[..., Path]) -> None:
     page.open(made(**crossing()), 1280)
     page.evaluate("location.hash = '#sweep=3&track=2'")
-    awaited(page, WAIT)
+    wait_until(lambda: page.evaluate(DETAILS))
     found = page.evaluate(DETAILS)
     assert (found["kind"], found["track"], found["speed"]) == ("agent", "2", "1.00 m/s")
     page.evaluate("location.hash = '#sweep=9&track=2'")
-    awaited(page, WAIT)
-    assert page.evaluate(DETAILS) == {}
+    wait_until(lambda: page.evaluate(DETAILS) == {})
     assert "not seen" in page.evaluate("document.getElementById('hint').textContent")
     page.evaluate("location.hash = '#sweep=9&track=1'")
-    awaited(page, WAIT)
-    assert page.evaluate(DETAILS)["label"] == "pallet"
+    wait_until(lambda: page.evaluate(DETAILS).get("label") == "pallet")
 
 
 def test_the_address_of_a_sweep(page: Page, made: Callable[..., Path]) -> None:
@@ -159,19 +158,18 @@ def test_the_address_of_a_sweep(page: Page, made: Callable[..., Path]) -> None:
     assert page.evaluate("location.hash") == ""
     press(page, "PageDown")
     press(page, "ArrowRight")
-    assert awaited(page, WAIT) == "#sweep=11&topic=/front"
+    wait_until(lambda: page.evaluate("location.hash") == "#sweep=11&topic=/front")
     # An address works on load, and when it changes.
     page.evaluate("history.replaceState(null, '', '#sweep=7&topic=/rear%20%26%20up')")
     page.call("Page.reload")
     awaited(page, WAIT)
-    assert page.evaluate(WORDS).startswith("sweep 7, ")
+    wait_until(lambda: page.evaluate(WORDS).startswith("sweep 7, "))
     assert (
         page.evaluate("document.getElementById('stream').selectedOptions[0].textContent")
         == "run /rear & up (laser)"
     )
     page.evaluate("location.hash = '#sweep=3&topic=/front'")
-    awaited(page, WAIT)
-    assert page.evaluate(WORDS).startswith("sweep 3, ")
+    wait_until(lambda: page.evaluate(WORDS).startswith("sweep 3, "))
     assert page.evaluate("document.getElementById('stream').value") == "0"
     for odd in ("#sweep=", "#sweep=x&topic=/none", "#sweep=1e99&track=;", "#%", "#sweep=%zz"):
         page.evaluate(f"location.hash = '{odd}'")
@@ -434,6 +432,6 @@ def test_a_log_of_one_sweep_and_one_whose_clock_stands(page: Page, made: Callabl
         "const s = document.getElementById('stream'); s.value = 1; s.dispatchEvent(new Event('change'))"
     )
     press(page, "End")
-    assert page.evaluate(WORDS).startswith("sweep 2, 0.00 s, 0 objects,")
+    assert page.evaluate(WORDS).startswith("sweep 2, 0.00 s, 1 object,")
     assert page.complaints == []
     assert page.evaluate("document.documentElement.scrollWidth") == 400
