@@ -166,6 +166,7 @@ def _stacked(blocks: list[RawSweeps], name: str) -> Float32:
     return stacked
 
 
+@shown
 @record
 class SweepPoses:
     """Where the sensor was at each of S sweeps, seen from above, in the world frame. NaN where unknown."""
@@ -179,6 +180,24 @@ class SweepPoses:
     """(S,) whether the sensor hangs head down, so that its bearings run clockwise in the world."""
     way: Float64 | None = None
     """(S, 3) how far it goes in x, y [m] and yaw [rad] from the first beam to the last; None: sweeps take no time."""
+
+    def facts(self) -> Facts:
+        """What these poses are, in words."""
+        known = ~np.isnan(self.x)
+        turned = int(np.count_nonzero(self.upside_down & known))
+        rows = [
+            ("known", f"for {counted(int(np.count_nonzero(known)), 'sweep')}"),
+            ("x", span(self.x[known].tolist(), ".2f", "m")),
+            ("y", span(self.y[known].tolist(), ".2f", "m")),
+            ("yaw", span(np.degrees(self.yaw[known]).tolist(), ".2f", "deg")),
+            ("head down", f"in {counted(turned, 'sweep')}" if turned else "never"),
+        ]
+        if self.way is not None:
+            gone = np.hypot(*self.way[known, :2].T)
+            rows.append(
+                ("way", span(gone[~np.isnan(gone)].tolist(), ".3f", "m from the first beam to the last"))
+            )
+        return Facts(f"of {counted(len(self.x), 'sweep')}", tuple(rows))
 
     def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepPoses:
         """The poses of `index`, which may repeat."""

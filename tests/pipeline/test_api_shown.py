@@ -1,4 +1,4 @@
-"""What batches, backgrounds and maps print, and what else a batch offers to who looks at it."""
+"""What batches, poses, backgrounds and maps print, and what else a batch offers to who looks at it."""
 
 from __future__ import annotations
 
@@ -34,6 +34,13 @@ Background of /scan: 1 station x 361 beams
   support   100.0% of the sweeps (median)
   open      0 beams
   unknown   0 beams"""
+POSES = """\
+SweepPoses of 150 sweeps
+  known      for 150 sweeps
+  x          -2.63 to 2.60 m
+  y          -1.95 to 1.92 m
+  yaw        -179.84 to 179.70 deg
+  head down  never"""
 GRID = """\
 Occupancy 188 x 149 cells of 0.05 m
   frame     odom
@@ -54,6 +61,23 @@ def test_they_print_what_they_are() -> None:
     grid = lidarcli.map(SAMPLES / "drive.db3")
     assert str(grid) == GRID
     assert (grid.occupied, grid.free, grid.cells.shape) == (1401, 24452, (149, 188))
+
+
+def test_poses_print_where_the_sensor_was() -> None:
+    (batch,) = lidarcli.read(SAMPLES / "drive.db3")
+    assert batch.poses is not None
+    assert str(batch.poses) == POSES
+    assert repr(batch.poses) == "<SweepPoses of 150 sweeps>"
+    x, upside_down = batch.poses.x.copy(), np.ones(150, np.bool_)
+    x[10:] = np.nan
+    way = np.tile([0.03, 0.04, 0.1], (150, 1))
+    odd = str(replace(batch.poses, x=x, upside_down=upside_down, way=way))
+    assert "known      for 10 sweeps\n" in odd
+    assert "head down  in 10 sweeps\n" in odd
+    assert odd.endswith("way        0.050 m from the first beam to the last")
+    none = batch.poses.rows(np.empty(0, np.int64))
+    assert repr(none) == "<SweepPoses of 0 sweeps>"
+    assert "x          none" in str(none)
 
 
 def test_a_notebook_shows_them_as_a_table() -> None:
