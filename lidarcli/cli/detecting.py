@@ -73,6 +73,7 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                 ),
                 option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist."),
                 option(
+                    "-j",
                     "--jobs",
                     heading=OUTPUT,
                     type=click.IntRange(min=1, max=GREATEST_COUNT),

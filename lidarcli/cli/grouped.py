@@ -218,8 +218,13 @@ class Commands(_Shared, click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command of that name, or a usage error with the nearest one."""
+        """The command of that name, or a usage error with the nearest one; `help COMMAND` is `COMMAND --help`."""
         name = args[0]
+        if not ctx.resilient_parsing and name == "help":
+            if args[1:]:
+                return self.resolve_command(ctx, [*args[1:], "--help"])
+            click.echo(ctx.get_help())
+            ctx.exit()
         if not ctx.resilient_parsing and not name.startswith("-") and self.get_command(ctx, name) is None:
             self._refuse(ctx, name)
         return super().resolve_command(ctx, args)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lidarcli.cli.grouped import GroupedCommand
+from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
 from lidarcli.cli.many_logs import Chosen, many_logs, print_reads
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import opening_options, pose_options, range_options, text_or_json
@@ -23,11 +23,18 @@ if TYPE_CHECKING:
 
 \b
   lidarcli info run.mcap
+  lidarcli info bags/ --brief
   lidarcli info bags/ --format json | jq '.[].scans[].rate'
   lidarcli info ranges.csv --fov 270 --degrees --range-unit mm""",
 )
 @many_logs
 @text_or_json("Text for people, or JSON for programs: a list with one object per log.")
+@option(
+    "--brief",
+    heading=OUTPUT,
+    is_flag=True,
+    help="One line per log: format, time span, and each topic with its sweeps, beams and rate.",
+)
 @pose_options(delay=False)
 @range_options
 @opening_options
@@ -38,6 +45,7 @@ def info(
     chosen: Chosen,
     dry_run: bool,
     kind: str,
+    brief: bool,
     poses: PoseOptions,
     rules: RangeRules,
     opening: OpenOptions,
@@ -46,7 +54,10 @@ def info(
 
     Reads every log from end to end.
     """
-    from lidarcli.cli.info_text import as_json, as_text
+    if brief and kind != "text":
+        raise click.UsageError(f"--brief is for text; leave it out for {kind}")
+
+    from lidarcli.cli.info_text import as_json, as_line, as_text
     from lidarcli.cli.progress import progress_bar
     from lidarcli.errors import NoScanError
     from lidarcli.logs.choice import clouds_hint, no_scan_topic
@@ -73,7 +84,8 @@ def info(
             found.append(result)
             if kind == "text":
                 with say.paused():
-                    click.echo(("\n" if len(found) > 1 else "") + as_text(result))
+                    between = "\n" if len(found) > 1 else ""
+                    click.echo(as_line(result) if brief else between + as_text(result))
     if kind == "json":
         click.echo(as_json(found))
     return exit_code(codes)

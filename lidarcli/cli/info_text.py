@@ -13,11 +13,12 @@ from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.pipeline.info_json import info_dict
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
-from lidarcli.showing import moment
+from lidarcli.showing import counted, moment
 
 _OTHERS = 10
 """Topics without sweeps or poses that are shown."""
-
+_BRIEF = 4
+"""Topics with sweeps that one line shows."""
 _FRAMES = 2
 """Pairs of frames shown of one topic."""
 _CLOSURES = {
@@ -41,6 +42,27 @@ def as_text(info: LogInfo) -> str:
     for scan in info.scans:
         lines += _scan_lines(scan)
     return "\n".join(_no_command(one_line(line)) for line in lines)
+
+
+def as_line(info: LogInfo) -> str:
+    """One line: the log, its format, how long it takes, the sweeps of its topics, and what else there is to read."""
+    parts = [info.format]
+    if info.scans:
+        parts.append(f"{max(scan.clock.span for scan in info.scans):.1f} s")
+    for scan in info.scans[:_BRIEF]:
+        rate = "" if scan.clock.rate is None else f" at {scan.clock.rate:.2f} Hz"
+        parts.append(f"{scan.topic} {scan.sweeps:,} x {_span(scan.beams, '{:,.0f}')} beams{rate}")
+    if (more := len(info.scans) - _BRIEF) > 0:
+        parts.append(f"{more:,} more")
+    if not info.scans:
+        parts.append("no sweeps")
+    else:
+        parts.append("poses" if any(scan.pose for scan in info.scans) else "no poses")
+    if info.notes:
+        parts.append(counted(len(info.notes), "note"))
+    if info.damage:
+        parts.append("damaged")
+    return _no_command(one_line(f"{info.path}: {', '.join(parts)}"))
 
 
 def _no_command(line: str) -> str:

@@ -63,6 +63,7 @@ GRID, CLOUD, TRUTH = "Occupancy grid", "Point cloud", "Comparison"
 @option("--path", heading=OUTPUT, is_flag=True, help="Draw the path of the sensor into the .png.")
 @option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
 @option(
+    "-j",
     "--jobs",
     heading=OUTPUT,
     type=click.IntRange(min=1, max=GREATEST_COUNT),

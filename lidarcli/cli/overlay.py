@@ -85,6 +85,7 @@ OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO)
 )
 @option("--overwrite", heading=OUTPUT, is_flag=True, help="Replace files that exist.")
 @option(
+    "-j",
     "--jobs",
     heading=OUTPUT,
     type=click.IntRange(min=1, max=GREATEST_COUNT),

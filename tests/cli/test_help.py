@@ -124,3 +124,22 @@ def test_detect_does_not_import_pandas(tmp_path: Any, logs: Any) -> None:
     code = f"{call}; import sys; print('pandas' in sys.modules, 'rich' in sys.modules)"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout == "False False\n"
+
+
+@pytest.mark.parametrize("words", [(), ("detect",), ("background",), ("background", "build")])
+def test_help_is_a_word_too(lidarcli: Run, words: tuple[str, ...]) -> None:
+    asked = lidarcli(*words, "--help")
+    assert asked.out.startswith("Usage: lidarcli")
+    assert lidarcli("help", *words) == asked
+
+
+def test_help_of_a_mistyped_command(lidarcli: Run) -> None:
+    ran = lidarcli("help", "detct")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.endswith("Error: No such command 'detct'. Did you mean 'detect'?\n")
+
+
+def test_jobs_have_a_short_form_everywhere() -> None:
+    having = [name for name in COMMANDS if "--jobs" in options(name)]
+    assert having == ["detect", "track", "map", "overlay"]
+    assert all(options(name).get("-j") is options(name)["--jobs"] for name in having)

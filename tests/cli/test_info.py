@@ -103,6 +103,38 @@ def test_range_options_change_the_status(logs: Path, lidarcli: Run) -> None:
     assert scan["beams_by_status"] == {"valid": 400, "no_return": 20, "too_close": 300, "invalid": 6480}
 
 
+def test_brief_is_a_line_per_log(logs: Path, tmp_path: Path, lidarcli: Run) -> None:
+    empty = tmp_path / "empty.mcap"
+    with empty.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.finish()
+    ran = lidarcli("info", "--brief", *(logs / name for name in ("run.mcap", "two.mcap", "cut.mcap")), empty)
+    assert ran.code == 3
+    run, two, cut, nothing = ran.out.splitlines()
+    assert run == f"{logs / 'run.mcap'}: mcap, 1.9 s, /scan 20 x 360 beams at 10.00 Hz, no poses"
+    assert two == (
+        f"{logs / 'two.mcap'}: mcap, 1.9 s, /front 20 x 360 beams at 10.00 Hz, /rear 20 x 360 beams at 10.00 Hz, no poses"
+    )
+    assert cut.startswith(f"{logs / 'cut.mcap'}: mcap, ")
+    assert cut.endswith(", no poses, damaged")
+    assert nothing == f"{empty}: mcap, no sweeps"
+
+
+def test_brief_names_no_more_topics_than_fit(tmp_path: Path, lidarcli: Run) -> None:
+    log = tmp_path / "six.mcap"
+    write_log(log, [raw_sweeps(np.full((2, 30), 2.0), topic=f"/scan_{k}") for k in range(6)])
+    (line,) = lidarcli("info", "--brief", log).out.splitlines()
+    assert line.count(" x 30 beams") == 4
+    assert line.endswith(", 2 more, no poses")
+
+
+def test_brief_is_text(logs: Path, lidarcli: Run) -> None:
+    ran = lidarcli("info", "--brief", "--format", "json", logs / "run.mcap")
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.endswith("Error: --brief is for text; leave it out for json\n")
+
+
 @pytest.mark.parametrize("greatest", [0.0, 0.1, np.inf, 3.4e38, 1e7])
 def test_a_log_that_tells_no_greatest_range(greatest: float, tmp_path: Path, lidarcli: Run) -> None:
     ranges = np.full((2, 30), 2.0)
