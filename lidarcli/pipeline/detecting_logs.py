@@ -67,6 +67,7 @@ def detect_stream(
             summary, origin = detect_to_sinks(log, {"objects": stream}, options, progress_of(log, report))
             described.append(origin)
             damage.extend(summary.damage)
+            summary.notes += stream.notes()
             return summary
 
         for source in sources:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import new_files, refuse
@@ -20,8 +19,6 @@ from lidarcli.tabular.stream import FORMATS, CountingOutput
 
 MOST_COLUMNS = 1000
 """A table of lidarcli has no more than 50; every column of others takes time and memory for each group of rows."""
-FORMULA = "^[=+@\t\r-]"
-"""How text begins that spreadsheets take for a formula."""
 APART = "export each kind of table by itself, as '*.objects.parquet'"
 
 
@@ -99,29 +96,11 @@ def export_stream(
     metadata = dict(export.schema.metadata or {})
     stream = FORMATS[kind](CountingOutput(out, name), export.schema, metadata)
     count = 0
-    formulas: dict[str, None] = {}
     for rows in export.pieces():
         stream.write(rows)
         count += rows.num_rows
-        if kind == "csv":
-            formulas |= dict.fromkeys(_formulas(rows))
     stream.finish(metadata)
-    if not formulas:
-        return count, []
-    return count, [
-        f"text of column {', '.join(formulas)} begins as a formula does, which a spreadsheet would run: "
-        "import such columns as text; for other programs they are as the log has them"
-    ]
-
-
-def _formulas(rows: pa.RecordBatch) -> list[str]:
-    """The columns with text that a spreadsheet takes for a formula."""
-    found = []
-    for field, column in zip(rows.schema, rows.columns, strict=True):
-        texts = column.dictionary if pa.types.is_dictionary(field.type) else column
-        if pa.types.is_string(texts.type) and pc.any(pc.match_substring_regex(texts, FORMULA)).as_py():
-            found.append(field.name)
-    return found
+    return count, stream.notes()
 
 
 def _common(schemas: Sequence[pa.Schema]) -> dict[bytes, bytes]:

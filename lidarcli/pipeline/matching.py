@@ -128,7 +128,7 @@ def write_matches(result: MatchResult, path: Place, kind: str, overwrite: bool) 
             for rows in result.table.combine_chunks().to_batches():
                 stream.write(rows)
             stream.finish(metadata)
-        return new.publish()
+        return [*stream.notes(), *new.publish()]
 
 
 def refuse_matches(path: Place, inputs: Sequence[str], overwrite: bool) -> None:

@@ -16,14 +16,24 @@ from lidarcli.tabular.parquet import Output, ParquetSink
 
 
 class RowStream(Protocol):
-    """A stream of rows of one schema; `finish` completes it."""
+    """A stream of rows of one schema; `notes` says once what a user should know of them, `finish` completes it."""
 
     def write(self, rows: pa.RecordBatch) -> None: ...
+
+    def notes(self) -> list[str]: ...
 
     def finish(self, metadata: dict[bytes, bytes]) -> None: ...
 
 
-class NdjsonStream:
+class _Unremarkable:
+    """A stream of which nothing is to be told."""
+
+    def notes(self) -> list[str]:
+        """None."""
+        return []
+
+
+class NdjsonStream(_Unremarkable):
     """One JSON object per row and line; stamps in ISO 8601, null for what is undefined."""
 
     def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:
@@ -41,11 +51,17 @@ class NdjsonStream:
         """Nothing follows the last line."""
 
 
+FORMULA = "^[=+@\t\r-]"
+"""How text begins that spreadsheets take for a formula."""
+
+
 class CsvStream:
     """A header line, then one line per row; lists as JSON text, empty for what is undefined."""
 
     def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:
         self._out = out
+        self._formulas: dict[str, bool] = {}
+        """Columns with text that a spreadsheet takes for a formula → whether that was told."""
         self._nested = [index for index, field in enumerate(schema) if pa.types.is_nested(field.type)]
         self._lines([schema.names])
 
@@ -56,6 +72,20 @@ class CsvStream:
             for index in self._nested:
                 line[index] = "" if line[index] is None else _compact(line[index])
         self._lines(lines)
+        for field, column in zip(rows.schema, rows.columns, strict=True):
+            if field.name not in self._formulas and _has_formula(column):
+                self._formulas[field.name] = False
+
+    def notes(self) -> list[str]:
+        """Columns that a spreadsheet would run."""
+        new = [name for name, told in self._formulas.items() if not told]
+        self._formulas |= dict.fromkeys(new, True)
+        if not new:
+            return []
+        return [
+            f"text of column {', '.join(new)} begins as a formula does, which a spreadsheet would run: "
+            "import such columns as text; for other programs they are as the log has them"
+        ]
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
         """Nothing follows the last line."""
@@ -67,7 +97,16 @@ class CsvStream:
         self._out.flush()
 
 
-class ArrowStream:
+def _has_formula(column: pa.Array) -> bool:
+    """Whether there is text that a spreadsheet takes for a formula."""
+    # Who writes no CSV does not wait for this import.
+    import pyarrow.compute as pc
+
+    texts = column.dictionary if pa.types.is_dictionary(column.type) else column
+    return pa.types.is_string(texts.type) and bool(pc.any(pc.match_substring_regex(texts, FORMULA)).as_py())
+
+
+class ArrowStream(_Unremarkable):
     """The Arrow IPC stream format; its schema comes first, with the metadata known by then."""
 
     def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:
@@ -86,7 +125,7 @@ class ArrowStream:
         self._out.flush()
 
 
-class ParquetStream:
+class ParquetStream(_Unremarkable):
     """A Parquet file on a stream that cannot seek."""
 
     def __init__(self, out: Output, schema: pa.Schema, metadata: dict[bytes, bytes]) -> None:

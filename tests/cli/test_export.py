@@ -13,7 +13,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from lidarcli.simulate.writers import write_log
+from tests.sweeping import room_sweeps
+
 Run = Callable[..., Any]
+FORMULAS = (
+    "  note     text of column {} begins as a formula does, which a spreadsheet would run: "
+    "import such columns as text; for other programs they are as the log has them"
+)
 
 
 @pytest.fixture
@@ -121,14 +128,28 @@ def test_text_that_a_spreadsheet_would_run_is_told(lidarcli: Run, tmp_path: Path
     pq.write_table(table, tmp_path / "odd.parquet")
     ran = lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.csv")
     assert ran.code == 0
-    assert ran.err.splitlines()[0] == (
-        "  note     text of column log, topic begins as a formula does, which a spreadsheet would run: "
-        "import such columns as text; for other programs they are as the log has them"
-    )
+    assert ran.err.splitlines()[0] == FORMULAS.format("log, topic")
     assert (tmp_path / "odd.csv").read_text() == "log,topic,x\na,=cmd|x,-1.0\n-b,/scan,2.0\n"
     assert "formula" not in lidarcli("export", tmp_path / "odd.parquet", "-o", tmp_path / "odd.ndjson").err
     words = (tmp_path / "odd.parquet", "--columns", "x", "-o", tmp_path / "x.csv")
     assert "formula" not in lidarcli("export", *words).err
+
+
+@pytest.mark.parametrize("command", ["detect", "track"])
+def test_the_objects_as_csv_tell_it_as_an_export_does(
+    lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, topic in (("odd", "=cmd|x"), ("-b", "=cmd|x"), ("run", "/scan")):
+        write_log(Path(f"{name}.mcap"), [room_sweeps(topic)])
+    ran = lidarcli(command, "-o", "-", "--format", "csv", "./odd.mcap", "./-b.mcap")
+    assert ran.code == 0
+    told = [line for line in ran.err.splitlines() if "formula" in line]
+    assert told == [FORMULAS.format("topic"), FORMULAS.format("log")]
+    assert "formula" not in lidarcli(command, "-o", "-", "--format", "csv", "run.mcap").err
+    assert "formula" not in lidarcli(command, "-o", "-", "odd.mcap").err
+    file = lidarcli(command, "-o", "odd.csv", "odd.mcap")
+    assert FORMULAS.format("topic") in file.err.splitlines()
 
 
 def test_a_table_of_very_many_columns_is_refused(lidarcli: Run, tmp_path: Path) -> None:
