@@ -20,8 +20,9 @@ _SECRETS = re.compile(
 )
 """Credentials in the query of a URL, and as stores name them in their messages."""
 
-_USER = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):(//?)([^\s/@]*:[^\s@]*|[^\s/@]*)@")
-"""A URL up to the end of its user; a password may hold slashes, and a path has lost one."""
+_USER = re.compile(r"([A-Za-z][A-Za-z0-9+.-]{0,30}):(//?)([^\s/@:]{0,2000}+(?::[^\s@]{0,2000}+)?)@")
+"""A URL up to the end of its user; a password may hold slashes, and a path has lost one. Lengths have limits: a log may
+hold names of any length, and without it the time to search them grows with the square of theirs."""
 
 _MAGIC = re.compile(r"[*?[]")
 
@@ -127,7 +128,6 @@ def blotted(text: str) -> str:
     >>> blotted("https://me:pass@host/x?aws_secret_access_key=K: no such file")
     'https://...@host/x?aws_secret_access_key=...: no such file'
     """
-
     return _SECRETS.sub(r"\1...", _USER.sub(_without_user, text))
 
 
