@@ -9,6 +9,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -272,6 +273,27 @@ def test_results_are_read_as_data_alone(tmp_path: Path) -> None:
         with suppress(Exception):
             plain.loads(code)
     assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("collections Counter", "lidarcli.pipeline.reading.summary RunSummary"),
+        *(
+            "lidarcli.pipeline.running.outcomes Outcome",
+            "tblib.pickling_support unpickle_exception",
+            "os mkdir",
+        ),
+    ],
+)
+def test_no_answer_changes_a_class_of_this_process(name: str) -> None:
+    module, kind = name.split()
+    # The class or function itself, and what it is asked to take for its attribute.
+    state = b"(N(S'exit_code'\nS'changed'\ndtb."
+    with suppress(Exception):
+        plain.loads(f"c{module}\n{kind}\n".encode() + state)
+    here = (Counter, RunSummary, Outcome, plain.StandIn, plain._exception, plain._none, os.mkdir)
+    assert "changed" not in [getattr(each, "exit_code", None) for each in here]
 
 
 @pytest.fixture

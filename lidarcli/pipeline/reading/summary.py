@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
@@ -49,6 +49,11 @@ class RunSummary:
     rows: int = 0
     """Rows of all tables that were written."""
     seconds: float = 0.0
+
+    def __setstate__(self, state: tuple[None, dict[str, Any]]) -> None:
+        """As any object with slots is read from a pickle; but a class cannot be changed so, which others may ask for."""
+        for name, value in state[1].items():
+            setattr(self, name, value)
 
     @property
     def beams(self) -> int:

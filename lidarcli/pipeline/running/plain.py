@@ -10,13 +10,14 @@ import io
 import pickle
 from collections import Counter
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 from lidarcli.pipeline.reading.summary import RunSummary
 from lidarcli.pipeline.running.outcomes import Outcome
 
-_KNOWN = {(kind.__module__, kind.__name__): kind for kind in (Outcome, RunSummary, Counter)}
-"""What results are made of: data without any behaviour when they are read."""
+_KNOWN = {(kind.__module__, kind.__name__): kind for kind in (Outcome, RunSummary)}
+"""Classes of results. Each has a `__setstate__`: without one a pickle could set attributes of the class itself."""
 
 
 class StandIn(Exception):  # noqa: N818 (it stands for whatever it is named like)
@@ -35,10 +36,12 @@ class StandIn(Exception):  # noqa: N818 (it stands for whatever it is named like
 
 class _Reader(pickle.Unpickler):
     def find_class(self, module: str, name: str, /) -> Any:
-        """One of our own classes, or one that does nothing."""
+        """One of our own classes, or one that does nothing; for what others use, too, a new object that stands for it."""
+        if (module, name) == ("collections", "Counter"):
+            return partial(Counter)
         if module == "tblib.pickling_support":
             # By it workers pickle exceptions and tracebacks; whoever asks for one of these takes none as well.
-            return _exception if name.startswith("unpickle_exception") else _none
+            return partial(_exception if name.startswith("unpickle_exception") else _none)
         return _KNOWN.get((module, name)) or type(name, (StandIn,), {})
 
 
