@@ -101,13 +101,16 @@ def read_batches(
             lines.setdefault(block.topic, _Line(options, doubts))
             yield block
 
-    for block, rules in Settling(options.rules, report).blocks(chosen()):
-        yield from lines[block.topic].take(block, rules)
-    for topic, line in lines.items():
-        yield from line.batches(final=True)
-        if (note := line.empty_window(topic)) is not None:
-            report.notes.append(note)
-    report.doubts += doubts.notes()
+    try:
+        for block, rules in Settling(options.rules, report).blocks(chosen()):
+            yield from lines[block.topic].take(block, rules)
+        for topic, line in lines.items():
+            yield from line.batches(final=True)
+            if (note := line.empty_window(topic)) is not None:
+                report.notes.append(note)
+    finally:
+        # Who wants no more sweeps still wants to know what looks wrong in those so far.
+        report.doubts += doubts.notes()
     if beyond:
         report.add_damage(
             "topics",

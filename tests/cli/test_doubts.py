@@ -21,6 +21,8 @@ COMMANDS = {
     "track": ("track", "-o", "t"),
     "background": ("background", "build", "-o", "t.parquet"),
     "map": ("map", "--poses", "p.tum", "-o", "m.yaml", "--resolution", "10", "--max-size", "100"),
+    "overlay": ("overlay", "-o", "o.mcap"),
+    "plot": ("plot", "-o", "p.png"),
     "poses": ("poses", "--poses", "p.tum", "-o", "q.tum"),
 }
 
