@@ -25,7 +25,7 @@ class OptionError(LidarcliError):
 
 
 class UnreadableError(LidarcliError):
-    """An input that cannot be read, in whole or in part."""
+    """An input that cannot be read, in whole or in part: the rest is processed; checks of the rest alone do not pass."""
 
     exit_code = 3
 

@@ -20,6 +20,14 @@ def test_a_generated_page_is_not_stale(name: str) -> None:
     assert (ROOT / name).read_text(encoding="utf-8") == PAGES[name](), "run `make docs`"
 
 
+def test_the_exit_codes_of_the_readme_are_those_of_the_command_line() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    rows = text.partition("## Exit codes")[2].partition("\n## ")[0].split("|---|---|\n")[1]
+    assert rows.strip().splitlines() == [
+        f"| {code} | {words} |" for code, words in reference.exit_codes().items()
+    ]
+
+
 def command_lines() -> str:
     """Every line of the documentation in which lidarcli is called."""
     pages = [ROOT / "README.md", ROOT / "samples" / "README.md", *(ROOT / "docs").glob("*.md")]
