@@ -172,6 +172,9 @@ class _Seen:
         """Count ranges that are too far to be metres."""
         with np.errstate(invalid="ignore"):
             far = ranges > FAR
+            # Many a sensor writes inf, which is no range, in every sweep.
+            if far.any():
+                far &= ranges <= FARTHEST
         if not far.any():
             self.ranged += valid
             return

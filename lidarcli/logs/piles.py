@@ -231,15 +231,14 @@ def _millimetres(values: Float32) -> np.ndarray:
 
 def _pile(ranges: Float32, beams: int) -> tuple[float, float] | None:
     """The least and the greatest value of the farthest pile of (S, B) ranges, NaN where there is none [m]."""
-    known = ranges[~np.isnan(ranges)]
-    bins = np.minimum(known * np.float32(1.0 / COARSE), MOST_COARSE - 1).astype(np.int64)
-    counts = np.bincount(bins, minlength=1)
-    # From the far end, where the first share of the beams lies that could be a pile.
-    above = np.cumsum(counts[::-1])
-    if not len(known) or above[-1] < LEAST_SHARE * beams:
+    # The farthest values that are together the share of the beams that could be a pile: no less than the last of them.
+    share = max(math.ceil(LEAST_SHARE * beams), 1)
+    if share > ranges.size:
         return None
-    place = len(counts) - 1 - int(np.argmax(above >= LEAST_SHARE * beams))
-    edge = (place - 1) * COARSE
+    last = float(np.partition(np.fmax(ranges, 0.0), -share, axis=None)[-share])
+    if not last:
+        return None
+    edge = (min(last // COARSE, MOST_COARSE - 1) - 1) * COARSE
     band = max(LEAST_BAND, BAND * edge)
     with np.errstate(invalid="ignore"):
         far = ranges >= np.float32(edge - band)
