@@ -37,7 +37,7 @@ IN_TURNS = 0.3
 LEAST = 6
 """Sweeps that have to be compared before that is told."""
 WAYS = {
-    "NaN": "the log tells no ranges there; --no-return nan takes them for nothing within reach",
+    "NaN": "the log tells no ranges there; --no-return nan counts them as no return",
     **dict.fromkeys(
         ("zero", "infinite", "at range_max"), "nothing was within reach, or the sensor did not measure"
     ),
@@ -227,7 +227,7 @@ class _Seen:
         if self.fine:
             lines.append(
                 f"the beams of {name} are {self.step:.1g} rad apart ({self.fine:,} of {sweeps:,} sweeps): no sensor is as "
-                "fine; the log has to tell its angle_increment in radians, or of a text log --fov and --angle-min do"
+                "fine; write angle_increment in radians into the log, or for a text log give --fov and --angle-min"
             )
         if self.off and not self.wide and not self.fine:
             lines.append(

@@ -332,8 +332,8 @@ def test_a_path_of_another_time(lidarcli: Run, logs: Path, tmp_path: Path, far: 
     ran = lidarcli("detect", logs / "run.mcap", "--poses", path, "-o", tmp_path / "tables")
     assert ran.code == 3
     assert ran.err.splitlines()[0] == (
-        f"lidarcli: {logs / 'run.mcap'}: --poses {path}: no pose in it is of the time of a sweep, "
-        "2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z: is it that of another log?"
+        f"lidarcli: {logs / 'run.mcap'}: --poses {path}: none of its poses is from the time of the sweeps, "
+        "2023-11-14T22:13:20.000Z to 2023-11-14T22:13:21.900Z: is it of another log?"
     )
     assert (
         "  note     without a pose: 20 of 20 sweeps of frame laser, whose stamps are outside the span of in.tum"

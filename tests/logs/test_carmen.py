@@ -299,7 +299,7 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "cause"),
     [
-        (f"FLASER 5 1 2 3 4 {POSES}", "1 missing of the 5 ranges it declares, or of its poses"),
+        (f"FLASER 5 1 2 3 4 {POSES}", "1 missing of the 5 ranges it declares and its poses"),
         (f"FLASER 5 1 2 {POSES}", "3 missing"),
         (f"FLASER 3 1 2 3 4 5 {POSES}", "2 fields left over behind the 3 ranges it declares"),
         (f"RLASER 180 {'2.5 ' * 361}{POSES}", "181 fields left over behind the 180 ranges it declares"),
@@ -322,7 +322,7 @@ def test_a_number_of_ranges_that_is_none_of_the_line_is_damage(
     if cause == "3 missing":
         line, cause = (
             line.replace("FLASER 5", "FLASER 5 3"),
-            "2 missing of the 5 ranges it declares, or of its poses",
+            "2 missing of the 5 ranges it declares and its poses",
         )
     log = log_of(tmp_path, f"{flaser()}{line} {end}\n")
     assert sum(map(len, log.scans())) == 1

@@ -448,7 +448,7 @@ def test_the_numbers_of_beams_are_no_bearings(header: str, tmp_path: Path) -> No
     path = tmp_path / "beams.csv"
     path.write_text(header + "".join(f"{k},{2 + k / 100:.2f}\n" for _ in range(3) for k in range(682)))
     with pytest.raises(
-        UnreadableError, match="write the bearing in the place of the number, below `angle,range`"
+        UnreadableError, match="write the bearing in place of the number and `angle,range` as the first line"
     ):
         open_log(str(path))
 

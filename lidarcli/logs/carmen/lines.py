@@ -198,7 +198,7 @@ def _miscounted(fields: int, rest: int, beams: int, laser: Laser) -> str:
     """Why the number of ranges of a line is not believed, from the fields between them and its time, and from there on."""
     usual = _POSED[-1] if laser.posed and not laser.geometry else 0
     if fields < usual:
-        return f"{usual - fields} missing of the {beams} ranges it declares, or of its poses"
+        return f"{usual - fields} missing of the {beams} ranges it declares and its poses"
     return left_over(max(fields - usual, rest - _TAIL), beams)
 
 

@@ -16,6 +16,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.csv.head import Head, shown, value_of
 from lidarcli.logs.csv.layouts import TITLES
 from lidarcli.logs.csv.others import TRAJECTORY
+from lidarcli.logs.doubts import FAR
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 LEAST_NUMBERS = 8
@@ -76,10 +77,6 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
         )
 
 
-_MILLIMETRES = 200.0
-"""Ranges of which half are greater than this are no metres."""
-
-
 def _numbers(rows: Sequence[Sequence[bytes]], columns: int) -> Float64:
     """(R, C) the numbers in the first columns; NaN where there is none."""
     return np.array([[value_of(cell) for cell in row[:columns]] for row in rows], np.float64)
@@ -120,15 +117,16 @@ def _is_quality(values: Float64) -> bool:
 
 
 def refuse_numbered(head: Head) -> None:
-    """Refuse rows of the number of a beam and its range: neither tells where the beam points to."""
+    """Refuse rows that are the number of a beam and its range: neither tells where the beam points to."""
     if len(head.rows) < COUNTER_ROWS or any(len(row) != 2 for row in head.rows):
         return
     numbers = _numbers(head.rows, 2)[:, 0]
     whole = bool((numbers == np.rint(numbers)).all())
     if whole and numbers[0] in (0.0, 1.0) and (np.diff(numbers) == 1.0).mean() > 0.9:
         raise UnreadableError(
-            f"{head.path}: rows of the number of a beam and its range: write the bearing in the place of the number, below"
-            " `angle,range`, or all ranges of a sweep in one row, below `time,r0,r1,...`, and tell --fov"
+            f"{head.path}: a row is the number of a beam and its range, and nothing tells where the beam points to:"
+            " write the bearing in place of the number and `angle,range` as the first line; or all ranges of a sweep in"
+            " one row, `time,r0,r1,...` as the first line, and give --fov"
         )
 
 
@@ -156,7 +154,7 @@ def _one_beam_per_row(table: Float64, column: int, width: int, rated: bool) -> s
     names += [f"column{place}" for place in range(len(names) + 1, width + 1)]
     way_out = f"`{','.join(names[:width])}`" + (f"; {TITLES}" if rated else "")
     ranges = table[:, column + 1] if column + 1 < width else np.zeros(1)
-    if not rated and np.nanmedian(ranges) > _MILLIMETRES:
+    if not rated and np.nanmedian(ranges) > FAR:
         way_out += "; --range-unit mm says that ranges are millimetres"
     return (
         f"a table without column names that looks like one beam per row (column {column + 1} runs from {low:g} to"

@@ -104,7 +104,8 @@ class Posing:
             first, last = min(frame.first_ns for frame in seen), max(frame.last_ns for frame in seen)
             both.add_damage(
                 f"--poses {self.file}",
-                f"no pose in it is of the time of a sweep, {moment(first)} to {moment(last)}: is it that of another log?",
+                f"none of its poses is from the time of the sweeps, {moment(first)} to {moment(last)}: "
+                "is it of another log?",
             )
         return both
 
