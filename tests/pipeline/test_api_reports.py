@@ -6,10 +6,14 @@ import json
 from html import unescape
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+import pyarrow as pa
 import pytest
 
 import lidarcli
 from lidarcli.cli import run
+from lidarcli.pipeline.api.options import several
 from tests.places import SAMPLES
 
 ROOM = SAMPLES / "room.mcap"
@@ -76,7 +80,17 @@ def test_what_no_report_can_be_made_of(tables: Path, tmp_path: Path) -> None:
         lidarcli.report(tables, tables / "room.objects.parquet" / "x.md")
 
 
+def test_paths_may_be_given_by_whatever_holds_several() -> None:
+    names = ["a.mcap", "b.mcap"]
+    for several_of in (list, set, iter, np.array, pd.Series, lambda each: dict(enumerate(each)).values()):
+        assert sorted(several(several_of(names))) == names
+
+
 def test_tables_in_memory_are_no_paths() -> None:
+    with pytest.raises(
+        TypeError, match=r"^tables, logs and outputs are named by their paths, not given as Table$"
+    ):
+        several(pa.table({"log": ["run"]}))
     frame = lidarcli.detect(ROOM, end=0.1).to_pandas()
     with pytest.raises(
         TypeError, match=r"^tables, logs and outputs are named by their paths, not given as DataFrame$"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping
 from os import PathLike, fspath
 from typing import Any
 
@@ -31,7 +31,8 @@ def several(values: Paths) -> list[str]:
     """Paths as text, from one or several (`TypeError` where these are none, such as a table in memory)."""
     if isinstance(values, str | PathLike):
         return [fspath(values)]
-    if not isinstance(values, Sequence | Set | Iterator):
+    # A data frame would give the names of its columns one by one.
+    if not isinstance(values, Iterable) or hasattr(values, "columns"):
         raise TypeError(
             f"tables, logs and outputs are named by their paths, not given as {type(values).__name__}"
         )
