@@ -315,7 +315,8 @@ class SweepBatch:
 
     def by_frame(self) -> Iterator[tuple[str, Int64, SweepBatch]]:
         """The sweeps of each frame: its name, the rows that are its own, and a batch of them."""
-        for code in np.unique(self.frame).tolist():
+        # `np.unique` would import the masked arrays, which costs every short run.
+        for code in np.flatnonzero(np.bincount(self.frame)).tolist():
             rows = np.flatnonzero(self.frame == code)
             yield self.frame_ids[code], rows, self if len(rows) == len(self) else self.rows(rows)
 
