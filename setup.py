@@ -33,7 +33,8 @@ sources = [
 ]
 # A module knows the sizes of the classes of those it stands on, however far below: where a .pxd file has changed, all are
 # translated again.
-generated = [path.stat().st_mtime for path in Path("build").rglob("lidarcli/**/*.c")]
+written = [Path("build", path).with_suffix(".c") for path in sources]
+generated = [path.stat().st_mtime for path in written if path.exists()]
 changed = max((path.stat().st_mtime for path in Path("lidarcli").rglob("*.pxd")), default=0.0)
 modules = cythonize(
     [

@@ -1,14 +1,12 @@
 cimport cython
 
 from lidarcli cimport native
-from lidarcli.formalism.description cimport columns as tables
-from lidarcli.formalism.description cimport describe as descriptions
-from lidarcli.formalism.description cimport parts as assembly
-from lidarcli.formalism.description.columns cimport Columns
-from lidarcli.formalism.description.describe cimport Description
+from lidarcli.formalism cimport description
+from lidarcli.formalism.description cimport Columns, Description
 from lidarcli.formalism.surfaces cimport faces as surfaces
 from lidarcli.formalism.surfaces cimport features as clues
 from lidarcli.formalism.surfaces cimport fragments, legs, objects, protrusions, vertices
+from lidarcli.formalism.surfaces cimport parts as assembly
 from lidarcli.formalism.surfaces cimport survey as surveys
 from lidarcli.formalism.surfaces cimport verdict as verdicts
 from lidarcli.formalism.surfaces.faces cimport Faces

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism.description import columns as tables
-from lidarcli.formalism.description import describe as descriptions
-from lidarcli.formalism.description import parts as assembly
-from lidarcli.formalism.description.columns import Columns
-from lidarcli.formalism.description.describe import Description
+from lidarcli.formalism import description
+from lidarcli.formalism.description import Columns, Description
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.surfaces import faces as surfaces
 from lidarcli.formalism.surfaces import features as clues
 from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, vertices
+from lidarcli.formalism.surfaces import parts as assembly
 from lidarcli.formalism.surfaces import survey as surveys
 from lidarcli.formalism.surfaces import verdict as verdicts
 from lidarcli.formalism.surfaces.faces import Faces
@@ -65,7 +63,7 @@ class Core:
     def detect(self, columns: Columns, row: int) -> int:
         """Write the objects of the sweeps from a row on; returns the row for which the columns have no room."""
         lock = native.release()
-        while row < self.scans.rows and tables.has_room(columns, self.points.most):
+        while row < self.scans.rows and description.has_room(columns, self.points.most):
             detect_row(self, columns, row)
             row += 1
         native.resume(lock)
@@ -135,7 +133,7 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     if core.robust:
         _settle(core)
     assembly.assemble(core.description.parts, core.survey, core.points, core.segments, core.report_walls)
-    descriptions.describe(
+    description.describe(
         core.description, columns, core.points, core.segments, core.survey, core.bodies, core.faces
     )
     if columns.explained and core.robust and not core.scans.has_within:

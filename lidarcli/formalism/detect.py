@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.checks import check
 from lidarcli.formalism.core import Core
-from lidarcli.formalism.description import columns as tables
-from lidarcli.formalism.description.columns import Columns
+from lidarcli.formalism.description import (
+    BEAM_COLUMNS,
+    FACE_COLUMNS,
+    OBJECT_COLUMNS,
+    OFFSET_COLUMNS,
+    SWEEP_COLUMNS,
+    VERTEX_COLUMNS,
+    Columns,
+)
 from lidarcli.formalism.detection import NOISE, OBJECT, Detection
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.surfaces import features
@@ -180,24 +187,24 @@ def _room(batch: SweepBatch, per_beam: bool, explain: bool) -> dict[str, NDArray
     rows, width = batch.ranges.shape
     objects = OBJECTS_AT_FIRST * rows + width
     sizes = (
-        (tables.OBJECT, objects),
-        (tables.OFFSETS, objects + 1),
-        (tables.VERTEX, VERTICES_AT_FIRST * objects + 2 * width),
-        (tables.FACE, VERTICES_AT_FIRST * objects + width),
-        (tables.SWEEP, rows),
+        (OBJECT_COLUMNS, objects),
+        (OFFSET_COLUMNS, objects + 1),
+        (VERTEX_COLUMNS, VERTICES_AT_FIRST * objects + 2 * width),
+        (FACE_COLUMNS, VERTICES_AT_FIRST * objects + width),
+        (SWEEP_COLUMNS, rows),
     )
     arrays = {name: np.empty(size, kind) for group, size in sizes for name, kind in group.items()}
     arrays["vertex_offsets"][0] = arrays["face_offsets"][0] = 0
     if explain:
         arrays["features"] = np.empty((objects, len(features.NAMES)))
     if per_beam:
-        arrays |= {name: np.zeros((rows, width), kind) for name, kind in tables.BEAM.items()}
+        arrays |= {name: np.zeros((rows, width), kind) for name, kind in BEAM_COLUMNS.items()}
     return arrays
 
 
 def _enlarge(arrays: dict[str, NDArray[Any]], columns: Columns, more: float) -> None:
     """Make the columns so many times as long, but at least twice and at most four times."""
-    for group in (tables.OBJECT, tables.OFFSETS, tables.VERTEX, tables.FACE):
+    for group in (OBJECT_COLUMNS, OFFSET_COLUMNS, VERTEX_COLUMNS, FACE_COLUMNS):
         for name in group:
             _resize(arrays[name], int(min(max(more, 2.0), 4.0) * len(arrays[name])) + 1)
     if columns.explained:
@@ -207,10 +214,10 @@ def _enlarge(arrays: dict[str, NDArray[Any]], columns: Columns, more: float) -> 
 def _shorten(arrays: dict[str, NDArray[Any]], columns: Columns) -> None:
     """Keep of the columns what is filled."""
     sizes = (
-        (tables.OBJECT, columns.objects),
-        (tables.OFFSETS, columns.objects + 1),
-        (tables.VERTEX, columns.vertices),
-        (tables.FACE, columns.faces),
+        (OBJECT_COLUMNS, columns.objects),
+        (OFFSET_COLUMNS, columns.objects + 1),
+        (VERTEX_COLUMNS, columns.vertices),
+        (FACE_COLUMNS, columns.faces),
     )
     for group, size in sizes:
         for name in group:

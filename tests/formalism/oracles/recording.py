@@ -13,9 +13,17 @@ from unittest.mock import patch
 
 import numpy as np
 
-from lidarcli.formalism import Detection, Parameters, core, detect
-from lidarcli.formalism.description import describe, parts
-from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, survey, verdict, vertices
+from lidarcli.formalism import Detection, Parameters, core, description, detect
+from lidarcli.formalism.surfaces import (
+    fragments,
+    legs,
+    objects,
+    parts,
+    protrusions,
+    survey,
+    verdict,
+    vertices,
+)
 from lidarcli.formalism.sweep import breakpoints, noise, points, segments
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.batches import batch_of, rows_of
@@ -44,7 +52,7 @@ STEPS: tuple[tuple[ModuleType, str], ...] = (
     (legs, "group"),
     (core, "_settle"),
     (parts, "assemble"),
-    (describe, "describe"),
+    (description, "describe"),
 )
 """Functions that each change what the core knows."""
 

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 
 from lidarcli import native
-from lidarcli.formalism import SHAPES, Detection, Parameters
-from lidarcli.formalism.description import box as boxes
-from lidarcli.formalism.description import circle as circles
-from lidarcli.formalism.description import columns, outline, shape
+from lidarcli.formalism import SHAPES, Detection, Parameters, description, shape
 from lidarcli.formalism.detect import detect
 from lidarcli.formalism.surfaces.faces import Faces
 from lidarcli.formalism.sweep.points import Points
@@ -60,9 +57,9 @@ def test_no_box_along_either_face_is_smaller() -> None:
     rng = np.random.default_rng(5)
     for _ in range(200):
         places, faces = corner(rng, float(rng.choice([0.0, 0.03])))
-        box = boxes.Box()
+        box = shape.Box()
         x, y = ([place[k] for place in places] for k in (0, 1))
-        boxes.around_points(box, look_at(faces), core_faces(faces), x, y, len(places))
+        shape.around_points(box, look_at(faces), core_faces(faces), x, y, len(places))
         try:
             centre, length, width, yaw = descriptions.box(places, faces)
         except Ambiguous:
@@ -74,9 +71,9 @@ def test_no_box_along_either_face_is_smaller() -> None:
 
 
 def test_the_box_of_a_circle_faces_the_sensor() -> None:
-    box = boxes.Box()
+    box = shape.Box()
     for x, y in ((2.0, 1.0), (-2.0, 1.0), (0.0, -3.0), (0.0, 3.0), (-1.0, 0.0)):
-        boxes.around_circle(box, x, y, 0.25)
+        shape.around_circle(box, x, y, 0.25)
         assert (box.x, box.y, box.length, box.width) == (x, y, 0.5, 0.5)
         # The same line through the sensor, named by its forward direction.
         assert abs(cos(box.yaw) * y - sin(box.yaw) * x) < 1e-12
@@ -97,7 +94,7 @@ def test_boxes_and_posts_have_their_shapes(noise: float) -> None:
             cloud = np.stack([2 + r * np.cos(angles), r * np.sin(angles)], 1)[::-1]
             places = [(float(x), float(y)) for x, y in cloud]
             faces = surfaces.faces_between(places, surfaces.split(places, 0.02 + 3 * noise))
-        circle = circles.Circle(len(places))
+        circle = shape.Circle(len(places))
         circle.n = len(places)
         for k, place in enumerate(places):
             circle.x[k], circle.y[k] = place
@@ -127,7 +124,7 @@ def test_how_far_a_face_goes_on_past_its_last_beam() -> None:
         for k, (x, y) in enumerate(places):
             points.x[k], points.y[k] = x, y
         face = surfaces.faces_between(places, [])[0]
-        found = outline._overhang(points, core_faces([face]), 0, 0, 1, side)
+        found = description._overhang(points, core_faces([face]), 0, 0, 1, side)
         expected = descriptions.overhang(face, places[0], places[1], side * step / 2)
         assert found == pytest.approx(expected, rel=1e-9)
         limited += found == pytest.approx(face.length)
@@ -142,7 +139,8 @@ def test_how_far_a_face_goes_on_past_its_last_beam() -> None:
 
 
 def test_columns_have_the_names_of_a_detection() -> None:
-    groups = (columns.OBJECT, columns.OFFSETS, columns.VERTEX, columns.FACE, columns.SWEEP, columns.BEAM)
+    kinds = ("OBJECT", "OFFSET", "VERTEX", "FACE", "SWEEP", "BEAM")
+    groups = [getattr(description, f"{kind}_COLUMNS") for kind in kinds]
     names = {name for group in groups for name in group}
     assert names <= {field.name for field in fields(Detection)}
     found = detect(random_batches()[0], Parameters(), per_beam=True)
@@ -152,7 +150,7 @@ def test_columns_have_the_names_of_a_detection() -> None:
 
 
 def test_columns_take_a_sweep_only_if_they_have_room_for_any() -> None:
-    some = columns.Columns()
+    some = description.Columns()
     for objects, vertices, faces, room in (
         (10, 20, 10, True),
         (9, 20, 10, False),
@@ -160,7 +158,7 @@ def test_columns_take_a_sweep_only_if_they_have_room_for_any() -> None:
         (10, 20, 9, False),
     ):
         some.room_objects, some.room_vertices, some.room_faces = objects, vertices, faces
-        assert columns.has_room(some, 10) == room
+        assert description.has_room(some, 10) == room
 
 
 def test_room_is_zero_at_first_and_rounds_where_it_is_single() -> None:

@@ -1,0 +1,132 @@
+cimport cython
+cimport libc.math as math
+
+from lidarcli cimport native
+from lidarcli.formalism cimport shape
+from lidarcli.formalism.shape cimport Box, Circle, Look
+from lidarcli.formalism.surfaces cimport faces as surfaces
+from lidarcli.formalism.surfaces cimport survey as surveys
+from lidarcli.formalism.surfaces.faces cimport Faces
+from lidarcli.formalism.surfaces.fragments cimport Bodies
+from lidarcli.formalism.surfaces.parts cimport Parts
+from lidarcli.formalism.surfaces.survey cimport Survey
+from lidarcli.formalism.sweep cimport breakpoints as breaks
+from lidarcli.formalism.sweep cimport points as sweep
+from lidarcli.formalism.sweep cimport segments as cuts
+from lidarcli.formalism.sweep.points cimport Points
+from lidarcli.formalism.sweep.segments cimport Segments
+
+cdef unsigned char START, END, CORNER, EXTREMUM
+cdef Py_ssize_t STRAY, LEFT
+cdef double HALF
+cdef Py_ssize_t OBJECT, NOISE, LEGGED, WALL, FULL, START_HIDDEN, END_HIDDEN, BOTH_HIDDEN, CUT
+
+
+cdef class Columns:
+    cdef readonly Py_ssize_t objects, vertices, faces, room_objects, room_vertices, room_faces, beam_width
+    cdef readonly bint per_beam, explained
+    cdef long long* row
+    cdef int* object
+    cdef unsigned char* set
+    cdef unsigned char* shape
+    cdef unsigned char* visibility
+    cdef int* beam_i
+    cdef int* beam_f
+    cdef int* beams
+    cdef double* theta_i
+    cdef double* theta_f
+    cdef double* r_i
+    cdef double* r_f
+    cdef double* s_i
+    cdef double* s_f
+    cdef double* d_th
+    cdef double* theta_min
+    cdef double* r_min
+    cdef double* x
+    cdef double* y
+    cdef double* width
+    cdef double* box_x
+    cdef double* box_y
+    cdef double* box_length
+    cdef double* box_width
+    cdef double* box_yaw
+    cdef double* thing
+    cdef double* features
+    cdef int* vertex_offsets
+    cdef double* vertex_theta
+    cdef double* vertex_r
+    cdef unsigned char* vertex_kind
+    cdef int* face_offsets
+    cdef double* face_theta_i
+    cdef double* face_theta_f
+    cdef double* face_length
+    cdef double* face_rms
+    cdef double* nearest
+    cdef double* nearest_theta
+    cdef double* d_mean
+    cdef double* sweep_d_th
+    cdef double* noise
+    cdef int* sweep_objects
+    cdef int* object_beams
+    cdef int* beam_object
+    cdef double* beam_s
+
+
+cdef bint has_room(Columns columns, Py_ssize_t beams) noexcept nogil
+
+
+cdef class Outline:
+    cdef list owner
+    cdef bint located
+    cdef readonly Py_ssize_t n
+    cdef double* x
+    cdef double* y
+    cdef Py_ssize_t* extremum
+
+
+cdef void trace(
+    Outline outline, Columns columns, Points points, Segments segments, Survey survey, Faces faces, Parts parts,
+    Py_ssize_t k
+) noexcept nogil
+cdef void _trace_part(
+    Outline outline, Columns columns, Points points, Segments segments, Survey survey, Faces faces, Parts parts,
+    Py_ssize_t j
+) noexcept nogil
+cdef (double, double) _on_line(Faces faces, Py_ssize_t f, double x, double y) noexcept nogil
+cdef void _add_face(Columns columns, Faces faces, Py_ssize_t f, Py_ssize_t v, double length) noexcept nogil
+cdef void _extend(
+    Outline outline, Columns columns, Points points, Segments segments, Faces faces, Py_ssize_t j, Py_ssize_t begin,
+    Py_ssize_t first_face
+) noexcept nogil
+cdef double _overhang(
+    Points points, Faces faces, Py_ssize_t f, Py_ssize_t at, Py_ssize_t inner, double side
+) noexcept nogil
+
+
+cdef class Description:
+    cdef bint adaptive, robust
+    cdef Parts parts
+    cdef Outline outline
+    cdef Circle circle
+    cdef Look look
+    cdef Box box
+
+
+cdef void describe(
+    Description description, Columns columns, Points points, Segments segments, Survey survey, Bodies bodies,
+    Faces faces
+) noexcept nogil
+@cython.locals(several=bint)
+cdef void _describe_points(
+    Columns columns, Points points, Segments segments, Bodies bodies, Parts parts, Circle circle, Py_ssize_t k
+) noexcept nogil
+cdef bint _is_hidden(Py_ssize_t edge) noexcept nogil
+cdef Py_ssize_t _visibility(Py_ssize_t start_edge, Py_ssize_t end_edge) noexcept nogil
+@cython.locals(before=Py_ssize_t, after=Py_ssize_t, whole=double)
+cdef void _drop_stray(
+    Faces faces, Parts parts, Circle circle, Look look, Outline outline, Py_ssize_t k
+) noexcept nogil
+cdef void _describe_shape(
+    Columns columns, Points points, Survey survey, Faces faces, Outline outline, Circle circle, Look look, Box box, Py_ssize_t parts
+) noexcept nogil
+cdef void _mark_beams(Columns columns, Points points, Segments segments, Parts parts, Py_ssize_t k) noexcept nogil

@@ -1,1 +1,0 @@
-"""Definitions 6 and 7 and §3: what is known of each object: its numbers, vertices and faces, its shape and its box."""
