@@ -200,7 +200,7 @@ def test_first_code_that_is_not_zero_and_all_logs_done(logs: Path, tmp_path: Pat
         ("--format", "xml", "'xml' is not one of 'ndjson', 'csv', 'arrow', 'parquet'."),
         ("--range-max", "0", "0 is not above 0."),
         ("--angle-increment", "0", "0 is no step from beam to beam."),
-        ("--range-unit", "ft", "'ft' is not one of 'm', 'mm'."),
+        ("--range-unit", "ft", "'ft' is not one of 'm', 'cm', 'mm'."),
     ],
 )
 def test_unknown_option_value(lidarcli: Run, option: str, value: str, message: str) -> None:
