@@ -63,7 +63,7 @@ MAY_IMPORT = {
 
 ROOMS = {
     "pipeline": ("inputs", "reading", "objects", "running", "fleet"),
-    "formalism": ("sweep", "surfaces", "shape", "description"),
+    "formalism": ("segmentation", "surfaces", "shape", "description"),
 }
 """Rooms within rooms, each of which may import those before it; the files beside them may import all of them."""
 SHARED = {"detection", "parameters"}

@@ -15,14 +15,8 @@ from lidarcli.formalism.surfaces.fragments cimport Bodies
 from lidarcli.formalism.surfaces.protrusions cimport Protrusions
 from lidarcli.formalism.surfaces.survey cimport Survey
 from lidarcli.formalism.surfaces.verdict cimport Verdict
-from lidarcli.formalism.sweep cimport breakpoints as breaks
-from lidarcli.formalism.sweep cimport noise as noises
-from lidarcli.formalism.sweep cimport points as sweep
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.breakpoints cimport Breakpoints
-from lidarcli.formalism.sweep.noise cimport Noise
-from lidarcli.formalism.sweep.points cimport Points, Scans
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Breakpoints, Noise, Points, Scans, Segments
 
 cdef double NAN
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism import description
+from lidarcli.formalism import description, segmentation
 from lidarcli.formalism.description import Columns, Description
 from lidarcli.formalism.parameters import Parameters
+from lidarcli.formalism.segmentation import Breakpoints, Noise, Points, Scans, Segments
 from lidarcli.formalism.surfaces import faces as surfaces
 from lidarcli.formalism.surfaces import features as clues
 from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, vertices
@@ -20,14 +21,6 @@ from lidarcli.formalism.surfaces.fragments import Bodies
 from lidarcli.formalism.surfaces.protrusions import Protrusions
 from lidarcli.formalism.surfaces.survey import Survey
 from lidarcli.formalism.surfaces.verdict import Verdict
-from lidarcli.formalism.sweep import breakpoints as breaks
-from lidarcli.formalism.sweep import noise as noises
-from lidarcli.formalism.sweep import points as sweep
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.breakpoints import Breakpoints
-from lidarcli.formalism.sweep.noise import Noise
-from lidarcli.formalism.sweep.points import Points, Scans
-from lidarcli.formalism.sweep.segments import Segments
 
 NAN = float("nan")
 
@@ -87,14 +80,14 @@ class Core:
 def write_noise(core: Core, out: Any) -> None:
     """Write the noise of every sweep; apart, as methods that hold the lock count references to what they hand on."""
     for row in range(core.scans.rows):
-        out[row] = noises.sigma_of(core.noise, core.scans, row)
+        out[row] = segmentation.sigma_of(core.noise, core.scans, row)
 
 
 def write_all_differences(core: Core, out: Any) -> None:
     """Write s at the beams of every sweep."""
     for row in range(core.scans.rows):
-        sweep.load(core.points, core.scans, row)
-        sweep.differences(core.points)
+        segmentation.load(core.points, core.scans, row)
+        segmentation.differences(core.points)
         write_differences(core.points, core.scans, out)
 
 
@@ -105,22 +98,22 @@ def write_differences(points: Points, scans: Scans, out: Any) -> None:
         out[beam] = NAN
     for k in range(points.count):
         if points.missing[k] == 0:
-            out[begin + sweep.beam_at(points, points.position[k])] = points.s[k]
+            out[begin + segmentation.beam_at(points, points.position[k])] = points.s[k]
 
 
 def detect_row(core: Core, columns: Columns, row: int) -> None:
     """Definitions 1 to 7 on the sweep in a row of a batch."""
-    sweep.load(core.points, core.scans, row)
-    sweep.differences(core.points)
-    d_mean = sweep.mean_difference(core.points)
-    core.points.flicker = sweep.flicker(core.points, core.scans) if core.robust else 0.0
-    core.points.sigma = noises.sigma_of(core.noise, core.scans, row)
+    segmentation.load(core.points, core.scans, row)
+    segmentation.differences(core.points)
+    d_mean = segmentation.mean_difference(core.points)
+    core.points.flicker = segmentation.flicker(core.points, core.scans) if core.robust else 0.0
+    core.points.sigma = segmentation.sigma_of(core.noise, core.scans, row)
     if core.adaptive:
-        core.points.d_th = breaks.noise_threshold(core.points.sigma)
+        core.points.d_th = segmentation.noise_threshold(core.points.sigma)
     else:
         core.points.d_th = d_mean if core.by_mean else core.threshold
-    breaks.find(core.breakpoints, core.points, core.scans)
-    cuts.cut(core.segments, core.points, core.breakpoints, core.scans)
+    segmentation.find_breakpoints(core.breakpoints, core.points, core.scans)
+    segmentation.cut(core.segments, core.points, core.breakpoints, core.scans)
     surveys.measure(core.survey, core.points, core.segments)
     if not core.robust:
         _as_printed(core)
@@ -138,9 +131,9 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     )
     if columns.explained and core.robust and not core.scans.has_within:
         _explain(core, columns)
-    near = sweep.nearest(core.points)
+    near = segmentation.nearest(core.points)
     columns.nearest[row] = core.points.r[near] if near >= 0 else NAN
-    columns.nearest_theta[row] = sweep.bearing(core.points, near) if near >= 0 else NAN
+    columns.nearest_theta[row] = segmentation.bearing(core.points, near) if near >= 0 else NAN
     columns.d_mean[row], columns.sweep_d_th[row], columns.noise[row] = (
         d_mean,
         core.points.d_th,
@@ -173,7 +166,7 @@ def _as_printed(core: Core) -> None:
 def _take_mask(core: Core) -> None:
     """Which segments are within the mask: none crosses its border."""
     for j in range(core.segments.count):
-        core.survey.candidate[j] = breaks.is_within(core.points, core.scans, core.segments.first[j])
+        core.survey.candidate[j] = segmentation.is_within(core.points, core.scans, core.segments.first[j])
         core.survey.wall[j] = False
         core.survey.thing[j] = NAN
 

@@ -10,11 +10,8 @@ from lidarcli.formalism.surfaces.faces cimport Faces
 from lidarcli.formalism.surfaces.fragments cimport Bodies
 from lidarcli.formalism.surfaces.parts cimport Parts
 from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.sweep cimport breakpoints as breaks
-from lidarcli.formalism.sweep cimport points as sweep
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef unsigned char START, END, CORNER, EXTREMUM
 cdef Py_ssize_t STRAY, LEFT

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli import native
-from lidarcli.formalism import detection, shape
+from lidarcli.formalism import detection, segmentation, shape
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.shape import Box, Circle, Look
 from lidarcli.formalism.surfaces import faces as surfaces
 from lidarcli.formalism.surfaces import survey as surveys
@@ -23,11 +24,6 @@ from lidarcli.formalism.surfaces.faces import Faces
 from lidarcli.formalism.surfaces.fragments import Bodies
 from lidarcli.formalism.surfaces.parts import Parts
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.sweep import breakpoints as breaks
-from lidarcli.formalism.sweep import points as sweep
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 OBJECT, NOISE = detection.OBJECT, detection.NOISE
 LEGGED, WALL = detection.LEGGED, detection.WALL
@@ -190,7 +186,7 @@ def _trace_part(
     for f in range(low - 1, high):
         at = faces.last[f] if f >= low else segments.first[j]
         x, y, r = points.x[at], points.y[at], points.r[at]
-        theta = sweep.bearing(points, at) + parts.past[j]
+        theta = segmentation.bearing(points, at) + parts.past[j]
         n, v = outline.n, columns.vertices
         outline.x[n], outline.y[n] = x, y
         if outline.located and high > low:
@@ -251,7 +247,7 @@ def _extend(
     ----------
     begin, first_face : its first vertex in the outline, its first face in the columns
     """
-    first, last = segments.first[j], cuts.last_point(segments, j)
+    first, last = segments.first[j], segmentation.last_point(segments, j)
     if surveys.is_end(segments.start_edge[j]):
         f = faces.offset[j]
         way = _overhang(points, faces, f, first, first + 1, -1.0)
@@ -323,7 +319,7 @@ def describe(
         at = columns.objects
         _describe_points(columns, points, segments, bodies, description.parts, description.circle, k)
         if description.adaptive:
-            columns.d_th[at] = breaks.adaptive_threshold(
+            columns.d_th[at] = segmentation.adaptive_threshold(
                 points, points.d_th, columns.r_i[at], columns.s_i[at]
             )
         trace(description.outline, columns, points, segments, survey, faces, description.parts, k)
@@ -365,7 +361,7 @@ def _describe_points(
     """Join the points of an object, and write what they say without its faces."""
     at = columns.objects
     first_part, last_part = parts.segment[parts.begin[k]], parts.segment[parts.begin[k + 1] - 1]
-    first, last = segments.first[first_part], cuts.last_point(segments, last_part)
+    first, last = segments.first[first_part], segmentation.last_point(segments, last_part)
     nearest, past, n = first, parts.past[first_part], 0
     sum_x, sum_y = 0.0, 0.0
     several = False
@@ -383,22 +379,22 @@ def _describe_points(
     columns.row[at], columns.beams[at] = points.row, n
     columns.shape[at] = LEGGED if several else 0
     columns.visibility[at] = _visibility(segments.start_edge[first_part], segments.end_edge[last_part])
-    before = sweep.beam_at(points, points.position[first])
-    after = sweep.beam_at(points, points.position[last])
+    before = segmentation.beam_at(points, points.position[first])
+    after = segmentation.beam_at(points, points.position[last])
     columns.beam_i[at], columns.beam_f[at] = (after, before) if points.reverse else (before, after)
     columns.theta_i[at], columns.theta_f[at] = parts.theta_i[first_part], parts.theta_f[last_part]
-    columns.theta_min[at] = sweep.bearing(points, nearest) + past
+    columns.theta_min[at] = segmentation.bearing(points, nearest) + past
     columns.r_i[at], columns.r_f[at] = points.r[first], points.r[last]
     columns.r_min[at] = points.r[nearest]
     columns.s_i[at], columns.s_f[at] = segments.s_start[first_part], segments.s_end[last_part]
     columns.d_th[at] = points.d_th
     columns.x[at], columns.y[at] = sum_x / n, sum_y / n
-    columns.width[at] = sweep.distance(points, first, last)
+    columns.width[at] = segmentation.distance(points, first, last)
 
 
 def _visibility(start_edge: int, end_edge: int) -> int:
     """What the two edges of an object say together."""
-    if start_edge == cuts.VIEW or end_edge == cuts.VIEW:
+    if start_edge == segmentation.VIEW or end_edge == segmentation.VIEW:
         return CUT
     if _is_hidden(start_edge):
         return BOTH_HIDDEN if _is_hidden(end_edge) else START_HIDDEN
@@ -407,7 +403,7 @@ def _visibility(start_edge: int, end_edge: int) -> int:
 
 def _is_hidden(edge: int) -> bool:
     """Whether more of a body may lie past an edge."""
-    return edge == cuts.HIDDEN or edge == cuts.FLICKERING
+    return edge == segmentation.HIDDEN or edge == segmentation.FLICKERING
 
 
 def _drop_stray(faces: Faces, parts: Parts, circle: Circle, look: Look, outline: Outline, k: int) -> None:
@@ -473,4 +469,4 @@ def _mark_beams(columns: Columns, points: Points, segments: Segments, parts: Par
     for i in range(parts.begin[k], parts.begin[k + 1]):
         j = parts.segment[i]
         for p in range(segments.first[j], segments.first[j] + segments.size[j]):
-            columns.beam_object[row + sweep.beam_at(points, points.position[p])] = k + 1
+            columns.beam_object[row + segmentation.beam_at(points, points.position[p])] = k + 1

@@ -22,8 +22,8 @@ from lidarcli.formalism.description import (
 )
 from lidarcli.formalism.detection import NOISE, OBJECT, Detection
 from lidarcli.formalism.parameters import Parameters
+from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.surfaces import features
-from lidarcli.formalism.sweep.points import Scans
 from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
 
 OBJECTS_AT_FIRST, VERTICES_AT_FIRST = 16, 3

@@ -5,9 +5,8 @@ from lidarcli.formalism.surfaces cimport features as clues
 from lidarcli.formalism.surfaces.features cimport Features
 from lidarcli.formalism.surfaces.fragments cimport Bodies
 from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 
 cdef double _jump(Py_ssize_t edge, double s) noexcept nogil

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import math
 
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import features as clues
 from lidarcli.formalism.surfaces.features import Features
 from lidarcli.formalism.surfaces.fragments import Bodies
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 
 def _jump(edge: int, s: float) -> float:
     """By how much what is seen beside an edge is further away [m]."""
-    if edge == cuts.OWN or edge == cuts.HIDDEN:
+    if edge == segmentation.OWN or edge == segmentation.HIDDEN:
         return max(clues.NEARER, min(s, clues.FAR)) if s == s else 0.0
     return clues.FAR
 
 
 def _is_unseen(edge: int) -> bool:
     """Whether beside an edge is no range."""
-    return edge == cuts.OPEN or edge == cuts.UNKNOWN or edge == cuts.FLICKERING
+    return edge == segmentation.OPEN or edge == segmentation.UNKNOWN or edge == segmentation.FLICKERING
 
 
 def measure_edges(features: Features, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
@@ -33,10 +32,10 @@ def measure_edges(features: Features, points: Points, segments: Segments, bodies
     one = _jump(start, -segments.s_start[head])
     other = _jump(end, segments.s_end[tail])
     values[at + clues.JUMP_LEAST], values[at + clues.JUMP_MOST] = min(one, other), max(one, other)
-    hidden = (start == cuts.HIDDEN) + (end == cuts.HIDDEN)
+    hidden = (start == segmentation.HIDDEN) + (end == segmentation.HIDDEN)
     unseen = _is_unseen(start) + _is_unseen(end)
     values[at + clues.HIDDEN], values[at + clues.OPEN] = hidden, unseen
-    values[at + clues.VIEW] = (start == cuts.VIEW) + (end == cuts.VIEW)
+    values[at + clues.VIEW] = (start == segmentation.VIEW) + (end == segmentation.VIEW)
     values[at + clues.BEAMS] = math.log(bodies.size[head])
     values[at + clues.REACH] = bodies.reach[head]
     values[at + clues.WALLS] = features.share
@@ -49,7 +48,7 @@ def measure_outline(
     """Size and form of what is seen of a body."""
     values, at, x, y = features.values, k * clues.COUNT, points.x, points.y
     head, tail = features.head[k], features.tail[k]
-    a, b = segments.first[head], cuts.last_point(segments, tail)
+    a, b = segments.first[head], segmentation.last_point(segments, tail)
     dx, dy = x[b] - x[a], y[b] - y[a]
     width = math.sqrt(dx * dx + dy * dy)
     values[at + clues.WIDTH] = width
@@ -80,6 +79,6 @@ def measure_outline(
                 rough += abs(bend)
                 number += 1
         if part + 1 < bodies.parts[head]:
-            j = cuts.following(segments, points, j)
+            j = segmentation.following(segments, points, j)
     values[at + clues.BULGE_TO], values[at + clues.BULGE_AWAY] = towards, behind
     values[at + clues.ROUGHNESS] = rough / number if number > 0 else 0.0

@@ -4,9 +4,8 @@ cimport libc.math as math
 from lidarcli.formalism.surfaces cimport features as clues
 from lidarcli.formalism.surfaces.faces cimport Faces
 from lidarcli.formalism.surfaces.features cimport Features
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef Py_ssize_t DIRECTION_POINTS, FACE_POINTS
 cdef double RIGHT_ANGLE, KERNEL, CLOSE, DIRECTION_LENGTH, ALIGNED_LEAST, ALIGNED_MOST, ALIGNED_NOISE, FACE_LENGTH, PLANE, PLANE_NOISE

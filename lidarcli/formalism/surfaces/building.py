@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import features as clues
 from lidarcli.formalism.surfaces.faces import Faces
 from lidarcli.formalism.surfaces.features import Features
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 RIGHT_ANGLE = 0.5 * math.pi
 KERNEL = math.radians(4.0)
@@ -104,7 +103,7 @@ def measure_support(features: Features, points: Points, segments: Segments, face
                 aligned += faces.length[f]
         if j == tail:
             break
-        j = cuts.following(segments, points, j)
+        j = segmentation.following(segments, points, j)
     values[at + clues.ALIGNED] = aligned / total if total > 0.0 else 0.0
     values[at + clues.SUPPORT] = values[at + clues.SUPPORT_NEAR] = values[at + clues.BACKING] = 0.0
     some = False
@@ -126,7 +125,7 @@ def measure_support(features: Features, points: Points, segments: Segments, face
                 )
         if j == tail:
             break
-        j = cuts.following(segments, points, j)
+        j = segmentation.following(segments, points, j)
     if not some:
         nearest = segments.first[head]
         j = head
@@ -136,7 +135,7 @@ def measure_support(features: Features, points: Points, segments: Segments, face
                     nearest = p
             if j == tail:
                 break
-            j = cuts.following(segments, points, j)
+            j = segmentation.following(segments, points, j)
         x, y = points.x[nearest], points.y[nearest]
         u, v = x * features.cos + y * features.sin, y * features.cos - x * features.sin
         _add_support(features, points, faces, k, 0, v, u, u, 0.5)

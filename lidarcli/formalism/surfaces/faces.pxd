@@ -2,8 +2,7 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli cimport native
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef Py_ssize_t MAX_SPLITS, PASSES
 cdef double BLUNT, SIN_BLUNT, INFINITY

@@ -11,8 +11,7 @@ import math
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
+from lidarcli.formalism.segmentation import Points, Segments
 
 MAX_SPLITS = 24
 """Levels of splitting; a segment of n points needs log2 n, a jagged one more."""

@@ -1,9 +1,8 @@
 from lidarcli cimport native
 from lidarcli.formalism.surfaces.fragments cimport Bodies
 from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef Py_ssize_t JUMP_LEAST, JUMP_MOST, HIDDEN, OPEN, WIDTH, REACH, BEAMS, ALIGNED, SUPPORT, SUPPORT_NEAR, BACKING, LINE
 cdef Py_ssize_t LINE_BEHIND, DEPTH_BEHIND, LINE_BEFORE, UNBROKEN, CROSS_LINE, BULGE_TO, BULGE_AWAY, BEFORE_BACK, WALLS

@@ -9,11 +9,10 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli import native
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces.fragments import Bodies
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 NAMES = (
     "jump_least",
@@ -139,7 +138,7 @@ def gather(features: Features, survey: Survey, points: Points, segments: Segment
             continue
         if bodies.size[j] < survey.min_beams or not bodies.reach[j] <= survey.max_width:
             continue
-        before = cuts.preceding(segments, points, j)
+        before = segmentation.preceding(segments, points, j)
         # A body begins where none joins it from before; one that goes all around, anywhere.
         if bodies.joins[before] and before != j and bodies.parts[j] < segments.count:
             continue
@@ -147,7 +146,7 @@ def gather(features: Features, survey: Survey, points: Points, segments: Segment
         features.head[k] = j
         features.body[j] = k
         for _ in range(bodies.parts[j] - 1):
-            tail = cuts.following(segments, points, tail)
+            tail = segmentation.following(segments, points, tail)
             features.body[tail] = k
         features.tail[k] = tail
         features.count += 1

@@ -1,9 +1,7 @@
 from lidarcli cimport native
 from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.sweep cimport points as sweep
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef double GAP, EXTENT
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli import native
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.sweep import points as sweep
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 GAP = 0.16
 """[m] Things stand further apart than this; steps below it are within one."""
@@ -48,7 +46,7 @@ def join(bodies: Bodies, survey: Survey, points: Points, segments: Segments, may
         bodies.joins[j] = _belongs(survey, points, segments, may, j)
         bodies.parts[j] = 0
     for j in range(segments.count):
-        before = cuts.preceding(segments, points, j)
+        before = segmentation.preceding(segments, points, j)
         if before == j or not bodies.joins[before]:
             _collect(bodies, survey, points, segments, j, False)
     for j in range(segments.count):
@@ -58,14 +56,18 @@ def join(bodies: Bodies, survey: Survey, points: Points, segments: Segments, may
 
 def _belongs(survey: Survey, points: Points, segments: Segments, may: Any, j: int) -> bool:
     """Whether the next segment belongs to the same thing."""
-    after = cuts.following(segments, points, j)
+    after = segmentation.following(segments, points, j)
     edge = segments.end_edge[j]
-    if after == j or not (may[j] and may[after]) or not (edge == cuts.OWN or edge == cuts.HIDDEN):
+    if (
+        after == j
+        or not (may[j] and may[after])
+        or not (edge == segmentation.OWN or edge == segmentation.HIDDEN)
+    ):
         return False
     if not (survey.reach[j] < EXTENT and survey.reach[after] < EXTENT):
         return False
-    gap = sweep.distance(points, segments.first[after], cuts.last_point(segments, j))
-    span = sweep.distance(points, cuts.last_point(segments, after), segments.first[j])
+    gap = segmentation.distance(points, segments.first[after], segmentation.last_point(segments, j))
+    span = segmentation.distance(points, segmentation.last_point(segments, after), segments.first[j])
     return gap < GAP and span < EXTENT
 
 
@@ -80,14 +82,14 @@ def _collect(
         size += segments.size[j]
         reach = max(reach, survey.reach[j])
         parts += 1
-        j = cuts.following(segments, points, j)
+        j = segmentation.following(segments, points, j)
     if ring:
         last = first
     if parts > 1:
-        across = sweep.distance(points, segments.first[first], cuts.last_point(segments, last))
+        across = segmentation.distance(points, segments.first[first], segmentation.last_point(segments, last))
         reach = max(reach, across)
     j = first
     for _ in range(parts):
         bodies.label[j], bodies.size[j], bodies.reach[j], bodies.parts[j] = label, size, reach, parts
         bodies.start_edge[j], bodies.end_edge[j] = segments.start_edge[first], segments.end_edge[last]
-        j = cuts.following(segments, points, j)
+        j = segmentation.following(segments, points, j)

@@ -1,8 +1,7 @@
 cimport libc.math as math
 
 from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef double LEG_WIDTH
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 LEG_WIDTH = 0.2
 """[m] Legs are no wider than this; what is stands by itself."""

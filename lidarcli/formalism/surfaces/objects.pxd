@@ -5,8 +5,8 @@ from lidarcli.formalism.surfaces.features cimport Features
 from lidarcli.formalism.surfaces.fragments cimport Bodies
 from lidarcli.formalism.surfaces.survey cimport Survey
 from lidarcli.formalism.surfaces.verdict cimport Verdict
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Segments
 
 
 cdef void fully_visible(Survey survey, Segments segments) noexcept nogil

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Segments
 from lidarcli.formalism.surfaces import survey as surveys
 from lidarcli.formalism.surfaces.features import Features
 from lidarcli.formalism.surfaces.fragments import Bodies
 from lidarcli.formalism.surfaces.survey import Survey
 from lidarcli.formalism.surfaces.verdict import Verdict
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.segments import Segments
 
 
 def fully_visible(survey: Survey, segments: Segments) -> None:
@@ -36,7 +36,9 @@ def pieces(survey: Survey, segments: Segments) -> None:
         wide = not survey.reach[j] <= survey.max_width and not survey.protrusion[j]
         survey.wall[j] = segments.size[j] >= survey.min_beams and wide
         survey.candidate[j] = (
-            survey.chord[j] <= survey.max_width and not survey.wall[j] and not cuts.surrounds(segments, j)
+            survey.chord[j] <= survey.max_width
+            and not survey.wall[j]
+            and not segmentation.surrounds(segments, j)
         )
         survey.loose[j] = survey.candidate[j] and not survey.protrusion[j]
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli import native
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.sweep import points as sweep
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 INFINITY = float("inf")
 
@@ -78,8 +76,8 @@ def _insert(parts: Parts, survey: Survey, points: Points, segments: Segments, ob
             continue
         if not survey.is_object[j]:
             survey.label[j] = j
-        parts.theta_i[j] = sweep.bearing(points, segments.first[j])
-        parts.theta_f[j] = sweep.bearing(points, cuts.last_point(segments, j))
+        parts.theta_i[j] = segmentation.bearing(points, segments.first[j])
+        parts.theta_f[j] = segmentation.bearing(points, segmentation.last_point(segments, j))
         k = count
         while k > 0 and _comes_before(parts, survey, j, parts.sorted[k - 1]):
             parts.sorted[k] = parts.sorted[k - 1]
@@ -114,7 +112,7 @@ def _unwrap(parts: Parts, points: Points, k: int) -> None:
     first, last = parts.sorted[begin], parts.sorted[end - 1]
     most = begin
     if end - begin > 1 and points.period > 0:
-        widest = parts.theta_i[first] + sweep.TURN - parts.theta_f[last]
+        widest = parts.theta_i[first] + segmentation.TURN - parts.theta_f[last]
         for i in range(begin + 1, end):
             gap = parts.theta_i[parts.sorted[i]] - parts.theta_f[parts.sorted[i - 1]]
             if gap > widest:
@@ -122,7 +120,7 @@ def _unwrap(parts: Parts, points: Points, k: int) -> None:
     parts.least[k] = INFINITY
     for i in range(begin, end):
         j = parts.sorted[i]
-        parts.past[j] = sweep.TURN if i < most else 0.0
+        parts.past[j] = segmentation.TURN if i < most else 0.0
         parts.theta_i[j] += parts.past[j]
         parts.theta_f[j] += parts.past[j]
         parts.least[k] = min(parts.least[k], parts.theta_i[j])

@@ -4,10 +4,8 @@ from lidarcli cimport native
 from lidarcli.formalism.surfaces cimport faces as surfaces
 from lidarcli.formalism.surfaces.faces cimport Faces
 from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.sweep cimport points as sweep
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef double TURN, SIN_TURN, BACKING, RELIEF, WIDEST, BEHIND, PLANE
 cdef Py_ssize_t TRIM

@@ -6,13 +6,11 @@ import math
 from typing import Any
 
 from lidarcli import native
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import faces as surfaces
 from lidarcli.formalism.surfaces.faces import Faces
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.sweep import points as sweep
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 TURN = math.radians(25.0)
 """[rad] Faces that turn less than this do not make a corner."""
@@ -98,13 +96,13 @@ def _add(
         before = _longest_before(faces, begin - 1, low)
         if not faces.length[before] >= least:
             return
-    elif segments.start_edge[j] != cuts.OWN:
+    elif segments.start_edge[j] != segmentation.OWN:
         return
     if has_wall_after:
         after = _longest_after(faces, end, high)
         if not faces.length[after] >= least:
             return
-    elif segments.end_edge[j] != cuts.OWN:
+    elif segments.end_edge[j] != segmentation.OWN:
         return
 
     margin = 2.0 * points.sigma
@@ -117,11 +115,11 @@ def _add(
         return
     # At a free end the wall goes on, or is seen through a doorway.
     if not has_wall_after:
-        seen = segments.first[cuts.following(segments, points, j)]
+        seen = segments.first[segmentation.following(segments, points, j)]
         if not depth(points, faces, before, seen) >= -(BEHIND + margin):
             return
     if not has_wall_before:
-        seen = cuts.last_point(segments, cuts.preceding(segments, points, j))
+        seen = segmentation.last_point(segments, segmentation.preceding(segments, points, j))
         if not depth(points, faces, after, seen) >= -(BEHIND + margin):
             return
     if has_wall_before:
@@ -157,11 +155,14 @@ def _longest_after(faces: Faces, at: int, high: int) -> int:
 def _is_small(points: Points, faces: Faces, begin: int, end: int) -> bool:
     """Whether all vertices of some faces are near their first and their last one."""
     first, last = faces.first[begin], faces.last[end - 1]
-    if not sweep.distance(points, first, last) <= WIDEST:
+    if not segmentation.distance(points, first, last) <= WIDEST:
         return False
     for f in range(begin, end):
         at = faces.last[f]
-        if not (sweep.distance(points, first, at) <= WIDEST and sweep.distance(points, at, last) <= WIDEST):
+        if not (
+            segmentation.distance(points, first, at) <= WIDEST
+            and segmentation.distance(points, at, last) <= WIDEST
+        ):
             return False
     return True
 
@@ -207,7 +208,7 @@ def divide(
             _insert(protrusions, begins + 1, protrusions.last[taken] + 1, False)
             begins += 2
             taken += 1
-        last = cuts.last_point(segments, j)
+        last = segmentation.last_point(segments, j)
         for k in range(begins):
             stop = protrusions.begin[k + 1] - 1 if k + 1 < begins else last
             if stop >= protrusions.begin[k]:
@@ -221,11 +222,11 @@ def divide(
                     stop,
                     protrusions.is_protrusion[k] != 0,
                 )
-    cuts.copy(protrusions.parts, segments)
+    segmentation.copy_segments(protrusions.parts, segments)
     for p in range(segments.count):
         survey.protrusion[p] = protrusions.stands_out[p]
         survey.tolerance[p] = survey.tolerance[0]
-        survey.chord[p] = cuts.chord(segments, points, p)
+        survey.chord[p] = segmentation.chord(segments, points, p)
     _assign(faces, segments)
 
 
@@ -246,13 +247,13 @@ def _append(
     parts: Segments, points: Points, segments: Segments, j: int, begin: int, stop: int, stands_out: bool
 ) -> None:
     """Append the points `begin` to `stop` of a segment as a part: at an inner edge what stands out is nearer."""
-    p, r, edge = parts.count, points.r, cuts.OWN if stands_out else cuts.HIDDEN
+    p, r, edge = parts.count, points.r, segmentation.OWN if stands_out else segmentation.HIDDEN
     parts.first[p], parts.size[p] = begin, stop - begin + 1
     if begin == segments.first[j]:
         parts.start_edge[p], parts.s_start[p] = segments.start_edge[j], segments.s_start[j]
     else:
         parts.start_edge[p], parts.s_start[p] = edge, r[begin] - r[begin - 1]
-    if stop == cuts.last_point(segments, j):
+    if stop == segmentation.last_point(segments, j):
         parts.end_edge[p], parts.s_end[p] = segments.end_edge[j], segments.s_end[j]
     else:
         parts.end_edge[p], parts.s_end[p] = edge, r[stop + 1] - r[stop]

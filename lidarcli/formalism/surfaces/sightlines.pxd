@@ -5,10 +5,8 @@ from lidarcli.formalism.surfaces cimport building
 from lidarcli.formalism.surfaces cimport features as clues
 from lidarcli.formalism.surfaces.faces cimport Faces
 from lidarcli.formalism.surfaces.features cimport Features
-from lidarcli.formalism.sweep cimport points as sweep
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points, Scans
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Scans, Segments
 
 cdef Py_ssize_t OWN_POINTS, BINS_BEFORE, MOST_STRIDE, BEHIND_FIRST, BEHIND_LAST, BEFORE_FIRST, BEFORE_LAST, CROSSED
 cdef Py_ssize_t BACK_LEAST, BACK_MOST

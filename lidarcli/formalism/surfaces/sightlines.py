@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Scans, Segments
 from lidarcli.formalism.surfaces import building
 from lidarcli.formalism.surfaces import features as clues
 from lidarcli.formalism.surfaces.faces import Faces
 from lidarcli.formalism.surfaces.features import Features
-from lidarcli.formalism.sweep import points as sweep
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points, Scans
-from lidarcli.formalism.sweep.segments import Segments
 
 OWN_LENGTH, OWN_POINTS = 0.4, 6
 """[m] A face that is not aligned has a line of its own from this length on."""
@@ -65,7 +63,7 @@ def measure_line(
                 face = f
         if j == tail:
             break
-        j = cuts.following(segments, points, j)
+        j = segmentation.following(segments, points, j)
     if face < 0:
         return
     values[at + clues.UNBROKEN] = faces.length[face]
@@ -81,7 +79,7 @@ def measure_line(
                     cross = f
             if j == tail:
                 break
-            j = cuts.following(segments, points, j)
+            j = segmentation.following(segments, points, j)
     if cross >= 0:
         _measure_face(features, points, segments, faces, scans, k, cross)
         values[at + clues.CROSS_LINE] = max(values[at + clues.LINE], values[at + clues.LINE_BEHIND])
@@ -109,7 +107,7 @@ def _measure_face(
         return
     for i in range(clues.BINS + 1):
         bins[i] = 0.0
-    first, last = segments.first[features.head[k]], cuts.last_point(segments, features.tail[k])
+    first, last = segments.first[features.head[k]], segmentation.last_point(segments, features.tail[k])
     features.goes_on = 0.0
     beyond = _follow(features, points, scans, first, -1, normal_x, normal_y, c)
     beyond += _follow(features, points, scans, last, 1, normal_x, normal_y, c)
@@ -200,8 +198,8 @@ def _follow(
         lost = (position[p] - position[before]) * way + turn - skip
         depth = q - c
         if lost > 0:
-            beam = sweep.beam_at(points, position[p] - way)
-            if beam >= 0 and scans.status[points.row * scans.width + beam] == cuts.NO_RETURN:
+            beam = segmentation.beam_at(points, position[p] - way)
+            if beam >= 0 and scans.status[points.row * scans.width + beam] == segmentation.NO_RETURN:
                 beyond += step * lost / (lost + skip)
             # Where beams were lost nobody knows what is on the line.
             step = 0.0
@@ -226,7 +224,7 @@ def measure_back(features: Features, points: Points, segments: Segments, k: int)
     values, at, x, y = features.values, k * clues.COUNT, points.x, points.y
     values[at + clues.BEFORE_BACK] = 0.0
     head, tail = features.head[k], features.tail[k]
-    a, b = segments.first[head], cuts.last_point(segments, tail)
+    a, b = segments.first[head], segmentation.last_point(segments, tail)
     spacing = 0.5 * (points.r[a] + points.r[b]) * points.step
     number = BACK_LEAST
     while number < BACK_MOST and (number + 1) * spacing <= BACK_SURFACE:

@@ -3,10 +3,8 @@ cimport libc.math as math
 from lidarcli cimport native
 from lidarcli.formalism.surfaces cimport faces as surfaces
 from lidarcli.formalism.surfaces.faces cimport Faces
-from lidarcli.formalism.sweep cimport points as sweep
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef double STRAIGHT, STRAIGHT_NOISE
 cdef Py_ssize_t WALL_STRIDE, WALL_POINTS

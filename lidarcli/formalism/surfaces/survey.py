@@ -6,11 +6,10 @@ import math
 from typing import Any
 
 from lidarcli import native
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.surfaces import faces as surfaces
 from lidarcli.formalism.surfaces.faces import Faces
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
 
 STRAIGHT = 0.02
 """[m] A face may leave its chord by this much plus three times the noise."""
@@ -56,7 +55,7 @@ def measure(survey: Survey, points: Points, segments: Segments) -> None:
     """The chord of every segment, and how far its faces may leave theirs."""
     tolerance = STRAIGHT + STRAIGHT_NOISE * points.sigma
     for j in range(segments.count):
-        survey.chord[j] = cuts.chord(segments, points, j)
+        survey.chord[j] = segmentation.chord(segments, points, j)
         survey.tolerance[j] = tolerance
         survey.protrusion[j] = False
 
@@ -82,7 +81,7 @@ def measure_reach(survey: Survey, points: Points, segments: Segments, faces: Fac
         survey.reach[j] = survey.chord[j]
         if faces.offset[j + 1] - faces.offset[j] < 2:
             continue
-        a, b = segments.first[j], cuts.last_point(segments, j)
+        a, b = segments.first[j], segmentation.last_point(segments, j)
         farthest = 0.0
         for f in range(faces.offset[j], faces.offset[j + 1]):
             k = faces.last[f]
@@ -101,7 +100,7 @@ def is_partial(segments: Segments, j: int) -> bool:
 
 def is_end(edge: int) -> bool:
     """Whether nothing goes on at an edge."""
-    return edge == cuts.OWN or edge == cuts.OPEN
+    return edge == segmentation.OWN or edge == segmentation.OPEN
 
 
 def share_of_walls(survey: Survey, points: Points, segments: Segments) -> float:

@@ -8,9 +8,8 @@ from lidarcli.formalism.surfaces.faces cimport Faces
 from lidarcli.formalism.surfaces.features cimport Features
 from lidarcli.formalism.surfaces.fragments cimport Bodies
 from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.sweep cimport segments as cuts
-from lidarcli.formalism.sweep.points cimport Points, Scans
-from lidarcli.formalism.sweep.segments cimport Segments
+from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.segmentation cimport Points, Scans, Segments
 
 cdef double SURE, PRIOR_THINGS, PRIOR_BODIES
 

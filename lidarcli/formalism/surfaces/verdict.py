@@ -10,15 +10,14 @@ import math
 from typing import Any
 
 from lidarcli import native
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.segmentation import Points, Scans, Segments
 from lidarcli.formalism.surfaces import appearance, building, forest, sightlines
 from lidarcli.formalism.surfaces import features as clues
 from lidarcli.formalism.surfaces.faces import Faces
 from lidarcli.formalism.surfaces.features import Features
 from lidarcli.formalism.surfaces.fragments import Bodies
 from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.sweep import segments as cuts
-from lidarcli.formalism.sweep.points import Points, Scans
-from lidarcli.formalism.sweep.segments import Segments
 
 SURE = 3.5
 """Log-odds of the first pass that the second would not turn: it looks at the others alone."""
@@ -133,18 +132,22 @@ def _look_beside(verdict: Verdict, features: Features, points: Points, segments:
     for end in range(2):
         edge = segments.end_edge[tail] if end else segments.start_edge[head]
         step = segments.s_end[tail] if end else -segments.s_start[head]
-        if edge == cuts.HIDDEN:
-            j = cuts.following(segments, points, tail) if end else cuts.preceding(segments, points, head)
+        if edge == segmentation.HIDDEN:
+            j = (
+                segmentation.following(segments, points, tail)
+                if end
+                else segmentation.preceding(segments, points, head)
+            )
             other = features.body[j]
             share = verdict.thing[other] if other >= 0 else 0.0
             by_thing += share
             by_wall += 1.0 - share
             if share > 0.5:
                 continue
-        elif edge == cuts.VIEW or edge == cuts.FLICKERING:
+        elif edge == segmentation.VIEW or edge == segmentation.FLICKERING:
             continue
         some = True
-        if edge == cuts.OWN or edge == cuts.HIDDEN:
+        if edge == segmentation.OWN or edge == segmentation.HIDDEN:
             free = min(free, max(clues.NEARER, min(step, clues.FAR)) if step == step else 0.0)
     # Where things hide both ends, or the view ends there, none says something.
     values[at + clues.JUMP_FREE] = free if some else clues.NEARER

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lidarcli.formalism.sweep.points import Points
-from lidarcli.formalism.sweep.segments import Segments
+from lidarcli.formalism.segmentation import Points, Segments
 
 
 def mark(points: Points, segments: Segments, inner: Any, extremum: Any) -> None:

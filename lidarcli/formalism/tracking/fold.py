@@ -7,7 +7,7 @@ from typing import Any
 
 from lidarcli import native
 from lidarcli.formalism import detection
-from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import association, life, memory, motion, shapes, sightings
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import correction as corrections

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli.formalism.sweep.points cimport Scans
+from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport association, memory
 from lidarcli.formalism.tracking cimport bodies as things
 from lidarcli.formalism.tracking cimport views as looks

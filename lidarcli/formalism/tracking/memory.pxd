@@ -2,7 +2,7 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli cimport native
-from lidarcli.formalism.sweep.points cimport Scans
+from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport views as looks
 from lidarcli.formalism.tracking.views cimport Views
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from lidarcli import native, sweeps
-from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.views import Views
 

@@ -1,7 +1,7 @@
 cimport cython
 cimport libc.math as math
 
-from lidarcli.formalism.sweep.points cimport Scans
+from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport bodies as things
 from lidarcli.formalism.tracking cimport life, memory
 from lidarcli.formalism.tracking cimport sides as measures

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import life, memory
 from lidarcli.formalism.tracking import sides as measures

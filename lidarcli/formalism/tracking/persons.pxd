@@ -2,7 +2,7 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli cimport native
-from lidarcli.formalism.sweep.points cimport Scans
+from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport bodies as things
 from lidarcli.formalism.tracking cimport life
 from lidarcli.formalism.tracking.bodies cimport Bodies

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import life
 from lidarcli.formalism.tracking import views as looks

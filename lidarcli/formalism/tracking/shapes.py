@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from lidarcli.formalism import detection
-from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import memory
 from lidarcli.formalism.tracking import views as looks

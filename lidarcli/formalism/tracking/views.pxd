@@ -1,7 +1,7 @@
 cimport libc.math as math
 
 from lidarcli cimport native
-from lidarcli.formalism.sweep.points cimport Scans
+from lidarcli.formalism.segmentation cimport Scans
 
 cdef int OBJECT, FULL, START_HIDDEN, END_HIDDEN, CUT, OPEN_VIEW, SHARED
 cdef double TURN, BESIDE

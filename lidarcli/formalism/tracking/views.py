@@ -10,7 +10,7 @@ import numpy as np
 from lidarcli import native, sweeps
 from lidarcli.formalism import detection
 from lidarcli.formalism.detection import Detection
-from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.segmentation import Scans
 
 OBJECT, REMOVED = detection.OBJECT, detection.REMOVED
 FULL, START_HIDDEN, END_HIDDEN, CUT = (

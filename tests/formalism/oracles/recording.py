@@ -13,7 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from lidarcli.formalism import Detection, Parameters, core, description, detect
+from lidarcli.formalism import Detection, Parameters, core, description, detect, segmentation
 from lidarcli.formalism.surfaces import (
     fragments,
     legs,
@@ -24,7 +24,6 @@ from lidarcli.formalism.surfaces import (
     verdict,
     vertices,
 )
-from lidarcli.formalism.sweep import breakpoints, noise, points, segments
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.batches import batch_of, rows_of
 from tests.formalism.random_sweeps import random_sweep
@@ -32,11 +31,11 @@ from tests.formalism.reference import NO_TURN, Sweep
 from tests.formalism.surroundings import simulated
 
 STEPS: tuple[tuple[ModuleType, str], ...] = (
-    (points, "load"),
-    (points, "differences"),
-    (noise, "sigma_of"),
-    (breakpoints, "find"),
-    (segments, "cut"),
+    (segmentation, "load"),
+    (segmentation, "differences"),
+    (segmentation, "sigma_of"),
+    (segmentation, "find_breakpoints"),
+    (segmentation, "cut"),
     (survey, "measure"),
     (survey, "find_faces"),
     (protrusions, "find"),

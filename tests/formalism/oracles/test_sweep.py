@@ -8,19 +8,18 @@ from math import inf, nan
 import numpy as np
 import pytest
 
-from lidarcli.formalism.sweep import breakpoints as breaks
-from lidarcli.formalism.sweep import segments as cuts
+from lidarcli.formalism import segmentation
 from lidarcli.sweeps import Closure, Status
 from tests.formalism.oracles import sweeps
 from tests.formalism.oracles.recording import ROBUST, Recorded, recordings
 
 EDGES = {
-    cuts.OWN: "own",
-    cuts.HIDDEN: "hidden",
-    cuts.OPEN: "open",
-    cuts.UNKNOWN: "unknown",
-    cuts.VIEW: "view",
-    cuts.FLICKERING: "flickering",
+    segmentation.OWN: "own",
+    segmentation.HIDDEN: "hidden",
+    segmentation.OPEN: "open",
+    segmentation.UNKNOWN: "unknown",
+    segmentation.VIEW: "view",
+    segmentation.FLICKERING: "flickering",
 }
 
 
@@ -45,7 +44,7 @@ def circle_of(one: Recorded) -> sweeps.Circle:
 
 def test_points_lie_where_their_range_and_bearing_say() -> None:
     for one in recordings():
-        circle, points = circle_of(one), one.after["points.load"].points
+        circle, points = circle_of(one), one.after["segmentation.load"].points
         assert points.position[: points.count] == circle.points
         expected = [sweeps.place(circle, n) for n in circle.points]
         found = list(zip(points.x[: points.count], points.y[: points.count], strict=True))
@@ -54,7 +53,7 @@ def test_points_lie_where_their_range_and_bearing_say() -> None:
 
 def test_differences_and_their_mean() -> None:
     for one in recordings():
-        circle, points = circle_of(one), one.after["points.differences"].points
+        circle, points = circle_of(one), one.after["segmentation.differences"].points
         expected = {step.after: step for step in sweeps.steps(circle)}
         for k, n in enumerate(circle.points):
             if n not in expected:
@@ -71,7 +70,7 @@ def test_noise_is_the_median_of_second_differences() -> None:
     for one in recordings():
         expected = sweeps.noise(circle_of(one))
         # The core estimates it in single precision, of which second differences of 8 m lose a micrometre or a few.
-        assert one.after["noise.sigma_of"].result == pytest.approx(expected, rel=1e-4, abs=1e-5)
+        assert one.after["segmentation.sigma_of"].result == pytest.approx(expected, rel=1e-4, abs=1e-5)
         above_floor += expected > 0.003
     assert above_floor > 100
 
@@ -79,7 +78,7 @@ def test_noise_is_the_median_of_second_differences() -> None:
 def test_breakpoints_by_one_sided_limits() -> None:
     explained, found = 0, 0
     for one in recordings():
-        circle, state = circle_of(one), one.after["breakpoints.find"]
+        circle, state = circle_of(one), one.after["segmentation.find_breakpoints"]
         sigma = state.points.sigma
         assert [circle.points[k] for k in state.breaks] == sweeps.breakpoints(circle, sigma, ROBUST.max_gap)
         found += len(state.breaks)
@@ -97,11 +96,13 @@ def test_breakpoints_by_one_sided_limits() -> None:
 def test_the_gentlest_slope_of_either_side(max_gap: int) -> None:
     looked_at = 0
     for one in recordings()[::3]:
-        circle, points = circle_of(one), one.after["points.differences"].points
+        circle, points = circle_of(one), one.after["segmentation.differences"].points
         for k, n in enumerate(circle.points):
             for way in (-1, 1):
                 expected = sweeps.slope(circle, n, way, max_gap) * way
-                assert breaks.slope(points, k, way, max_gap) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+                assert segmentation.slope(points, k, way, max_gap) == pytest.approx(
+                    expected, rel=1e-9, abs=1e-12
+                )
                 looked_at += expected != 0
     assert looked_at > 1000
 
@@ -110,7 +111,7 @@ def test_segments_and_their_edges() -> None:
     seen: set[str] = set()
     across = 0
     for one in recordings():
-        circle, state = circle_of(one), one.after["segments.cut"]
+        circle, state = circle_of(one), one.after["segmentation.cut"]
         expected = sweeps.segments(circle, [circle.points[k] for k in state.breaks], ROBUST.max_gap)
         assert len(state.segments) == len(expected)
         for segment, wanted in zip(state.segments, expected, strict=True):
@@ -121,7 +122,7 @@ def test_segments_and_their_edges() -> None:
             seen |= {*wanted.edges}
             across += wanted.points[0] > wanted.points[-1]
             theta = sweeps.grows([circle.bearings[n] for n in wanted.points])
-            found = [breaks.sweep.bearing(state.points, k) for k in at]
+            found = [segmentation.bearing(state.points, k) for k in at]
             np.testing.assert_allclose(found, theta, rtol=0, atol=1e-9)
     assert seen == set(EDGES.values())
     assert across > 30
@@ -131,7 +132,7 @@ def test_the_thresholds_of_objects() -> None:
     for one in recordings():
         circle, found = circle_of(one), one.found
         assert found is not None
-        sigma = one.after["breakpoints.find"].points.sigma
+        sigma = one.after["segmentation.find_breakpoints"].points.sigma
         onto = {step.after: step for step in sweeps.steps(circle)}
         beam_at_start = found.beam_f if one.batch.angle_increment[0] < 0 else found.beam_i
         numbers = [beam.number for beam in circle.beams]

@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import scans
-from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.views import Seen, Views
 from lidarcli.judging import RangeRules, normalise

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.sweep.points import Scans
+from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import bodies as things
 from lidarcli.formalism.tracking import life, memory
 from lidarcli.formalism.tracking.bodies import Bodies

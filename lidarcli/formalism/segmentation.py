@@ -1,0 +1,625 @@
+"""Definitions 1 to 3 and 5: from a sweep to its points, the breakpoints among them, and the segments between two of these.
+
+As printed, f breaks where |s(θ_n)| > d_th (Definition 3). A real sensor needs the one-sided limits of f: a breakpoint is
+what neither side's surface explains.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import Any
+
+import numpy as np
+
+from lidarcli import native, sweeps
+
+NEVER = 1 << 24
+"""Number of lost beams between a point and a predecessor that does not exist: above every `max_gap`, in 32 bits, too."""
+NAN = float("nan")
+INFINITE = float("inf")
+TURN = sweeps.TURN
+LONGEST_GAP = 3
+"""Of more lost beams in a row nobody knows whether they should have returned."""
+GAP_STEP, GAP_STEP_GROWS = 0.1, 0.02
+"""[m], and per metre of range: a surface goes on past a gap if its range changes by no more."""
+NO_RETURN = sweeps.Status.NO_RETURN.value
+OPEN_TURN, SHARED_TURN = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
+
+
+class Scans:
+    """The columns of a batch of S sweeps with up to B beams, as the loops over one sweep read them."""
+
+    def __init__(self, batch: sweeps.SweepBatch, direction: Any, within: Any, sigma: Any) -> None:
+        """`direction`: cos θ and sin θ, (D, B) each by increasing bearing, and which of them each sweep has, (S,)."""
+        cos, sin, code = direction
+        columns = (
+            (batch.ranges, np.float32),
+            (batch.status, np.uint8),
+            (batch.beams, np.int32),
+            (batch.closure, np.uint8),
+            (batch.angle_min, np.float64),
+            (batch.angle_increment, np.float64),
+            (cos, np.float64),
+            (sin, np.float64),
+            (code, np.int64),
+            (np.zeros(0) if within is None else within, np.bool_),
+            (np.zeros(0) if sigma is None else sigma, np.float64),
+        )
+        self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
+        self.rows = len(batch)
+        self.width = batch.width
+        self.ranges = native.at_singles(self.owner[0])
+        self.status = native.at_bytes(self.owner[1])
+        self.beams = native.at_ints(self.owner[2])
+        self.closure = native.at_bytes(self.owner[3])
+        self.angle_min = native.at_doubles(self.owner[4])
+        self.angle_increment = native.at_doubles(self.owner[5])
+        self.cos = native.at_doubles(self.owner[6])
+        self.sin = native.at_doubles(self.owner[7])
+        self.direction = native.at_longs(self.owner[8])
+        self.within = native.at_bytes(self.owner[9])
+        self.sigma = native.at_doubles(self.owner[10])
+        self.has_within = within is not None
+        self.has_sigma = sigma is not None
+
+
+class Points:
+    """The `count` beams of one sweep that have a range, each bearing once, by increasing bearing.
+
+    Position k = 0, 1, … counts the bearings counter-clockwise, whatever the sign of the increment. The first points are
+    listed once more after the last, so that a segment over the seam of a full turn has consecutive points, too.
+    """
+
+    def __init__(self, most: int) -> None:
+        """Room for sweeps of up to so many beams."""
+        self.owner: list[Any] = []
+        self.most = most
+        self.position = native.integers(self.owner, 2 * most)
+        self.r = native.doubles(self.owner, 2 * most)
+        self.x = native.doubles(self.owner, 2 * most)
+        self.y = native.doubles(self.owner, 2 * most)
+        self.s = native.doubles(self.owner, most)
+        self.missing = native.integers(self.owner, most)
+        self.row = 0
+        self.count = 0
+        self.first = 0.0
+        self.step = 0.0
+        self.cos_half = 1.0
+        self.sin_half = 0.0
+        self.sigma = 0.0
+        self.d_th = 0.0
+        self.flicker = 0.0
+        self.beams = 0
+        self.bearings = 0
+        self.period = 0
+        self.reverse = False
+
+
+def load(points: Points, scans: Scans, row: int) -> None:
+    """Lay out the sweep in a row of a batch: r on Θ_k, and where the points are [m]."""
+    increment = scans.angle_increment[row]
+    points.row = row
+    points.beams = scans.beams[row]
+    # The second beam on the first bearing says nothing new.
+    points.bearings = points.beams - (scans.closure[row] == SHARED_TURN)
+    points.period = 0 if scans.closure[row] == OPEN_TURN else points.bearings
+    points.reverse = increment < 0
+    points.step = abs(increment)
+    points.cos_half, points.sin_half = math.cos(0.5 * points.step), math.sin(0.5 * points.step)
+    points.first = scans.angle_min[row]
+    if points.reverse:
+        points.first += (points.bearings - 1) * increment
+
+    position, r, x, y = points.position, points.r, points.x, points.y
+    ranges, cos, sin = scans.ranges, scans.cos, scans.sin
+    directions = scans.direction[row] * scans.width
+    beam, way = row * scans.width, 1
+    if points.reverse:
+        beam, way = beam + points.bearings - 1, -1
+    count = 0
+    for k in range(points.bearings):
+        distance = ranges[beam]
+        position[count] = k
+        r[count] = distance
+        x[count] = distance * cos[directions + k]
+        y[count] = distance * sin[directions + k]
+        # A lost beam is NaN: the next one takes its place.
+        count += distance == distance
+        beam += way
+    points.count = count
+
+
+def repeat(points: Points, lead: int) -> None:
+    """List the first `lead` points once more after the last."""
+    for k in range(lead):
+        points.position[points.count + k] = points.position[k]
+        points.r[points.count + k] = points.r[k]
+        points.x[points.count + k] = points.x[k]
+        points.y[points.count + k] = points.y[k]
+
+
+def bearing(points: Points, at: int) -> float:
+    """θ of a point [rad]; it grows past the seam."""
+    theta = points.first + points.step * points.position[at]
+    return theta + TURN if at >= points.count else theta
+
+
+def beam_at(points: Points, position: int) -> int:
+    """Index in the log of the beam at a position, at most one turn beyond the seam on either side (Def. 1's n)."""
+    if points.period > 0:
+        if position >= points.period:
+            position -= points.period
+        elif position < 0:
+            position += points.period
+    return points.bearings - 1 - position if points.reverse else position
+
+
+def distance(points: Points, a: int, b: int) -> float:
+    """How far two points are apart [m]."""
+    dx, dy = points.x[b] - points.x[a], points.y[b] - points.y[a]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+def nearest(points: Points) -> int:
+    """The point with the least range, of several the first; -1 without a point."""
+    at = 0
+    least = INFINITE
+    for k in range(points.count):
+        if points.r[k] < least:
+            least = points.r[k]
+            at = k
+    return at if points.count > 0 else -1
+
+
+def differences(points: Points) -> None:
+    """Def. 2: s(θ_n) = r(θ_n) - r(θ_{n-1}) [m] and the lost beams between the two.
+
+    The point before the first is the last one on a full turn; on a partial view there is none, and s is NaN.
+    """
+    position, r, s, missing = points.position, points.r, points.s, points.missing
+    last = points.count - 1
+    for k in range(1, points.count):
+        s[k] = r[k] - r[k - 1]
+    for k in range(1, points.count):
+        missing[k] = position[k] - position[k - 1] - 1
+    if points.period > 0 and last > 0:
+        s[0] = r[0] - r[last]
+        missing[0] = position[0] + points.period - position[last] - 1
+    else:
+        s[0] = NAN
+        missing[0] = NEVER
+
+
+def flicker(points: Points, scans: Scans) -> float:
+    """The share of the beams of a sweep that should have returned and did not: short gaps in what goes on past them."""
+    gone = 0
+    for k in range(points.count):
+        lost = points.missing[k]
+        if lost == 0 or lost > LONGEST_GAP:
+            continue
+        nearer = min(points.r[k], points.r[k] - points.s[k])
+        if abs(points.s[k]) > GAP_STEP + GAP_STEP_GROWS * nearer:
+            continue
+        for back in range(1, lost + 1):
+            beam = beam_at(points, points.position[k] - back)
+            if beam >= 0 and scans.status[points.row * scans.width + beam] == NO_RETURN:
+                gone += 1
+    return gone / max(gone + points.count, 1.0)
+
+
+def mean_difference(points: Points) -> float:
+    """Def. 3's d_th = (1/N) Σ |s(θ_n)| [m], N the number of neighbouring beams that both have a range; 0 without any."""
+    s, missing = points.s, points.missing
+    total, number = 0.0, 0
+    for k in range(points.count):
+        if missing[k] == 0:
+            total += abs(s[k])
+            number += 1
+    return total / number if number > 0 else 0.0
+
+
+# The noise σ of the ranges of a sweep, from the median of second differences. On a straight surface 1/r is a sinusoid of
+# the bearing, so u₋ + u₊ - 2 cos Δθ u vanishes for u = 1/r whatever the incidence: what is left is noise. The median does
+# not see the few triples that straddle an edge.
+
+NOISE_FLOOR = 0.003
+"""[m] No scanner is better than this; keeps a noise-free simulation from splitting on rounding."""
+MEDIAN_TO_SIGMA = 1.0 / 0.6744897501960817
+"""The standard deviation of a normal distribution, as a multiple of the median of its absolute values."""
+SECOND_DIFFERENCE_GAIN = math.sqrt(6.0)
+"""Standard deviation of n₋ - 2 n + n₊ for independent n of standard deviation 1."""
+TO_SIGMA = MEDIAN_TO_SIGMA / SECOND_DIFFERENCE_GAIN
+FEW_VALUES = 24
+"""Among so few values the one of a given rank is found by counting."""
+SINGLE_ONE, SINGLE_NAN, SINGLE_INFINITY = 1.0, float("nan"), float("inf")
+"""In single precision, as the ranges are."""
+GUESS_LOW, GUESS_HIGH = 0.8, 1.25
+"""The median of a sweep mostly lies between these multiples of that of the sweep before."""
+
+
+class Noise:
+    """Room for the second differences of a sweep, in single precision as the ranges are."""
+
+    def __init__(self, most: int) -> None:
+        """Room for sweeps of up to so many beams."""
+        self.owner: list[Any] = []
+        most += 2
+        self.u = native.singles(self.owner, most)
+        self.around = native.singles(self.owner, most)
+        self.second = native.singles(self.owner, most)
+        self.some = native.singles(self.owner, most)
+        self.guess = 0.0
+
+
+def sigma_of(noise: Noise, scans: Scans, row: int) -> float:
+    """σ of the sweep in a row of a batch [m], at least `NOISE_FLOOR`."""
+    if scans.has_sigma:
+        return scans.sigma[row]
+    return max(middle_second_difference(noise, scans, row) * TO_SIGMA, NOISE_FLOOR)
+
+
+def middle_second_difference(noise: Noise, scans: Scans, row: int) -> float:
+    """The lower median of r² |u₋ + u₊ - 2 cos Δθ u| [m], 0 where no beam has a range and two neighbours that do."""
+    width, begin, beams = scans.width, row * scans.width, scans.beams[row]
+    if width < 3:
+        return 0.0
+    u, around, second, r = noise.u, noise.around, noise.second, scans.ranges
+    # Storing rounds to single precision, so every step is stored.
+    around[0] = 2.0 * math.cos(scans.angle_increment[row])
+    cosine = around[0]
+    one = SINGLE_ONE
+    for k in range(width):
+        u[k] = one / r[begin + k]
+    around[0] = around[width - 1] = SINGLE_NAN
+    for k in range(1, width - 1):
+        around[k] = u[k - 1] + u[k + 1]
+    if scans.closure[row] != OPEN_TURN:
+        last = beams - 1
+        if scans.closure[row] == SHARED_TURN:
+            around[last] = SINGLE_NAN
+            last -= 1
+        around[0] = u[last] + u[1]
+        around[last] = u[last - 1] + u[0]
+    for k in range(width):
+        u[k] = cosine * u[k]
+        second[k] = around[k] - u[k]
+        around[k] = r[begin + k] * r[begin + k]
+        second[k] = abs(second[k] * around[k])
+    noise.guess = lower_median(noise, width)
+    return noise.guess
+
+
+def lower_median(noise: Noise, count: int) -> float:
+    """The lower median of the first `count` second differences that are numbers, 0 where there is none.
+
+    A good guess saves most of the work: sweeps of one sensor are alike.
+    """
+    values, some = noise.second, noise.some
+    low, high = noise.guess * GUESS_LOW, noise.guess * GUESS_HIGH
+    numbers, below, within = 0, 0, 0
+    for k in range(count):
+        numbers += values[k] == values[k]
+        below += values[k] < low
+        within += values[k] <= high
+    if numbers == 0:
+        return 0.0
+    rank = (numbers - 1) // 2
+    if not (below <= rank and rank < within):
+        low, high, below = 0.0, SINGLE_INFINITY, 0
+    kept = 0
+    for k in range(count):
+        some[kept] = values[k]
+        kept += (values[k] >= low) & (values[k] <= high)
+    rank -= below
+    if high < SINGLE_INFINITY and kept > FEW_VALUES:
+        # Where among these it is likely to be: as far as its rank, give or take two standard deviations.
+        middle, margin = low + (high - low) * (rank + 0.5) / kept, (high - low) / math.sqrt(kept)
+        low, high = middle - margin, middle + margin
+        below, within = 0, 0
+        for k in range(kept):
+            below += some[k] < low
+            within += some[k] <= high
+        if below <= rank and rank < within:
+            count, kept = kept, 0
+            for k in range(count):
+                some[kept] = some[k]
+                kept += (some[k] >= low) & (some[k] <= high)
+            rank -= below
+    return smallest(noise, kept, rank)
+
+
+def smallest(noise: Noise, count: int, rank: int) -> float:
+    """The value that has this rank among the first `count` that are kept; leaves them in another order."""
+    some = noise.some
+    low, high = 0, count - 1
+    while high - low >= FEW_VALUES:
+        a, b, c = some[low], some[(low + high) // 2], some[high]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = low, high
+        while i <= j:
+            while some[i] < pivot:
+                i += 1
+            while some[j] > pivot:
+                j -= 1
+            if i <= j:
+                some[i], some[j] = some[j], some[i]
+                i += 1
+                j -= 1
+        if rank <= j:
+            high = j
+        elif rank >= i:
+            low = i
+        else:
+            return some[rank]
+    # Without a branch per value this is faster than putting them in order.
+    for i in range(low, high + 1):
+        below, within = low, low
+        for j in range(low, high + 1):
+            below += some[j] < some[i]
+            within += some[j] <= some[i]
+        if below <= rank and rank < within:
+            return some[i]
+    return some[low]
+
+
+# Definition 3: the breakpoints of a sweep, before which f is discontinuous.
+
+ROUGHNESS = 0.08
+"""[m] Depth steps below this are the texture of a surface: foliage, folds, mouldings."""
+NOISE_GAIN = 3.5
+"""A difference of two ranges exceeds this many of its standard deviations in 5 of 10,000 beams."""
+ROOT_2 = math.sqrt(2.0)
+"""Standard deviation of the difference of two ranges of standard deviation 1."""
+SPACING_GAIN = 1.0
+"""Depth steps below this share of the beam spacing r Δθ are the texture of a surface, not an edge."""
+SLOPE_REACH = 3
+"""How many points on each side of a step speak for the slope there."""
+TINY = sys.float_info.min
+"""[1/m] A surface that recedes to infinity has 1/r ≤ 0: as good as this."""
+
+
+class Breakpoints:
+    """Where a sweep breaks: the points `at[0] … at[count - 1]`, before which f is discontinuous, in order."""
+
+    def __init__(self, most: int, adaptive: bool, max_gap: int) -> None:
+        """
+        Parameters
+        ----------
+        most : room for sweeps of so many beams
+        adaptive : whether one-sided limits decide, not |s| alone
+        max_gap : more lost beams than this are a discontinuity by themselves
+        """
+        self.owner: list[Any] = []
+        self.at = native.integers(self.owner, most + 1)
+        self.count = 0
+        self.adaptive = adaptive
+        self.max_gap = max_gap
+
+
+def noise_threshold(sigma: float) -> float:
+    """The least difference [m] that noise of standard deviation `sigma` [m] does not explain."""
+    return max(NOISE_GAIN * ROOT_2 * sigma, ROUGHNESS)
+
+
+def adaptive_threshold(points: Points, explained: float, r: float, s: float) -> float:
+    """What noise and the beam spacing explain between a point and its predecessor [m].
+
+    It grows with r Δθ at the nearer of the two points (Borges and Aldon 2004, Dietmayer 2001): a surface may turn or be
+    rough between two beams.
+
+    Parameters
+    ----------
+    explained : what noise does [m], see `noise_threshold`
+    r, s : range of the point and difference to its predecessor [m]; NaN in s: as if they were equally far
+    """
+    before = r - s
+    return explained + SPACING_GAIN * points.step * (before if before < r else r)
+
+
+def find_breakpoints(breakpoints: Breakpoints, points: Points, scans: Scans) -> None:
+    """Find the breakpoints; with a mask of beams that belong to objects, its borders are some, too."""
+    s, missing, d_th, masked = points.s, points.missing, points.d_th, scans.has_within
+    count = 0
+    for k in range(points.count):
+        if missing[k] == 0 and not abs(s[k]) > d_th and not masked:
+            continue
+        if missing[k] > breakpoints.max_gap:
+            breaks = True
+        elif abs(s[k]) > d_th:
+            breaks = not breakpoints.adaptive or is_unexplained(points, k, breakpoints.max_gap)
+        else:
+            breaks = False
+        if masked and not breaks:
+            breaks = is_within(points, scans, k) != is_within(points, scans, k - 1 if k else points.count - 1)
+        if breaks:
+            breakpoints.at[count] = k
+            count += 1
+    breakpoints.count = count
+
+
+def is_within(points: Points, scans: Scans, at: int) -> bool:
+    """Whether the beam of a point is one of those that are known to belong to objects."""
+    beam = beam_at(points, points.position[at])
+    return scans.within[points.row * scans.width + beam] != 0
+
+
+def is_unexplained(points: Points, at: int, max_gap: int) -> bool:
+    """Def. 3 with the one-sided limits of f: whether no side's surface explains the step before a point.
+
+    Each side is extended to the other beam along a straight surface (1/r is linear in θ for small steps). The step s
+    is explained if it lies between 0 and the step that either side foresees, give or take `adaptive_threshold`. So a
+    wall at grazing incidence does not break, and neither does a corner, where the step lies between the two extensions.
+
+    Parameters
+    ----------
+    max_gap : points further than this many lost beams away say nothing about the slope
+    """
+    s, r = points.s[at], points.r[at]
+    allowed = adaptive_threshold(points, points.d_th, r, s)
+    if not abs(s) > allowed:
+        return False
+    before = at - 1 if at > 0 else points.count - 1
+    r_before = points.r[before]
+    step = points.missing[at] + 1.0
+    left = 1.0 / max(1.0 / r_before + step * slope(points, before, -1, max_gap), TINY) - r_before
+    right = r - 1.0 / max(1.0 / r - step * slope(points, at, 1, max_gap), TINY)
+    return s > max(left, right, 0.0) + allowed or s < min(left, right, 0.0) - allowed
+
+
+def slope(points: Points, at: int, way: int, max_gap: int) -> float:
+    """d(1/r) per beam that the points on one side of a step support; `way` is -1 before it, 1 after it.
+
+    The gentlest, because a span that straddles an earlier edge is too steep, never too gentle; 0 if they disagree in sign
+    or there are none.
+    """
+    r, missing, count = points.r, points.missing, points.count
+    u = 1.0 / r[at]
+    least, greatest, some, span = 0.0, 0.0, False, 0
+    for lag in range(1, SLOPE_REACH + 1):
+        # Before the first point comes the last one: if only on a full turn, `missing` tells.
+        if way < 0:
+            span += missing[at] + 1
+            at = at - 1 if at > 0 else count - 1
+        else:
+            at = at + 1 if at < count - 1 else 0
+            span += missing[at] + 1
+        if span > lag + max_gap:
+            continue
+        value = (1.0 / r[at] - u) / (span * way)
+        least = min(value, least) if some else value
+        greatest = max(value, greatest) if some else value
+        some = True
+    return max(least, 0.0) + min(greatest, 0.0)
+
+
+# Definition 5: the segments of a sweep between two breakpoints, and what each of their edges says.
+
+OWN, HIDDEN, OPEN, UNKNOWN, VIEW, FLICKERING = range(6)
+"""An edge of a segment: the segment is the nearer side; the neighbour is, and hides the rest; a beam without a return is
+beside it; an invalid or too close one is; the view ends; a beam without a return where such beams prove nothing."""
+MOST_FLICKER = 0.05
+"""Where more of the beams that should return do not, one that does not is no proof that nothing is there."""
+
+
+class Segments:
+    """The `count` segments of a sweep by increasing bearing: point `first`, and `size` - 1 that follow it."""
+
+    def __init__(self, most: int) -> None:
+        """Room for sweeps of up to so many beams."""
+        self.owner: list[Any] = []
+        self.first = native.integers(self.owner, most)
+        self.size = native.integers(self.owner, most)
+        self.start_edge = native.integers(self.owner, most)
+        self.end_edge = native.integers(self.owner, most)
+        self.s_start = native.doubles(self.owner, most)
+        self.s_end = native.doubles(self.owner, most)
+        self.count = 0
+
+
+def cut(segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans) -> None:
+    """Cut the points at every breakpoint; on a full turn a segment may cross the seam, or go all around."""
+    first, size, at = segments.first, segments.size, breakpoints.at
+    count = segments.count = breakpoints.count
+    if count == 0:
+        _surround(segments, points)
+        return
+    for j in range(count):
+        _enter(segments, points, breakpoints, scans, j)
+        first[j] = at[j]
+        if j > 0:
+            size[j - 1] = at[j] - at[j - 1]
+            _leave(segments, points, breakpoints, scans, j - 1, at[j])
+    last = count - 1
+    size[last] = points.count - at[last]
+    if points.period > 0:
+        # The first breakpoint of a full turn also ends the last segment.
+        size[last] += at[0]
+        _leave(segments, points, breakpoints, scans, last, at[0])
+        repeat(points, at[0])
+    else:
+        segments.s_end[last] = NAN
+        segments.end_edge[last] = _beside(points, scans, points.position[points.count - 1] + 1)
+
+
+def _surround(segments: Segments, points: Points) -> None:
+    """A full turn without any breakpoint is one segment, which hides no edge of its own."""
+    if points.count == 0:
+        return
+    segments.count = 1
+    segments.first[0], segments.size[0] = 0, points.count
+    segments.s_start[0] = segments.s_end[0] = NAN
+    segments.start_edge[0] = segments.end_edge[0] = HIDDEN
+
+
+def _enter(segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans, j: int) -> None:
+    """What the breakpoint before a segment says of its first edge."""
+    at = breakpoints.at[j]
+    if points.missing[at] > breakpoints.max_gap:
+        segments.s_start[j] = NAN
+        segments.start_edge[j] = _beside(points, scans, points.position[at] - 1)
+    else:
+        segments.s_start[j] = points.s[at]
+        segments.start_edge[j] = OWN if points.s[at] < 0 else HIDDEN
+
+
+def _leave(
+    segments: Segments, points: Points, breakpoints: Breakpoints, scans: Scans, j: int, following: int
+) -> None:
+    """What the breakpoint before the following segment says of the last edge of this one."""
+    before = following - 1 if following > 0 else points.count - 1
+    if points.missing[following] > breakpoints.max_gap:
+        segments.s_end[j] = NAN
+        segments.end_edge[j] = _beside(points, scans, points.position[before] + 1)
+    else:
+        segments.s_end[j] = points.s[following]
+        segments.end_edge[j] = OWN if points.s[following] > 0 else HIDDEN
+
+
+def _beside(points: Points, scans: Scans, position: int) -> int:
+    """What the beam at a position beside a segment says."""
+    beam = beam_at(points, position)
+    if beam < 0 or beam >= points.beams:
+        return VIEW
+    if scans.status[points.row * scans.width + beam] != NO_RETURN:
+        return UNKNOWN
+    return FLICKERING if points.flicker > MOST_FLICKER else OPEN
+
+
+def copy_segments(source: Segments, target: Segments) -> None:
+    """Make all segments of one sweep those of another."""
+    for j in range(source.count):
+        target.first[j], target.size[j] = source.first[j], source.size[j]
+        target.start_edge[j], target.end_edge[j] = source.start_edge[j], source.end_edge[j]
+        target.s_start[j], target.s_end[j] = source.s_start[j], source.s_end[j]
+    target.count = source.count
+
+
+def last_point(segments: Segments, j: int) -> int:
+    """P_f of a segment."""
+    return segments.first[j] + segments.size[j] - 1
+
+
+def chord(segments: Segments, points: Points, j: int) -> float:
+    """Distance of the first and the last point of a segment [m]."""
+    return distance(points, segments.first[j], last_point(segments, j))
+
+
+def surrounds(segments: Segments, j: int) -> bool:
+    """Whether a segment is a full turn without any breakpoint: both edges are hidden, by no step at all."""
+    s = segments.s_start[j]
+    return segments.start_edge[j] == HIDDEN and segments.end_edge[j] == HIDDEN and s != s
+
+
+def following(segments: Segments, points: Points, j: int) -> int:
+    """The next segment, over the seam on a full turn; itself where there is none."""
+    if j + 1 < segments.count:
+        return j + 1
+    return 0 if points.period > 0 else j
+
+
+def preceding(segments: Segments, points: Points, j: int) -> int:
+    """The segment before, over the seam on a full turn; itself where there is none."""
+    if j > 0:
+        return j - 1
+    return segments.count - 1 if points.period > 0 else j
