@@ -97,7 +97,7 @@ def declared(cells: Cells, rows: Int64, at: int, width: int) -> Declared:
     after = at + 1 + width * beams
     refused = {*np.flatnonzero(beams > MAX_BEAMS).tolist()}
     for row in np.flatnonzero(after > count).tolist():
-        causes.setdefault(row, f"it has less than the {beams[row]} ranges it declares")
+        causes.setdefault(row, f"it declares {beams[row]} ranges and has fewer")
     return Declared(beams, after, causes, refused)
 
 

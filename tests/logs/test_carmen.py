@@ -275,7 +275,7 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
     """Each by its number and its cause; what other programs log is passed over."""
     bad = {
         "FLASER 3 1.0 x 3.0 0 0 0 0 0 0 1.0 nohost 1.0": "'x' is not a number",
-        "FLASER 5 1.0 2.0": "it has less than the 5 ranges it declares",
+        "FLASER 5 1.0 2.0": "it declares 5 ranges and has fewer",
         "FLASER -3 1.0 2.0 3.0 0 0 0 0 0 0 1.0 nohost 1.0": "'-3' is no number of ranges",
         "FLASER": "cut off",
         "FLASER 3 1.0 2.0 3.0 0 0 0 0 0 0": "no time at its end",
@@ -299,7 +299,7 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "cause"),
     [
-        (f"FLASER 5 1 2 3 4 {POSES}", "1 missing of the 5 ranges it declares and its poses"),
+        (f"FLASER 5 1 2 3 4 {POSES}", "it declares 5 ranges, but one field is missing"),
         (f"FLASER 5 1 2 {POSES}", "3 missing"),
         (f"FLASER 3 1 2 3 4 5 {POSES}", "2 fields left over behind the 3 ranges it declares"),
         (f"RLASER 180 {'2.5 ' * 361}{POSES}", "181 fields left over behind the 180 ranges it declares"),
@@ -322,13 +322,88 @@ def test_a_number_of_ranges_that_is_none_of_the_line_is_damage(
     if cause == "3 missing":
         line, cause = (
             line.replace("FLASER 5", "FLASER 5 3"),
-            "2 missing of the 5 ranges it declares and its poses",
+            "it declares 5 ranges, but 2 fields are missing",
         )
     log = log_of(tmp_path, f"{flaser()}{line} {end}\n")
     assert sum(map(len, log.scans())) == 1
     [part] = log.report.damage
     assert part.place == "line 2"
     assert part.cause.startswith(cause)
+
+
+@pytest.mark.parametrize(
+    ("declared", "has", "behind"),
+    [
+        (181, 180, "0 1.5 2.5 0.1 1.5 2.5 0.1 0.5 0.0 0.1 0.2 1000.0"),
+        (181, 180, "0 0 0 0 0 0 0 0.5 0.0 0.1 0.2 1000.0"),
+        (183, 181, "0 1.5 2.5 0.1 1.5 2.5 0.1 0.5 0.0 0.1 0.2 1000.0"),
+        (182, 181, "0 0 0 0 0 0 0 0 0 0 0 0"),
+        (187, 181, "0 1.5 2.5 0.1 1.5 2.5 0.1 0.5 0.0 0.1 0.2 1000.0"),
+        (361, 180, f"180 {'7.5 ' * 180}1.5 2.5 0.1 1.5 2.5 0.1 0.5 0.0 0.1 0.2 1000.0"),
+    ],
+)
+def test_a_number_of_remissions_tells_how_many_ranges_there_are(
+    declared: int, has: int, behind: str, tmp_path: Path
+) -> None:
+    """However many fields that leaves: old writers have left some out, but never that one alone."""
+    for word, rest in (("ROBOTLASER1", behind), ("RAWLASER1", "0")):
+        line = f"{word} {GEOMETRY} {{}} {'2.125 ' * has}{rest} 12.5 nohost 3.5\n"
+        log = log_of(tmp_path, line.format(has) + line.format(declared if rest == behind else has + 1))
+        assert sum(map(len, log.scans())) == 1
+        counts = (declared if rest == behind else has + 1, has)
+        [part] = log.report.damage
+        assert (part.place, part.cause) == ("line 2", "it declares {} ranges and has {}".format(*counts))
+
+
+@pytest.mark.parametrize(
+    ("fields", "cause"),
+    [
+        (3, "it declares 9 ranges, but 3 fields are missing"),
+        (0, "it declares 9 ranges, but 6 fields are missing"),
+    ],
+)
+def test_a_line_that_differs_from_most_of_its_laser_is_damage(
+    fields: int, cause: str, tmp_path: Path
+) -> None:
+    """What is missing are ranges, not poses; lines with another number of ranges say nothing of it."""
+    lines = [flaser(f"{at}", ranges=[1.5] * 9) for at in range(10, 20)]
+    lines[0] = f"FLASER 9 {'1.500 ' * (3 + fields)}{POSES} 10 nohost 0\n"
+    lines[5] = f"FLASER 4 {'1.500 ' * (fields - 2)}{POSES} 15 nohost 0\n" if fields else lines[5]
+    log = log_of(tmp_path, "".join(lines))
+    assert sum(map(len, log.scans())) == 9
+    assert [(part.place, part.cause) for part in log.report.damage] == [("line 1", cause)]
+    # And the other way about.
+    old = f"FLASER 9 {'1.500 ' * 9}{' '.join(POSES.split()[:fields])} {{}} nohost 0\n".replace("  ", " ")
+    log = log_of(tmp_path, "".join(map(old.format, range(10, 20))) + flaser("20", [1.5] * 9))
+    assert sum(map(len, log.scans())) == 10
+    [part] = log.report.damage
+    assert part.cause == f"{6 - fields} fields left over behind the 9 ranges it declares"
+
+
+@pytest.mark.parametrize("missing", [3, 6])
+@pytest.mark.parametrize("poses", ["1.500 2.500 0.100 1.500 2.500 0.100", POSES])
+def test_poses_are_no_ranges_where_all_lines_declare_too_many(
+    missing: int, poses: str, tmp_path: Path
+) -> None:
+    """They are the same two, or have other decimals than the ranges."""
+    line = f"FLASER 20 {'4.125 ' * (20 - missing)}{poses} {{}} nohost 0\n"
+    start = line.replace(poses, "0 0 0 0 0 0") if poses != POSES else line
+    log = log_of(tmp_path, start.format(9) + "".join(map(line.format, range(10, 20))))
+    assert sum(map(len, log.scans())) == 0
+    assert {part.cause for part in log.report.damage} == {
+        "it declares 20 ranges, but the last ones are poses"
+    }
+
+
+def test_ranges_that_are_alike_are_no_poses(tmp_path: Path) -> None:
+    """As those of a wall, of a robot at the origin, and of a writer who spells numbers as they come."""
+    ends = ["7.5 7.5 7.5 7.5 7.5 7.5", "1.5 2.5 3.5 1.5 2.5 3.5", "0 0 0 0 0 0"]
+    text = "".join(f"FLASER 9 1 2.25 3.5 {end} {10 + at} nohost 0\n" for at, end in enumerate([ends[0]] * 3))
+    text += f"FLASER 9 1 2.25 3.5 {ends[1]} 14 nohost 0\nFLASER 9 1 2.25 3.5 4 5.125 6 1 2 3 15 nohost 0\n"
+    text += f"RLASER 6 1 2 3 {ends[2]} 12 nohost 0\n"
+    log = log_of(tmp_path, text)
+    assert sum(map(len, log.scans())) == 6
+    assert log.report.damage == []
 
 
 def test_without_a_host_a_number_of_ranges_is_doubted_too(tmp_path: Path) -> None:

@@ -314,6 +314,22 @@ def test_short_rows_are_sweeps_of_fewer_beams() -> None:
     assert log.report.damage == []
 
 
+@pytest.mark.parametrize("head", ["time,r0,r1,r2,r3,r4,r5,r6,r7\n", ""], ids=["names", "none"])
+@pytest.mark.parametrize("place", [0, 3])
+def test_rows_that_are_not_as_long_as_the_others_are_damage(head: str, place: int) -> None:
+    """Nothing in such a row tells its view: which beam is missing, or too many, nobody knows."""
+    rows = [f"{at}.5,5,6,7,8,5,6,7,8" for at in range(10)]
+    rows[place] += ",9"
+    rows[place + 1] = rows[place + 1].removesuffix(",8")
+    got, log = read_text(head + "".join(f"{row}\n" for row in rows), OpenOptions(fov=np.pi))
+    assert rows_of(got) == [[5, 6, 7, 8, 5, 6, 7, 8]] * 8
+    first = place + 1 + bool(head)
+    assert log.report.damage == [
+        Damage(f"line {line}", f"{cells} cells where 9 are usual: the row is dropped")
+        for line, cells in ((first + 1, 8), (first, 10))
+    ]
+
+
 def test_ros2_counts_ranges_by_the_view() -> None:
     text = f"{ROS2}1,2,3\n{ROS2}1,2\n{ROS2}1,2,3,4\n{ROS2}1,2,3,9,9,9\n{ROS2}1,2,3,\n{ROS2}1,2,9,9\n{ROS2}1,2,3,4,5\n"
     got, log = read_text(text, OpenOptions())

@@ -196,7 +196,7 @@ def test_bad_lines_are_left_out_and_counted(tmp_path: Path) -> None:
     geometry = "-1.5708 +1.5708 +0.78539816 +08.0000"
     bad = {
         f"{HEAD} laser 00 001 001 0001 {geometry} 0002 1.0 0 x 0": "'x' is not a number",
-        f"{HEAD} laser 00 001 001 0001 {geometry} 0005 1.0 0 2.0 0": "it has less than the 5 ranges it declares",
+        f"{HEAD} laser 00 001 001 0001 {geometry} 0005 1.0 0 2.0 0": "it declares 5 ranges and has fewer",
         f"{HEAD} laser 00 001 001 0001 {geometry} 0001 1.0 0 2.0 0": "2 fields left over behind the 1 ranges it declares",
         f"{HEAD} ranger 00 001 001 0002 1.0 2.0 3.0": "1 field left over behind the 2 ranges it declares",
         f"{HEAD} laser 00 001 001 0001 {geometry} many 1.0 0": "'many' is no number of ranges",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import ReadReport
+from lidarcli.logs.carmen.counts import POSED, TAIL, Counts, Sweeps
 from lidarcli.logs.carmen.words import LASERS, PARAM, POSES, UNKNOWN, Laser
 from lidarcli.logs.lines import (
     CUT,
@@ -17,7 +18,6 @@ from lidarcli.logs.lines import (
     cells_of,
     declared,
     is_number,
-    left_over,
     refuse,
     report_lines,
 )
@@ -26,16 +26,8 @@ from lidarcli.logs.text import TextBlock
 from lidarcli.logs.times import S, to_ns
 from lidarcli.sweeps import TURN, Bool, Int64
 
-_TAIL = 3
-"""Every whole line ends with ipc_timestamp, ipc_hostname and logger_timestamp."""
-
 _LONGEST_WORD, _LONGEST_HEAD = 17, 1024
 """Bytes in which the first word and the number of ranges are looked for."""
-
-_POSED = (0, 3, 6)
-"""Fields behind the ranges: none, the pose of the laser alone, or also that of the robot."""
-_MOVED = (*_POSED, 7, 8, 9, 10, 11)
-"""Of lines that tell their geometry: also how the robot moved, of which old writers have left some out."""
 
 NO_TIME = "no time at its end"
 
@@ -65,6 +57,7 @@ class Lines:
         self._wanted = frozenset(words)
         self._report = report
         self._apart = Apart()
+        self._counts = Counts()
         self._timed = False
         """Whether a sweep so far has a time."""
 
@@ -116,9 +109,10 @@ class Lines:
             if not self._timed:
                 timeless = whole & _tell_all_but_time(cells, rows, after, laser)
                 fields = np.where(timeless, count - after, fields)
-            over = whole & (fields >= 0) & ~_fit(cells, rows, after, fields, count - time, laser)
-            for at in np.flatnonzero(over).tolist():
-                causes[at] = _miscounted(int(fields[at]), int(count[at] - time[at]), int(beams[at]), laser)
+            some = np.flatnonzero(whole & (fields >= 0))
+            rest = np.where(timeless, 0, count - time)
+            sweeps = Sweeps(laser, rows[some], beams[some], after[some], fields[some], rest[some])
+            causes |= {int(some[at]): cause for at, cause in self._counts.doubt(cells, sweeps).items()}
         for at in np.flatnonzero(fields < 0).tolist():
             causes.setdefault(at, NO_TIME)
         if len(rows) and rows[-1] == cut and not _is_whole(cells, rows[-1:], count[-1:], after[-1:]):
@@ -153,12 +147,12 @@ def _times_at(
     second, third = cells.spans(rows, most, 1), cells.spans(rows, np.maximum(most - 1, 0), 1)
     time = np.empty(len(rows), np.int64)
     for at, (end, before) in enumerate(zip(second, third, strict=True)):
-        if not is_number(before) and left[at] >= _TAIL:
-            time[at] = count[at] - _TAIL
-        elif not is_number(end) and left[at] >= _TAIL - 1:
-            time[at] = count[at] - _TAIL + 1
+        if not is_number(before) and left[at] >= TAIL:
+            time[at] = count[at] - TAIL
+        elif not is_number(end) and left[at] >= TAIL - 1:
+            time[at] = count[at] - TAIL + 1
         elif usual is None:
-            time[at] = count[at] - _TAIL
+            time[at] = count[at] - TAIL
         else:
             time[at] = after[at] + usual
             if left[at] <= usual:
@@ -173,38 +167,16 @@ def _tell_all_but_time(cells: Cells, rows: Int64, after: Int64, laser: Laser) ->
     if laser.geometry:
         return found
     left = cells.count[rows] - after
-    for at in np.flatnonzero(np.isin(left, _POSED if laser.posed else (0,))).tolist():
+    for at in np.flatnonzero(np.isin(left, POSED if laser.posed else (0,))).tolist():
         text = cells.spans(rows[at : at + 1], after[at : at + 1], left[at : at + 1])[0]
         fields = text.split(b" ") if left[at] else []
         found[at] = all(map(is_number, fields)) and all(abs(float(yaw)) <= TURN for yaw in fields[2::3])
     return found
 
 
-def _fit(cells: Cells, rows: Int64, after: Int64, fields: Int64, rest: Int64, laser: Laser) -> Bool:
-    """Of which sweeps there are as many fields behind the ranges as there may be, and no more from the time on."""
-    allowed = (_MOVED if laser.geometry else _POSED) if laser.posed else (0,)
-    fit: Bool = np.isin(fields, allowed)
-    if laser.geometry:
-        told = cells.spans(rows, after, np.clip(fields, 0, 1))
-        for at in np.flatnonzero(~fit).tolist():
-            cell = told[at]
-            if cell.isdigit() and len(cell) <= MOST_DIGITS:
-                fit[at] = int(fields[at]) - 1 - int(cell) in allowed
-    fit &= (rest <= _TAIL) | (fields == cells.count[rows] - after)
-    return fit
-
-
-def _miscounted(fields: int, rest: int, beams: int, laser: Laser) -> str:
-    """Why the number of ranges of a line is not believed, from the fields between them and its time, and from there on."""
-    usual = _POSED[-1] if laser.posed and not laser.geometry else 0
-    if fields < usual:
-        return f"{usual - fields} missing of the {beams} ranges it declares and its poses"
-    return left_over(max(fields - usual, rest - _TAIL), beams)
-
-
 def _is_whole(cells: Cells, rows: Int64, count: Int64, after: Int64) -> bool:
     """Whether a line without an end has its host and a time behind it: then all before these is whole."""
-    if count[0] - after[0] < _TAIL:
+    if count[0] - after[0] < TAIL:
         return False
     host, logger = cells.spans(rows, count - 2, 1)[0], cells.spans(rows, count - 1, 1)[0]
     return not is_number(host) and is_number(logger)
@@ -242,4 +214,4 @@ def _tells_pose(line: bytes, laser: Laser) -> bool:
     if not count or not count[0].isdigit() or len(count[0]) > MOST_DIGITS:
         return False
     ranges = int(count[0]) * (2 if laser.pairs else 1)
-    return len(line.split()) >= laser.count + 1 + ranges + 3 + _TAIL
+    return len(line.split()) >= laser.count + 1 + ranges + 3 + TAIL

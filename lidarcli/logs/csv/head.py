@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -45,6 +46,12 @@ class Head:
         least = len(self.names) or index + 1
         cells = [row[index] for row in self.rows if len(row) >= least and row[index]]
         return cells or [row[index] for row in self.rows if len(row) > index and row[index]]
+
+    @property
+    def usual(self) -> int:
+        """Cells of more than half of the rows; 0 where rows differ."""
+        counts = Counter(map(len, self.rows))
+        return next((cells for cells, rows in counts.items() if 2 * rows > len(self.rows)), 0)
 
 
 def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:

@@ -48,7 +48,8 @@ def without_header(head: Head) -> Layout:
             return _ros2_layout(head, row)
     if layout := find_coreslam(head):
         return layout
-    width = Counter(len(row) for row in head.rows).most_common(1)[0][0]
+    usual = head.usual
+    width = usual or Counter(len(row) for row in head.rows).most_common(1)[0][0]
     rows = [row for row in head.rows if len(row) == width and all(numeric(cell) for cell in row[2:])]
     if not rows or (len(rows) < len(head.rows) // 2 and width > 3):
         rows = [row for row in head.rows if sum(map(numeric, row[2:])) >= 0.9 * len(row[2:]) and len(row) > 3]
@@ -64,11 +65,14 @@ def without_header(head: Head) -> Layout:
     refuse_other_tables(head, rows, first)
     words = [name for name, _ in sorted(fields.items(), key=lambda item: item[1])]
     need_geometry(head, WIDE)
-    scan = Columns(DEFAULT_TOPIC, fields, units(head, fields), first=first, open_end=True)
+    # A view that is told once for all makes of a beam that is missing another step between all others.
+    usual = usual if head.options.fov is not None else 0
+    ranges = np.arange(first, usual)
+    scan = Columns(DEFAULT_TOPIC, fields, units(head, fields), ranges, first, open_end=not usual)
     notes = [f"no header; columns taken as {', '.join([*words, 'ranges'])}"]
     if not first:
         notes.append("no time column: all stamps are 0")
-    return Layout(WIDE, head.dialect, head.start, scans=(scan,), notes=tuple(notes))
+    return Layout(WIDE, head.dialect, head.start, width=usual, scans=(scan,), notes=tuple(notes))
 
 
 def _is_ros2(row: Sequence[bytes]) -> bool:

@@ -128,6 +128,10 @@ def _columns(
     first, last = int(family.columns[0]), int(family.columns[-1])
     in_order = bool((np.diff(family.columns) == 1).all())
     after = len(head.names) - last - 1
+    # Rows that tell their view say how many ranges they have; others could only be cut or joined.
+    may_differ = {"angle_min", "angle_max", "angle_increment"} <= fields.keys() or head.usual != len(
+        head.names
+    )
     none = np.empty(0, np.int64)
     beside = strengths.get(family.prefix.lower(), none)
     doubled = after == len(family.columns) and all("intens" in name.lower() for name in head.names[-after:])
@@ -140,7 +144,7 @@ def _columns(
         doubled,
         # Those of ragged rows stand wherever the ranges end.
         none if doubled or len(beside) != len(family.columns) else beside,
-        in_order and (doubled or not after),
+        in_order and may_differ and (doubled or not after),
         geometry,
     )
 
