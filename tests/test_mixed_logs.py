@@ -252,7 +252,7 @@ def test_a_hundred_thousand_beams(name: str, tmp_path: Path, detect: Any) -> Non
 @pytest.mark.parametrize(
     ("stamps", "records", "said"),
     [
-        (np.zeros(6), START + STEP * np.arange(6), "increasing; 6 of 6 are zero"),
+        (np.zeros(6), START + STEP * np.arange(6), "all are zero; the times of the recording are taken"),
         (
             START - YEAR + STEP * np.arange(6),
             START + np.arange(6) * 50_000,
@@ -261,7 +261,7 @@ def test_a_hundred_thousand_beams(name: str, tmp_path: Path, detect: Any) -> Non
         (
             START + np.array([0, 1, 2, -3, -2, -1]) * STEP,
             START + STEP * np.arange(6),
-            "go back once, by at most 0.500 s; recorded 0.300 s after the header stamp",
+            "go back once, by 0.500 s; recorded 0.300 s after the header stamp",
         ),
         (
             START + STEP * np.arange(6) + 130 * 10**9,

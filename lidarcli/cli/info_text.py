@@ -154,12 +154,13 @@ def _limits(least: Span, greatest: Span) -> str:
 
 
 def _stamps(clock: ClockInfo, sweeps: int) -> str:
+    if clock.zero_stamps == sweeps:
+        return f"all are zero{'; the times of the recording are taken' if clock.recorded else ''}"
     parts = ["increasing"]
     if clock.repeated:
         parts = [f"{clock.repeated:,} of {sweeps:,} are those of the sweep before"]
     if not clock.monotonic:
-        times = "once" if clock.backward == 1 else f"{clock.backward} times"
-        back = f"go back {times}, by at most {clock.largest_backward:.3f} s"
+        back = f"go back {clock.times_back(f'{clock.largest_backward:.3f} s')}"
         parts = [back, *parts] if clock.repeated else [back]
     if clock.zero_stamps:
         parts.append(f"{clock.zero_stamps:,} of {sweeps:,} are zero")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -105,11 +105,9 @@ class ReadReport:
     notes: list[str] = field(default_factory=list)
     """Choices the reader made that a user should know (the CSV layout taken, a missing metadata.yaml)."""
     no_return: dict[str, float] = field(default_factory=dict)
-    """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`) …"""
-    range_notes: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """… and what a user should know of how its ranges are judged."""
-    doubts: list[str] = field(default_factory=list)
-    """What looks wrong in sweeps that were read (`logs.doubts`): the tables may be wrong, too."""
+    """Topic → the range [m] from which on there is no return, by a pile of values (`logs.piles`)."""
+    doubts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Topic → what a user should know of how its ranges are judged, and what looks wrong in its sweeps (`logs.doubts`)."""
 
     MAX_DAMAGE = 20
 
@@ -123,7 +121,7 @@ class ReadReport:
     def add_new(self, other: ReadReport) -> None:
         """Take over what another pass over the same log has met, of its damage only what this report does not tell yet."""
         met = {part.place for part in self.damage}
-        self.add(replace(other, damage=[], damage_more=0, doubts=[]))
+        self.add(replace(other, damage=[], damage_more=0, doubts={}))
         for part in other.damage:
             if part.place not in met:
                 self.add_damage(part.place, part.cause)
@@ -138,13 +136,18 @@ class ReadReport:
         self.damage_more += other.damage_more
         self.refused.update(other.refused)
         self.notes += [note for note in other.notes if note not in self.notes]
-        self.doubts += other.doubts
         self.no_return.update(other.no_return)
-        self.range_notes.update(other.range_notes)
+        for topic, lines in other.doubts.items():
+            self.add_doubts(topic, lines)
 
-    def notes_on_ranges(self) -> list[str]:
-        """What a user should know of how ranges are judged, topic by topic."""
-        return [note for notes in self.range_notes.values() for note in notes]
+    def add_doubts(self, topic: str, lines: Iterable[str]) -> None:
+        """Add what should be known of the sweeps of a topic."""
+        if told := dict.fromkeys([*self.doubts.get(topic, ()), *lines]):
+            self.doubts[topic] = tuple(told)
+
+    def doubted(self) -> list[str]:
+        """What should be known of the sweeps, topic by topic."""
+        return [line for lines in self.doubts.values() for line in lines]
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,7 +88,7 @@ def read_batches(
         if choice.is_listed and (error := choice.error(every=True)) is not None:
             raise error
     lines: dict[str, _Line] = {}
-    doubts = Doubts()
+    doubts = Doubts([topic.name for topic in log.topics() or () if topic.sliced])
     beyond: Counter[str] = Counter()
 
     def chosen() -> Iterator[RawSweeps]:
@@ -110,7 +110,7 @@ def read_batches(
                 report.notes.append(note)
     finally:
         # Who wants no more sweeps still wants to know what looks wrong in those so far.
-        report.doubts += doubts.notes()
+        doubts.tell(report)
     if beyond:
         report.add_damage(
             "topics",

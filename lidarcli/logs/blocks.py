@@ -25,6 +25,8 @@ WIDEST_STEP = 0.9
 """[rad] A step from beam to beam beyond this one, 52 degrees, …"""
 WIDEST_VIEW = 1.5 * TURN
 """[rad] … is one of degrees that were taken as radians, where the beams go round more than this."""
+FAR = 200.0
+"""[m] Of no 2D LiDAR most ranges are greater."""
 IN_DEGREES = (
     f"angle_increment is beyond {WIDEST_STEP} rad: probably degrees; a LaserScan has radians, and a text log may have "
     "--degrees"
@@ -39,6 +41,21 @@ def in_degrees(beams: Int32 | Int64, angle_increment: Float32 | Float64) -> Bool
     """
     step = np.abs(angle_increment.astype(np.float64))
     return np.asarray((step > WIDEST_STEP) & (step > WIDEST_VIEW / np.maximum(beams - 1, 1)) & (beams > 1))
+
+
+def limits_in_metres(
+    least: Float32 | Float64, most: Float32 | Float64, scale: float
+) -> tuple[Float32, Float32]:
+    """range_min and range_max (S,) of sweeps whose ranges are in a unit of `scale` metres.
+
+    Many a driver has its limits in metres beside ranges in millimetres. A range_max up to `FAR` is in metres: in
+    centimetres it would be 2 m, and no sensor sees as little. Its range_min is in the same unit.
+
+    >>> limits_in_metres(np.array([0.5, 500.0]), np.array([12.0, 12000.0]), 0.001)
+    (array([0.5, 0.5], dtype=float32), array([12., 12.], dtype=float32))
+    """
+    factor = np.where(most <= FAR, 1.0, scale)
+    return as_singles(least * factor), as_singles(most * factor)
 
 
 def split_rows(

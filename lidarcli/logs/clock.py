@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.sweeps import Int64, RawSweeps
+from lidarcli.times import SECOND_NS, Instant
 
 SECOND = 1e-9
 _KEPT = 1 << 16
@@ -19,6 +20,8 @@ SET_BACK = 1.0
 """[s] Messages that overtake each other are not so late."""
 LEAP = 3600.0
 """[s] From one sweep to the next nobody waits so long."""
+RUNS = 3
+"""Runs between steps that are as large, which are told apart."""
 SAME_NS = 1
 """[ns] Stamps of text that are equal lie so far apart at most."""
 OFTEN = 0.05
@@ -50,6 +53,10 @@ class ClockInfo:
     """Sweeps with the stamp of the one before them."""
     largest_forward: float = 0.0
     """The largest step ahead."""
+    copies: int = 0
+    """So many sweeps that follow each other have the same stamp, from the first to the last; 0 where that changes."""
+    runs: tuple[Run, ...] = ()
+    """What lies between steps that nobody waits for; no more than `RUNS` and one."""
 
     @property
     def span(self) -> float:
@@ -61,16 +68,21 @@ class ClockInfo:
         """Whether the stamps never step back."""
         return self.backward == 0
 
-    def doubts(self, name: str, alike: bool) -> list[str]:
-        """What is odd, a line each with the way out; `alike`: sweeps with the stamp of the one before are that one."""
+    def doubts(self, name: str, alike: bool, alone: bool) -> list[str]:
+        """What is odd, a line each, with the way out where there is one.
+
+        Parameters
+        ----------
+        alike : sweeps with the stamp of the one before are that one
+        alone : no sweeps of other frames are between these
+        """
         lines = []
         often = max(OFTEN * self.sweeps, SOME)
-        both = "two sensors share the topic: record a topic for each"
-        several = "the clock was set, or the log holds several runs: --start and --end take one of them"
+        both = "two sensors share the topic"
         if self.repeated > often and alike:
+            way = f": --every {self.copies} takes each once" if self.copies > 1 and alone else ""
             lines.append(
-                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} are there twice, with stamp and ranges of the "
-                "sweep before: --every 2 takes each once"
+                f"{self.repeated:,} of {self.sweeps:,} sweeps of {name} have stamp and ranges of the sweep before{way}"
             )
         elif self.repeated > often:
             lines.append(
@@ -87,31 +99,71 @@ class ClockInfo:
                 f"stamps of {name} go back {self.backward:,} times, by at most {_long(self.largest_backward)}: messages "
                 f"are out of order (sort them by their stamps), or {both}"
             )
+        elif (astray := self._astray()) is not None:
+            side = "ahead of" if astray > 0 else "behind"
+            lines.append(f"one stamp of {name} is {_long(abs(astray))} {side} those around it")
         elif self.largest_backward >= SET_BACK:
-            times = "once" if self.backward == 1 else f"{self.backward:,} times"
             lines.append(
-                f"stamps of {name} go back {times}, by at most {_long(self.largest_backward)}: {several}"
+                f"stamps of {name} go back {self.times_back(_long(self.largest_backward))}: {self._several()}"
             )
         elif self.largest_forward > LEAP:
-            lines.append(f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {several}")
-        if 0 < self.recorded < self.sweeps:
+            lines.append(f"stamps of {name} leap ahead by {_long(self.largest_forward)}: {self._several()}")
+        if self.recorded:
+            every = self.recorded == self.sweeps
+            some = "no sweep" if every else f"{self.recorded:,} of {self.sweeps:,} sweeps"
             lines.append(
-                f"{self.recorded:,} of {self.sweeps:,} sweeps of {name} have no stamp: the times at which they were "
-                "recorded are taken for them"
+                f"{some} of {name} {'has a' if every else 'have no'} stamp: the times at which they were recorded are "
+                "taken for them"
             )
         return lines
+
+    def times_back(self, most: str) -> str:
+        """How often stamps go back, and by how much."""
+        return f"once, by {most}" if self.backward == 1 else f"{self.backward:,} times, by at most {most}"
+
+    def _astray(self) -> float | None:
+        """How far a single sweep is ahead of those before and after it [s]; None where that is not all."""
+        if len(self.runs) != 3 or self.runs[1].sweeps > 1:
+            return None
+        before, one, after = self.runs
+        ahead = (one.low_ns - before.high_ns) * SECOND
+        goes_on = before.high_ns <= after.low_ns <= before.high_ns + LEAP * SECOND_NS
+        return ahead if goes_on else None
+
+    def _several(self) -> str:
+        """Why stamps leap, and how to take the sweeps before and after it, where their times tell which are which."""
+        why = "the clock was set, or the log holds several runs"
+        if len(self.runs) != 2:
+            return why
+        early, late = sorted(self.runs, key=lambda run: run.low_ns)
+        cut = late.low_ns - late.low_ns % SECOND_NS
+        if cut <= early.high_ns:
+            return why
+        first, second = ("--end", "--start") if self.runs[0] is early else ("--start", "--end")
+        return f"{why}; {first} {Instant(cut)} takes what was before, {second} {Instant(cut)} what came after"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Sweeps that follow each other without a leap of their stamps."""
+
+    low_ns: int
+    """The earliest stamp."""
+    high_ns: int
+    """The latest."""
+    sweeps: int
 
 
 def _long(seconds: float) -> str:
     """A time in the unit that suits it.
 
-    >>> _long(0.25), _long(3600.0), _long(31_536_000.0)
-    ('0.250 s', '60.0 min', '365.0 days')
+    >>> _long(0.25), _long(3600.0), _long(31_536_000.0), _long(9000.0)
+    ('0.25 s', '60 min', '365 days', '2.5 h')
     """
     for unit, name in ((86400.0, "days"), (3600.0, "h"), (60.0, "min")):
         if seconds > 2 * unit:
-            return f"{seconds / unit:,.1f} {name}"
-    return f"{seconds:.3f} s"
+            return f"{f'{seconds / unit:,.1f}'.removesuffix('.0')} {name}"
+    return f"{f'{seconds:.3f}'.rstrip('0').removesuffix('.')} s"
 
 
 class Sample:
@@ -161,6 +213,16 @@ class Clock:
         self._backward = 0
         self._largest = 0
         self._zero = 0
+        self._copies: int | None = None
+        """As `ClockInfo.copies`; None where nobody knows yet …"""
+        self._since = 0
+        """… and the number of the sweep from which on all have the same stamp."""
+        self._runs: list[Run] = []
+
+    @property
+    def sweeps(self) -> int:
+        """How many it was told of."""
+        return self._sweeps
 
     def add(self, block: RawSweeps, sweep: Int64 | None = None) -> None:
         """Take the times of a block; `sweep` (S,) numbers its sweeps in the log, where some are left out."""
@@ -179,20 +241,50 @@ class Clock:
         self._largest = max(self._largest, -int(steps.min(initial=0)))
         self._forward = max(self._forward, int(steps.max(initial=0)))
         number = np.arange(self._number + 1, self._number + 1 + len(block)) if sweep is None else sweep
+        if self._last is None:
+            self._since = int(number[0])
         apart = np.diff(np.concatenate([[self._number], number]))[len(stamps) - len(steps) :]
         self._number = int(number[-1])
-        self._repeated += int(
-            np.count_nonzero((np.abs(steps) <= SAME_NS * apart) & has_stamp[len(stamps) - len(steps) :])
-        )
+        same = (np.abs(steps) <= SAME_NS * apart) & has_stamp[len(stamps) - len(steps) :]
+        self._repeated += int(np.count_nonzero(same))
+        self._count_copies(number[len(stamps) - len(steps) :][~same])
+        self._part(stamps, steps)
         low, high = int(stamps.min()), int(stamps.max())
         self._start = low if self._start is None else min(self._start, low)
         self._end = high if self._end is None else max(self._end, high)
         self._last = int(stamps[-1])
 
+    def _count_copies(self, fresh: Int64) -> None:
+        """Take the numbers of sweeps that have another stamp than the one before."""
+        if not len(fresh) or self._copies == 0:
+            return
+        lengths = np.diff(np.concatenate([[self._since], fresh]))
+        copies = int(lengths[0]) if self._copies is None else self._copies
+        # `--every` counts from the first sweep of the log on.
+        self._copies = copies if self._since % copies == 0 and (lengths == copies).all() else 0
+        self._since = int(fresh[-1])
+
+    def _part(self, stamps: Int64, steps: Int64) -> None:
+        """Part the stamps where they leap."""
+        leaps = np.flatnonzero((steps <= -SET_BACK * SECOND_NS) | (steps > LEAP * SECOND_NS))
+        starts = (leaps[: RUNS + 1] + len(stamps) - len(steps)).tolist()
+        for first, end in zip([0, *starts], [*starts, len(stamps)], strict=True):
+            if first == end or len(self._runs) > RUNS:
+                continue
+            part = stamps[first:end]
+            run = Run(int(part.min()), int(part.max()), len(part))
+            if self._runs and first not in starts:
+                last = self._runs.pop()
+                run = Run(
+                    min(last.low_ns, run.low_ns), max(last.high_ns, run.high_ns), last.sweeps + run.sweeps
+                )
+            self._runs.append(run)
+
     def info(self) -> ClockInfo:
         """The state of the clocks so far."""
         step = self._steps.median()
         offset = self._offsets.median()
+        copies = self._copies or 0
         return ClockInfo(
             start_ns=self._start,
             end_ns=self._end,
@@ -205,4 +297,6 @@ class Clock:
             recorded=self._recorded,
             repeated=self._repeated,
             largest_forward=self._forward * SECOND,
+            copies=copies if self._number < self._since + copies else 0,
+            runs=tuple(self._runs),
         )

@@ -5,29 +5,33 @@ A fold with bounded memory over what `judging.normalise` has judged. Whatever re
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from lidarcli.judging import FARTHEST
-from lidarcli.logs.blocks import WIDEST_VIEW
+from lidarcli.logs.base import ReadReport
+from lidarcli.logs.blocks import FAR, WIDEST_VIEW
 from lidarcli.logs.clock import SAME_NS, Clock
-from lidarcli.sweeps import Bool, Float32, RawSweeps, Status, SweepBatch
+from lidarcli.sweeps import Bool, Float32, Int64, RawSweeps, Status, SweepBatch
 
-MOST = 100
+MOST = 1000
 """Topics and frames that are looked at: a log may have a new name in every message."""
 FINEST_STEP = 1e-5
 """[rad] No sensor has finer steps from beam to beam."""
-FAR = 200.0
-"""[m] Of no 2D LiDAR most ranges are greater."""
 CERTAINLY_MM = 1000.0
 """[m] What is seen in centimetres is nearer."""
 UNUSABLE = 0.95
 """Share of the beams without a range from which on something may be wrong."""
-SAMPLE = 16
-"""Sweeps of each batch that are compared with each other, the first ones …"""
+THIN = 5
+"""Of so many sweeps the ranges of one are looked at: neither of two sensors in turns is always left out."""
+TOGETHER, PERIOD = 16, 64
+"""So many sweeps in a row are compared with each other, of so many …"""
 BEAMS = 90
-"""… by so many of their beams, up to twice as many."""
+"""… by so many of their beams."""
 APART = 0.1
 """[m] From one sweep to the next half of the beams change by more than this …"""
 NEARER = 3.0
@@ -36,10 +40,12 @@ IN_TURNS = 0.3
 """… in this share of them: they come from two sensors in turns."""
 LEAST = 6
 """Sweeps that have to be compared before that is told."""
+AT_MOST, ABOVE = "at range_max", "above range_max"
 WAYS = {
     "NaN": "the log tells no ranges there; --no-return nan counts them as no return",
     **dict.fromkeys(
-        ("zero", "infinite", "at range_max"), "nothing was within reach, or the sensor did not measure"
+        ("NaN, counted as no return", "zero", "infinite", AT_MOST),
+        "nothing was within reach, or the sensor did not measure",
     ),
 }
 """What to do where that is why most beams have no range."""
@@ -48,7 +54,9 @@ WAYS = {
 class Doubts:
     """Takes sweeps in the order of the log, and tells what looks wrong in them."""
 
-    def __init__(self) -> None:
+    def __init__(self, clouds: Collection[str] = ()) -> None:
+        self._clouds = clouds
+        """Topics whose sweeps are made of point clouds: in metres, whatever the log's unit."""
         self._seen: dict[tuple[str, str], _Seen] = {}
 
     def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
@@ -61,14 +69,51 @@ class Doubts:
                 self._seen[key] = _Seen()
             self._seen[key].add(raw if mine is batch else raw.rows(rows), mine)
 
-    def notes(self) -> list[str]:
-        """What was found so far, by topic and frame."""
-        topics = [topic for topic, _ in self._seen]
-        lines = []
+    def clock(self, topic: str, frame: str) -> Clock:
+        """The clock of one topic and frame."""
+        return self._seen[topic, frame].clock
+
+    def tell(self, report: ReadReport) -> None:
+        """Put what was found so far into the report, by topic and frame."""
+        told = {*report.doubts}
+        frames = Counter(topic for topic, _ in self._seen)
+        for (topic, _), seen in self._seen.items():
+            if seen.is_far:
+                # What was said of its ranges is in the wrong unit.
+                report.doubts.pop(topic, None)
         for (topic, frame), seen in sorted(self._seen.items()):
-            name = topic if topics.count(topic) == 1 else f"{topic} (frame {frame or 'without a name'})"
-            lines += seen.notes(name)
-        return lines
+            alone = frames[topic] == 1
+            name = topic if alone else f"{topic} (frame {frame or 'without a name'})"
+            lines = seen.notes(name, alone, topic in told, topic not in self._clouds)
+            report.add_doubts(topic, lines)
+
+
+class _Sample(NamedTuple):
+    """Some sweeps in the order of the log."""
+
+    number: Int64
+    """(N,) counts the sweeps that were seen."""
+    sweep: Int64
+    """(N,) their numbers in the log."""
+    time_ns: Int64
+    """(N,) when they were taken."""
+    ranges: Float32
+    """(N, BEAMS) some of their ranges, 0 where there is none."""
+
+    def and_then(self, other: _Sample) -> _Sample:
+        """These sweeps and those that follow."""
+        return _Sample(
+            np.concatenate([self.number, other.number]),
+            np.concatenate([self.sweep, other.sweep]),
+            np.concatenate([self.time_ns, other.time_ns]),
+            np.concatenate([self.ranges, other.ranges]),
+        )
+
+    def last(self, count: int) -> _Sample:
+        """The last sweeps."""
+        return _Sample(
+            self.number[-count:], self.sweep[-count:], self.time_ns[-count:], self.ranges[-count:].copy()
+        )
 
 
 @dataclass(slots=True)
@@ -76,9 +121,11 @@ class _Seen:
     """What was seen of one topic and frame."""
 
     clock: Clock = field(default_factory=Clock)
+    some: bool = False
+    """Whether any sweep has a beam."""
     beams: int = 0
     valid: int = 0
-    """Beams, and those with a range."""
+    """Beams of the sweeps that were looked at, and those with a range."""
     wide: int = 0
     fine: int = 0
     view: float = 0.0
@@ -96,8 +143,8 @@ class _Seen:
     causes: dict[str, int] = field(default_factory=dict)
     """Why beams have no range → how many, where hardly any has one."""
     limits: tuple[float, float] = (0.0, 0.0)
-    last: tuple[int, Float32] | None = None
-    """Stamp and ranges of the last sweep."""
+    before: _Sample | None = None
+    """The last three sweeps that were looked at."""
     compared: int = 0
     turns: int = 0
     """Sweeps that are less like the one before than like one before that, of those that were compared."""
@@ -105,30 +152,52 @@ class _Seen:
     alike: int = 0
     """Sweeps with the ranges of the one before, of those with its stamp."""
 
+    @property
+    def is_far(self) -> bool:
+        """Whether most ranges are too great for metres."""
+        return 2 * self.far > self.ranged
+
     def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
         """Take sweeps."""
+        number = self.clock.sweeps + np.arange(len(raw))
         self.clock.add(raw, batch.sweep)
         self._take_geometry(raw)
-        beams, valid = int(raw.beams.sum()), int(np.count_nonzero(batch.status == Status.VALID))
+        # A slice copies nothing.
+        self._take_ranges(raw, batch, slice(-int(number[0]) % THIN, None, THIN) if len(raw) else slice(0))
+        self._take_order(raw, batch, number)
+
+    def notes(self, name: str, alone: bool, told: bool, in_unit: bool) -> list[str]:
+        """What was found so far.
+
+        Parameters
+        ----------
+        alone : no other frame is on the topic
+        told : there is a note already on what is beyond the greatest range (`logs.piles`)
+        in_unit : ranges may have another unit
+        """
+        lines = self._geometry_notes(name) + self._range_notes(name, told, in_unit)
+        if self.turns > IN_TURNS * self.compared and self.compared >= LEAST:
+            lines.append(f"sweeps of {name} come from two sensors in turns: --every 2 may take one alone")
+        return lines + self.clock.info().doubts(name, self.alike > 0.5 * self.repeats, alone)
+
+    def _take_ranges(self, raw: RawSweeps, batch: SweepBatch, rows: slice) -> None:
+        ranges, status, most = raw.ranges[rows], batch.status[rows], batch.range_max[rows, None]
+        if not len(ranges):
+            return
+        least = batch.range_min[rows, None]
+        beams, valid = int(raw.beams[rows].sum()), int(np.count_nonzero(status == Status.VALID))
         self.beams += beams
         self.valid += valid
-        if valid < (1.0 - UNUSABLE) * beams:
-            self._take_causes(raw, batch)
-        self._take_units(raw.ranges, batch.status, valid)
-        self._take_order(raw, batch)
-
-    def notes(self, name: str) -> list[str]:
-        """What was found so far."""
-        lines = self._geometry_notes(name) + self._range_notes(name)
-        if self.turns > IN_TURNS * self.compared and self.compared >= LEAST:
-            lines.append(
-                f"sweeps of {name} come from two sensors in turns: record a topic for each; --every 2 may take one alone"
-            )
-        return lines + self.clock.info().doubts(name, self.alike > 0.5 * self.repeats)
+        # Sweep by sweep, so that it does not matter what a block holds.
+        few = np.count_nonzero(status == Status.VALID, axis=1) < (1.0 - UNUSABLE) * raw.beams[rows]
+        if few.any():
+            self._take_causes(ranges[few], status[few], least[few], most[few])
+        self._take_units(ranges, status, valid)
 
     def _take_geometry(self, raw: RawSweeps) -> None:
         step = np.abs(raw.angle_increment)
         gaps = np.maximum(raw.beams - 1, 0)
+        self.some |= bool(raw.beams.any())
         view = gaps * step
         wide, fine = view > WIDEST_VIEW, (step < FINEST_STEP) & (gaps > 0)
         self.view = max(self.view, float(view.max(initial=0.0)))
@@ -150,23 +219,23 @@ class _Seen:
                 self.ends = float(raw.angle_max[row]), float(last[row])
             self.off += int(np.count_nonzero(off))
 
-    def _take_causes(self, raw: RawSweeps, batch: SweepBatch) -> None:
+    def _take_causes(self, values: Float32, status: np.ndarray, least: Float32, most: Float32) -> None:
         """Why beams have no range."""
-        values, real = raw.ranges, batch.status != Status.PADDING
-        without = real & (batch.status != Status.VALID)
-        finite = np.isfinite(values)
+        without = (status != Status.PADDING) & (status != Status.VALID)
+        finite, told = np.isfinite(values), status == Status.NO_RETURN
         with np.errstate(invalid="ignore"):
             found = {
-                "NaN": np.isnan(values),
-                "at range_max": finite & (values == batch.range_max[:, None]),
-                "above range_max": finite & (values > batch.range_max[:, None]),
-                "below range_min": finite & (values > 0) & (values < batch.range_min[:, None]),
+                "NaN": np.isnan(values) & ~told,
+                "NaN, counted as no return": np.isnan(values) & told,
+                AT_MOST: finite & (values == most),
+                ABOVE: finite & (values > most),
+                "below range_min": finite & (values > 0) & (values < least),
                 "zero": values == 0,
                 "infinite": np.isinf(values),
             }
         for cause, where in found.items():
             self.causes[cause] = self.causes.get(cause, 0) + int(np.count_nonzero(where & without))
-        self.limits = float(batch.range_min[0]), float(batch.range_max[0])
+        self.limits = float(least[0, 0]), float(most[0, 0])
 
     def _take_units(self, ranges: Float32, status: np.ndarray, valid: int) -> None:
         """Count ranges that are too far to be metres."""
@@ -188,36 +257,42 @@ class _Seen:
         self.farther += int(np.count_nonzero(ranges[real] > CERTAINLY_MM))
         self.ranged += int(np.count_nonzero(real))
 
-    def _take_order(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Compare sweeps with those before them."""
-        if not len(raw):
+    def _take_order(self, raw: RawSweeps, batch: SweepBatch, number: Int64) -> None:
+        """Compare sweeps with those before them, whichever block these came in."""
+        rows = np.flatnonzero((number % PERIOD < TOGETHER) & (raw.beams > 0))
+        if not len(rows):
             return
-        stamps, ranges = raw.time_ns, raw.ranges
-        if self.last is not None and abs(int(stamps[0]) - self.last[0]) <= SAME_NS:
-            self._compare(self.last[1], ranges[0])
-        self.last = int(stamps[-1]), ranges[-1].copy()
-        same = np.abs(np.diff(stamps)) <= SAME_NS * np.diff(batch.sweep)
-        for row in np.flatnonzero(same)[:SAMPLE].tolist():
-            self._compare(ranges[row], ranges[row + 1])
-        some = np.nan_to_num(batch.ranges[:SAMPLE, :: max(batch.width // BEAMS, 1)])
-        if len(some) < 4 or not some.shape[1]:
+        # Blocks are padded to widths of their own.
+        beams = raw.beams[rows, None].astype(np.int64) * np.arange(BEAMS) // BEAMS
+        some = _Sample(
+            number[rows],
+            batch.sweep[rows],
+            raw.time_ns[rows],
+            np.nan_to_num(np.take_along_axis(batch.ranges[rows], beams, axis=1)),
+        )
+        fresh = len(rows)
+        if self.before is not None:
+            some = self.before.and_then(some)
+        self.before = some.last(3)
+        first = max(len(some.number) - fresh, 1)
+        follows = np.diff(some.number)[first - 1 :] == 1
+        steps, apart = np.diff(some.time_ns)[first - 1 :], np.diff(some.sweep)[first - 1 :]
+        same = np.flatnonzero(follows & (np.abs(steps) <= SAME_NS * apart)) + first
+        self.repeats += len(same)
+        self.alike += int(np.count_nonzero((some.ranges[same] == some.ranges[same - 1]).all(axis=1)))
+        fourth = np.arange(max(len(some.number) - fresh, 3), len(some.number))
+        fourth = fourth[some.number[fourth] - some.number[fourth - 3] == 3]
+        if not len(fourth):
             return
-        differences = np.abs(np.stack([some[3:] - some[3 - by : len(some) - by] for by in (1, 2, 3)]))
-        half = some.shape[1] // 2
-        changes = np.partition(differences, half, axis=2)[:, :, half]
+        differences = np.abs(np.stack([some.ranges[fourth] - some.ranges[fourth - by] for by in (1, 2, 3)]))
+        changes = np.partition(differences, BEAMS // 2, axis=2)[:, :, BEAMS // 2]
         nearer = np.minimum(changes[1], changes[2]) * NEARER < changes[0]
         self.compared += len(nearer)
         self.turns += int(np.count_nonzero(nearer & (changes[0] > APART)))
 
-    def _compare(self, before: Float32, after: Float32) -> None:
-        """Compare a sweep with the one before, which has its stamp; blocks are padded to widths of their own."""
-        width = min(len(before), len(after))
-        self.repeats += 1
-        self.alike += int(np.array_equal(before[:width], after[:width], equal_nan=True))
-
     def _geometry_notes(self, name: str) -> list[str]:
         lines = []
-        sweeps = self.clock.info().sweeps
+        sweeps = self.clock.sweeps
         view, end, last = np.degrees([self.view, *self.ends]).tolist()
         if self.wide:
             lines.append(
@@ -236,11 +311,14 @@ class _Seen:
             )
         return lines
 
-    def _range_notes(self, name: str) -> list[str]:
-        sweeps = self.clock.info().sweeps
-        if sweeps and not self.beams:
-            return [f"the sweeps of {name} have no beams"]
-        if 2 * self.far > self.ranged:
+    def _range_notes(self, name: str, told: bool, in_unit: bool) -> list[str]:
+        if not self.some:
+            return [f"the sweeps of {name} have no beams"] if self.clock.sweeps else []
+        if self.is_far and not in_unit:
+            return [
+                f"most ranges of {name} are beyond {FAR:,.0f} m: the points of the clouds are probably not in metres"
+            ]
+        if self.is_far:
             if 2 * self.farther > self.ranged:
                 least, unit, way = CERTAINLY_MM, "millimetres", "mm"
             else:
@@ -252,14 +330,17 @@ class _Seen:
         if without <= UNUSABLE * self.beams:
             return []
         total = max(sum(self.causes.values()), 1)
-        told = ", ".join(
-            f"{count / total:.1%} {cause}"
-            for cause, count in sorted(self.causes.items(), key=lambda each: -each[1])
-            if count
-        )
-        leading = max(self.causes, key=lambda cause: self.causes[cause], default="")
         least, most = self.limits
+        counts = {cause: count for cause, count in self.causes.items() if count}
+        leading = max(counts, key=lambda cause: counts[cause], default="")
+        if told and leading == ABOVE:
+            return []
+        shown = ", ".join(
+            f"{'all of them' if count == total else f'{count / total:.1%}'} {cause}"
+            f"{f', {most:g} m' if cause == AT_MOST else ''}"
+            for cause, count in sorted(counts.items(), key=lambda each: -each[1])
+        )
         way = WAYS.get(
             leading, f"--range sets other limits than {least:g} to {most:g} m, --range-unit another unit"
         )
-        return [f"{without / self.beams:.1%} of the beams of {name} have no range ({told}): {way}"]
+        return [f"{without / self.beams:.1%} of the beams of {name} have no range ({shown}): {way}"]

@@ -78,6 +78,10 @@ def open_options(
         return found
 
     part = _slice(heights, bins, limits)
+    if part is not None and range_unit != "m":
+        raise OptionError(
+            "--range-unit is for LaserScan: with --slice, points of clouds are in metres; leave one out"
+        )
     told = OpenOptions(
         angle_min=radians("--angle-min", angle_min),
         angle_increment=radians("--angle-increment", angle_increment),

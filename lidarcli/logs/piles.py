@@ -205,9 +205,9 @@ class _Topic:
                 f"the log tells, but look like measurements; --range 0 {np.ceil(greatest):g} takes them"
             )
         if notes:
-            self.report.range_notes[topic] = tuple(notes)
+            self.report.doubts[topic] = tuple(notes)
         else:
-            self.report.range_notes.pop(topic, None)
+            self.report.doubts.pop(topic, None)
 
 
 def _every(blocks: list[RawSweeps], step: int) -> list[RawSweeps]:

@@ -16,7 +16,7 @@ from lidarcli.judging import RangeRules, closure, normalise
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.choice import scan_topics
 from lidarcli.logs.clock import Clock, ClockInfo
-from lidarcli.logs.doubts import Doubts
+from lidarcli.logs.doubts import MOST, Doubts
 from lidarcli.logs.piles import Settling
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sliced import made_of_clouds
@@ -28,9 +28,6 @@ from lidarcli.pipeline.reading.posing import alike_note
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
-
-MAX_SCANS = 1000
-"""Topics and frames that are told apart: a log may have a new name in every message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,25 +111,29 @@ def inspect_log(
         poses = find_poses(log, wanted, rules=rules)
         search = poses is not None and wanted.source != MATCH
         delays = DelaySearch(poses.sources, wanted.deskew) if poses is not None and search else None
-        report, doubts = ReadReport(), Doubts()
+        report, doubts = ReadReport(), Doubts(made_of_clouds(log))
+        count: Counter[str] = Counter()
         for block, judging in Settling(rules, report).blocks(log.scans(None, report)):
             for code, sweeps in zip(*np.unique(block.frame, return_counts=True), strict=True):
                 key = block.topic, block.frame_ids[code]
-                if key in found or len(found) < MAX_SCANS:
+                if key in found or len(found) < MOST:
                     if key not in found:
                         found[key] = _Scan()
-                    mine = block.rows(block.frame == code)
-                    batch = normalise(mine, np.arange(len(mine)) + found[key].sweeps, judging)
+                    rows = np.flatnonzero(block.frame == code)
+                    mine = block.rows(rows)
+                    batch = normalise(mine, rows + count[block.topic], judging)
                     found[key].add(mine, batch)
                     doubts.add(mine, batch)
                 else:
                     only_counted[block.topic] += int(sweeps)
+            count[block.topic] += len(block)
             if delays is not None:
                 delays.add(block, judging)
             if progress is not None:
                 progress(log.position)
         topics = _with_counts(log.topics() or (), found, only_counted)
         report = report if poses is None else poses.together(report)
+        doubts.tell(report)
         made_of = made_of_clouds(log)
         return LogInfo(
             path=source.label,
@@ -141,15 +142,15 @@ def inspect_log(
             size=log.size,
             topics=topics,
             scans=tuple(
-                found[key].info(*key, _pose(poses, key[1]), made_of.get(key[0], "")) for key in sorted(found)
+                found[key].info(*key, doubts.clock(*key), _pose(poses, key[1]), made_of.get(key[0], ""))
+                for key in sorted(found)
             ),
             pose_topics=tuple(topic.name for topic in topics if topic.type in POSE_TYPES),
             pose_sources=pose_infos(poses) if poses is not None else (),
             dropped=tuple((topic, cause, count) for (topic, cause), count in sorted(report.refused.items())),
             notes=(
                 *report.notes,
-                *report.notes_on_ranges(),
-                *doubts.notes(),
+                *report.doubted(),
                 *_pose_notes(poses, delays, found),
                 *_not_shown(only_counted),
             ),
@@ -161,7 +162,7 @@ def _not_shown(only_counted: Counter[str]) -> tuple[str, ...]:
     if not only_counted:
         return ()
     return (
-        f"{only_counted.total():,} sweeps are counted and no more: there are over {MAX_SCANS:,} frames and topics",
+        f"{only_counted.total():,} sweeps are counted and no more: there are over {MOST:,} frames and topics",
     )
 
 
@@ -194,12 +195,10 @@ class _Scan:
         )
         self._closures: set[int] = set()
         self._statuses = np.zeros(len(Status), np.int64)
-        self._clock = Clock()
 
     def add(self, block: RawSweeps, batch: SweepBatch) -> None:
         """Take a block, as the log holds it and as it was judged."""
         self.sweeps += len(block)
-        self._clock.add(block)
         closed = closure(block.beams, block.angle_increment)
         self._closures |= set(np.unique(closed).tolist())
         step = np.abs(block.angle_increment)
@@ -215,14 +214,14 @@ class _Scan:
             self._spans[name] = self._spans[name].with_values(value)
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
 
-    def info(self, topic: str, frame_id: str, pose: str, made_of: str) -> ScanInfo:
+    def info(self, topic: str, frame_id: str, clock: Clock, pose: str, made_of: str) -> ScanInfo:
         """The state so far."""
         return ScanInfo(
             topic=topic,
             frame_id=frame_id,
             sweeps=self.sweeps,
             closure=tuple(Closure(code).name.lower() for code in sorted(self._closures)),
-            clock=self._clock.info(),
+            clock=clock.info(),
             pose=pose,
             made_of=made_of,
             by_status={

@@ -123,7 +123,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
     by_index = {int(row.sweep[0]): row for row in rows}
     order = options.sweeps if options.sweeps is not None else tuple(sorted(by_index))
     pictures = tuple(work.picture(by_index[index]) for index in order)
-    return Drawn(pictures, (*notes, *report.notes_on_ranges(), *report.doubts, *work.notes()), damage)
+    return Drawn(pictures, (*notes, *report.doubted(), *work.notes()), damage)
 
 
 def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:

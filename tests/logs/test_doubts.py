@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,6 +20,7 @@ from lidarcli.logs.blocks import IN_DEGREES
 from lidarcli.logs.doubts import MOST, Doubts
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
+from lidarcli.times import as_time
 from tests.fake_log import FakeLog
 from tests.logs.scan_messages import scan
 from tests.logs.test_odd_logs import written
@@ -44,7 +46,7 @@ def notes(*blocks: RawSweeps, **options: Any) -> list[str]:
     for _ in read_batches(FakeLog(blocks), ReadOptions(**options), report):
         pass
     assert report.notes == []
-    return report.doubts
+    return report.doubted()
 
 
 def scaled(by: float, limits: float = 1.0) -> RawSweeps:
@@ -86,19 +88,19 @@ ODD = {
     "no steps": (bearings(0.0, 1e-12), "the beams of /scan are 1e-12 rad apart (40 of 40 sweeps)"),
     "no range": (
         replace(room(), ranges=np.full((COUNT, 360), np.nan, np.float32)),
-        "100.0% of the beams of /scan have no range (100.0% NaN): the log tells no ranges there",
+        "100.0% of the beams of /scan have no range (all of them NaN): the log tells no ranges there",
     ),
     "nothing near": (
         replace(room(), ranges=np.full((COUNT, 360), np.inf, np.float32)),
-        "100.0% of the beams of /scan have no range (100.0% infinite): nothing was within reach",
+        "100.0% of the beams of /scan have no range (all of them infinite): nothing was within reach",
     ),
     "limits that are too near": (
         replace(room(), range_max=np.full(COUNT, 0.5, np.float32)),
-        "(100.0% above range_max): --range sets other limits than 0.1 to 0.5 m",
+        "beyond the greatest range of 0.5 m that the log tells, but look like measurements; --range 0 5 takes them",
     ),
     "limits that are too far": (
         replace(room(), range_min=np.full(COUNT, 10.0, np.float32)),
-        "(100.0% below range_min): --range sets other limits than 10 to 12 m",
+        "(all of them below range_min): --range sets other limits than 10 to 12 m",
     ),
     "limits the other way round": (
         replace(
@@ -114,7 +116,7 @@ ODD = {
     ),
     "twice": (
         room().rows(np.repeat(np.arange(COUNT), 2)),
-        "40 of 80 sweeps of /scan are there twice, with stamp and ranges of the sweep before: --every 2 takes each once",
+        "40 of 80 sweeps of /scan have stamp and ranges of the sweep before: --every 2 takes each once",
     ),
     "coarse stamps": (
         stamped(lambda k: START + k // 10 * 10 * STEP),
@@ -124,15 +126,19 @@ ODD = {
         room().rows(np.random.default_rng(1).permutation(COUNT)),
         "messages are out of order (sort them by their stamps)",
     ),
-    "in turns": (in_turns(), "sweeps of /scan come from two sensors in turns: record a topic for each"),
+    "in turns": (in_turns(), "sweeps of /scan come from two sensors in turns: --every 2 may take one alone"),
     "milliseconds": (stamped(lambda k: (START + STEP * k) // 1_000_000), "stamps of /scan are 100 ns apart"),
     "an hour back": (
         stamped(lambda k: START + STEP * k - HOUR * (k >= 20)),
-        "stamps of /scan go back once, by at most 60.0 min: the clock was set, or the log holds several runs: --start",
+        "stamps of /scan go back once, by 60 min: the clock was set, or the log holds several runs; --start 2023-",
     ),
     "a year ahead": (
         stamped(lambda k: START + STEP * k + 365 * 24 * HOUR * (k >= 20)),
-        "stamps of /scan leap ahead by 365.0 days: the clock was set",
+        "stamps of /scan leap ahead by 365 days: the clock was set",
+    ),
+    "none with a stamp": (
+        stamped(lambda k: 0 * k),
+        "no sweep of /scan has a stamp: the times at which they were recorded are taken for them",
     ),
     "some without a stamp": (
         stamped(lambda k: np.where(k % 20 == 3, 0, START + STEP * k)),
@@ -146,8 +152,27 @@ def test_what_is_odd_is_told_in_one_line(name: str) -> None:
     block, words = ODD[name]
     (line,) = notes(block)
     assert words in line
-    # Whatever the batches are.
-    assert notes(*(block.rows(slice(k, k + 7)) for k in range(0, len(block), 7)), batch_size=16) == [line]
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 7])
+@pytest.mark.parametrize("name", ODD)
+def test_blocks_and_batches_do_not_matter(name: str, rows: int) -> None:
+    block, _ = ODD[name]
+    blocks = [block.rows(slice(k, k + rows)) for k in range(0, len(block), rows)]
+    assert notes(*blocks, batch_size=3 * rows) == notes(block)
+    # As `info` tells it, which passes blocks as they come.
+    whole, parts = Doubts(), Doubts()
+    for doubts, each in ((whole, [block]), (parts, blocks)):
+        numbers = np.split(np.arange(len(block)), np.cumsum([len(part) for part in each])[:-1])
+        for part, sweep in zip(each, numbers, strict=True):
+            doubts.add(part, normalise(part, sweep, RangeRules()))
+    assert told(parts) == told(whole)
+    assert told(whole)
+
+
+def told(doubts: Doubts) -> list[str]:
+    doubts.tell(report := ReadReport())
+    return report.doubted()
 
 
 def test_nothing_is_told_of_what_is_right() -> None:
@@ -172,7 +197,25 @@ def test_nothing_is_told_of_what_is_right() -> None:
 def test_the_way_out_ends_the_doubt() -> None:
     assert notes(ODD["twice"][0], every=2) == []
     assert notes(ODD["in turns"][0], every=2) == []
-    assert notes(ODD["an hour back"][0], end=1.95, start=0.0) == []
+    hour = room().rows(np.arange(2, COUNT))
+    shifted = replace(hour, stamp_ns=hour.stamp_ns - HOUR * (np.arange(COUNT - 2) >= 18))
+    (line,) = notes(shifted)
+    found = re.search(r"--start (\S+) takes what was before, --end (\S+) what came after", line)
+    assert found
+    for window, count in (({"start": as_time(found[1])}, 18), ({"end": as_time(found[2])}, 20)):
+        batches = read_batches(FakeLog([shifted]), ReadOptions(**window), report := ReadReport())
+        assert sum(map(len, batches)) == count
+        assert report.doubted() == []
+    ahead = ODD["a year ahead"][0]
+    (line,) = notes(ahead)
+    assert (
+        "--end 2024-11-13T22:13:22Z takes what was before, --start 2024-11-13T22:13:22Z what came after"
+        in line
+    )
+    assert notes(ahead, start=as_time("2024-11-13T22:13:22Z")) == []
+    nothing = ODD["no range"][0]
+    (line,) = notes(nothing, rules=RangeRules(no_return=frozenset({"nan"})))
+    assert "--no-return" not in line
     limits = RangeRules(limits=(0.1, 12.0))
     assert notes(ODD["limits that are too near"][0], rules=limits) == []
 
@@ -184,6 +227,41 @@ def test_equal_stamps_of_text_are_too_coarse_however_few_are_read(every: int) ->
     read = -(-COUNT // every)
     assert line.startswith(
         f"{read - 1} of {read} sweeps of /scan have the stamp of the sweep before, and other ranges"
+    )
+
+
+@pytest.mark.parametrize(("times", "way"), [(2, "--every 2"), (3, "--every 3"), (5, "--every 5")])
+def test_every_takes_each_once_where_all_are_there_as_often(times: int, way: str) -> None:
+    copies = room().rows(np.repeat(np.arange(COUNT), times))
+    (line,) = notes(copies)
+    assert line.startswith(f"{COUNT * (times - 1)} of {COUNT * times} sweeps of /scan have stamp and ranges")
+    assert line.endswith(f": {way} takes each once")
+    assert notes(copies, every=times) == []
+    # Where one is missing it does not, and nothing else does.
+    for rows in (slice(1, None), [*range(10), *range(11, COUNT * times)], [*range(COUNT * times), -1]):
+        odd = copies.rows(np.arange(COUNT * times)[rows])
+        (line,) = notes(odd)
+        assert line.endswith("have stamp and ranges of the sweep before")
+
+
+def test_runs_that_share_their_times_are_not_told_apart() -> None:
+    (line,) = notes(stamped(lambda k: START + STEP * (k % 20)))
+    assert line == "stamps of /scan go back once, by 1.9 s: the clock was set, or the log holds several runs"
+
+
+def test_a_single_stamp_that_is_far_off() -> None:
+    days = 24 * HOUR
+    (line,) = notes(stamped(lambda k: START + STEP * k + 365 * days * (k == 20)))
+    assert line == "one stamp of /scan is 365 days ahead of those around it"
+    (line,) = notes(stamped(lambda k: START + STEP * k - 365 * days * (k == 20)))
+    assert line == "one stamp of /scan is 365 days behind those around it"
+
+
+def test_all_at_range_max() -> None:
+    reach = replace(room(), ranges=np.full((COUNT, 360), 12.0, np.float32))
+    (line,) = notes(reach)
+    assert line.startswith(
+        "100.0% of the beams of /scan have no range (all of them at range_max, 12 m): nothing"
     )
 
 
@@ -204,7 +282,8 @@ def test_a_new_name_in_every_message_is_no_way_to_fill_the_memory() -> None:
     for k in range(MOST + 5):
         block = replace(raw_sweeps(np.zeros((1, 0))), topic=f"/scan{k}")
         doubts.add(block, normalise(block, np.arange(1), RangeRules()))
-    assert len(doubts.notes()) == MOST
+    doubts.tell(report := ReadReport())
+    assert len(report.doubts) == MOST
 
 
 @pytest.mark.parametrize("name", ["run.mcap", "run.bag", "run.db3"])
@@ -239,3 +318,17 @@ def test_the_unit_of_ranges_is_that_of_any_log(suffix: str, unit: Any, factor: f
     expected = room()
     assert np.allclose(batch.ranges, expected.ranges, atol=1e-5)
     assert np.allclose(batch.range_max, expected.range_max)
+    # Many a driver has its limits in metres all the same.
+    path = tmp_path / f"metres.{suffix}"
+    write_log(path, [scaled(factor)])
+    (batch,) = lidarcli.read(path, range_unit=unit)
+    assert np.allclose(batch.ranges, expected.ranges, atol=1e-5)
+    assert np.allclose(batch.range_max, expected.range_max)
+
+
+def test_points_of_clouds_have_no_unit_to_choose() -> None:
+    doubts, block = Doubts(clouds=["/scan"]), scaled(1000)
+    doubts.add(block, normalise(block, np.arange(COUNT), RangeRules()))
+    assert told(doubts) == [
+        "most ranges of /scan are beyond 200 m: the points of the clouds are probably not in metres"
+    ]

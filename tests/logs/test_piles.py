@@ -66,7 +66,7 @@ def test_a_pile_at_the_most_that_a_log_holds_is_no_return(values: tuple[float, .
     assert (statuses(batches)[piled] == NO_RETURN).all()
     assert (statuses(batches)[~piled] == Status.VALID.value).all()
     assert report.no_return == {"/scan": pytest.approx(min(values), abs=1e-5)}
-    [note] = report.notes_on_ranges()
+    [note] = report.doubted()
     value = f"{min(values):g} m" if len(values) == 1 else f"{values[0]:g} to {values[1]:g} m"
     assert note == (
         f"/scan: {piled.mean():.1%} of the beams end at {value}, the most there is: taken as no return; --no-return "
@@ -87,7 +87,7 @@ def test_a_second_pile_below_the_first_is_one_too() -> None:
     ranges = driven((30.0, 50.0))
     batches, report = judged(far(ranges))
     assert report.no_return == {"/scan": 30.0}
-    assert "30 to 50 m" in report.notes_on_ranges()[0]
+    assert "30 to 50 m" in report.doubted()[0]
     assert (statuses(batches) == NO_RETURN).tolist() == (ranges >= 30.0).tolist()
 
 
@@ -97,7 +97,7 @@ def test_whoever_names_what_is_no_return_gets_that() -> None:
     batches, report = judged(far(ranges), rules=RangeRules(words))
     assert (statuses(batches) == Status.VALID.value).all()
     assert not report.no_return
-    assert not report.range_notes
+    assert not report.doubts
     for rules in (
         RangeRules(markers=(50.0,)),
         RangeRules(limits=(0.0, 50.0)),
@@ -105,7 +105,7 @@ def test_whoever_names_what_is_no_return_gets_that() -> None:
     ):
         batches, report = judged(far(ranges), rules=rules)
         assert (statuses(batches) == NO_RETURN).tolist() == (ranges >= 50.0).tolist()
-        assert not report.range_notes
+        assert not report.doubts
 
 
 @pytest.mark.parametrize("size", [1, 7, 1000])
@@ -121,7 +121,7 @@ def test_neither_blocks_nor_batches_matter(size: int) -> None:
     assert report == told
     piled = (ranges == 50.0) & (np.arange(len(ranges)) >= 2 * WINDOW)[:, None]
     assert (statuses(batches) == NO_RETURN).tolist() == piled.tolist()
-    assert report.notes_on_ranges()[0].startswith(f"/scan: from sweep {2 * WINDOW} on, 3.6% ")
+    assert report.doubted()[0].startswith(f"/scan: from sweep {2 * WINDOW} on, 3.6% ")
 
 
 def test_sweeps_that_are_left_out_do_not_matter() -> None:
@@ -136,7 +136,7 @@ def test_each_topic_has_its_own() -> None:
     first, second = far(driven((50.0,)), topic="/a"), far(driven((30.0,), seed=3), topic="/b")
     _, report = judged(first, second)
     assert report.no_return == {"/a": 50.0, "/b": 30.0}
-    assert len(report.notes_on_ranges()) == 2
+    assert len(report.doubted()) == 2
 
 
 def test_windows_are_bounded_by_their_ranges() -> None:
@@ -146,7 +146,7 @@ def test_windows_are_bounded_by_their_ranges() -> None:
     ranges[40:, ::7] = 50.0
     ranges[41::3, ::7] = 5.0
     _, report = judged(raw_sweeps(ranges, range_max=80.0))
-    assert report.range_notes["/scan"][0].startswith("/scan: from sweep 40 on, ")
+    assert report.doubts["/scan"][0].startswith("/scan: from sweep 40 on, ")
 
 
 def noisy(ranges: Any, sigma: float, step: float, seed: int = 1) -> Float32:
@@ -194,7 +194,7 @@ def wall(sigma: float, step: float) -> Float32:
 def test_walls_are_no_pile(room: Callable[[float, float], Float32], sigma: float, step: float) -> None:
     batches, report = judged(far(room(sigma, step)))
     assert not report.no_return
-    assert not report.range_notes
+    assert not report.doubts
     assert (statuses(batches) == Status.VALID.value).all()
 
 
@@ -215,20 +215,20 @@ def test_a_limit_of_the_log_that_takes_measurements_away_is_told() -> None:
     ranges = driven(share=0.0)
     _, report = judged(raw_sweeps(ranges, range_max=8.0))
     share = float(np.mean(ranges[np.r_[:256:4, 256:300:4]] > 8.0))
-    assert report.notes_on_ranges() == [
+    assert report.doubted() == [
         f"/scan: {share:.1%} of the beams are beyond the greatest range of 8 m that the log tells, but look like "
         "measurements; --range 0 12 takes them"
     ]
     _, report = judged(raw_sweeps(ranges, range_max=8.0), rules=RangeRules(limits=(0.0, 8.0)))
-    assert not report.range_notes
+    assert not report.doubts
     _, report = judged(raw_sweeps(ranges, range_max=11.9))
-    assert not report.range_notes
+    assert not report.doubts
 
 
 def test_one_value_beyond_the_limit_is_what_a_driver_writes() -> None:
     ranges = driven((81.91,))
     batches, report = judged(far(ranges))
-    assert not report.range_notes
+    assert not report.doubts
     assert (statuses(batches) == NO_RETURN).tolist() == (ranges > 80).tolist()
 
 

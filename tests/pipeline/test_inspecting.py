@@ -50,7 +50,7 @@ def test_two_publishers_on_one_topic_stay_apart(opened: Opens) -> None:
 def test_a_new_frame_in_every_sweep_is_no_way_to_fill_the_memory(
     opened: Opens, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(inspecting, "MAX_SCANS", 3)
+    monkeypatch.setattr(inspecting, "MOST", 3)
     one = block(sweeps=6)
     names = tuple(f"laser{k}" for k in range(6))
     mixed = replace(one, frame_ids=names, frame=np.arange(6, dtype=np.int32))

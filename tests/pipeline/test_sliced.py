@@ -253,3 +253,12 @@ def test_the_clouds_of_a_real_sensor_are_its_sweeps() -> None:
         np.testing.assert_allclose(one.ranges[valid], other.ranges[valid], atol=1e-6)
         np.testing.assert_allclose(one.bearings(), other.bearings(), atol=1e-7)
         assert valid.mean() > 0.9
+
+
+def test_points_of_clouds_are_in_metres(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    log = str(tmp_path / "run.mcap")
+    Path(log).touch()
+    assert run(["detect", log, "--slice", "0.3", "1", "--range-unit", "mm", "-o", str(tmp_path / "t")]) == 2
+    assert "--range-unit is for LaserScan" in capsys.readouterr().err
+    with pytest.raises(OptionError, match="--range-unit is for LaserScan"):
+        lidarcli.read(log, slice=(0.3, 1.0), range_unit="mm")

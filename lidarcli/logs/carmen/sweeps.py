@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import as_singles, keep_sound, pad, pad_cells, split_rows
+from lidarcli.logs.blocks import as_singles, keep_sound, limits_in_metres, pad, pad_cells, split_rows
 from lidarcli.logs.carmen.lines import Found, Lines
 from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, geometry
 from lidarcli.logs.carmen.words import LASERS, Laser
@@ -67,7 +67,7 @@ class SweepDecoder:
             most = np.full(len(rows), MAX_RANGE)
         first, step = as_told(self.options, first, step, beams)
         far = self.options.range_max
-        most = most * scale if far is None else np.full(len(rows), far)
+        least, greatest = limits_in_metres(np.zeros(len(rows)), most, scale)
         for row, cell in sorted(bad.items()):
             self.report.add_damage(f"line {first_line + int(rows[row])}", not_a_number(cell))
         good = np.ones(len(rows), np.bool_)
@@ -85,8 +85,8 @@ class SweepDecoder:
                 record_ns=stamps,
                 angle_min=first,
                 angle_increment=step,
-                range_min=np.zeros(len(rows), np.float32),
-                range_max=as_singles(most),
+                range_min=least,
+                range_max=greatest if far is None else as_singles(np.full(len(rows), far)),
                 beams=beams.astype(np.int32),
                 ranges=ranges,
                 intensities=_remissions(cells, found, some, numbers.values),

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError
+from lidarcli.logs.blocks import FAR
 from lidarcli.logs.csv.head import Head, shown, value_of
 from lidarcli.logs.csv.layouts import TITLES
 from lidarcli.logs.csv.others import TRAJECTORY
-from lidarcli.logs.doubts import FAR
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 LEAST_NUMBERS = 8

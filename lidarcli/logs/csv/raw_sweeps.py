@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import as_singles, given_geometries
+from lidarcli.logs.blocks import as_singles, given_geometries, limits_in_metres
 from lidarcli.logs.csv.layouts import Columns
 from lidarcli.logs.numbers import not_a_number
 from lidarcli.logs.times import seconds_and_nanoseconds, to_ns
@@ -83,9 +83,10 @@ def fill_geometry(
     else:
         first, step = given_geometries(options, beams)
     far = np.inf if options.range_max is None else options.range_max
-    range_min = known.get("range_min", np.full(rows, scan.nearest)) * options.range_scale
-    range_max = known["range_max"] * options.range_scale if "range_max" in known else np.full(rows, far)
-    return first, step, as_singles(range_min), as_singles(range_max)
+    least = known.get("range_min", np.full(rows, scan.nearest))
+    most = known.get("range_max", np.full(rows, np.inf))
+    range_min, range_max = limits_in_metres(least, most, options.range_scale)
+    return first, step, range_min, range_max if "range_max" in known else as_singles(np.full(rows, far))
 
 
 def build(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.blocks import as_singles, keep_sound, pad, split_rows
+from lidarcli.logs.blocks import as_singles, keep_sound, limits_in_metres, pad, split_rows
 from lidarcli.logs.geometry import TELL_BEARINGS, as_told
 from lidarcli.logs.lines import CUT, Declared, declared, left_over, refuse, report_lines
 from lidarcli.logs.numbers import Cells, not_a_number
@@ -121,8 +121,11 @@ class SweepDecoder:
                 good &= ~fresh
         far = self.options.range_max
         with np.errstate(invalid="ignore"):
-            most = np.where(known.most > 0, known.most * scale, np.inf)
-            least = np.where(known.least > 0, known.least * scale, 0.0)
+            least, most = limits_in_metres(
+                np.where(known.least > 0, known.least, 0.0),
+                np.where(known.most > 0, known.most, np.inf),
+                scale,
+            )
         return keep_sound(
             RawSweeps(
                 topic=topic,
@@ -132,8 +135,8 @@ class SweepDecoder:
                 record_ns=stamps,
                 angle_min=first,
                 angle_increment=step,
-                range_min=as_singles(least),
-                range_max=as_singles(most if far is None else np.full(len(rows), far)),
+                range_min=least,
+                range_max=most if far is None else as_singles(np.full(len(rows), far)),
                 beams=beams.astype(np.int32),
                 ranges=pad(numbers.values[:: scan.width], beams, scale),
                 # A laser tells how strong each return was, behind all else of its beam.

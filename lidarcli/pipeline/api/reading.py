@@ -62,7 +62,7 @@ def _batches(
                 is_empty = False
                 yield replace(posing.attach(batch), log=source.name)
             # Notes are for reading, but a log without a sweep needs its reason, and ranges that are none theirs.
-            notes = [*(report.notes if is_empty else []), *report.notes_on_ranges(), *report.doubts]
+            notes = [*(report.notes if is_empty else []), *report.doubted()]
             for line in [*damage_lines(posing.together(report)), *notes]:
                 warn(f"{source.path}: {line}")
     failed.conclude()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from lidarcli.errors import NoScanError
 from lidarcli.logs.base import CLOUD_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
-from lidarcli.logs.blocks import as_singles
+from lidarcli.logs.blocks import as_singles, limits_in_metres
 from lidarcli.logs.clouds.bins import Bins
 from lidarcli.logs.clouds.slicing import Slicer
 from lidarcli.pipeline.inputs.pose_messages import PoseMessages, read_pose_messages
@@ -80,11 +80,10 @@ class ScaledLog(ChangedLog):
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         """The sweeps in metres."""
         for block in self._log.scans(topics, report):
-            scaled = (
-                as_singles(each * self._scale) for each in (block.ranges, block.range_min, block.range_max)
+            least, most = limits_in_metres(block.range_min, block.range_max, self._scale)
+            yield replace(
+                block, ranges=as_singles(block.ranges * self._scale), range_min=least, range_max=most
             )
-            ranges, least, most = scaled
-            yield replace(block, ranges=ranges, range_min=least, range_max=most)
 
 
 class SlicedLog(ChangedLog):

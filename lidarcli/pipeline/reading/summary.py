@@ -42,7 +42,7 @@ class RunSummary:
     notes: list[str] = field(default_factory=list)
     """What a user should know, the doubts included."""
     doubts: list[str] = field(default_factory=list)
-    """What looks wrong in the sweeps."""
+    """How ranges are judged, and what looks wrong in the sweeps."""
     outputs: list[str] = field(default_factory=list)
     output_sizes: list[int] = field(default_factory=list)
     """Bytes of each output."""
@@ -101,8 +101,8 @@ class RunSummary:
         report = posing.together(report)
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
         self.damage = damage_lines(report)
-        self.doubts = list(report.doubts)
-        self.notes = [*report.notes, *report.notes_on_ranges(), *self.doubts, *posing.notes()]
+        self.doubts = report.doubted()
+        self.notes = [*report.notes, *self.doubts, *posing.notes()]
 
 
 def damage_lines(report: ReadReport) -> list[str]:
