@@ -72,9 +72,12 @@ class Track:
 
     @property
     def seems_w_first(self) -> bool:
-        """Whether its quaternions seem to be written w first: what turns on the ground then only rolls."""
-        x, y, z, _ = np.abs(self.motion.rotation).T
-        rolls = max(y.max(), z.max()) < FLAT and np.ptp(x) > ROLLS
+        """Whether its quaternions seem to be written w first: what turns on the ground then only rolls.
+
+        What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs head down turns a little on its way.
+        """
+        x, y, z, w = np.abs(self.motion.rotation).T
+        rolls = max(y.max(), z.max()) < FLAT and (np.ptp(x) > ROLLS or max(y.max(), z.max(), w.max()) == 0.0)
         return bool(rolls and np.ptp(self.motion.position[:, :2], axis=0).max() > GOES)
 
     @property

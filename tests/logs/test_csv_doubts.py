@@ -66,7 +66,8 @@ def test_bearing_range_quality_without_names(options: OpenOptions, jitter: float
     assert refusal(text_of(rows), options) == (
         f"a table without column names that looks like one beam per row (column 1 runs from {low:g} to {high:g} and"
         " starts over): name the columns in a first line, such as `angle,range,quality`;"
-        " --range-unit mm says that ranges are millimetres"
+        " --range-unit mm says that ranges are millimetres; bearings of an RPLIDAR run clockwise: write"
+        " `#RPLIDAR SCAN DATA` and `#Angle Distance Quality` as the first lines instead"
     )
 
 
@@ -399,7 +400,8 @@ def test_whoever_gives_the_geometry_gets_no_sweeps_of_three_beams(
         "",
         f"lidarcli: {path}: a table without column names that looks like one beam per row (column 1 runs from 0 to"
         " 358.5 and starts over): name the columns in a first line, such as `angle,range,quality`;"
-        " --range-unit mm says that ranges are millimetres",
+        " --range-unit mm says that ranges are millimetres; bearings of an RPLIDAR run clockwise: write"
+        " `#RPLIDAR SCAN DATA` and `#Angle Distance Quality` as the first lines instead",
     )
     assert list(tmp_path.rglob("*.parquet")) == []
 
@@ -436,8 +438,15 @@ def test_the_rows_of_an_rplidar_lead_to_its_names_and_its_unit(tmp_path: Path) -
     with pytest.raises(UnreadableError) as caught:
         open_log(str(path))
     assert str(caught.value).endswith(
-        "such as `angle,range,quality,time`; --range-unit mm says that ranges are millimetres"
+        "such as `angle,range,quality,time`; --range-unit mm says that ranges are millimetres; bearings of an RPLIDAR "
+        "run clockwise: write `#RPLIDAR SCAN DATA` and `#Angle Distance Quality Time` as the first lines instead"
     )
+    path.write_text("#RPLIDAR SCAN DATA\n#Angle Distance Quality Time\n" + "".join(rows))
+    with CsvLog(path) as log:
+        blocks = list(log.scans())
+    assert [int(beams) for block in blocks for beams in block.beams] == [360, 360, 360]
+    assert blocks[0].angle_increment[0] == pytest.approx(-np.pi / 180)
+    assert blocks[0].ranges[0, :3] == pytest.approx([2.0, 2.001, 2.002])
     path.write_text("angle,range,quality,time\n" + "".join(rows))
     with CsvLog(path, OpenOptions(range_scale=0.001)) as log:
         assert [int(beams) for block in log.scans() for beams in block.beams] == [360, 360, 360]

@@ -19,6 +19,7 @@ from lidarcli.logs.csv.layouts import TITLES
 from lidarcli.logs.csv.others import TRAJECTORY
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
+AS_RPLIDAR = "write `#RPLIDAR SCAN DATA` and `#{}` as the first lines"
 LEAST_NUMBERS = 8
 """Numbers in a row; with fewer, a table without column names is no sweep per row."""
 LEAST_ROWS = 5
@@ -156,6 +157,9 @@ def _one_beam_per_row(table: Float64, column: int, width: int, rated: bool) -> s
     ranges = table[:, column + 1] if column + 1 < width else np.zeros(1)
     if not rated and np.nanmedian(ranges) > FAR:
         way_out += "; --range-unit mm says that ranges are millimetres"
+        if names[:3] == ["angle", "range", "quality"] and high > TURN:
+            titles = " ".join(["Angle Distance Quality", "Time"][: width - 2])
+            way_out += f"; bearings of an RPLIDAR run clockwise: {AS_RPLIDAR.format(titles)} instead"
     return (
         f"a table without column names that looks like one beam per row (column {column + 1} runs from {low:g} to"
         f" {high:g} and starts over): name the columns in a first line, such as {way_out}"

@@ -35,7 +35,13 @@ _NEW_SCAN = re.compile(rb"\W*new_scan\W+quality\W+angle\W+distance\W*", re.IGNOR
 _LISTED = re.compile(rb"\s*\[\(\d+(?:\.\d*)?, ?%s, ?%s\)(?:,|\])" % (_NUMBER, _NUMBER))
 _BEAM = re.compile(rb"(\d+)[ \t,;]+(%s)[ \t,;]+(%s)" % (_NUMBER, _NUMBER))
 _SAVED = re.compile(rb"\s*#\s*RPLIDAR\s+SCAN\s+DATA\b", re.IGNORECASE)
-_NAMES = {b"angle": "angle", b"angule": "angle", b"distance": "distance", b"quality": "quality"}
+_NAMES = {
+    b"angle": "angle",
+    b"angule": "angle",
+    b"distance": "distance",
+    b"quality": "quality",
+    b"time": "time",
+}
 _WORD = re.compile(rb"[A-Za-z]+")
 _MOST_BEFORE = 100
 """Lines of other text that a program may print before the first beam."""

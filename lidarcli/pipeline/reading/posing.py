@@ -213,8 +213,8 @@ class Posing:
                 lines.append(f"stamps of {track.topic} jump back {times}: poses there may mix two runs")
             if not track.static and track.seems_w_first:
                 lines.append(
-                    f"quaternions of {track.topic} roll and never turn: they are probably written w first, and x y z w is "
-                    "the order; the sensor seems to hang head down until that is mended"
+                    f"quaternions of {track.topic} roll or hang head down, and never turn: they are probably written w "
+                    "first, and x y z w is the order; the sensor seems to hang head down until that is mended"
                 )
         return lines
 
