@@ -73,3 +73,23 @@ def test_info_tells_of_repeated_stamps(lidarcli: Callable[..., Any], tmp_path: P
     ran = lidarcli("info", tmp_path / "twice.mcap")
     assert "    stamps    10 of 20 are those of the sweep before; recorded 0.000 s" in ran.out
     assert "increasing" not in ran.out
+
+
+def test_what_is_said_of_ranges_is_said_everywhere(
+    lidarcli: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    note = "40.0% of the beams are beyond the greatest range of 2.5 m that the log tells, but look like measurements"
+    ranges = np.random.default_rng(3).uniform(1.0, 2.0, (20, 100))
+    ranges[:, 60:] += 2.0
+    block = raw_sweeps(ranges)
+    write_log(tmp_path / "run.mcap", [replace(block, range_max=np.full(20, 2.5, np.float32))])
+    for command in ("info", "detect", "plot"):
+        ran = lidarcli(*COMMANDS[command], "run.mcap")
+        assert f"{ran.out}{ran.err}".count(note) == 1
+    ran = lidarcli("map", "run.mcap", "-o", "m.yaml")
+    assert (ran.code, note in ran.err) == (3, False)
+    assert "no poses: nothing in the log tells where the sensor was" in ran.err
+    for function in (package.detect, package.track, lambda log: list(package.read(log))):
+        with pytest.warns(UserWarning, match="40.0% of the beams are beyond the greatest range"):
+            function("run.mcap")
