@@ -11,6 +11,7 @@ from lidarcli import ranges as _ranges
 from lidarcli.errors import OptionError
 from lidarcli.sweeps import (
     TURN,
+    Bool,
     Closure,
     Float32,
     Float64,
@@ -34,6 +35,8 @@ class RangeRules:
     """Range limits [m] that replace those of the messages."""
     farthest: float = math.inf
     """From here on [m] there is no return, because a pile of ranges is there (`logs.piles`)."""
+    stuck: tuple[tuple[int, float], ...] = ()
+    """Beams that always tell one range [m], which is none, because they do (`logs.stuck`)."""
 
     @property
     def words(self) -> frozenset[str]:
@@ -143,9 +146,8 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         range_min = np.full(rows, rules.limits[0], np.float32)
         range_max = np.full(rows, rules.limits[1], np.float32)
     clean, status = judge(raw.ranges, raw.beams, *bounds(raw, rules), rules.words)
-    for marker in rules.markers:
-        with np.errstate(invalid="ignore"):
-            marked = np.isclose(raw.ranges, marker, rtol=0, atol=1e-4) & (status != Status.PADDING.value)
+    if rules.markers or rules.stuck:
+        marked = is_marked(raw.ranges, rules) & (status != Status.PADDING.value)
         clean[marked] = np.nan
         status[marked] = Status.NO_RETURN
     return SweepBatch(
@@ -167,6 +169,26 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
         first_ns=first_ns,
         intensities=_told_intensities(raw.intensities),
     )
+
+
+def is_marked(ranges: Float32, rules: RangeRules) -> Bool:
+    """(S, B) which ranges are values that stand for no return, whatever the limits."""
+    marked = np.zeros(ranges.shape, np.bool_)
+    for marker in rules.markers:
+        marked |= same_range(ranges, marker)
+    for beam, value in rules.stuck:
+        marked[:, beam : beam + 1] |= same_range(ranges[:, beam : beam + 1], value)
+    return marked
+
+
+def same_range(ranges: Float32, value: float | Float32) -> Bool:
+    """Which ranges are this value, as far as float32 and decimals let them [m]."""
+    with np.errstate(invalid="ignore"):
+        same: Bool = np.abs(ranges - np.float64(value)) <= _SAME
+    return same
+
+
+_SAME = 1e-4
 
 
 def bounds(raw: RawSweeps, rules: RangeRules) -> tuple[Float32, Float32]:

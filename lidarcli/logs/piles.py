@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.judging import FARTHEST, PILE, RangeRules, bounds, judge
+from lidarcli.judging import FARTHEST, PILE, RangeRules, bounds, is_marked, judge
 from lidarcli.logs.base import ReadReport
-from lidarcli.sweeps import Float32, RawSweeps, concatenate
+from lidarcli.logs.stuck import find_stuck
+from lidarcli.sweeps import Float32, Float64, RawSweeps, concatenate
 
 WINDOW = 256
 """Sweeps of a topic that are looked at together before any of them is judged …"""
@@ -36,6 +37,14 @@ CLEAR = 20
 """Each value to the millimetre that is a little less, and all that is above, occurs by so many times less often."""
 BAND, LEAST_BAND = 0.01, 0.25
 """So far below, as a share of the range and no less [m], the others are looked for."""
+QUANTUM, WIDER = 0.01, 3.0
+"""By so much [m] ranges of a wall may be rounded; a pile is an arc so many times wider than what it shows within that …"""
+IN_ARCS = 0.5
+"""… which hold this share of it …"""
+MOST_ROUND = 0.6
+"""… of no more than this share of the beams, as the wall of a round room would have …"""
+LEAST_VALUES = 50
+"""… and all others hold so many values to the millimetre."""
 NEARER = 0.1
 """What is seen through is nearer by this share of the range."""
 RARE = 0.01
@@ -48,6 +57,8 @@ MOST_LOST = 0.03
 """Share of all beams beyond the greatest range of a log that is worth a note, where they look like measurements."""
 LEAST_LOST = 50
 """No fewer beams do."""
+MOST_TOLD = 3
+"""Beams that always tell the same and are named each."""
 MOST_TOPICS = 1000
 """Of which sweeps wait; those of further ones are judged as they come."""
 
@@ -100,6 +111,10 @@ class _Topic:
     """Beams that a pile has made no return."""
     _most: float = 0.0
     """Its greatest value [m]."""
+    _is_passed: bool = False
+    """Some ranges are greater."""
+    _stuck: dict[int, tuple[float, int]] = field(default_factory=dict)
+    """Beam → the range [m] that it always tells, and the sweep from which on that is known."""
     _lost: int = 0
     """Beams beyond the greatest range that the log tells, which look like measurements …"""
     _lost_range: tuple[float, float] = (0.0, 0.0)
@@ -144,21 +159,28 @@ class _Topic:
             clean, _ = judge(
                 window.ranges, window.beams, low, bounds(window, self.rules)[1], self.rules.words
             )
-            for marker in self.rules.markers:
-                clean[np.isclose(window.ranges, marker, rtol=0, atol=1e-4)] = np.nan
-            self._look_for_piles(window.topic, clean, int(window.beams.sum()))
+            clean[is_marked(window.ranges, self.rules)] = np.nan
+            self._look_for_stuck(clean)
+            self._look_for_piles(window, clean)
             self._count_piled(waiting, told)
         self._tell(window.topic)
 
-    def _look_for_piles(self, topic: str, ranges: Float32, beams: int) -> None:
+    def _look_for_stuck(self, ranges: Float32) -> None:
+        """Take out beams that always tell the same, from now on."""
+        for beam, value in find_stuck(ranges).items():
+            self._stuck.setdefault(beam, (value, self._seen))
+            self.rules = replace(self.rules, stuck=(*self.rules.stuck, (beam, value)))
+        ranges[is_marked(ranges, self.rules)] = np.nan
+
+    def _look_for_piles(self, window: RawSweeps, ranges: Float32) -> None:
         for _ in range(MOST_PILES):
-            pile = _pile(ranges, beams)
+            pile = _pile(ranges, int(window.beams.sum()), np.abs(window.angle_increment))
             if pile is None:
                 return
             if not self._most:
                 self._since, self._most = self._seen, pile[1]
             self.rules = replace(self.rules, farthest=pile[0])
-            self.report.no_return[topic] = pile[0]
+            self.report.no_return[window.topic] = pile[0]
             with np.errstate(invalid="ignore"):
                 ranges[ranges >= np.float32(pile[0])] = np.nan
 
@@ -169,7 +191,9 @@ class _Topic:
             if self._most:
                 here = block.ranges >= np.float32(self.rules.farthest)
                 here &= block.ranges < bounds(block, told)[1][:, None]
-                self._piled += int(np.count_nonzero(here & (np.arange(here.shape[1]) < block.beams[:, None])))
+                here &= np.arange(here.shape[1]) < block.beams[:, None]
+                self._piled += int(np.count_nonzero(here))
+                self._is_passed |= bool((block.ranges[here] > np.float32(self._most)).any())
 
     def _look_beyond(self, window: RawSweeps, high: Float32) -> None:
         with np.errstate(invalid="ignore"):
@@ -190,13 +214,20 @@ class _Topic:
     def _tell(self, topic: str) -> None:
         """Put what is known into the report, in place of what was known before."""
         notes = []
+        words = ",".join(word for word in self.rules.in_order() if word != PILE)
         if self._most:
             since = f"from sweep {self._since} on, " if self._since else ""
-            value = _span(self.rules.farthest, self._most)
-            words = ",".join(word for word in self.rules.in_order() if word != PILE)
+            span = _span(self.rules.farthest, self._most)
+            most = "nearly the most" if self._is_passed else "the most"
             notes.append(
-                f"{topic}: {since}{self._piled / self._beams:.1%} of the beams end at {value}, the most there is: "
+                f"{topic}: {since}{self._piled / self._beams:.1%} of the beams end at {span}, {most} there is: "
                 f"taken as no return; --no-return {words} takes them as measured, --range MIN MAX sets another limit"
+            )
+        for beam, (value, first) in list(self._stuck.items())[:MOST_TOLD]:
+            since = f"from sweep {first} on, " if first else ""
+            notes.append(
+                f"{topic}: {since}beam {beam} is {value:g} m wherever the robot goes: taken as no return; "
+                f"--no-return {words} takes it as measured"
             )
         if self._lost > MOST_LOST * self._looked:
             limit, greatest = self._lost_range
@@ -229,7 +260,7 @@ def _millimetres(values: Float32) -> np.ndarray:
     return np.rint(values * np.float64(MILLIMETRES)).astype(np.int64)
 
 
-def _pile(ranges: Float32, beams: int) -> tuple[float, float] | None:
+def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | None:
     """The least and the greatest value of the farthest pile of (S, B) ranges, NaN where there is none [m]."""
     # The farthest values that are together the share of the beams that could be a pile: no less than the last of them.
     share = max(math.ceil(LEAST_SHARE * beams), 1)
@@ -262,7 +293,8 @@ def _pile(ranges: Float32, beams: int) -> tuple[float, float] | None:
     ]
     # The shortest decimals are what the sensor's driver has in mind.
     least, most = float(str(pile.min())), float(str(pile.max()))
-    return (least, most) if _is_seen_through(ranges, least, beams) else None
+    is_none = _is_seen_through(ranges, least, beams) or _is_round(ranges, least, most, steps)
+    return (least, most) if is_none else None
 
 
 def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
@@ -277,3 +309,23 @@ def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
     seen = int(hits[changing].sum())
     enough = seen >= LEAST_SHARE * beams and hits.sum() - seen <= MOST_STEADY * hits.sum()
     return bool(enough and np.count_nonzero(changing) >= LEAST_BEAMS)
+
+
+def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> bool:
+    """Whether what is from `least` on stands in arcs around the sensor (`steps` [rad] from beam to beam), and is no wall.
+
+    A wall at a distance d is farther by d x² / 2 at an angle x from its nearest point: only so far it keeps its range.
+    """
+    with np.errstate(invalid="ignore"):
+        piled = ranges >= np.float32(least)
+        nearer = ranges < np.float32(least)
+    count, others = np.count_nonzero(piled), np.count_nonzero(nearer)
+    if count > MOST_ROUND * (count + others) or len(np.unique(_millimetres(ranges[nearer]))) < LEAST_VALUES:
+        return False
+    width = WIDER * 2.0 * math.sqrt(2.0 * (most - least + QUANTUM) / least)
+    # Where arcs begin and end, row by row.
+    edges = np.diff(np.pad(piled, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    (row, begin), (_, end) = np.nonzero(edges == 1), np.nonzero(edges == -1)
+    wide = (end - begin) * steps[row] > width
+    within = int((end - begin)[wide].sum())
+    return bool(len(np.unique(row[wide])) >= LEAST_SWEEPS and within >= IN_ARCS * count)

@@ -211,6 +211,96 @@ def test_one_beam_is_not_enough() -> None:
     assert not report.no_return
 
 
+def around(ranges: Float32) -> RawSweeps:
+    return replace(far(ranges), angle_increment=np.full(len(ranges), 2 * np.pi / BEAMS))
+
+
+def hall(yaw: Any, end: float = 20.0, half: float = 2.0) -> Any:
+    """(S, B) ranges in a straight hall that is longer than a sensor sees, by the direction of the sensor (S,)."""
+    bearing = np.asarray(yaw)[:, None] + np.linspace(0.0, 2 * np.pi, BEAMS, endpoint=False)
+    return np.minimum(half / np.maximum(np.abs(np.sin(bearing)), 1e-9), end)
+
+
+@pytest.mark.parametrize("step", [1e-6, 0.001, 0.01])
+@pytest.mark.parametrize("limit", [5.6, 12.0])
+@pytest.mark.parametrize("turn", [0.0, 0.002])
+def test_arcs_about_the_sensor_are_a_pile(turn: float, limit: float, step: float) -> None:
+    """Where nothing comes and goes: no wall keeps its distance over so wide a view."""
+    ranges = np.minimum(noisy(hall(turn * np.arange(60)), 0.01, step), np.float32(limit))
+    batches, report = judged(around(ranges))
+    assert report.no_return == {"/scan": pytest.approx(limit)}
+    assert (statuses(batches) == NO_RETURN).tolist() == (ranges == np.float32(limit)).tolist()
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.002])
+@pytest.mark.parametrize("step", [1e-6, 0.001, 0.01])
+@pytest.mark.parametrize("end", [5.6, 12.0, 30.0])
+def test_the_end_of_a_hall_is_no_pile(end: float, step: float, sigma: float) -> None:
+    bearing = np.linspace(0.0, 2 * np.pi, BEAMS, endpoint=False)
+    ends = end / np.maximum(np.abs(np.cos(bearing)), 1e-9)
+    ranges = noisy(np.minimum(hall(np.zeros(60), 1e3), ends), sigma, step)
+    batches, report = judged(around(ranges))
+    assert not report.range_notes
+    assert (statuses(batches) == Status.VALID.value).all()
+
+
+def test_what_a_few_sweeps_pass_is_nearly_the_most() -> None:
+    ranges = driven()
+    ranges[::50, 7] = 50.3
+    assert ", nearly the most there is: " in judged(far(ranges))[1].notes_on_ranges()[0]
+
+
+def along(value: float = 29.0, beam: int = 45, sweeps: int = 60, speed: float = 0.05) -> Float32:
+    """A sensor that is driven along a room, with a beam that always tells the same."""
+    bearing = np.linspace(0.0, 2 * np.pi, BEAMS, endpoint=False)
+    ahead = 8.0 - speed * np.arange(sweeps)[:, None]
+    front = np.where(np.cos(bearing) > 0, ahead, 16.0 - ahead) / np.maximum(np.abs(np.cos(bearing)), 1e-9)
+    ranges = noisy(np.minimum(front, 3.0 / np.maximum(np.abs(np.sin(bearing)), 1e-9)), 0.01, 0.001)
+    ranges[:, beam] = value
+    return ranges
+
+
+@pytest.mark.parametrize("beam", [0, 45, BEAMS - 1])
+def test_a_beam_that_tells_the_same_wherever_the_robot_goes_is_no_return(beam: int) -> None:
+    ranges = along(beam=beam)
+    batches, report = judged(far(ranges))
+    assert (statuses(batches) == NO_RETURN).tolist() == (ranges == 29.0).tolist()
+    assert report.no_return == {}
+    assert report.notes_on_ranges() == [
+        f"/scan: beam {beam} is 29 m wherever the robot goes: taken as no return; --no-return inf,zero,max,above takes it "
+        "as measured"
+    ]
+    batches, report = judged(far(ranges), rules=RangeRules(RangeRules().no_return - {"pile"}))
+    assert (statuses(batches) == Status.VALID.value).all()
+    assert not report.range_notes
+
+
+def test_a_beam_counts_from_the_window_on_in_which_it_is_found() -> None:
+    ranges = along(sweeps=2 * WINDOW, speed=0.01)
+    ranges[:WINDOW:2, 45] = 3.0
+    batches, report = judged(*(far(ranges).rows(slice(at, at + 100)) for at in range(0, len(ranges), 100)))
+    assert (statuses(batches) == NO_RETURN).nonzero()[0].tolist() == [*range(WINDOW, 2 * WINDOW)]
+    assert report.notes_on_ranges()[0].startswith(f"/scan: from sweep {WINDOW} on, beam 45 is 29 m ")
+
+
+@pytest.mark.parametrize(
+    "ranges",
+    [
+        along(speed=0.0),
+        along(value=0.4),
+        along(value=3.0),
+        along(beam=slice(20, 60, 8)),  # type: ignore[arg-type]
+        np.tile(along()[:1], (60, 1)),
+        along(sweeps=36),
+    ],
+    ids=["parked", "of the robot", "the wall", "many", "constant", "short"],
+)
+def test_what_stays_the_same_may_be_measured(ranges: Float32) -> None:
+    batches, report = judged(far(ranges))
+    assert not report.range_notes
+    assert (statuses(batches) == Status.VALID.value).all()
+
+
 def test_a_limit_of_the_log_that_takes_measurements_away_is_told() -> None:
     ranges = driven(share=0.0)
     _, report = judged(raw_sweeps(ranges, range_max=8.0))
@@ -273,3 +363,5 @@ def test_real_sensors(name: str, limit: float | None) -> None:
         for _ in read_batches(log, ReadOptions(), report):
             pass
     assert report.no_return == ({} if limit is None else {"/front_laser": pytest.approx(limit)})
+    stuck = [note for note in report.notes_on_ranges() if "beam 180 is 50 m wherever the robot goes" in note]
+    assert len(stuck) == (name == "acapulco")
