@@ -1,1 +1,1 @@
-"""How the trees are grown that tell things from building (`lidarcli/formalism/surfaces/forest.py`)."""
+"""How the trees are grown that tell things from building (`lidarcli/formalism/forest.py`)."""

@@ -20,11 +20,11 @@ from benchmarks.annotations.sweeps import judged_sweeps
 from benchmarks.annotations.table import BUILDING, THING
 from benchmarks.thing.examples import Examples, drawn, judged, legs, together
 from benchmarks.thing.grow import SECOND_PASS, Trees, grow, odds, write
-from lidarcli.formalism.surfaces import forest
+from lidarcli.formalism import forest
 from lidarcli.simulate import building_scenes, random_scenes
 
 ROOT = Path(__file__).parents[2]
-FOREST = ROOT / "lidarcli" / "formalism" / "surfaces" / "forest.py"
+FOREST = ROOT / "lidarcli" / "formalism" / "forest.py"
 REAL_LOGS = "LIDARCLI_REAL_LOGS"
 SEEDS = 0
 """First seed; what is reported begins with 50,000."""

@@ -9,7 +9,7 @@ import numpy as np
 from sklearn.ensemble import GradientBoostingClassifier
 
 from benchmarks.thing.examples import Examples
-from lidarcli.formalism.surfaces.features import NAMES
+from lidarcli.formalism.features import NAMES
 from lidarcli.sweeps import Float64
 
 Node = tuple[int, float, int, float]

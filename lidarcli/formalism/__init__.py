@@ -1,7 +1,7 @@
 """The paper's definitions as pure functions on batches of sweeps: loops over one sweep after the other, no I/O.
 
 Fagundes et al., *Analytical Formalism for Data Representation and Object Detection with 2D LiDAR*, Sensors 2024, 24,
-2284. Each module holds one concept and names its definition; docs/formalism.md maps symbols to functions.
+2284. Each module holds one stage and names its definitions; docs/formalism.md maps symbols to functions.
 """
 
 from __future__ import annotations

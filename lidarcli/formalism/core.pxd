@@ -1,22 +1,13 @@
 cimport cython
 
 from lidarcli cimport native
-from lidarcli.formalism cimport description
+from lidarcli.formalism cimport description, features, objects, segmentation, surfaces, verdict
 from lidarcli.formalism.description cimport Columns, Description
-from lidarcli.formalism.surfaces cimport faces as surfaces
-from lidarcli.formalism.surfaces cimport features as clues
-from lidarcli.formalism.surfaces cimport fragments, legs, objects, protrusions, vertices
-from lidarcli.formalism.surfaces cimport parts as assembly
-from lidarcli.formalism.surfaces cimport survey as surveys
-from lidarcli.formalism.surfaces cimport verdict as verdicts
-from lidarcli.formalism.surfaces.faces cimport Faces
-from lidarcli.formalism.surfaces.features cimport Features
-from lidarcli.formalism.surfaces.fragments cimport Bodies
-from lidarcli.formalism.surfaces.protrusions cimport Protrusions
-from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism.surfaces.verdict cimport Verdict
-from lidarcli.formalism cimport segmentation
+from lidarcli.formalism.features cimport Features
+from lidarcli.formalism.objects cimport Bodies, Protrusions
 from lidarcli.formalism.segmentation cimport Breakpoints, Noise, Points, Scans, Segments
+from lidarcli.formalism.surfaces cimport Faces, Survey
+from lidarcli.formalism.verdict cimport Verdict
 
 cdef double NAN
 

@@ -5,22 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism import description, segmentation
+from lidarcli.formalism import description, features, objects, segmentation, surfaces, verdict
 from lidarcli.formalism.description import Columns, Description
+from lidarcli.formalism.features import Features
+from lidarcli.formalism.objects import Bodies, Protrusions
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.segmentation import Breakpoints, Noise, Points, Scans, Segments
-from lidarcli.formalism.surfaces import faces as surfaces
-from lidarcli.formalism.surfaces import features as clues
-from lidarcli.formalism.surfaces import fragments, legs, objects, protrusions, vertices
-from lidarcli.formalism.surfaces import parts as assembly
-from lidarcli.formalism.surfaces import survey as surveys
-from lidarcli.formalism.surfaces import verdict as verdicts
-from lidarcli.formalism.surfaces.faces import Faces
-from lidarcli.formalism.surfaces.features import Features
-from lidarcli.formalism.surfaces.fragments import Bodies
-from lidarcli.formalism.surfaces.protrusions import Protrusions
-from lidarcli.formalism.surfaces.survey import Survey
-from lidarcli.formalism.surfaces.verdict import Verdict
+from lidarcli.formalism.surfaces import Faces, Survey
+from lidarcli.formalism.verdict import Verdict
 
 NAN = float("nan")
 
@@ -114,7 +106,7 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
         core.points.d_th = d_mean if core.by_mean else core.threshold
     segmentation.find_breakpoints(core.breakpoints, core.points, core.scans)
     segmentation.cut(core.segments, core.points, core.breakpoints, core.scans)
-    surveys.measure(core.survey, core.points, core.segments)
+    surfaces.measure_chords(core.survey, core.points, core.segments)
     if not core.robust:
         _as_printed(core)
     elif core.scans.has_within:
@@ -122,10 +114,10 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     else:
         _as_sensors_need(core)
     if core.group_gap > 0:
-        legs.group(core.survey, core.points, core.segments, core.group_gap)
+        objects.group_legs(core.survey, core.points, core.segments, core.group_gap)
     if core.robust:
         _settle(core)
-    assembly.assemble(core.description.parts, core.survey, core.points, core.segments, core.report_walls)
+    objects.assemble(core.description.parts, core.survey, core.points, core.segments, core.report_walls)
     description.describe(
         core.description, columns, core.points, core.segments, core.survey, core.bodies, core.faces
     )
@@ -145,14 +137,14 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
 
 def _as_printed(core: Core) -> None:
     """Profile `paper`: Definitions 5 to 7 as printed; a mask tells the objects in place of their edges."""
-    vertices.mark(core.points, core.segments, core.inner, core.description.outline.extremum)
+    surfaces.mark_vertices(core.points, core.segments, core.inner, core.description.outline.extremum)
     core.faces.count = 0
     for j in range(core.segments.count):
         core.faces.offset[j] = core.faces.count
         surfaces.between(core.faces, core.points, core.segments, j, core.inner)
         core.survey.label[j] = core.bodies.label[j] = j
     core.faces.offset[core.segments.count] = core.faces.count
-    surveys.measure_reach(core.survey, core.points, core.segments, core.faces)
+    surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
     if core.scans.has_within:
         _take_mask(core)
         objects.known(core.survey, core.segments)
@@ -182,8 +174,8 @@ def _within_mask(core: Core) -> None:
                 core.faces, core.points, core.segments, j, core.segments.size[j], core.survey.tolerance[j]
             )
     core.faces.offset[core.segments.count] = core.faces.count
-    surveys.measure_reach(core.survey, core.points, core.segments, core.faces)
-    fragments.join(core.bodies, core.survey, core.points, core.segments, core.survey.candidate)
+    surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
+    objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.candidate)
     objects.known_bodies(core.survey, core.segments, core.bodies)
     for j in range(core.segments.count):
         core.survey.label[j] = core.bodies.label[j]
@@ -191,19 +183,19 @@ def _within_mask(core: Core) -> None:
 
 def _as_sensors_need(core: Core) -> None:
     """Profile `robust`: the same definitions with the estimates a real sensor needs."""
-    surveys.find_faces(core.survey, core.points, core.segments, core.faces)
-    protrusions.find(core.protrusions, core.survey, core.points, core.segments, core.faces)
-    protrusions.divide(core.protrusions, core.survey, core.points, core.segments, core.faces)
-    surveys.measure_reach(core.survey, core.points, core.segments, core.faces)
+    surfaces.find_faces(core.survey, core.points, core.segments, core.faces)
+    objects.find_protrusions(core.protrusions, core.survey, core.points, core.segments, core.faces)
+    objects.divide(core.protrusions, core.survey, core.points, core.segments, core.faces)
+    surfaces.measure_reach(core.survey, core.points, core.segments, core.faces)
     objects.pieces(core.survey, core.segments)
-    core.features.share = surveys.share_of_walls(core.survey, core.points, core.segments)
-    fragments.join(core.bodies, core.survey, core.points, core.segments, core.survey.loose)
-    clues.gather(core.features, core.survey, core.points, core.segments, core.bodies)
-    verdicts.measure(
+    core.features.share = surfaces.share_of_walls(core.survey, core.points, core.segments)
+    objects.join_fragments(core.bodies, core.survey, core.points, core.segments, core.survey.loose)
+    features.gather(core.features, core.survey, core.points, core.segments, core.bodies)
+    features.measure(
         core.features, core.survey, core.points, core.segments, core.faces, core.bodies, core.scans
     )
-    verdicts.decide(core.verdict, core.features, core.points, core.segments)
-    objects.choose(core.survey, core.segments, core.features, core.verdict)
+    verdict.decide(core.verdict, core.features, core.points, core.segments)
+    verdict.choose(core.survey, core.segments, core.features, core.verdict)
     for j in range(core.segments.count):
         core.survey.label[j] = core.bodies.label[j]
 
@@ -223,6 +215,6 @@ def _explain(core: Core, columns: Columns) -> None:
     begin = columns.objects - core.description.parts.objects
     for k in range(core.description.parts.objects):
         body = core.features.body[core.description.parts.segment[core.description.parts.begin[k]]]
-        for i in range(clues.COUNT):
-            value = core.features.values[body * clues.COUNT + i] if body >= 0 else NAN
-            columns.features[(begin + k) * clues.COUNT + i] = value
+        for i in range(features.COUNT):
+            value = core.features.values[body * features.COUNT + i] if body >= 0 else NAN
+            columns.features[(begin + k) * features.COUNT + i] = value

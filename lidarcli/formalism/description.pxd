@@ -2,16 +2,11 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli cimport native
-from lidarcli.formalism cimport shape
-from lidarcli.formalism.shape cimport Box, Circle, Look
-from lidarcli.formalism.surfaces cimport faces as surfaces
-from lidarcli.formalism.surfaces cimport survey as surveys
-from lidarcli.formalism.surfaces.faces cimport Faces
-from lidarcli.formalism.surfaces.fragments cimport Bodies
-from lidarcli.formalism.surfaces.parts cimport Parts
-from lidarcli.formalism.surfaces.survey cimport Survey
-from lidarcli.formalism cimport segmentation
+from lidarcli.formalism cimport segmentation, shape, surfaces
+from lidarcli.formalism.objects cimport Bodies, Parts
 from lidarcli.formalism.segmentation cimport Points, Segments
+from lidarcli.formalism.shape cimport Box, Circle, Look
+from lidarcli.formalism.surfaces cimport Faces, Survey
 
 cdef unsigned char START, END, CORNER, EXTREMUM
 cdef Py_ssize_t STRAY, LEFT

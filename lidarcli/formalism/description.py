@@ -15,15 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli import native
-from lidarcli.formalism import detection, segmentation, shape
+from lidarcli.formalism import detection, segmentation, shape, surfaces
+from lidarcli.formalism.objects import Bodies, Parts
 from lidarcli.formalism.segmentation import Points, Segments
 from lidarcli.formalism.shape import Box, Circle, Look
-from lidarcli.formalism.surfaces import faces as surfaces
-from lidarcli.formalism.surfaces import survey as surveys
-from lidarcli.formalism.surfaces.faces import Faces
-from lidarcli.formalism.surfaces.fragments import Bodies
-from lidarcli.formalism.surfaces.parts import Parts
-from lidarcli.formalism.surfaces.survey import Survey
+from lidarcli.formalism.surfaces import Faces, Survey
 
 OBJECT, NOISE = detection.OBJECT, detection.NOISE
 LEGGED, WALL = detection.LEGGED, detection.WALL
@@ -248,13 +244,13 @@ def _extend(
     begin, first_face : its first vertex in the outline, its first face in the columns
     """
     first, last = segments.first[j], segmentation.last_point(segments, j)
-    if surveys.is_end(segments.start_edge[j]):
+    if surfaces.is_end(segments.start_edge[j]):
         f = faces.offset[j]
         way = _overhang(points, faces, f, first, first + 1, -1.0)
         columns.face_length[first_face] += way
         outline.x[begin] -= way * faces.direction_x[f]
         outline.y[begin] -= way * faces.direction_y[f]
-    if surveys.is_end(segments.end_edge[j]):
+    if surfaces.is_end(segments.end_edge[j]):
         f = faces.offset[j + 1] - 1
         way = _overhang(points, faces, f, last, last - 1, 1.0)
         columns.face_length[columns.faces - 1] += way

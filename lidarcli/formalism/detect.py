@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.formalism import features
 from lidarcli.formalism.checks import check
 from lidarcli.formalism.core import Core
 from lidarcli.formalism.description import (
@@ -23,7 +24,6 @@ from lidarcli.formalism.description import (
 from lidarcli.formalism.detection import NOISE, OBJECT, Detection
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.surfaces import features
 from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
 
 OBJECTS_AT_FIRST, VERTICES_AT_FIRST = 16, 3

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.surfaces import forest
-from lidarcli.formalism.surfaces.features import NAMES
+from lidarcli.formalism import forest
+from lidarcli.formalism.features import NAMES
 from lidarcli.sweeps import Float64
 
 KINDS = {

@@ -1,9 +1,9 @@
 cimport libc.math as math
 
 from lidarcli cimport native
-from lidarcli.formalism.surfaces cimport faces as surfaces
-from lidarcli.formalism.surfaces.faces cimport Faces
-from lidarcli.formalism.surfaces.parts cimport Parts
+from lidarcli.formalism cimport surfaces
+from lidarcli.formalism.objects cimport Parts
+from lidarcli.formalism.surfaces cimport Faces
 
 cdef Py_ssize_t REFINEMENTS
 cdef double LARGEST, INFINITY

@@ -10,10 +10,9 @@ import math
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism import detection
-from lidarcli.formalism.surfaces import faces as surfaces
-from lidarcli.formalism.surfaces.faces import Faces
-from lidarcli.formalism.surfaces.parts import Parts
+from lidarcli.formalism import detection, surfaces
+from lidarcli.formalism.objects import Parts
+from lidarcli.formalism.surfaces import Faces
 
 PRISMATIC, ROUND = detection.PRISMATIC, detection.ROUND
 IRREGULAR, UNKNOWN = detection.IRREGULAR, detection.UNKNOWN

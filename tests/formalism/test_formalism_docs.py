@@ -20,14 +20,13 @@ from tests.places import ROOT
 PAGE = (ROOT / "docs" / "formalism.md").read_text(encoding="utf-8")
 DERIVED = re.compile(
     r"(?!sides)\w+\.((SIN|COS|TAN)_\w+|ROOT_2|\w*TO_SIGMA|SECOND_DIFFERENCE_GAIN|NAN|INFINITY|TINY)"
-    r"|segmentation\.(SINGLE_\w+|GUESS_\w+|FEW_VALUES|INFINITE)|bodies\.QUARTER|(summary|building)\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
+    r"|segmentation\.(SINGLE_\w+|GUESS_\w+|FEW_VALUES|INFINITE)|bodies\.QUARTER|(summary|features)\.RIGHT_ANGLE|smoothing\.LIVELINESSES"
 )
 """Functions of other constants, factors of the normal distribution, and what only saves time."""
 CODES = {"detection", "detect", "native", "forest"}
 """Modules whose numbers are codes, the layout of arrays, or trees that a script has grown, not constants of the method."""
 MARKS = {
     "segmentation": {"NEVER"},
-    "faces": {"FLAT", "CONVEX", "CONCAVE"},
     "views": {"HIDDEN", "OPEN", "OWN"},
     "sides": {"AT_LEAST"},
     "memory": {"NOTHING", "FAR"},

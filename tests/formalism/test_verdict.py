@@ -7,15 +7,13 @@ from math import hypot, log, pi
 import numpy as np
 import pytest
 
-from lidarcli.formalism import Detection, Parameters, detect
+from lidarcli.formalism import Detection, Parameters, detect, features, forest
 from lidarcli.formalism.explanation import KINDS, NEIGHBOURS, START, contributions, reasons
-from lidarcli.formalism.surfaces import appearance, building, features, forest, objects, sightlines, verdict
 from tests.formalism.batches import batch_of
 from tests.formalism.reference import EACH_BEARING_ONCE, Sweep
 from tests.formalism.test_robust_scenes import turn
 
 ALL = Parameters(min_thing=0.0)
-MODULES = (appearance, building, features, forest, objects, sightlines, verdict)
 Segment = tuple[float, float, float, float]
 
 

@@ -5,9 +5,9 @@ from lidarcli cimport native
 from lidarcli.formalism.segmentation cimport Scans
 from lidarcli.formalism.tracking cimport bodies as things
 from lidarcli.formalism.tracking cimport life
+from lidarcli.formalism.tracking cimport views as looks
 from lidarcli.formalism.tracking.bodies cimport Bodies
 from lidarcli.formalism.tracking.sightings cimport Sightings
-from lidarcli.formalism.tracking cimport views as looks
 from lidarcli.formalism.tracking.views cimport Views
 
 cdef double SLIM, WIDE, REACH, SPREAD, LOYALTY, PAIR_VAR, ONE_VAR, WIDE_VAR, RADIUS

@@ -13,16 +13,17 @@ from unittest.mock import patch
 
 import numpy as np
 
-from lidarcli.formalism import Detection, Parameters, core, description, detect, segmentation
-from lidarcli.formalism.surfaces import (
-    fragments,
-    legs,
+from lidarcli.formalism import (
+    Detection,
+    Parameters,
+    core,
+    description,
+    detect,
+    features,
     objects,
-    parts,
-    protrusions,
-    survey,
+    segmentation,
+    surfaces,
     verdict,
-    vertices,
 )
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.batches import batch_of, rows_of
@@ -36,21 +37,21 @@ STEPS: tuple[tuple[ModuleType, str], ...] = (
     (segmentation, "sigma_of"),
     (segmentation, "find_breakpoints"),
     (segmentation, "cut"),
-    (survey, "measure"),
-    (survey, "find_faces"),
-    (protrusions, "find"),
-    (protrusions, "divide"),
-    (survey, "measure_reach"),
-    (vertices, "mark"),
+    (surfaces, "measure_chords"),
+    (surfaces, "find_faces"),
+    (objects, "find_protrusions"),
+    (objects, "divide"),
+    (surfaces, "measure_reach"),
+    (surfaces, "mark_vertices"),
     (objects, "pieces"),
     (objects, "fully_visible"),
-    (fragments, "join"),
-    (verdict, "measure"),
+    (objects, "join_fragments"),
+    (features, "measure"),
     (verdict, "decide"),
-    (objects, "choose"),
-    (legs, "group"),
+    (verdict, "choose"),
+    (objects, "group_legs"),
     (core, "_settle"),
-    (parts, "assemble"),
+    (objects, "assemble"),
     (description, "describe"),
 )
 """Functions that each change what the core knows."""

@@ -102,7 +102,7 @@ def test_every_object_is_reported_in_order_and_numbered() -> None:
         assert one.found.object.tolist() == list(range(1, len(expected) + 1))
         assert [SETS[code] for code in one.found.set] == ["S" if thing.is_wall else "O" for thing in expected]
         assert one.found.objects[0] == sum(not thing.is_wall for thing in expected)
-        state = one.after["parts.assemble"]
+        state = one.after["objects.assemble"]
         begin = state.parts.begin
         parts = [state.parts.segment[begin[k] : begin[k + 1]] for k in range(state.parts.objects)]
         assert parts == [thing.members for thing in expected]

@@ -7,7 +7,7 @@ from math import dist
 import numpy as np
 import pytest
 
-from lidarcli.formalism.surfaces import faces as core_faces
+from lidarcli.formalism.surfaces import Faces, meeting, turn
 from tests.formalism.oracles import surfaces
 from tests.formalism.oracles.recording import ROBUST, Recorded, Segment, State, recordings
 from tests.formalism.oracles.recording import Face as CoreFace
@@ -78,7 +78,7 @@ def thinned(state: State, segment: Segment) -> tuple[list[Place], list[int]]:
 def test_faces_by_splitting_at_the_farthest_point() -> None:
     sure, ambiguous, split = 0, 0, 0
     for one in recordings():
-        state = one.after["survey.find_faces"]
+        state = one.after["surfaces.find_faces"]
         for j, segment in enumerate(state.segments):
             places, kept = thinned(state, segment)
             try:
@@ -119,7 +119,7 @@ def test_settled_faces_have_one_vertex_for_each_corner() -> None:
 
 def test_no_point_is_farther_from_its_chord_than_the_tolerance() -> None:
     for one in recordings():
-        state = one.after["survey.find_faces"]
+        state = one.after["surfaces.find_faces"]
         for j, segment in enumerate(state.segments):
             if segment.size < ROBUST.min_beams or state.survey.chord[j] > ROBUST.max_width:
                 continue
@@ -135,7 +135,7 @@ def test_where_the_lines_of_two_faces_meet() -> None:
     rng = np.random.default_rng(1)
     met = 0
     for _ in range(300):
-        faces = core_faces.Faces(8)
+        faces = Faces(8)
         corner = rng.uniform(-5, 5, 2)
         angles = rng.uniform(0, 2 * np.pi, 2)
         plain = []
@@ -145,10 +145,10 @@ def test_where_the_lines_of_two_faces_meet() -> None:
             faces.middle_x[f], faces.middle_y[f] = middle
             faces.direction_x[f], faces.direction_y[f] = direction
             plain.append(surfaces.Face(0, 0, 2, tuple(middle), tuple(direction), 0.0, 1.0, True))
-        usable, x, y = core_faces.meeting(faces, 0, 1)
+        usable, x, y = meeting(faces, 0, 1)
         expected = surfaces.meeting(*plain)
         assert usable == (expected is not None)
-        assert core_faces.turn(faces, 0, 1) == pytest.approx(surfaces.turn(*plain), abs=1e-12)
+        assert turn(faces, 0, 1) == pytest.approx(surfaces.turn(*plain), abs=1e-12)
         if expected is not None:
             assert (x, y) == pytest.approx(expected, abs=1e-9)
             assert (x, y) == pytest.approx(tuple(corner), abs=1e-9)
@@ -183,7 +183,7 @@ def expected_protrusions(state: State) -> list[tuple[int, int, int]]:
 def test_things_that_touch_a_wall() -> None:
     found = 0
     for one in recordings():
-        state = one.after["protrusions.find"]
+        state = one.after["objects.find_protrusions"]
         assert state.protrusions == expected_protrusions(state)
         found += len(state.protrusions)
     assert found > 40
@@ -191,7 +191,7 @@ def test_things_that_touch_a_wall() -> None:
 
 def test_segments_are_divided_at_what_touches_a_wall() -> None:
     for one in recordings():
-        before, state = one.after["protrusions.find"], one.after["protrusions.divide"]
+        before, state = one.after["objects.find_protrusions"], one.after["objects.divide"]
         things = {(first, last) for _, first, last in before.protrusions}
         parts = {(part.first, part.last): j for j, part in enumerate(state.segments)}
         assert things == {span for span, j in parts.items() if things and state.survey.protrusion[j]}
@@ -233,10 +233,10 @@ def seen_of(one: Recorded, step: str) -> list[surfaces.Seen]:
 
 def test_how_far_segments_reach() -> None:
     for one in recordings():
-        state = one.after["survey.measure_reach"]
+        state = one.after["surfaces.measure_reach"]
         for j, segment in enumerate(state.segments):
             faces = plain_faces(state, j)
-            if len(one.after["protrusions.find"].segments) != len(state.segments):
+            if len(one.after["objects.find_protrusions"].segments) != len(state.segments):
                 # Where a thing was cut out a face may belong to both.
                 continue
             inner = [face.last for face in faces[:-1]]
@@ -257,7 +257,7 @@ def test_walls_by_their_extent() -> None:
 def test_torn_things_are_one_body() -> None:
     joined = 0
     for one in recordings():
-        before, state = one.after["objects.pieces"], one.after["fragments.join"]
+        before, state = one.after["objects.pieces"], one.after["objects.join_fragments"]
         seen = seen_of(one, "objects.pieces")
         places = [places_of(state, segment) for segment in state.segments]
         may = [bool(loose) for loose in before.survey.loose[: len(seen)]]
@@ -287,8 +287,8 @@ def test_what_may_be_an_object_is_no_wall() -> None:
 def test_legs_are_joined_through_others_whatever_their_order() -> None:
     grouped = 0
     for one in recordings():
-        before, state = one.after["objects.choose"], one.after["legs.group"]
-        seen = seen_of(one, "objects.choose")
+        before, state = one.after["verdict.choose"], one.after["objects.group_legs"]
+        seen = seen_of(one, "verdict.choose")
         places = [places_of(state, segment) for segment in state.segments]
         is_leg = [bool(before.survey.is_object[j]) and seen[j].chord <= 0.2 for j in range(len(seen))]
         body = before.bodies.label

@@ -13,7 +13,7 @@ from lidarcli import native
 from lidarcli.formalism import SHAPES, Detection, Parameters, description, shape
 from lidarcli.formalism.detect import detect
 from lidarcli.formalism.segmentation import Points
-from lidarcli.formalism.surfaces.faces import Faces
+from lidarcli.formalism.surfaces import Faces
 from tests.formalism.oracles import descriptions, surfaces
 from tests.formalism.oracles.recording import random_batches
 from tests.formalism.oracles.surfaces import Ambiguous, Place

@@ -7,8 +7,7 @@ from math import exp, log
 import numpy as np
 import pytest
 
-from lidarcli.formalism.surfaces import building, forest, sightlines
-from lidarcli.formalism.surfaces import features as clues
+from lidarcli.formalism import features, forest
 from tests.formalism.oracles.recording import ROBUST, State, recordings
 from tests.formalism.oracles.test_sweep import EDGES
 
@@ -23,13 +22,13 @@ def bodies_of(state: State) -> list[tuple[int, list[int]]]:
 
 def value(state: State, k: int, name: str) -> float:
     """A feature of a body."""
-    return float(state.features.values[k * clues.COUNT + clues.NAMES.index(name)])
+    return float(state.features.values[k * features.COUNT + features.NAMES.index(name)])
 
 
 def test_bodies_are_what_may_be_a_thing() -> None:
     found = 0
     for one in recordings():
-        state = one.after["verdict.measure"]
+        state = one.after["features.measure"]
         for j in range(len(state.segments)):
             may = state.survey.candidate[j] and state.bodies.size[j] >= ROBUST.min_beams
             may = may and state.bodies.reach[j] <= ROBUST.max_width
@@ -44,7 +43,7 @@ def test_bodies_are_what_may_be_a_thing() -> None:
 
 def test_edges_tell_how_much_further_the_neighbours_are() -> None:
     for one in recordings():
-        state = one.after["verdict.measure"]
+        state = one.after["features.measure"]
         for k, _ in bodies_of(state):
             head, tail = state.segments[state.features.head[k]], state.segments[state.features.tail[k]]
             edges = [EDGES[head.start_edge], EDGES[tail.end_edge]]
@@ -63,7 +62,7 @@ def test_edges_tell_how_much_further_the_neighbours_are() -> None:
 
 def test_how_far_points_leave_the_chord() -> None:
     for one in recordings()[::5]:
-        state = one.after["verdict.measure"]
+        state = one.after["features.measure"]
         for k, members in bodies_of(state):
             if len(members) > 1:
                 continue
@@ -89,11 +88,11 @@ def test_how_far_points_leave_the_chord() -> None:
 def test_the_direction_of_a_building_is_that_of_most_faces() -> None:
     close = 0
     for one in recordings():
-        state = one.after["verdict.measure"]
+        state = one.after["features.measure"]
         long = [
             face
             for face in state.faces
-            if face.length >= building.DIRECTION_LENGTH and face.points >= building.DIRECTION_POINTS
+            if face.length >= features.DIRECTION_LENGTH and face.points >= features.DIRECTION_POINTS
         ]
         if not state.features.count or not long:
             continue
@@ -117,9 +116,9 @@ def test_the_direction_of_a_building_is_that_of_most_faces() -> None:
 def test_support_is_the_length_of_others_on_the_same_line() -> None:
     some = 0
     for one in recordings()[::3]:
-        state = one.after["verdict.measure"]
+        state = one.after["features.measure"]
         known = state.features
-        allowed = building.PLANE + building.PLANE_NOISE * state.points.sigma
+        allowed = features.FACE_PLANE + features.FACE_PLANE_NOISE * state.points.sigma
         for k, members in bodies_of(state):
             mine = [f for f, face in enumerate(state.faces) if face.segment in members]
             longest = max((state.faces[f].length for f in mine), default=0.0)
@@ -132,13 +131,13 @@ def test_support_is_the_length_of_others_on_the_same_line() -> None:
                 for g, face in enumerate(state.faces):
                     if face.segment in members or not known.aligned[g] or known.axis[g] != known.axis[f]:
                         continue
-                    if face.points < building.FACE_POINTS or face.length <= building.FACE_LENGTH:
+                    if face.points < features.FACE_POINTS or face.length <= features.FACE_LENGTH:
                         continue
                     if abs(known.offset[g] - known.offset[f]) > allowed:
                         continue
                     everywhere += face.length
                     apart = max(known.low[g] - known.high[f], known.low[f] - known.high[g])
-                    beside += face.length if apart < building.NEAR else 0.0
+                    beside += face.length if apart < features.LINE_NEAR else 0.0
                 best, near = max(best, everywhere), max(near, beside)
             assert value(state, k, "support") == pytest.approx(log(1 + best / 0.3), abs=1e-9)
             assert value(state, k, "support_near") == pytest.approx(log(1 + near / 0.3), abs=1e-9)
@@ -149,13 +148,13 @@ def test_support_is_the_length_of_others_on_the_same_line() -> None:
 def test_shares_of_lines_are_shares_and_walls_behind_are_behind() -> None:
     behind = 0
     for one in recordings():
-        state = one.after["verdict.measure"]
+        state = one.after["features.measure"]
         for k, _ in bodies_of(state):
             for name in ("line", "line_behind", "line_before", "cross_line"):
                 assert -1e-6 <= value(state, k, name) <= 1.0
             depth = value(state, k, "depth_behind")
             assert depth == 0.0 or 0.05 < depth < 0.31
-            assert value(state, k, "unbroken") <= ROBUST.max_width + 2 * sightlines.LINE_REACH + 0.1
+            assert value(state, k, "unbroken") <= ROBUST.max_width + 2 * features.LINE_REACH + 0.1
             assert 0.0 <= value(state, k, "grazing") <= 1.0 + 1e-9
             behind += depth > 0.0
     assert behind > 100
@@ -179,7 +178,7 @@ def test_two_passes_of_trees_decide() -> None:
         state = one.after["verdict.decide"]
         first = []
         for k, _ in bodies_of(state):
-            values = state.features.values[k * clues.COUNT : (k + 1) * clues.COUNT]
+            values = state.features.values[k * features.COUNT : (k + 1) * features.COUNT]
             odds = by_trees(forest.FIRST, forest.PRIOR[0], values)
             assert value(state, k, "first") == pytest.approx(odds, abs=1e-9)
             first.append(odds)
@@ -188,7 +187,7 @@ def test_two_passes_of_trees_decide() -> None:
             others = (2.0 + sum(shares) - shares[k]) / (len(shares) + 1.0)
             assert value(state, k, "others") == pytest.approx(others, abs=1e-9)
             if abs(odds) < 3.5:
-                values = state.features.values[k * clues.COUNT : (k + 1) * clues.COUNT]
+                values = state.features.values[k * features.COUNT : (k + 1) * features.COUNT]
                 odds = by_trees(forest.SECOND, forest.PRIOR[1], values)
                 second += 1
             assert state.verdict.thing[k] == pytest.approx(1.0 / (1.0 + exp(-odds)), abs=1e-9)
@@ -198,7 +197,7 @@ def test_two_passes_of_trees_decide() -> None:
 def test_what_is_likely_enough_is_an_object_and_the_rest_is_wall() -> None:
     kinds = {True: 0, False: 0}
     for one in recordings():
-        state = one.after["objects.choose"]
+        state = one.after["verdict.choose"]
         for j, segment in enumerate(state.segments):
             k = state.features.body[j]
             thing = k >= 0 and state.verdict.thing[k] >= ROBUST.min_thing

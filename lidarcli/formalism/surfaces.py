@@ -1,6 +1,6 @@
-"""Definition 7: the faces of a segment, the straight stretches between consecutive vertices.
+"""Definitions 6 and 7 of the segments of a sweep: their vertices, and the faces, straight stretches between these.
 
-They are found by splitting and merging: a stretch splits at its point farthest from the chord, as long as that distance
+Faces are found by splitting and merging: a stretch splits at its point farthest from the chord, as long as that distance
 exceeds a tolerance (iterative end point fit; Nguyen et al. 2005); vertices that turn out to be flat between their
 neighbours are dropped again, and so is one of two beside the same corner.
 """
@@ -11,6 +11,7 @@ import math
 from typing import Any
 
 from lidarcli import native
+from lidarcli.formalism import segmentation
 from lidarcli.formalism.segmentation import Points, Segments
 
 MAX_SPLITS = 24
@@ -287,3 +288,130 @@ def _fit(faces: Faces, f: int, begin: int, end: int) -> None:
     faces.direction_x[f], faces.direction_y[f] = side * direction_x, side * direction_y
     faces.rms[f] = math.sqrt(max(0.5 * (xx + yy) - root, 0.0))
     faces.length[f] = abs(length)
+
+
+# Definition 6 as printed: the vertices of a segment, where f' = 0 and where f' jumps.
+
+
+def mark_vertices(points: Points, segments: Segments, inner: Any, extremum: Any) -> None:
+    """Mark the inner vertices of all segments, and which of them are extrema of r rather than corners.
+
+    Between beams f is monotone, so f' = 0 shows as a difference s that changes its sign or becomes 0: at local minima and
+    maxima of r, and where a level stretch begins. f' jumps where two consecutive differences differ by more than d_th, the
+    only threshold the paper has.
+
+    Parameters
+    ----------
+    inner, extremum : of each point of the sweep
+    """
+    r = points.r
+    for j in range(segments.count):
+        for k in range(segments.first[j], segments.first[j] + segments.size[j]):
+            inner[k] = extremum[k] = False
+        for k in range(segments.first[j] + 1, segments.first[j] + segments.size[j] - 1):
+            before, after = r[k] - r[k - 1], r[k + 1] - r[k]
+            extremum[k] = before != 0 and before * after <= 0
+            inner[k] = extremum[k] or abs(after - before) > points.d_th
+
+
+# What is known of each segment before anybody decides what it is.
+
+STRAIGHT = 0.02
+"""[m] A face may leave its chord by this much plus three times the noise."""
+STRAIGHT_NOISE = 3.0
+WALL_STRIDE, WALL_POINTS = 4, 32
+"""Of a segment too wide for an object every fourth point is looked at, or as many as make 32: enough for its lines."""
+
+
+class Survey:
+    """Of each segment, as far as it has been found out."""
+
+    def __init__(self, most: int, min_beams: int, max_width: float) -> None:
+        """
+        Parameters
+        ----------
+        most : room for sweeps of so many beams
+        min_beams, max_width : what has fewer points or reaches further [m] is no object
+        """
+        self.owner: list[Any] = []
+        self.min_beams = min_beams
+        self.max_width = max_width
+        self.chord = native.doubles(self.owner, most)
+        """Distance of its first and last points [m]."""
+        self.tolerance = native.doubles(self.owner, most)
+        """By how much a face may leave its chord [m]."""
+        self.reach = native.doubles(self.owner, most)
+        """Greatest distance of a vertex from its first or last point [m]."""
+        self.protrusion = native.integers(self.owner, most)
+        """Whether it stands out from a wall that it touches."""
+        self.wall = native.integers(self.owner, most)
+        self.thing = native.doubles(self.owner, most)
+        """How likely it is a thing, and not a piece of building; NaN where nobody asked."""
+        self.candidate = native.integers(self.owner, most)
+        """Whether it may be an object or a fragment of one."""
+        self.loose = native.integers(self.owner, most)
+        """Whether it may be joined with its neighbours."""
+        self.is_object = native.integers(self.owner, most)
+        self.label = native.integers(self.owner, most)
+        """Segments of the same label are one object."""
+
+
+def measure_chords(survey: Survey, points: Points, segments: Segments) -> None:
+    """The chord of every segment, and how far its faces may leave theirs."""
+    tolerance = STRAIGHT + STRAIGHT_NOISE * points.sigma
+    for j in range(segments.count):
+        survey.chord[j] = segmentation.chord(segments, points, j)
+        survey.tolerance[j] = tolerance
+        survey.protrusion[j] = False
+
+
+def find_faces(survey: Survey, points: Points, segments: Segments, faces: Faces) -> None:
+    """The faces of every segment that may be an object, and those of the others as far as their lines need."""
+    faces.count = 0
+    for j in range(segments.count):
+        size = segments.size[j]
+        if survey.chord[j] <= survey.max_width:
+            most = size if size >= survey.min_beams else 0
+        else:
+            most = max((size + WALL_STRIDE - 1) // WALL_STRIDE, min(size, WALL_POINTS))
+        faces.offset[j] = faces.count
+        straight(faces, points, segments, j, most, survey.tolerance[j])
+    faces.offset[segments.count] = faces.count
+
+
+def measure_reach(survey: Survey, points: Points, segments: Segments, faces: Faces) -> None:
+    """How far every segment reaches [m]: the greatest distance of a vertex from its first or last point."""
+    x, y = points.x, points.y
+    for j in range(segments.count):
+        survey.reach[j] = survey.chord[j]
+        if faces.offset[j + 1] - faces.offset[j] < 2:
+            continue
+        a, b = segments.first[j], segmentation.last_point(segments, j)
+        farthest = 0.0
+        for f in range(faces.offset[j], faces.offset[j + 1]):
+            k = faces.last[f]
+            # Where a thing was cut out of a wall a face may go on past its end.
+            if k > b:
+                continue
+            farthest = max(farthest, (x[k] - x[a]) * (x[k] - x[a]) + (y[k] - y[a]) * (y[k] - y[a]))
+            farthest = max(farthest, (x[k] - x[b]) * (x[k] - x[b]) + (y[k] - y[b]) * (y[k] - y[b]))
+        survey.reach[j] = max(survey.reach[j], math.sqrt(farthest))
+
+
+def is_partial(segments: Segments, j: int) -> bool:
+    """Whether a segment may go on at an edge that is hidden, beyond the view or unknown."""
+    return not (is_end(segments.start_edge[j]) and is_end(segments.end_edge[j]))
+
+
+def is_end(edge: int) -> bool:
+    """Whether nothing goes on at an edge."""
+    return edge == segmentation.OWN or edge == segmentation.OPEN
+
+
+def share_of_walls(survey: Survey, points: Points, segments: Segments) -> float:
+    """The share of the points of a sweep that lie on walls."""
+    on_walls = 0
+    for j in range(segments.count):
+        if survey.wall[j]:
+            on_walls += segments.size[j]
+    return on_walls / max(points.count, 1.0)

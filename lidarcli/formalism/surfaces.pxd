@@ -2,10 +2,13 @@ cimport cython
 cimport libc.math as math
 
 from lidarcli cimport native
+from lidarcli.formalism cimport segmentation
 from lidarcli.formalism.segmentation cimport Points, Segments
 
 cdef Py_ssize_t MAX_SPLITS, PASSES
 cdef double BLUNT, SIN_BLUNT, INFINITY
+cdef double STRAIGHT, STRAIGHT_NOISE
+cdef Py_ssize_t WALL_STRIDE, WALL_POINTS
 
 
 cdef class Faces:
@@ -50,3 +53,30 @@ cdef (bint, double, double) meeting(Faces faces, Py_ssize_t one, Py_ssize_t othe
 cdef double turn(Faces faces, Py_ssize_t one, Py_ssize_t other) noexcept nogil
 cdef void _join(Faces faces, Segments segments, Py_ssize_t j) noexcept nogil
 cdef void _fit(Faces faces, Py_ssize_t f, Py_ssize_t begin, Py_ssize_t end) noexcept nogil
+
+
+cdef void mark_vertices(Points points, Segments segments, Py_ssize_t* inner, Py_ssize_t* extremum) noexcept nogil
+
+
+cdef class Survey:
+    cdef list owner
+    cdef Py_ssize_t min_beams
+    cdef double max_width
+    cdef double* chord
+    cdef double* tolerance
+    cdef double* reach
+    cdef Py_ssize_t* protrusion
+    cdef Py_ssize_t* wall
+    cdef double* thing
+    cdef Py_ssize_t* candidate
+    cdef Py_ssize_t* loose
+    cdef Py_ssize_t* is_object
+    cdef Py_ssize_t* label
+
+
+cdef void measure_chords(Survey survey, Points points, Segments segments) noexcept nogil
+cdef void find_faces(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
+cdef void measure_reach(Survey survey, Points points, Segments segments, Faces faces) noexcept nogil
+cdef bint is_partial(Segments segments, Py_ssize_t j) noexcept nogil
+cdef bint is_end(Py_ssize_t edge) noexcept nogil
+cdef double share_of_walls(Survey survey, Points points, Segments segments) noexcept nogil

@@ -10,14 +10,10 @@ import math
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism import segmentation
-from lidarcli.formalism.segmentation import Points, Scans, Segments
-from lidarcli.formalism.surfaces import appearance, building, forest, sightlines
-from lidarcli.formalism.surfaces import features as clues
-from lidarcli.formalism.surfaces.faces import Faces
-from lidarcli.formalism.surfaces.features import Features
-from lidarcli.formalism.surfaces.fragments import Bodies
-from lidarcli.formalism.surfaces.survey import Survey
+from lidarcli.formalism import features, forest, segmentation
+from lidarcli.formalism.features import Features
+from lidarcli.formalism.segmentation import Points, Segments
+from lidarcli.formalism.surfaces import Survey
 
 SURE = 3.5
 """Log-odds of the first pass that the second would not turn: it looks at the others alone."""
@@ -71,64 +67,42 @@ class Verdict:
         """Probability of each body."""
 
 
-def measure(
-    features: Features,
-    survey: Survey,
-    points: Points,
-    segments: Segments,
-    faces: Faces,
-    bodies: Bodies,
-    scans: Scans,
-) -> None:
-    """Fill in the features of all bodies, but for those of the second pass."""
-    if features.count == 0:
-        return
-    building.find_direction(features, faces)
-    building.align(features, points, faces)
-    for k in range(features.count):
-        appearance.measure_edges(features, points, segments, bodies, k)
-        appearance.measure_outline(features, survey, points, segments, bodies, k)
-        building.measure_support(features, points, segments, faces, k)
-        sightlines.measure_line(features, points, segments, faces, scans, k)
-        sightlines.measure_back(features, points, segments, k)
-
-
-def decide(verdict: Verdict, features: Features, points: Points, segments: Segments) -> None:
+def decide(verdict: Verdict, evidence: Features, points: Points, segments: Segments) -> None:
     """How likely each body is a thing."""
-    count = features.count
+    count = evidence.count
     for k in range(count):
-        verdict.odds[k] = score(verdict.first, features, k)
+        verdict.odds[k] = score(verdict.first, evidence, k)
         verdict.thing[k] = 1.0 / (1.0 + math.exp(-verdict.odds[k]))
     total = PRIOR_THINGS
     for k in range(count):
         total += verdict.thing[k]
     for k in range(count):
-        at = k * clues.COUNT
-        features.values[at + clues.FIRST] = verdict.odds[k]
-        features.values[at + clues.OTHERS] = (total - verdict.thing[k]) / (count + PRIOR_BODIES)
-        _look_beside(verdict, features, points, segments, k)
+        at = k * features.COUNT
+        evidence.values[at + features.FIRST] = verdict.odds[k]
+        evidence.values[at + features.OTHERS] = (total - verdict.thing[k]) / (count + PRIOR_BODIES)
+        _look_beside(verdict, evidence, points, segments, k)
     for k in range(count):
         if abs(verdict.odds[k]) < SURE:
-            verdict.odds[k] = score(verdict.second, features, k)
+            verdict.odds[k] = score(verdict.second, evidence, k)
         verdict.thing[k] = 1.0 / (1.0 + math.exp(-verdict.odds[k]))
 
 
-def score(trees: Trees, features: Features, k: int) -> float:
+def score(trees: Trees, evidence: Features, k: int) -> float:
     """Log-odds of a body: the sum of one leaf of each tree."""
-    total, at = trees.prior, k * clues.COUNT
+    total, at = trees.prior, k * features.COUNT
     for tree in range(trees.trees):
         n = trees.root[tree]
         while trees.feature[n] >= 0:
-            n = n + 1 if features.values[at + trees.feature[n]] <= trees.bound[n] else trees.above[n]
+            n = n + 1 if evidence.values[at + trees.feature[n]] <= trees.bound[n] else trees.above[n]
         total += trees.bound[n]
     return total
 
 
-def _look_beside(verdict: Verdict, features: Features, points: Points, segments: Segments, k: int) -> None:
+def _look_beside(verdict: Verdict, evidence: Features, points: Points, segments: Segments, k: int) -> None:
     """What hides the edges of a body, by the first pass."""
-    values, at = features.values, k * clues.COUNT
-    head, tail = features.head[k], features.tail[k]
-    free, by_wall, by_thing, some = clues.FAR, 0.0, 0.0, False
+    values, at = evidence.values, k * features.COUNT
+    head, tail = evidence.head[k], evidence.tail[k]
+    free, by_wall, by_thing, some = features.FAR, 0.0, 0.0, False
     for end in range(2):
         edge = segments.end_edge[tail] if end else segments.start_edge[head]
         step = segments.s_end[tail] if end else -segments.s_start[head]
@@ -138,7 +112,7 @@ def _look_beside(verdict: Verdict, features: Features, points: Points, segments:
                 if end
                 else segmentation.preceding(segments, points, head)
             )
-            other = features.body[j]
+            other = evidence.body[j]
             share = verdict.thing[other] if other >= 0 else 0.0
             by_thing += share
             by_wall += 1.0 - share
@@ -148,7 +122,17 @@ def _look_beside(verdict: Verdict, features: Features, points: Points, segments:
             continue
         some = True
         if edge == segmentation.OWN or edge == segmentation.HIDDEN:
-            free = min(free, max(clues.NEARER, min(step, clues.FAR)) if step == step else 0.0)
+            free = min(free, max(features.NEARER, min(step, features.FAR)) if step == step else 0.0)
     # Where things hide both ends, or the view ends there, none says something.
-    values[at + clues.JUMP_FREE] = free if some else clues.NEARER
-    values[at + clues.HIDDEN_BY_WALL], values[at + clues.HIDDEN_BY_THING] = by_wall, by_thing
+    values[at + features.JUMP_FREE] = free if some else features.NEARER
+    values[at + features.HIDDEN_BY_WALL], values[at + features.HIDDEN_BY_THING] = by_wall, by_thing
+
+
+def choose(survey: Survey, segments: Segments, evidence: Features, verdict: Verdict) -> None:
+    """Profile `robust`: which segments are objects or fragments of some, and which are pieces of building."""
+    for j in range(segments.count):
+        body = evidence.body[j]
+        survey.thing[j] = verdict.thing[body] if body >= 0 else 0.0
+        survey.is_object[j] = body >= 0 and survey.thing[j] >= verdict.least
+        if body >= 0 and not survey.is_object[j] and segments.size[j] >= survey.min_beams:
+            survey.wall[j] = True

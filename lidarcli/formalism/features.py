@@ -1,0 +1,681 @@
+"""What a sweep says for and against a body being a thing: numbers with names, on which `verdict` decides.
+
+A wall goes on: in the direction of the building, on its own line, behind what hides it. A thing ends: at steps, before free
+space. Every feature is one such question, put to the whole sweep.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from lidarcli import native
+from lidarcli.formalism import segmentation
+from lidarcli.formalism.objects import Bodies
+from lidarcli.formalism.segmentation import Points, Scans, Segments
+from lidarcli.formalism.surfaces import Faces, Survey
+
+NAMES = (
+    "jump_least",
+    "jump_most",
+    "hidden",
+    "open",
+    "width",
+    "reach",
+    "beams",
+    "aligned",
+    "support",
+    "support_near",
+    "backing",
+    "line",
+    "line_behind",
+    "depth_behind",
+    "line_before",
+    "unbroken",
+    "cross_line",
+    "bulge_to",
+    "bulge_away",
+    "before_back",
+    "walls",
+    "noise",
+    "grazing",
+    "protrusion",
+    "roughness",
+    "view",
+    "range",
+    "flicker",
+    "first",
+    "jump_free",
+    "hidden_by_wall",
+    "hidden_by_thing",
+    "others",
+)
+"""The features in their order (docs/formalism.md says what each is)."""
+(
+    JUMP_LEAST,
+    JUMP_MOST,
+    HIDDEN,
+    OPEN,
+    WIDTH,
+    REACH,
+    BEAMS,
+    ALIGNED,
+    SUPPORT,
+    SUPPORT_NEAR,
+    BACKING,
+    LINE,
+    LINE_BEHIND,
+    DEPTH_BEHIND,
+    LINE_BEFORE,
+    UNBROKEN,
+    CROSS_LINE,
+    BULGE_TO,
+    BULGE_AWAY,
+    BEFORE_BACK,
+    WALLS,
+    NOISE,
+    GRAZING,
+    PROTRUSION,
+    ROUGHNESS,
+    VIEW,
+    RANGE,
+    FLICKER,
+    FIRST,
+    JUMP_FREE,
+    HIDDEN_BY_WALL,
+    HIDDEN_BY_THING,
+    OTHERS,
+    COUNT,
+) = range(34)
+
+FAR = 3.0
+"""[m] The jump at an edge behind which nothing is seen; none counts as larger."""
+NEARER = -2.0
+"""[m] None counts as less."""
+BINS = 52
+"""Depths before and behind a line that are told apart."""
+
+
+class Features:
+    """The bodies of a sweep on which a decision is due, and what is known of each."""
+
+    def __init__(self, most: int) -> None:
+        """Room for sweeps of up to so many beams."""
+        self.owner: list[Any] = []
+        self.count = 0
+        self.head = native.integers(self.owner, most)
+        """First segment of each body."""
+        self.tail = native.integers(self.owner, most)
+        """Last segment of each body."""
+        self.values = native.doubles(self.owner, COUNT * most)
+        """`COUNT` features of each body, as `NAMES` lists them."""
+        self.body = native.integers(self.owner, most)
+        """Of each segment, the body that it belongs to; -1 for none."""
+        # Of each face: whether it is aligned, with which axis, its offset from the sensor, where it begins and ends.
+        self.aligned = native.integers(self.owner, 2 * most)
+        self.axis = native.integers(self.owner, 2 * most)
+        self.offset = native.doubles(self.owner, 2 * most)
+        self.low = native.doubles(self.owner, 2 * most)
+        self.high = native.doubles(self.owner, 2 * most)
+        self.cos = 1.0
+        """The direction of the building."""
+        self.sin = 0.0
+        self.angle = native.doubles(self.owner, 2 * most)
+        self.chosen = native.integers(self.owner, 2 * most)
+        self.bins = native.doubles(self.owner, BINS + 1)
+        self.goes_on = 0.0
+        """[m] How far a line goes on past the ends of a body without a beam that passes through it."""
+        self.share = 0.0
+        """Share of the points of the sweep that are on walls."""
+
+
+def gather(features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies) -> None:
+    """List the bodies that may be things: their segments are candidates, with points enough and no wider than an object."""
+    features.count = 0
+    for j in range(segments.count):
+        features.body[j] = -1
+    for j in range(segments.count):
+        if not survey.candidate[j] or features.body[j] >= 0:
+            continue
+        if bodies.size[j] < survey.min_beams or not bodies.reach[j] <= survey.max_width:
+            continue
+        before = segmentation.preceding(segments, points, j)
+        # A body begins where none joins it from before; one that goes all around, anywhere.
+        if bodies.joins[before] and before != j and bodies.parts[j] < segments.count:
+            continue
+        k, tail = features.count, j
+        features.head[k] = j
+        features.body[j] = k
+        for _ in range(bodies.parts[j] - 1):
+            tail = segmentation.following(segments, points, tail)
+            features.body[tail] = k
+        features.tail[k] = tail
+        features.count += 1
+
+
+def measure(
+    features: Features,
+    survey: Survey,
+    points: Points,
+    segments: Segments,
+    faces: Faces,
+    bodies: Bodies,
+    scans: Scans,
+) -> None:
+    """Fill in the features of all bodies, but for those of the second pass."""
+    if features.count == 0:
+        return
+    find_direction(features, faces)
+    align(features, points, faces)
+    for k in range(features.count):
+        measure_edges(features, points, segments, bodies, k)
+        measure_outline(features, survey, points, segments, bodies, k)
+        measure_support(features, points, segments, faces, k)
+        measure_line(features, points, segments, faces, scans, k)
+        measure_back(features, points, segments, k)
+
+
+# What is seen of a body by itself: its edges, its size, its form.
+
+
+def _jump(edge: int, s: float) -> float:
+    """By how much what is seen beside an edge is further away [m]."""
+    if edge == segmentation.OWN or edge == segmentation.HIDDEN:
+        return max(NEARER, min(s, FAR)) if s == s else 0.0
+    return FAR
+
+
+def _is_unseen(edge: int) -> bool:
+    """Whether beside an edge is no range."""
+    return edge == segmentation.OPEN or edge == segmentation.UNKNOWN or edge == segmentation.FLICKERING
+
+
+def measure_edges(features: Features, points: Points, segments: Segments, bodies: Bodies, k: int) -> None:
+    """What the two edges of a body say."""
+    values, at = features.values, k * COUNT
+    head, tail = features.head[k], features.tail[k]
+    start, end = segments.start_edge[head], segments.end_edge[tail]
+    one = _jump(start, -segments.s_start[head])
+    other = _jump(end, segments.s_end[tail])
+    values[at + JUMP_LEAST], values[at + JUMP_MOST] = min(one, other), max(one, other)
+    hidden = (start == segmentation.HIDDEN) + (end == segmentation.HIDDEN)
+    unseen = _is_unseen(start) + _is_unseen(end)
+    values[at + HIDDEN], values[at + OPEN] = hidden, unseen
+    values[at + VIEW] = (start == segmentation.VIEW) + (end == segmentation.VIEW)
+    values[at + BEAMS] = math.log(bodies.size[head])
+    values[at + REACH] = bodies.reach[head]
+    values[at + WALLS] = features.share
+    values[at + NOISE], values[at + FLICKER] = points.sigma, points.flicker
+
+
+def measure_outline(
+    features: Features, survey: Survey, points: Points, segments: Segments, bodies: Bodies, k: int
+) -> None:
+    """Size and form of what is seen of a body."""
+    values, at, x, y = features.values, k * COUNT, points.x, points.y
+    head, tail = features.head[k], features.tail[k]
+    a, b = segments.first[head], segmentation.last_point(segments, tail)
+    dx, dy = x[b] - x[a], y[b] - y[a]
+    width = math.sqrt(dx * dx + dy * dy)
+    values[at + WIDTH] = width
+    middle_x, middle_y = 0.5 * (x[a] + x[b]), 0.5 * (y[a] + y[b])
+    away = math.sqrt(middle_x * middle_x + middle_y * middle_y)
+    values[at + RANGE] = away
+    values[at + PROTRUSION] = 1.0 if survey.protrusion[head] else 0.0
+    values[at + BULGE_TO] = values[at + BULGE_AWAY] = values[at + ROUGHNESS] = 0.0
+    values[at + GRAZING] = 1.0
+    if not width > 0.0 or not away > 0.0:
+        return
+    normal_x, normal_y = dy / width, -dx / width
+    # Towards the sensor.
+    if normal_x * x[a] + normal_y * y[a] > 0.0:
+        normal_x, normal_y = -normal_x, -normal_y
+    values[at + GRAZING] = abs(normal_x * middle_x + normal_y * middle_y) / away
+    base = normal_x * x[a] + normal_y * y[a]
+    towards, behind, rough, number = 0.0, 0.0, 0.0, 0
+    j = head
+    for part in range(bodies.parts[head]):
+        first = segments.first[j]
+        for p in range(first, first + segments.size[j]):
+            off = normal_x * x[p] + normal_y * y[p] - base
+            towards, behind = max(towards, off), max(behind, -off)
+            if p > first + 1:
+                bend = off - 2.0 * (normal_x * x[p - 1] + normal_y * y[p - 1] - base)
+                bend += normal_x * x[p - 2] + normal_y * y[p - 2] - base
+                rough += abs(bend)
+                number += 1
+        if part + 1 < bodies.parts[head]:
+            j = segmentation.following(segments, points, j)
+    values[at + BULGE_TO], values[at + BULGE_AWAY] = towards, behind
+    values[at + ROUGHNESS] = rough / number if number > 0 else 0.0
+
+
+# The directions of a building, and how much of a sweep lies on the lines of a body.
+
+RIGHT_ANGLE = 0.5 * math.pi
+KERNEL = math.radians(4.0)
+"""[rad] A face speaks for directions up to this far from its own."""
+CLOSE = math.radians(5.0)
+"""[rad] Faces this near to the best direction make it exact."""
+DIRECTION_LENGTH, DIRECTION_POINTS = 0.25, 4
+"""[m] Shorter faces, and those of fewer points, do not tell directions."""
+ALIGNED_LEAST, ALIGNED_MOST = math.tan(math.radians(5.0)), math.tan(math.radians(20.0))
+"""Tangents of the angles by which an aligned face may be off, as its noise allows."""
+ALIGNED_NOISE = 4.0 * math.sqrt(3.0)
+FACE_POINTS, FACE_LENGTH = 3, 0.08
+"""[m] Lesser faces give no line."""
+FACE_PLANE, FACE_PLANE_NOISE = 0.03, 2.0
+"""[m] Faces of one line differ by so much, and by so many times the noise."""
+RELIEF = 0.32
+"""[m] What stands out from a wall does so by no more than this."""
+LINE_NEAR, LINE_BESIDE = 1.3, 0.6
+"""[m] along a line: a piece is near; a piece is behind."""
+
+
+def find_direction(features: Features, faces: Faces) -> None:
+    """The direction of the building: that of most of its faces, modulo a right angle.
+
+    Each face that tells one votes for those of a like direction; the best and those close to it make the mean.
+    """
+    angle, chosen, count = features.angle, features.chosen, 0
+    for f in range(faces.count):
+        if faces.length[f] >= DIRECTION_LENGTH and faces.points[f] >= DIRECTION_POINTS:
+            angle[count] = math.atan2(faces.direction_y[f], faces.direction_x[f])
+            chosen[count] = f
+            count += 1
+    best, most = 0.0, 0.0
+    for a in range(count):
+        votes = 0.0
+        for b in range(count):
+            off = abs(_turned(angle[b] - angle[a]))
+            if off < KERNEL:
+                votes += faces.length[chosen[b]] * (KERNEL - off)
+        if votes > most:
+            best, most = angle[a], votes
+    total, mean = 0.0, 0.0
+    for b in range(count):
+        off = _turned(angle[b] - best)
+        if abs(off) <= CLOSE:
+            total += faces.length[chosen[b]]
+            mean += faces.length[chosen[b]] * off
+    beta = best + (mean / total if total > 0.0 else 0.0)
+    features.cos, features.sin = math.cos(beta), math.sin(beta)
+
+
+def _turned(angle: float) -> float:
+    """An angle modulo a right angle, from -45 to 45 degrees [rad]."""
+    return angle - RIGHT_ANGLE * math.floor(angle / RIGHT_ANGLE + 0.5)
+
+
+def align(features: Features, points: Points, faces: Faces) -> None:
+    """Which faces run with or across the building, and where they are in its axes."""
+    cos, sin = features.cos, features.sin
+    for f in range(faces.count):
+        along = faces.direction_x[f] * cos + faces.direction_y[f] * sin
+        across = faces.direction_y[f] * cos - faces.direction_x[f] * sin
+        u = faces.middle_x[f] * cos + faces.middle_y[f] * sin
+        v = faces.middle_y[f] * cos - faces.middle_x[f] * sin
+        turned = abs(across) > abs(along)
+        features.axis[f] = turned
+        more, less = abs(along), abs(across)
+        if turned:
+            more, less = less, more
+            u, v = v, u
+        features.offset[f] = v
+        half = 0.5 * faces.length[f]
+        features.low[f], features.high[f] = u - half, u + half
+        allowed = ALIGNED_LEAST
+        if faces.length[f] > 0.0:
+            noise = ALIGNED_NOISE * points.sigma / (math.sqrt(faces.points[f]) * faces.length[f])
+            allowed = max(ALIGNED_LEAST, min(ALIGNED_MOST, noise))
+        features.aligned[f] = less < allowed * more
+
+
+def measure_support(features: Features, points: Points, segments: Segments, faces: Faces, k: int) -> None:
+    """How much of the rest of the sweep lies on the lines of a body, and how much a little behind them."""
+    values, at = features.values, k * COUNT
+    head, tail = features.head[k], features.tail[k]
+    longest, total, aligned = 0.0, 0.0, 0.0
+    j = head
+    while True:
+        for f in range(faces.offset[j], faces.offset[j + 1]):
+            total += faces.length[f]
+            longest = max(longest, faces.length[f])
+            if features.aligned[f]:
+                aligned += faces.length[f]
+        if j == tail:
+            break
+        j = segmentation.following(segments, points, j)
+    values[at + ALIGNED] = aligned / total if total > 0.0 else 0.0
+    values[at + SUPPORT] = values[at + SUPPORT_NEAR] = values[at + BACKING] = 0.0
+    some = False
+    j = head
+    while True:
+        for f in range(faces.offset[j], faces.offset[j + 1]):
+            if features.aligned[f] and faces.length[f] >= 0.5 * longest:
+                some = True
+                _add_support(
+                    features,
+                    points,
+                    faces,
+                    k,
+                    features.axis[f],
+                    features.offset[f],
+                    features.low[f],
+                    features.high[f],
+                    1.0,
+                )
+        if j == tail:
+            break
+        j = segmentation.following(segments, points, j)
+    if not some:
+        nearest = segments.first[head]
+        j = head
+        while True:
+            for p in range(segments.first[j], segments.first[j] + segments.size[j]):
+                if points.r[p] < points.r[nearest]:
+                    nearest = p
+            if j == tail:
+                break
+            j = segmentation.following(segments, points, j)
+        x, y = points.x[nearest], points.y[nearest]
+        u, v = x * features.cos + y * features.sin, y * features.cos - x * features.sin
+        _add_support(features, points, faces, k, 0, v, u, u, 0.5)
+        _add_support(features, points, faces, k, 1, u, v, v, 0.5)
+    for i in range(SUPPORT, BACKING + 1):
+        values[at + i] = math.log(1.0 + values[at + i] / 0.3)
+
+
+def _add_support(
+    features: Features,
+    points: Points,
+    faces: Faces,
+    k: int,
+    axis: int,
+    offset: float,
+    low: float,
+    high: float,
+    weight: float,
+) -> None:
+    """Raise the support of a body to what one of its lines has, if that is more."""
+    values, at = features.values, k * COUNT
+    allowed = FACE_PLANE + FACE_PLANE_NOISE * points.sigma
+    everywhere, near, behind = 0.0, 0.0, 0.0
+    side = 1.0 if offset > 0.0 else -1.0
+    for g in range(faces.count):
+        if not features.aligned[g] or features.axis[g] != axis:
+            continue
+        depth = (features.offset[g] - offset) * side
+        if not (depth >= -allowed and depth <= RELIEF):
+            continue
+        length = faces.length[g]
+        if faces.points[g] < FACE_POINTS or length <= FACE_LENGTH or features.body[faces.segment[g]] == k:
+            continue
+        gap = max(features.low[g] - high, low - features.high[g])
+        if depth <= allowed:
+            everywhere += length
+            if gap < LINE_NEAR:
+                near += length
+        elif gap < LINE_BESIDE:
+            behind += length
+    values[at + SUPPORT] = max(values[at + SUPPORT], weight * everywhere)
+    values[at + SUPPORT_NEAR] = max(values[at + SUPPORT_NEAR], weight * near)
+    values[at + BACKING] = max(values[at + BACKING], weight * behind)
+
+
+# What beams meet on the line of a body past both of its ends: wall, free space, or what stands before it.
+
+OWN_LENGTH, OWN_POINTS = 0.4, 6
+"""[m] A face that is not aligned has a line of its own from this length on."""
+LINE_REACH = 2.5
+"""[m] A line is followed this far past either end of a body."""
+LINE_PLANE, LINE_NOISE = 0.035, 2.0
+"""[m] Points this near to a line, and so many times the noise, are on it."""
+TINY = 1e-6
+"""[m] Less is rounding."""
+LINE_PRIOR = 0.3
+"""[m] So much of a line is taken for crossed beforehand."""
+BIN = 0.02
+"""[m] Depths before and behind a line are told apart by steps of this."""
+BINS_BEFORE = 30
+"""Of the bins, those before the line."""
+SHALLOWEST, DEEPEST = -BIN * BINS_BEFORE, BIN * (BINS - BINS_BEFORE) - 0.5 * BIN
+"""[m] What lies further before a line or behind it is in no bin."""
+SPACING, MOST_STRIDE = 0.04, 6
+"""[m] Beams that meet a line closer together than this are passed over, so many in a row at most."""
+BEHIND_FIRST, BEHIND_LAST = 3, 15
+"""Bins behind the line in which a wall may lie from which the body stands out: 6 to 30 cm."""
+BEFORE_FIRST, BEFORE_LAST = 4, 25
+"""Bins before it in which one may lie that has the body in its niche: 8 to 50 cm."""
+CROSSED = 2
+"""So many beams in a row that pass through a line end it."""
+SLANT = 0.015
+"""By so much a line may turn: m per m."""
+FRONT = 0.1
+"""A line is not followed where beams meet it at a lesser sine."""
+BACK_SURFACE = 0.25
+"""[m] of surface on either side of a body that tell the wall behind it."""
+BACK_LEAST, BACK_MOST = 6, 15
+"""Beams on either side."""
+BACK_PLANE, BACK_NOISE = 0.03, 2.0
+"""[m] rms of a wall behind."""
+
+
+def measure_line(
+    features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int
+) -> None:
+    """What beams meet past both ends of a body on the line of its longest face, and on that of its longest one across."""
+    values, at = features.values, k * COUNT
+    for i in range(LINE, CROSS_LINE + 1):
+        values[at + i] = 0.0
+    head, tail = features.head[k], features.tail[k]
+    face, cross = -1, -1
+    j = head
+    while True:
+        for f in range(faces.offset[j], faces.offset[j + 1]):
+            if face < 0 or faces.length[f] > faces.length[face]:
+                face = f
+        if j == tail:
+            break
+        j = segmentation.following(segments, points, j)
+    if face < 0:
+        return
+    values[at + UNBROKEN] = faces.length[face]
+    if features.aligned[face]:
+        j = head
+        while True:
+            for f in range(faces.offset[j], faces.offset[j + 1]):
+                if not features.aligned[f] or features.axis[f] == features.axis[face]:
+                    continue
+                if faces.points[f] >= FACE_POINTS and (cross < 0 or faces.length[f] > faces.length[cross]):
+                    cross = f
+            if j == tail:
+                break
+            j = segmentation.following(segments, points, j)
+    if cross >= 0:
+        _measure_face(features, points, segments, faces, scans, k, cross)
+        values[at + CROSS_LINE] = max(values[at + LINE], values[at + LINE_BEHIND])
+    _measure_face(features, points, segments, faces, scans, k, face)
+
+
+def _measure_face(
+    features: Features, points: Points, segments: Segments, faces: Faces, scans: Scans, k: int, face: int
+) -> None:
+    """What beams meet on the line of one face of a body, before it and behind it, past both ends of the body."""
+    values, at, bins = features.values, k * COUNT, features.bins
+    for i in range(LINE, UNBROKEN):
+        values[at + i] = 0.0
+    along_x, along_y = faces.direction_x[face], faces.direction_y[face]
+    # What is too short to have a direction gets that of the
+    if features.aligned[face] or faces.length[face] < OWN_LENGTH or faces.points[face] < OWN_POINTS:
+        along_x, along_y = features.cos, features.sin
+        if features.axis[face]:
+            along_x, along_y = -features.sin, features.cos
+    normal_x, normal_y = along_y, -along_x
+    c = normal_x * faces.middle_x[face] + normal_y * faces.middle_y[face]
+    if c < 0.0:
+        normal_x, normal_y, c = -normal_x, -normal_y, -c
+    if c < BIN:
+        return
+    for i in range(BINS + 1):
+        bins[i] = 0.0
+    first, last = segments.first[features.head[k]], segmentation.last_point(segments, features.tail[k])
+    features.goes_on = 0.0
+    beyond = _follow(features, points, scans, first, -1, normal_x, normal_y, c)
+    beyond += _follow(features, points, scans, last, 1, normal_x, normal_y, c)
+    values[at + UNBROKEN] = faces.length[face] + features.goes_on
+    half = int((LINE_PLANE + LINE_NOISE * points.sigma) / BIN + 0.5)
+    line, behind, depth, before = 0.0, 0.0, 0.0, 0.0
+    # Sums of the bins around one, and of those beyond them: what beams have crossed to get there.
+    occupied, crossed = 0.0, beyond
+    for i in range(BINS):
+        crossed += bins[i]
+    for i in range(min(half, BINS)):
+        occupied += bins[i]
+        crossed -= bins[i]
+    for i in range(BINS):
+        if i + half < BINS:
+            occupied += bins[i + half]
+            crossed -= bins[i + half]
+        if i - half - 1 >= 0:
+            occupied -= bins[i - half - 1]
+        if occupied < TINY:
+            continue
+        share = occupied / (occupied + max(crossed, 0.0) + LINE_PRIOR)
+        off = i - BINS_BEFORE
+        if off == 0:
+            line = share
+        elif off >= BEHIND_FIRST and off <= BEHIND_LAST:
+            if share > behind:
+                behind, depth = share, off * BIN
+        elif off <= -BEFORE_FIRST and off >= -BEFORE_LAST:
+            before = max(before, share)
+    values[at + LINE], values[at + LINE_BEHIND] = line, behind
+    values[at + DEPTH_BEHIND], values[at + LINE_BEFORE] = depth, before
+
+
+def _follow(
+    features: Features,
+    points: Points,
+    scans: Scans,
+    start: int,
+    way: int,
+    normal_x: float,
+    normal_y: float,
+    c: float,
+) -> float:
+    """Follow a line past one end of a body: how much of it [m] is met at which depth (`bins`).
+
+    How far it goes on without a beam that passes through it is added to `goes_on`.
+
+    Returns
+    -------
+    How much of it is crossed by beams that meet nothing near it [m]
+    """
+    bins, x, y, r, position = features.bins, points.x, points.y, points.r, points.position
+    if start >= points.count:
+        start -= points.count
+    p, beyond = start, 0.0
+    q = normal_x * x[p] + normal_y * y[p]
+    if q < FRONT * r[p]:
+        return 0.0
+    begin = (normal_x * y[p] - normal_y * x[p]) * c / q
+    last, crossed, far = begin, 0, 0.0
+    plane = LINE_PLANE + LINE_NOISE * points.sigma
+    # Where beams meet the line close together, not all of them are looked at.
+    stride = 1
+    while stride < MOST_STRIDE and (stride + 1) * c * points.step <= SPACING:
+        stride += 1
+    left = points.count - 1
+    while left > 0:
+        skip = min(stride, left)
+        left -= skip
+        before = p
+        p += way * skip
+        turn = 0
+        if p < 0 or p >= points.count:
+            if points.period == 0:
+                break
+            turn = points.period
+            p += points.count if p < 0 else -points.count
+        q = normal_x * x[p] + normal_y * y[p]
+        if q < FRONT * r[p]:
+            break
+        s = (normal_x * y[p] - normal_y * x[p]) * c / q
+        step = (s - last) * way
+        away = (s - begin) * way
+        if step < 0.0 or away > LINE_REACH:
+            break
+        last = s
+        lost = (position[p] - position[before]) * way + turn - skip
+        depth = q - c
+        if lost > 0:
+            beam = segmentation.beam_at(points, position[p] - way)
+            if beam >= 0 and scans.status[points.row * scans.width + beam] == segmentation.NO_RETURN:
+                beyond += step * lost / (lost + skip)
+            # Where beams were lost nobody knows what is on the line.
+            step = 0.0
+        if crossed < CROSSED:
+            allowed = plane + SLANT * away
+            if depth > allowed:
+                crossed += skip
+            else:
+                crossed = 0
+                if depth >= -allowed:
+                    far = away
+        if depth >= DEEPEST:
+            beyond += step
+        elif depth > SHALLOWEST:
+            bins[int(depth / BIN + BINS_BEFORE + 0.5)] += step
+    features.goes_on += far
+    return beyond
+
+
+def measure_back(features: Features, points: Points, segments: Segments, k: int) -> None:
+    """How far a body stands before the surface that is seen on both of its sides [m], 0 where there is none."""
+    values, at, x, y = features.values, k * COUNT, points.x, points.y
+    values[at + BEFORE_BACK] = 0.0
+    head, tail = features.head[k], features.tail[k]
+    a, b = segments.first[head], segmentation.last_point(segments, tail)
+    spacing = 0.5 * (points.r[a] + points.r[b]) * points.step
+    number = BACK_LEAST
+    while number < BACK_MOST and (number + 1) * spacing <= BACK_SURFACE:
+        number += 1
+    low, high = a - number, b + number
+    if points.period == 0 and (low < 0 or high >= points.count):
+        return
+    if b - a + 1 + 2 * number > points.count:
+        return
+    sum_x, sum_y, sum_xx, sum_xy, sum_yy = 0.0, 0.0, 0.0, 0.0, 0.0
+    x0, y0 = x[a], y[a]
+    for i in range(2 * number):
+        p = low + i if i < number else b + 1 + i - number
+        if p < 0:
+            p += points.count
+        while p >= points.count:
+            p -= points.count
+        dx, dy = x[p] - x0, y[p] - y0
+        sum_x += dx
+        sum_y += dy
+        sum_xx += dx * dx
+        sum_xy += dx * dy
+        sum_yy += dy * dy
+    share = 1.0 / (2 * number)
+    mean_x, mean_y = sum_x * share, sum_y * share
+    xx, xy, yy = (
+        sum_xx * share - mean_x * mean_x,
+        sum_xy * share - mean_x * mean_y,
+        sum_yy * share - mean_y * mean_y,
+    )
+    half = 0.5 * (xx - yy)
+    root = math.sqrt(half * half + xy * xy)
+    rms = math.sqrt(max(0.5 * (xx + yy) - root, 0.0))
+    if rms > BACK_PLANE + BACK_NOISE * points.sigma or not root > 0.0:
+        return
+    angle = 0.5 * math.atan2(xy, half)
+    normal_x, normal_y = -math.sin(angle), math.cos(angle)
+    c = normal_x * (x0 + mean_x) + normal_y * (y0 + mean_y)
+    if c < 0.0:
+        normal_x, normal_y, c = -normal_x, -normal_y, -c
+    middle = normal_x * 0.5 * (x[a] + x[b]) + normal_y * 0.5 * (y[a] + y[b])
+    values[at + BEFORE_BACK] = max(NEARER, min(c - middle, FAR))
