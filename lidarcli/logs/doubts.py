@@ -28,10 +28,12 @@ UNUSABLE = 0.95
 """Share of the beams without a range from which on something may be wrong."""
 THIN = 5
 """Of so many sweeps the ranges of one are looked at: neither of two sensors in turns is always left out."""
-TOGETHER, PERIOD = 16, 64
+TOGETHER, PERIOD = 16, 256
 """So many sweeps in a row are compared with each other, of so many …"""
 BEAMS = 90
 """… by so many of their beams."""
+REPEATS = 256
+"""Sweeps with the stamp of the one before that are compared with it, the first ones."""
 APART = 0.1
 """[m] From one sweep to the next half of the beams change by more than this …"""
 NEARER = 3.0
@@ -88,32 +90,12 @@ class Doubts:
             report.add_doubts(topic, lines)
 
 
-class _Sample(NamedTuple):
-    """Some sweeps in the order of the log."""
+class _Last(NamedTuple):
+    """The last sweep: its time, its number in the log, and its ranges."""
 
-    number: Int64
-    """(N,) counts the sweeps that were seen."""
-    sweep: Int64
-    """(N,) their numbers in the log."""
-    time_ns: Int64
-    """(N,) when they were taken."""
+    time_ns: int
+    sweep: int
     ranges: Float32
-    """(N, BEAMS) some of their ranges, 0 where there is none."""
-
-    def and_then(self, other: _Sample) -> _Sample:
-        """These sweeps and those that follow."""
-        return _Sample(
-            np.concatenate([self.number, other.number]),
-            np.concatenate([self.sweep, other.sweep]),
-            np.concatenate([self.time_ns, other.time_ns]),
-            np.concatenate([self.ranges, other.ranges]),
-        )
-
-    def last(self, count: int) -> _Sample:
-        """The last sweeps."""
-        return _Sample(
-            self.number[-count:], self.sweep[-count:], self.time_ns[-count:], self.ranges[-count:].copy()
-        )
 
 
 @dataclass(slots=True)
@@ -143,8 +125,12 @@ class _Seen:
     causes: dict[str, int] = field(default_factory=dict)
     """Why beams have no range → how many, where hardly any has one."""
     limits: tuple[float, float] = (0.0, 0.0)
-    before: _Sample | None = None
-    """The last three sweeps that were looked at."""
+    before: tuple[Int64, Float32] = field(
+        default_factory=lambda: (np.zeros(0, np.int64), np.zeros((0, BEAMS), np.float32))
+    )
+    """Numbers and some ranges of the last three sweeps that were compared …"""
+    last: _Last | None = None
+    """… and the very last one."""
     compared: int = 0
     turns: int = 0
     """Sweeps that are less like the one before than like one before that, of those that were compared."""
@@ -165,6 +151,7 @@ class _Seen:
         # A slice copies nothing.
         self._take_ranges(raw, batch, slice(-int(number[0]) % THIN, None, THIN) if len(raw) else slice(0))
         self._take_order(raw, batch, number)
+        self._take_repeats(raw, batch)
 
     def notes(self, name: str, alone: bool, told: bool, in_unit: bool) -> list[str]:
         """What was found so far.
@@ -185,11 +172,12 @@ class _Seen:
         if not len(ranges):
             return
         least = batch.range_min[rows, None]
-        beams, valid = int(raw.beams[rows].sum()), int(np.count_nonzero(status == Status.VALID))
-        self.beams += beams
+        beams, seen = raw.beams[rows], np.count_nonzero(status == Status.VALID, axis=1)
+        valid = int(seen.sum())
+        self.beams += int(beams.sum())
         self.valid += valid
         # Sweep by sweep, so that it does not matter what a block holds.
-        few = np.count_nonzero(status == Status.VALID, axis=1) < (1.0 - UNUSABLE) * raw.beams[rows]
+        few = seen < (1.0 - UNUSABLE) * beams
         if few.any():
             self._take_causes(ranges[few], status[few], least[few], most[few])
         self._take_units(ranges, status, valid)
@@ -264,31 +252,36 @@ class _Seen:
             return
         # Blocks are padded to widths of their own.
         beams = raw.beams[rows, None].astype(np.int64) * np.arange(BEAMS) // BEAMS
-        some = _Sample(
-            number[rows],
-            batch.sweep[rows],
-            raw.time_ns[rows],
-            np.nan_to_num(np.take_along_axis(batch.ranges[rows], beams, axis=1)),
-        )
-        fresh = len(rows)
-        if self.before is not None:
-            some = self.before.and_then(some)
-        self.before = some.last(3)
-        first = max(len(some.number) - fresh, 1)
-        follows = np.diff(some.number)[first - 1 :] == 1
-        steps, apart = np.diff(some.time_ns)[first - 1 :], np.diff(some.sweep)[first - 1 :]
-        same = np.flatnonzero(follows & (np.abs(steps) <= SAME_NS * apart)) + first
-        self.repeats += len(same)
-        self.alike += int(np.count_nonzero((some.ranges[same] == some.ranges[same - 1]).all(axis=1)))
-        fourth = np.arange(max(len(some.number) - fresh, 3), len(some.number))
-        fourth = fourth[some.number[fourth] - some.number[fourth - 3] == 3]
+        some = batch.ranges[rows[:, None], beams]
+        some[np.isnan(some)] = 0.0
+        numbers = np.concatenate([self.before[0], number[rows]])
+        some = np.concatenate([self.before[1], some])
+        self.before = numbers[-3:], some[-3:].copy()
+        fourth = np.flatnonzero(numbers[3:] - numbers[:-3] == 3) + 3
         if not len(fourth):
             return
-        differences = np.abs(np.stack([some.ranges[fourth] - some.ranges[fourth - by] for by in (1, 2, 3)]))
-        changes = np.partition(differences, BEAMS // 2, axis=2)[:, :, BEAMS // 2]
-        nearer = np.minimum(changes[1], changes[2]) * NEARER < changes[0]
+        changes = np.abs(some[fourth] - np.stack([some[fourth - by] for by in (1, 2, 3)]))
+        changes.partition(BEAMS // 2, axis=2)
+        halves = changes[:, :, BEAMS // 2]
+        nearer = np.minimum(halves[1], halves[2]) * NEARER < halves[0]
         self.compared += len(nearer)
-        self.turns += int(np.count_nonzero(nearer & (changes[0] > APART)))
+        self.turns += int(np.count_nonzero(nearer & (halves[0] > APART)))
+
+    def _take_repeats(self, raw: RawSweeps, batch: SweepBatch) -> None:
+        """Compare sweeps with the one before that has their stamp."""
+        if not len(raw):
+            return
+        last = self.last or _Last(
+            int(raw.time_ns[0]) - 2 * SAME_NS, int(batch.sweep[0]) - 1, raw.ranges[0, :0]
+        )
+        steps = np.diff(raw.time_ns, prepend=last.time_ns)
+        apart = np.diff(batch.sweep, prepend=last.sweep)
+        same = np.flatnonzero(np.abs(steps) <= SAME_NS * apart)
+        for row in same[: REPEATS - self.repeats].tolist():
+            before = raw.ranges[row - 1, : raw.beams[row - 1]] if row else last.ranges
+            self.repeats += 1
+            self.alike += int(np.array_equal(before, raw.ranges[row, : raw.beams[row]], equal_nan=True))
+        self.last = _Last(int(raw.time_ns[-1]), int(batch.sweep[-1]), raw.ranges[-1, : raw.beams[-1]].copy())
 
     def _geometry_notes(self, name: str) -> list[str]:
         lines = []

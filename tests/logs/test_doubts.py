@@ -244,6 +244,12 @@ def test_every_takes_each_once_where_all_are_there_as_often(times: int, way: str
         assert line.endswith("have stamp and ranges of the sweep before")
 
 
+def test_repetitions_are_compared_wherever_they_begin() -> None:
+    late = [*range(1000), *np.repeat(np.arange(1000, 1200), 2)]
+    (line,) = notes(room(1200).rows(np.array(late)))
+    assert line == "200 of 1,400 sweeps of /scan have stamp and ranges of the sweep before"
+
+
 def test_runs_that_share_their_times_are_not_told_apart() -> None:
     (line,) = notes(stamped(lambda k: START + STEP * (k % 20)))
     assert line == "stamps of /scan go back once, by 1.9 s: the clock was set, or the log holds several runs"
