@@ -108,7 +108,7 @@ def test_whoever_names_what_is_no_return_gets_that() -> None:
         assert not report.doubts
 
 
-@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize("size", [pytest.param(1, marks=pytest.mark.slow), 7, 1000])
 def test_neither_blocks_nor_batches_matter(size: int) -> None:
     """A pile that comes late counts from its window of sweeps on."""
     ranges = np.concatenate([driven(share=0.0, sweeps=2 * WINDOW), driven(seed=2)])
@@ -240,14 +240,14 @@ def test_the_end_of_a_hall_is_no_pile(end: float, step: float, sigma: float) -> 
     ends = end / np.maximum(np.abs(np.cos(bearing)), 1e-9)
     ranges = noisy(np.minimum(hall(np.zeros(60), 1e3), ends), sigma, step)
     batches, report = judged(around(ranges))
-    assert not report.range_notes
+    assert not report.doubts
     assert (statuses(batches) == Status.VALID.value).all()
 
 
 def test_what_a_few_sweeps_pass_is_nearly_the_most() -> None:
     ranges = driven()
     ranges[::50, 7] = 50.3
-    assert ", nearly the most there is: " in judged(far(ranges))[1].notes_on_ranges()[0]
+    assert ", nearly the most there is: " in judged(far(ranges))[1].doubted()[0]
 
 
 def along(value: float = 29.0, beam: int = 45, sweeps: int = 60, speed: float = 0.05) -> Float32:
@@ -266,13 +266,13 @@ def test_a_beam_that_tells_the_same_wherever_the_robot_goes_is_no_return(beam: i
     batches, report = judged(far(ranges))
     assert (statuses(batches) == NO_RETURN).tolist() == (ranges == 29.0).tolist()
     assert report.no_return == {}
-    assert report.notes_on_ranges() == [
+    assert report.doubted() == [
         f"/scan: beam {beam} is 29 m wherever the robot goes: taken as no return; --no-return inf,zero,max,above takes it "
         "as measured"
     ]
     batches, report = judged(far(ranges), rules=RangeRules(RangeRules().no_return - {"pile"}))
     assert (statuses(batches) == Status.VALID.value).all()
-    assert not report.range_notes
+    assert not report.doubts
 
 
 def test_a_beam_counts_from_the_window_on_in_which_it_is_found() -> None:
@@ -280,7 +280,7 @@ def test_a_beam_counts_from_the_window_on_in_which_it_is_found() -> None:
     ranges[:WINDOW:2, 45] = 3.0
     batches, report = judged(*(far(ranges).rows(slice(at, at + 100)) for at in range(0, len(ranges), 100)))
     assert (statuses(batches) == NO_RETURN).nonzero()[0].tolist() == [*range(WINDOW, 2 * WINDOW)]
-    assert report.notes_on_ranges()[0].startswith(f"/scan: from sweep {WINDOW} on, beam 45 is 29 m ")
+    assert report.doubted()[0].startswith(f"/scan: from sweep {WINDOW} on, beam 45 is 29 m ")
 
 
 @pytest.mark.parametrize(
@@ -297,7 +297,7 @@ def test_a_beam_counts_from_the_window_on_in_which_it_is_found() -> None:
 )
 def test_what_stays_the_same_may_be_measured(ranges: Float32) -> None:
     batches, report = judged(far(ranges))
-    assert not report.range_notes
+    assert not report.doubts
     assert (statuses(batches) == Status.VALID.value).all()
 
 
@@ -329,6 +329,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_every_way_to_read_a_log_says_the_same(log: Path, tmp_path: Path) -> None:
     piled = int(np.count_nonzero(driven() == 50.0))
     with pytest.warns(UserWarning, match="end at 50 m"):
@@ -363,5 +364,5 @@ def test_real_sensors(name: str, limit: float | None) -> None:
         for _ in read_batches(log, ReadOptions(), report):
             pass
     assert report.no_return == ({} if limit is None else {"/front_laser": pytest.approx(limit)})
-    stuck = [note for note in report.notes_on_ranges() if "beam 180 is 50 m wherever the robot goes" in note]
+    stuck = [note for note in report.doubted() if "beam 180 is 50 m wherever the robot goes" in note]
     assert len(stuck) == (name == "acapulco")
