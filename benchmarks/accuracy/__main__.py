@@ -16,8 +16,8 @@ from benchmarks.accuracy.objects import Part, Tally, measure
 from benchmarks.accuracy.page import page, summary
 from benchmarks.accuracy.plots import plot_cells, plot_scenes
 from benchmarks.annotations.measure import measure as measure_by_eye
-from lidarcli.simulate import building_scenes
-from lidarcli.simulate.random_scenes import KINDS
+from benchmarks.scenes import building
+from benchmarks.scenes.random import KINDS
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "accuracy.md"
@@ -40,7 +40,7 @@ def parts(first: int, scenes: int, baselines: bool) -> Iterator[Part]:
         "whole": -(-scenes // LEGGED_SHARE),
     }
     for things, count in counts.items():
-        for kind in (*KINDS, *building_scenes.KINDS) if things == "plain" else KINDS:
+        for kind in (*KINDS, *building.KINDS) if things == "plain" else KINDS:
             for start in range(0, count, CHUNK):
                 seeds = range(first + start, first + min(start + CHUNK, count))
                 yield Part(things, kind, tuple(seeds), baselines)

@@ -9,9 +9,9 @@ import numpy as np
 from benchmarks.accuracy.cells import Truth, simulate
 from benchmarks.accuracy.methods import labels_of
 from benchmarks.accuracy.scoring import assign
+from benchmarks.scenes.random import SENSORS, sensor_with
 from lidarcli.formalism import SHAPES, VERTEX_KINDS, Detection, detect
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.random_scenes import SENSORS, sensor_with
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 

@@ -8,11 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from lidarcli.judging import RangeRules, normalise
-from lidarcli.simulate import building_scenes
-from lidarcli.simulate.entities import legs_of
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.random_scenes import (
+from benchmarks.scenes import building
+from benchmarks.scenes.random import (
     CHEAP_NOISE,
     FAULTS,
     KINDS,
@@ -22,6 +19,9 @@ from lidarcli.simulate.random_scenes import (
     random_scene,
     sensor_with,
 )
+from lidarcli.judging import RangeRules, normalise
+from lidarcli.simulate.entities import legs_of
+from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Entity, Scene, Sensor
 from lidarcli.sweeps import Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
 
@@ -39,7 +39,7 @@ POLE_DIAMETER = 0.12
 class Cell:
     """One of the conditions."""
 
-    kind: Kind | building_scenes.Kind
+    kind: Kind | building.Kind
     sensor: str
     noise: float
     """Standard deviation of a range [m]."""
@@ -63,7 +63,7 @@ CELLS = tuple(Cell(kind, sensor, *fault) for kind in KINDS for sensor in SENSORS
 """Scenes of clean surfaces."""
 BUILDING_CELLS = tuple(
     Cell(kind, sensor, *fault)
-    for kind in building_scenes.KINDS
+    for kind in building.KINDS
     for sensor in SENSORS
     for fault in ((0.01, 0.003, False), (*CHEAP_NOISE[:1], 0.01, True))
 )
@@ -111,14 +111,14 @@ def judged(raw: RawSweeps) -> SweepBatch:
 
 
 def cells_of(
-    kind: Kind | building_scenes.Kind, seeds: list[int], things: Things
+    kind: Kind | building.Kind, seeds: list[int], things: Things
 ) -> Iterator[tuple[Cell, SweepBatch, Truth]]:
     """The cells of one kind of scene: one sweep of each seed's scene by each sensor with each fault."""
     ideal, legged = SENSORS["361"], things != "plain"
     scenes = []
     for seed in seeds:
         if kind == "passage" or kind == "chamber":
-            scenes.append(building_scenes.building_scene(kind, seed, ideal, legged=legged))
+            scenes.append(building.building_scene(kind, seed, ideal, legged=legged))
         else:
             scenes.append(random_scene(kind, seed, ideal, legged=legged))
     if things == "legs":

@@ -14,7 +14,7 @@ from benchmarks.accuracy.cells import BUILDING_CELLS, Cell, Truth, judged, kind_
 from benchmarks.accuracy.methods import ROBUST
 from benchmarks.accuracy.scoring import Score, score
 from benchmarks.annotations.methods import TRACK, from_rows
-from lidarcli.simulate.building_scenes import KINDS, SWEEPS, building_scene
+from benchmarks.scenes.building import KINDS, SWEEPS, building_scene
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 

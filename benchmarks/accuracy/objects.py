@@ -10,9 +10,9 @@ import numpy as np
 from benchmarks.accuracy.cells import CELLS, THINGS, Cell, Things, Truth, cells_of
 from benchmarks.accuracy.methods import GROUP_GAP, GROUPING, METHODS, ROBUST, Method, labels_of
 from benchmarks.accuracy.scoring import Score, assign, score
+from benchmarks.scenes import building
+from benchmarks.scenes.random import Kind
 from lidarcli.formalism import SHAPES, Parameters, detect
-from lidarcli.simulate import building_scenes
-from lidarcli.simulate.random_scenes import Kind
 from lidarcli.sweeps import Int64, SweepBatch
 
 SHAPE_BEAMS = 12
@@ -57,7 +57,7 @@ class Part:
     """A part of the work, small enough for one process."""
 
     things: Things
-    kind: Kind | building_scenes.Kind
+    kind: Kind | building.Kind
     seeds: tuple[int, ...]
     baselines: bool = True
 

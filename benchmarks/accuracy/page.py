@@ -14,9 +14,9 @@ from benchmarks.accuracy.objects import MISSED, SHAPE_BEAMS, Tally, total
 from benchmarks.accuracy.prose import BUILDINGS, DRIVEN, HEAD, LIMITS, REAL, SCENES
 from benchmarks.accuracy.scoring import BEAMS
 from benchmarks.annotations import page as by_eye
+from benchmarks.scenes import building
+from benchmarks.scenes.random import FAULTS, KINDS, SENSORS
 from lidarcli.formalism import SHAPES
-from lidarcli.simulate import building_scenes
-from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS
 from lidarcli.sweeps import Int64
 
 BEGIN, END = "<!-- real recordings: begin -->", "<!-- real recordings: end -->"
@@ -146,7 +146,7 @@ def _buildings(tally: Tally, scenes: int) -> str:
             f"{PLURAL[kind]}, {name}",
             [cell for cell in BUILDING_CELLS if (cell.kind, cell.cheap) == (kind, is_cheap)],
         )
-        for kind in building_scenes.KINDS
+        for kind in building.KINDS
         for name, is_cheap in faults.items()
     ]
     rows = []
@@ -170,9 +170,7 @@ def _driven(found: driven.Driven) -> str:
     """The same buildings by a sensor that drives."""
     groups = sorted({group for group, _ in found}, reverse=True)
     head = ["precision / recall", *groups]
-    return DRIVEN.format(sweeps=building_scenes.SWEEPS, way=building_scenes.WAY) + table(
-        head, driven.rows(found)
-    )
+    return DRIVEN.format(sweeps=building.SWEEPS, way=building.WAY) + table(head, driven.rows(found))
 
 
 def _classes() -> list[str]:

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from benchmarks.accuracy.cells import CELLS, points_xy, simulate
 from benchmarks.accuracy.methods import ROBUST, labels_of
 from benchmarks.accuracy.objects import Tally
+from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import Parameters, detect
-from lidarcli.simulate.random_scenes import KINDS, SENSORS, random_scene, sensor_with
 
 COLOURS = ("#0b6e4f", "#c1121f", "#e07a5f", "#3d5a80", "#5fa8d3", "#8d6a9f", "#b08900", "#7f7f7f")
 _LABELS = {"room": "rooms", "corridor": "corridors", "hall": "halls"}

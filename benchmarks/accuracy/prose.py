@@ -18,7 +18,7 @@ SCENES = """## The scenes
 
 ![A room, a corridor and a hall, with what profile robust finds in them](images/accuracy-scenes.png)
 
-`lidarcli.simulate.random_scenes` draws them; a seed is a scene of each kind.
+`benchmarks.scenes.random` draws them; a seed is a scene of each kind.
 
 - **Rooms** of 4–10 m, some L-shaped, with up to two doorways of 0.8–1.2 m that open into nothing; 3–10 things, a
   third of them boxes standing 10–40 cm from a wall.
@@ -51,7 +51,7 @@ points and extends no further than 2 m in any direction is a detection:
 beams and 2 m.
 """
 
-BUILDINGS = """`lidarcli.simulate.building_scenes` draws corridors and rooms of thick walls in pieces of 0.25–4 m between
+BUILDINGS = """`benchmarks.scenes.building` draws corridors and rooms of thick walls in pieces of 0.25–4 m between
 doorways, with pilasters, niches, radiators, skirting and door leaves, side rooms behind, and things that stand square to
 the walls, close to them or against them: {scenes} sweeps of each kind by each sensor. Good sensors: σ 1 cm, 0.3 % of the
 beams lost. Cheap ones: noise of 5 mm and 5 mm for each metre, steps of 5 mm, half of the beams at edges between both

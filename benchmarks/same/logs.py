@@ -14,10 +14,10 @@ import numpy as np
 
 from benchmarks.bench import HERE
 from benchmarks.same.odd import odd_logs
+from benchmarks.scenes.random import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.simulate.scene import LOST_AS, Sensor
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate

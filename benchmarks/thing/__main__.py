@@ -18,10 +18,10 @@ import numpy as np
 from benchmarks.accuracy.cells import Things
 from benchmarks.annotations.sweeps import judged_sweeps
 from benchmarks.annotations.table import BUILDING, THING
+from benchmarks.scenes import building, random
 from benchmarks.thing.examples import Examples, drawn, judged, legs, together
 from benchmarks.thing.grow import SECOND_PASS, Trees, grow, odds, write
 from lidarcli.formalism import forest
-from lidarcli.simulate import building_scenes, random_scenes
 
 ROOT = Path(__file__).parents[2]
 FOREST = ROOT / "lidarcli" / "formalism" / "forest.py"
@@ -42,8 +42,8 @@ NOTHING: Grown = ((), 0.0)
 
 def parts() -> Iterator[tuple[str, list[int], Things]]:
     """The drawn scenes in pieces, the same whatever the number of processes."""
-    kinds: list[tuple[str, int]] = [(kind, BUILDINGS) for kind in building_scenes.KINDS]
-    kinds += [(kind, CLEAN) for kind in random_scenes.KINDS]
+    kinds: list[tuple[str, int]] = [(kind, BUILDINGS) for kind in building.KINDS]
+    kinds += [(kind, CLEAN) for kind in random.KINDS]
     both: tuple[Things, Things] = ("plain", "legs")
     for kind, count in kinds:
         for things in both:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
-from lidarcli.simulate.moving_scenes import DRIVEN, Kind, moving_scene
-from lidarcli.simulate.random_scenes import SENSORS, sensor_with
+from benchmarks.scenes.moving import DRIVEN, Kind, moving_scene
+from benchmarks.scenes.random import SENSORS, sensor_with
 from lidarcli.simulate.scene import Scene
 
 PERSONS: Kind = "people"

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
+from benchmarks.scenes.random import SENSORS
 from benchmarks.tracking import real
 from benchmarks.tracking.bodies import EXPECTED, SIGHTINGS, Bodies
 from benchmarks.tracking.cells import LOST, Cell
 from benchmarks.tracking.figures import Figures, Log, Summary, mean, persons, rigid, summarise
 from benchmarks.tracking.methods import ORACLE, OURS
 from benchmarks.tracking.prose import HEAD, LIMITS, MEASURES, METHODS, REAL, SCENES, title
-from lidarcli.simulate.random_scenes import SENSORS
 
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown")
 

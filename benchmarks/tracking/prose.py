@@ -28,7 +28,7 @@ kind of scene.
 
 SCENES = f"""## The scenes
 
-`lidarcli.simulate.moving_scenes` draws them, 300 to 400 sweeps each, ten a second.
+`benchmarks.scenes.moving` draws them, 300 to 400 sweeps each, ten a second.
 
 - **Rooms** with up to two doorways and 3–10 bodies, of which at least two move;
 - **halls** open to infinity with 12–25 bodies that hide each other;

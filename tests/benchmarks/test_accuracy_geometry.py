@@ -8,9 +8,9 @@ import pytest
 from benchmarks.accuracy import boxes, real
 from benchmarks.accuracy.cells import CELLS, cells_of, kind_of, simulate, with_legs_apart
 from benchmarks.accuracy.objects import MISSED, Part, Tally, confusion, measure
+from benchmarks.scenes.random import SENSORS
 from lidarcli.formalism import SHAPES, sweep
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.random_scenes import SENSORS
 from lidarcli.simulate.scene import Scene
 
 

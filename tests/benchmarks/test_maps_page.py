@@ -38,8 +38,8 @@ from benchmarks.maps.recordings import RESOLUTION, new_sweeps, record_drive, wri
 from benchmarks.maps.rules import maps_once, once
 from benchmarks.maps.scenes import KINDS, ROLLING, drive, fastest_turn, length, walkers
 from benchmarks.maps.scoring import Score
+from benchmarks.scenes.clearance import outline, to_segments
 from lidarcli.choices import MIN_MOVE
-from lidarcli.simulate.clearance import outline, to_segments
 from tests.places import REAL_LOGS, ROOT, needs_real_logs
 from tests.waiting import HANG
 

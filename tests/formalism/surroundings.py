@@ -7,10 +7,10 @@ from math import inf, nan, pi
 
 import numpy as np
 
+from benchmarks.scenes.random import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import Parameters
 from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.random_scenes import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.sweeps import SweepBatch, concatenate
 from tests.formalism.batches import batch_of
 from tests.formalism.random_sweeps import random_sweep

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import sweep
 from lidarcli.formalism.background import learning as module
 from lidarcli.formalism.background.alignment import align, lines
@@ -15,7 +16,6 @@ from lidarcli.formalism.background.cells import Estimate
 from lidarcli.formalism.background.grid import Grid, beam_at, expected, project
 from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.background.stations import Shift, gather, nearest, shift
-from lidarcli.simulate.random_scenes import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.backgrounds import STEP, learned, learning, partial, simulated, with_poses
 

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import lidarcli
+from benchmarks.scenes.moving import moving_scene
 from lidarcli.cli import run
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import _poses
@@ -31,7 +32,6 @@ from lidarcli.pipeline.reading.pose_options import PoseOptions
 from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.moving_scenes import moving_scene
 from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.scene import Odometry, Scene, Sensor
 from lidarcli.simulate.writers import write_log

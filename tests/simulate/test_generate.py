@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.scenes.random import SENSORS, random_scene, sensor_with
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import START_NS, simulate_blocks, simulate_sweep_arrays
-from lidarcli.simulate.random_scenes import SENSORS, random_scene, sensor_with
 from lidarcli.simulate.scene import Motion, Scene, Sensor
 from lidarcli.sweeps import concatenate
 

@@ -9,8 +9,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 
+from benchmarks.scenes.moving import moving_scene
 from lidarcli.formalism import Parameters, detect
-from lidarcli.simulate.moving_scenes import moving_scene
 from lidarcli.simulate.scene import Sensor
 from lidarcli.sweeps import TURN, SweepBatch
 from tests.formalism.tracking.following import Told, assert_sums, batches, follow, simulated

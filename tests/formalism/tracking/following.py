@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.scenes.moving import Kind, moving_scene
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.tracking.parameters import TrackParameters
@@ -18,7 +19,6 @@ from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.judging import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.moving_scenes import Kind, moving_scene
 from lidarcli.simulate.scene import PARKED, Course, Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.simulate.random_scenes import KINDS, SENSORS, random_scene, sensor_with
+from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.simulate.scene import Course, Scene, super_ellipse
 from tests.formalism.tracking.following import Told, follow, simulated
 

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from benchmarks.scenes.moving import moving_scene
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.tracked import CONFIRMED, ENDS
-from lidarcli.simulate.moving_scenes import moving_scene
 from lidarcli.simulate.scene import Sensor
 from tests.formalism.tracking.following import Told, follow, moving_log, repeated, simulated
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.scenes.moving import Kind, moving_scene
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.tracked import END_OF_LOG
 from lidarcli.formalism.tracking.tracker import WINDOW, Tracker
-from lidarcli.simulate.moving_scenes import Kind, moving_scene
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import (
     SENSOR,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcli.simulate.building_scenes import KINDS, SWEEPS, WAY, building_scene
-from lidarcli.simulate.clearance import distance, outline
+from benchmarks.scenes.building import KINDS, SWEEPS, WAY, building_scene
+from benchmarks.scenes.clearance import distance, outline
+from benchmarks.scenes.random import SENSORS, cheap
 from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.random_scenes import SENSORS, cheap
 
 SENSOR = SENSORS["361"]
 

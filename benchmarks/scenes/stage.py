@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from lidarcli.simulate.clearance import covers, distance, in_polygon, outline, to_segments
+from benchmarks.scenes.clearance import covers, distance, in_polygon, outline, to_segments
 from lidarcli.simulate.gait import AHEAD
 from lidarcli.simulate.route import Corner, Route, Waypoint
 from lidarcli.simulate.scene import Course, Entity

@@ -11,13 +11,13 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.scenes.random import draw_thing, walls_with_openings
+from benchmarks.scenes.stage import Rng, Stage, reach, timed
 from lidarcli.errors import OptionError
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.gait import STEPS
-from lidarcli.simulate.random_scenes import draw_thing, walls_with_openings
 from lidarcli.simulate.route import Route, plan_route
 from lidarcli.simulate.scene import Course, Entity, Motion, Scene, Sensor, super_ellipse
-from lidarcli.simulate.stage import Rng, Stage, reach, timed
 from lidarcli.sweeps import TURN, Float64
 
 Kind = Literal["room", "hall", "crossing", "people"]

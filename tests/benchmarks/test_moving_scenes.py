@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.scenes.clearance import distance
+from benchmarks.scenes.moving import DRIVEN, FASTEST_TURN, KINDS, moving_scene
+from benchmarks.scenes.random import SENSORS
 from lidarcli.errors import OptionError
-from lidarcli.simulate.clearance import distance
 from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.moving_scenes import DRIVEN, FASTEST_TURN, KINDS, moving_scene
-from lidarcli.simulate.random_scenes import SENSORS
 from lidarcli.simulate.raycast import place
 from lidarcli.simulate.scene import Entity
 from lidarcli.sweeps import TURN, Float64

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.scenes.clearance import distance, outline
+from benchmarks.scenes.random import Plan, Rng, draw_thing
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.clearance import distance, outline
-from lidarcli.simulate.random_scenes import Plan, Rng, draw_thing
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import Float64
 
