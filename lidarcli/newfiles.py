@@ -208,8 +208,14 @@ def new_files(paths: Sequence[Place], overwrite: bool = True) -> WholeFiles:
     return NewFiles(cast("Sequence[Path]", paths), overwrite)
 
 
-def write_whole(path: Place, data: bytes, overwrite: bool = True) -> list[str]:
-    """Write one file that has its name only when it is whole; notes as of `NewFiles.publish`."""
+def write_whole(path: Place, data: bytes, overwrite: bool = True, devices: bool = False) -> list[str]:
+    """Write one file that has its name only when it is whole; notes as of `NewFiles.publish`, `devices` as of `refuse`."""
+    if devices and _is_device(path):
+        try:
+            cast("Path", path).write_bytes(data)
+        except OSError as err:
+            raise unwritable(path, err) from err
+        return []
     with new_files([path], overwrite) as files:
         try:
             files.part(path).write_bytes(data)
@@ -219,9 +225,13 @@ def write_whole(path: Place, data: bytes, overwrite: bool = True) -> list[str]:
 
 
 def refuse(
-    outputs: Iterable[Place], overwrite: bool, inputs: Iterable[str | Path] = (), folders: bool = False
+    outputs: Iterable[Place],
+    overwrite: bool,
+    inputs: Iterable[str | Path] = (),
+    folders: bool = False,
+    devices: bool = False,
 ) -> None:
-    """Refuse outputs before any work is done for them; `folders` as of `NewFiles`.
+    """Refuse outputs before any work is done for them; `folders` as of `NewFiles`, `devices` such as /dev/null are taken.
 
     Raises
     ------
@@ -239,6 +249,8 @@ def refuse(
         if found is not None and (found.st_dev, found.st_ino) in sources:
             source = sources[found.st_dev, found.st_ino]
             raise OutputError(f"{path} is an input of this run ({source}); write elsewhere with -o")
+        if devices and _is_device(path):
+            continue
         if os.path.lexists(path) and not overwrite:
             raise exists_already(path)
         if found is not None and stat.S_ISDIR(found.st_mode) and not folders:
@@ -293,6 +305,12 @@ def _refuse_place(folder: Path) -> None:
         raise OutputError(f"cannot write below {there}: it is not a folder")
     if not os.access(there, os.W_OK | os.X_OK):
         raise OutputError(f"cannot write {folder}: Permission denied")
+
+
+def _is_device(path: Place) -> bool:
+    """Whether a name is that of a terminal, of /dev/null or the like, which is never replaced."""
+    found = None if isinstance(path, Url) else _stat(path)
+    return found is not None and stat.S_ISCHR(found.st_mode)
 
 
 def _stat(path: str | Path) -> os.stat_result | None:

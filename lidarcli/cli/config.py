@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from lidarcli.cli.grouped import ORIGINS, GroupedCommand, GroupedOption
+from lidarcli.cli.grouped import ORIGINS, GroupedCommand, GroupedOption, Refused
 from lidarcli.cli.messages import Messages, one_line
 from lidarcli.cli.options import text_or_json
 from lidarcli.cli.settings import commands, options, strange_variables, unknown_variables
@@ -25,6 +25,8 @@ class Setting:
     option: str
     value: str | None
     origin: str
+    refused: str | None = None
+    """Why the value may not be used; None where it may."""
 
 
 @click.command(
@@ -70,7 +72,7 @@ def config(ctx: click.Context, words: tuple[str, ...], kind: str) -> int:
         say.info("settings file: none")
     if not shown:
         say.info("every option has its default; lidarcli config COMMAND shows them")
-    for line in _table([(each.command, f"--{each.option}", _shown(each), each.origin) for each in shown]):
+    for line in _table([(each.command, f"--{each.option}", _shown(each), _origin(each)) for each in shown]):
         click.echo(one_line(line))
     return 0
 
@@ -81,8 +83,11 @@ def _setting(command: str, each: GroupedOption, ctx: click.Context) -> Setting:
     origin = each.origin(ctx)
     if origin is None:
         return Setting(command, each.key, _default(each), "default")
+    refused = None
+    if isinstance(value, Refused):
+        value, refused = value.value, value.cause
     items = value if isinstance(value, list | tuple) else [value]
-    return Setting(command, each.key, " ".join(_word(item) for item in items), origin)
+    return Setting(command, each.key, " ".join(_word(item) for item in items), origin, refused)
 
 
 def _default(each: GroupedOption) -> str | None:
@@ -109,11 +114,16 @@ def _row(setting: Setting) -> dict[str, Any]:
         "option": setting.option,
         "value": setting.value,
         "origin": setting.origin,
+        "refused": setting.refused,
     }
 
 
 def _shown(setting: Setting) -> str:
     return "-" if setting.value is None else setting.value
+
+
+def _origin(setting: Setting) -> str:
+    return setting.origin if setting.refused is None else f"{setting.origin}, refused: {setting.refused}"
 
 
 def _table(rows: list[tuple[str, str, str, str]]) -> list[str]:

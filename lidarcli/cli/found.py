@@ -5,23 +5,27 @@ Whoever sends a folder, or may write into one above the working directory, could
 
 from __future__ import annotations
 
+import glob
 import os
+import shlex
 import stat
+from collections.abc import Iterator
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import click
 
-from lidarcli.cli.grouped import GroupedOption
-from lidarcli.errors import OptionError
+from lidarcli.cli.grouped import GroupedOption, Refused
 
 NAMED_ONLY = {
     "cluster": "whoever answers there runs the work",
     "files-from": "a list names files and URLs anywhere",
     "overwrite": "files would be replaced",
-    "resume": "tables would be replaced",
+    "resume": "it decides which logs are skipped",
 }
 """Options that such a file cannot set → why."""
+_SHARES = ("\\\\", "//")
+"""Names of files on other machines begin so."""
 
 
 class PassedOverError(Exception):
@@ -58,44 +62,72 @@ def refuse_owner(file: Path, opened: os.stat_result | None = None) -> None:
             _refuse_writers(f"the folder {folder}", found)
 
 
-def refuse_value(place: str, folder: Path, option: GroupedOption, value: Any) -> None:
-    """Refuse what a found file may not set, as an `OptionError`.
-
-    Parameters
-    ----------
-    place : how a message calls the value
-    folder : of the file
-    """
+def why_refused(folder: Path, option: GroupedOption, value: Any) -> str | None:
+    """Why a file that was found in a folder may not set an option to a value; None where it may."""
     cause = NAMED_ONLY.get(option.key)
     for item in value if isinstance(value, list) else [value]:
-        if cause is None and isinstance(item, str):
-            cause = _why_no_output(folder, item) if option.is_output else _why_no_input(option, item)
-    if cause is not None:
-        raise OptionError(
-            f"{place} is not taken from a file that was not named ({cause}): use the file with --config FILE, write "
-            f"--{option.key} on the command line, or use no file with --config none"
-        )
+        if cause is None and isinstance(item, str) and item != "-":
+            cause = _why_no_output(folder, item) if option.is_output else _why_no_input(folder, option, item)
+    return cause
+
+
+def refusal(file: str, place: str, option: GroupedOption, value: Any, cause: str) -> Refused:
+    """The refused value, and the line for whoever uses it; `place` is how a message calls it."""
+    message = (
+        f"{place} is not taken from a file that was not named ({cause}): use it with --config {shlex.quote(file)}, write "
+        f"--{option.key} on the command line, or use no file with --config none"
+    )
+    return Refused(value, cause, message)
 
 
 def _why_no_output(folder: Path, name: str) -> str | None:
     """Why nothing is to be written under this name; None where it is below the folder of the file."""
-    # Windows has all ways of naming a place elsewhere: C:\, C:, \\host\, .. with either slash.
-    path = PureWindowsPath(name)
-    if "://" in name or path.anchor or ".." in path.parts or name.startswith("~"):
-        return f"{name} is not below the working directory"
+    if "://" in name or name.startswith("~"):
+        return f"{name} is outside {folder}"
+    return _why_outside(folder, Path.cwd(), name)
+
+
+def _why_no_input(folder: Path, option: GroupedOption, name: str) -> str | None:
+    """Why nothing is to be read from there: it would be shown to whoever sees the messages, or to another machine."""
+    if not isinstance(option.type, click.Path):
+        return None
+    if "://" in name or name.startswith(_SHARES):
+        return "it is on another machine, which would see who asks"
+    cause = _why_outside(folder, folder, name)
+    if cause is None:
+        try:
+            mode = (folder / name).stat().st_mode
+        except OSError:
+            return None
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            cause = f"{name} is no regular file"
+    return cause
+
+
+def _why_outside(folder: Path, base: Path, name: str) -> str | None:
+    """Why a name, as seen from `base`, is not below a folder; None where it is."""
+    # Windows has further ways of naming a place elsewhere: C:\, C:, \\host\, with either slash.
+    elsewhere = bool(PureWindowsPath(name).anchor) and not Path(name).is_absolute()
     try:
-        inside = Path(name).resolve().is_relative_to(folder.resolve())
+        inside = (
+            not elsewhere
+            and not name.startswith(_SHARES)
+            and all(
+                part.resolve().is_relative_to(folder.resolve()) for part in (base / name, *_named(base, name))
+            )
+        )
     except (OSError, ValueError, RuntimeError):
         # Links in a circle, and what is no name.
         inside = False
-    return None if inside else f"{name} leads out of {folder} by a link"
+    return None if inside else f"{name} is outside {folder}"
 
 
-def _why_no_input(option: GroupedOption, name: str) -> str | None:
-    """Why nothing is to be read from there: another machine would be sent the user's credentials."""
-    if isinstance(option.type, click.Path) and ("://" in name or name.startswith(("\\\\", "//"))):
-        return "it is on another machine, which would see who asks"
-    return None
+def _named(base: Path, name: str) -> Iterator[Path]:
+    """What a pattern names."""
+    if glob.has_magic(name):
+        from lidarcli.pipeline.inputs.files import matching
+
+        yield from map(Path, matching(str(base / name))[0])
 
 
 def _refuse_owner(what: str, found: os.stat_result) -> None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, NoReturn, TypeVar
 
 import click
 from click.core import ParameterSource
+
+from lidarcli.errors import OptionError
 
 OTHER = "Other"
 OUTPUT = "Output"
@@ -20,6 +23,15 @@ TYPED = "lidarcli.typed"
 """Where the context keeps which of -v and -q stand on the command line."""
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A value that a settings file may not set: the command that would use it ends with the message."""
+
+    value: Any
+    cause: str
+    message: str
 
 
 class GroupedOption(click.Option):
@@ -68,6 +80,15 @@ class GroupedOption(click.Option):
 
     def consume_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, ParameterSource]:
         """The value and where it comes from; what the command line says instead of it goes before a setting."""
+        value, source = self._found_value(ctx, opts)
+        if not isinstance(value, Refused):
+            return value, source
+        if not ctx.resilient_parsing:
+            raise OptionError(value.message)
+        return self.default, ParameterSource.DEFAULT
+
+    def _found_value(self, ctx: click.Context, opts: Mapping[str, Any]) -> tuple[Any, ParameterSource]:
+        """The same, also of a value that may not be used."""
         value, source = super().consume_value(ctx, opts)
         elsewhere = source in (ParameterSource.ENVIRONMENT, ParameterSource.DEFAULT_MAP)
         if elsewhere and any(opts.get(name) for name in self.unless):
@@ -75,11 +96,13 @@ class GroupedOption(click.Option):
         return value, source
 
     def setting(self, ctx: click.Context) -> Any:
-        """The value where the command line says nothing; None where nobody else says something."""
-        value, source = self.consume_value(ctx, {})
+        """The value where the command line says nothing, also a `Refused` one; None where nobody else says something."""
+        value, source = self._found_value(ctx, {})
         ctx.set_parameter_source(str(self.name), source)
         if source is ParameterSource.DEFAULT:
             return None
+        if isinstance(value, Refused):
+            return value
         with self._origin_told(ctx):
             self.type_cast_value(ctx, value)
         return value
@@ -161,7 +184,8 @@ def shared_options() -> list[GroupedOption]:
             is_eager=True,
             expose_value=False,
             callback=configured,
-            help="Settings to use (docs/settings.md); none: no file.  [default: lidarcli.toml here or in a folder above]",
+            help="Settings file (docs/settings.md), or 'none' for no file.  "
+            "[default: lidarcli.toml here or in a folder above]",
         ),
     ]
 

@@ -27,6 +27,15 @@ def standard_output() -> TextIO:
     return sys.stdout
 
 
+def are_shown_together() -> bool:
+    """Whether standard output and standard error go to the same place, such as a terminal: one of them is enough."""
+    try:
+        out, err = (os.fstat(stream.fileno()) for stream in (sys.stdout, sys.stderr))
+    except (AttributeError, OSError, ValueError):
+        return False
+    return (out.st_dev, out.st_ino) == (err.st_dev, err.st_ino)
+
+
 def coloured(stream: TextIO) -> bool:
     """Whether to colour what goes there: FORCE_COLOR says yes, NO_COLOR or TERM=dumb no, else a terminal is.
 

@@ -326,8 +326,8 @@ def range_options(command: F) -> F:
             metavar="LIST",
             default="inf,zero,max,above,pile",
             show_default=True,
-            help="Values that mean 'no return', comma separated: inf, zero, max, above, pile, nan, negative, below, or "
-            "metres such as 81.91.",
+            help="Values that mean 'no return', comma separated: inf, zero, max, above, pile (a far "
+            "range that very many beams have), nan, negative, below, or metres such as 81.91.",
         ),
         option(
             "--range",

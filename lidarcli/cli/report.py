@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import click
 
 from lidarcli.cli.grouped import OUTPUT, GroupedCommand, option
-from lidarcli.cli.messages import Messages, coloured, standard_output
+from lidarcli.cli.messages import Messages, are_shown_together, coloured, standard_output
 from lidarcli.cli.options import INPUTS, STDOUT, Line
 from lidarcli.stores.url import place
 
@@ -129,17 +129,20 @@ def report(
     files = [place(name) for name in outputs if name != STDOUT]
     if files:
         read = manifest_files(tables)[0] if of_runs else table_files([*tables, *baseline])
-        refuse(files, overwrite, [*map(str, read), *files_of(find_logs(logs))])
+        refuse(files, overwrite, [*map(str, read), *files_of(find_logs(logs))], devices=True)
     with counted_bar("report", None, "steps", say) as progress:
         made = (
             report_runs(tables, checks, progress)
             if of_runs
             else make_report(options, viewer="html" in kinds, progress=progress)
         )
-    for problem in made.report.problems:
-        say.error(problem)
     written = [*zip(outputs or (STDOUT,), kinds, strict=True)]
-    if not any(name == STDOUT and form in SHORT_FORMATS for name, form in written):
+    is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
+    # Workflow commands are for the log of a step, which shows both.
+    if not (is_shown and ((STDOUT, "github") in written or are_shown_together())):
+        for kind_of, problem in made.report.told_problems:
+            say.error(*((kind_of, problem) if kind_of == "incomplete" else (problem,)))
+    if not is_shown:
         for warning in made.report.warnings:
             say.info(f"warning: {warning}")
     for name, form in written:
@@ -148,7 +151,9 @@ def report(
             words = render(made, form, colour=coloured(standard_output()), brief=short)
             standard_output().buffer.write(encoded(words))
         else:
-            notes = write_whole(place(name), encoded(render(made, form, brief=short)), overwrite)
+            notes = write_whole(
+                place(name), encoded(render(made, form, brief=short)), overwrite, devices=True
+            )
             say.info(f"  wrote    {name}")
             for note in notes:
                 say.info(f"  note     {note}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterator, Mapping
 from datetime import date
 from difflib import get_close_matches
@@ -13,7 +14,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from lidarcli.cli.found import PassedOverError, refuse_owner, refuse_value
+from lidarcli.cli.found import PassedOverError, refusal, refuse_owner, why_refused
 from lidarcli.cli.grouped import ORIGINS, GroupedOption
 from lidarcli.cli.messages import Messages, one_line
 from lidarcli.errors import LidarcliError, OptionError
@@ -149,15 +150,15 @@ def tell_settings(ctx: click.Context) -> None:
     found, problem = ctx.meta.get(FOUND, (None, None))
     if isinstance(problem, PassedOverError | OSError):
         why = problem.strerror if isinstance(problem, OSError) else problem
-        say.error(f"{found}: these settings are not used: {why}; --config FILE uses them")
+        say.error(f"{found} is not used, defaults are: {why}; --config {shlex.quote(str(found))} uses it")
     elif problem is not None:
         raise problem
     elif found is not None:
         # Also where the file itself asks for quiet.
         if not _asked_to_be_quiet(ctx):
-            say.write(one_line(f"settings: {found}; --config FILE uses others, --config {NONE} none"))
+            say.write(one_line(f"settings from {found} (--config {NONE} ignores them)"))
     elif file := ctx.meta.get(ORIGINS):
-        say.info(f"settings: {file}")
+        say.info(f"settings from {file}")
     for line in unknown_variables(ctx):
         say.info(f"lidarcli: {line}")
 
@@ -192,7 +193,7 @@ def _commands(
 def _default_maps(ctx: click.Context, file: str, found_in: Path | None = None) -> dict[str, Any]:
     """The file's values as the default maps of all commands, as a tree; all of the file is checked.
 
-    A file that was `found_in` a folder may not set everything.
+    A file that was `found_in` a folder may not set everything: values that it may not set stand there as `Refused`.
     """
     from lidarcli.tomlfiles import read_toml
 
@@ -219,16 +220,17 @@ def _default_maps(ctx: click.Context, file: str, found_in: Path | None = None) -
             for key, value in for_all.items()
             if key in known and not (isinstance(value, list) and takes_one(known[key]))
         }
-        if found_in is not None:
-            for key, value in (common | own).items():
-                if key in known:
-                    where = _place(file, words if key in own else (), key)
-                    refuse_value(where, found_in, known[key], value)
-        found[words] = {
+        values = {
             str(known[key].name): _typed(file, words if key in own else (), known[key], value)
             for key, value in (common | own).items()
             if key in known
         }
+        if found_in is not None:
+            for key, value in (common | own).items():
+                if key in known and (cause := why_refused(found_in, known[key], value)) is not None:
+                    where = _place(file, words if key in own else (), key)
+                    values[str(known[key].name)] = refusal(file, where, known[key], value, cause)
+        found[words] = values
     for key in shared:
         if _spelled(key) not in every:
             if any(words[0] == key for words in found):

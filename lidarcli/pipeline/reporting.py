@@ -218,7 +218,7 @@ def _unseen(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
     first, total = damaged[0], sum(len(source.damage) for source in damaged)
     more = f" and {len(damaged) - 1:,} more logs" if len(damaged) > 1 else ""
     return (
-        f"{first.log}{more}: damaged ({first.damage[0]}), so the checks saw only what could be read; "
+        f"{first.log}{more}: damaged when its tables were made ({first.damage[0]}); "
         f"--check 'damage <= {total}' accepts that",
     )
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from lidarcli.errors import OptionError
 from lidarcli.reports import figures
 from lidarcli.reports.columns import Run
 from lidarcli.reports.conditions import (
@@ -27,9 +28,11 @@ from lidarcli.reports.conditions import (
     read_number,
 )
 from lidarcli.reports.spread import STATISTICS
-from lidarcli.reports.tokens import Tokens
+from lidarcli.reports.tokens import Token, Tokens
 from lidarcli.sweeps import Bool
 
+OFFERED = 3
+"""Most figures that a message names in the place of one that there is not."""
 OF_TRACKS = frozenset({"vx", "vy", "moving"})
 """Columns of the objects table that are empty until something was tracked: a check of them would always hold."""
 
@@ -102,7 +105,7 @@ def parse_check(expression: str, compared: bool = False, only: Collection[str] |
     Raises
     ------
     OptionError
-        Bad syntax, or a name that does not exist; the message lists those that do.
+        Bad syntax, or a name that does not exist; the message names what is near.
 
     >>> parse_check("objects_per_sweep.p95 <= 12").expected
     '<= 12'
@@ -115,8 +118,7 @@ def parse_check(expression: str, compared: bool = False, only: Collection[str] |
     condition = None
     if only is not None:
         if token.text not in only:
-            hint = nearest(token.text, only) or ";"
-            raise tokens.error(f"unknown figure '{token.text}'{hint} available: {', '.join(only)};", token)
+            raise _unknown(tokens, token, only)
     elif tokens.take_if("where"):
         if token.text not in COUNTED:
             hint = nearest(token.text, COUNTED) or ";"
@@ -124,7 +126,7 @@ def parse_check(expression: str, compared: bool = False, only: Collection[str] |
             raise tokens.error(f"unknown table '{token.text}' before where{hint} available: {there};", token)
         condition = parse_condition(tokens, token.text)
     else:
-        _known(tokens, token.text, compared)
+        _known(tokens, token, compared)
     if tokens.take_if("between"):
         sign = "between"
         low, high = read_limits(tokens)
@@ -182,7 +184,8 @@ def accepts(checks: Sequence[Check], *names: str) -> bool:
     return any(check.condition is None and check.figure in names for check in checks)
 
 
-def _known(tokens: Tokens, name: str, compared: bool) -> None:
+def _known(tokens: Tokens, token: Token, compared: bool) -> None:
+    name = token.text
     plain = name.removeprefix(figures.DELTA)
     names = [*figures.names(), *figures.track_names()]
     spreads = figures.SPREADS | figures.TRACK_SPREADS
@@ -193,13 +196,11 @@ def _known(tokens: Tokens, name: str, compared: bool) -> None:
     if plain in spreads:
         raise tokens.error(f"{name} has several values, choose one of .{', .'.join(STATISTICS)};")
     known = [*names, *spreads]
-    hint = nearest(
-        name, [*known, *figures.COMPARED, *(figures.DELTA + other for other in known if name != plain)]
-    )
-    categories = figures.CATEGORIES | figures.TRACK_CATEGORIES
-    kinds = [f"{name}.{kind}" for name, values in categories.items() for kind in values]
-    several = f"{{{', '.join(spreads)}}}.{{{', '.join(STATISTICS)}}}"
-    counts = [*figures.COUNTS, *figures.TRACK_COUNTS]
-    there = ", ".join([*counts, several, *kinds, *(f"{table} where ..." for table in COUNTED)])
-    more = f", with --baseline also delta.NAME, {', '.join(figures.COMPARED)}"
-    raise tokens.error(f"unknown figure '{name}'{hint or ';'} available: {there}{more};")
+    delta = [*figures.COMPARED, *(figures.DELTA + other for other in known)]
+    raise _unknown(tokens, token, dict.fromkeys([*known, *delta]))
+
+
+def _unknown(tokens: Tokens, token: Token, known: Collection[str]) -> OptionError:
+    """The error of a figure that there is not."""
+    hint = nearest(token.text, known, OFFERED) or ";"
+    return tokens.error(f"unknown figure '{token.text}'{hint} docs/reports.md has all;", token)

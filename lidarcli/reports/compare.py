@@ -15,6 +15,8 @@ from lidarcli.reports.wording import number, share
 from lidarcli.sweeps import Int64
 
 SHOWN = 10
+BINS = "bins"
+"""Parameter of tables made of point clouds: beams of a sweep."""
 SAME_STAMP = 1_000_000
 """[ns] Stamps that programs have rewritten in coarser units differ by less."""
 
@@ -112,15 +114,24 @@ def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
         raise OptionError(f"--baseline: no sweep is in both runs: no log and topic of the two agree{where}")
     stamp, before = (one.sweeps.integers("stamp") for one in (run, base_run))
     beams, beams_before = (one.sweeps.integers("beams") for one in (run, base_run))
-    other = np.abs(stamp[mine] - before[theirs]) > SAME_STAMP
-    other |= beams[mine] != beams_before[theirs]
+    later = np.abs(stamp[mine] - before[theirs]) > SAME_STAMP
+    unlike = beams[mine] != beams_before[theirs]
     source = run.sweeps.source[mine]
-    differing, compared = (
-        np.bincount(source[chosen], minlength=len(run.sources)) for chosen in (other, slice(None))
+    times, others, compared = (
+        np.bincount(source[chosen], minlength=len(run.sources))
+        for chosen in (later, later | unlike, slice(None))
     )
-    for at in np.flatnonzero(2 * differing > compared).tolist():
+    for at in np.flatnonzero(2 * others > compared).tolist():
+        log = run.sources[at]
+        first = np.flatnonzero((later | unlike) & (source == at))[0]
+        other = base_run.sources[int(base_run.sweeps.source[theirs[first]])]
+        if not times[at] and log.parameters.get(BINS) != other.parameters.get(BINS):
+            raise OptionError(
+                f"--baseline: the clouds of {log.log} were read with other numbers of beams (--bins): "
+                f"{beams[mine[first]]:,} here, {beams_before[theirs[first]]:,} in the baseline; read both alike"
+            )
         raise OptionError(
-            f"--baseline: {run.sources[at].log} is another recording: {differing[at]:,} of {compared[at]:,} sweeps have "
+            f"--baseline: {log.log} is another recording: {others[at]:,} of {compared[at]:,} sweeps have "
             f"other stamps or beams{where}"
         )
 

@@ -142,14 +142,15 @@ def _column(tokens: Tokens, table: str) -> str:
     return name
 
 
-def nearest(text: str, names: Collection[str]) -> str:
+def nearest(text: str, names: Collection[str], most: int = 1) -> str:
     """What may have been meant, as the end of a message, or nothing.
 
-    >>> nearest("widht", ["width", "x"])
-    '; did you mean width?'
+    >>> nearest("widht", ["width", "x"]), nearest("sweps", ["x", "sweep", "sweeps", "steps"], 3)
+    ('; did you mean width?', '; did you mean sweeps, sweep or steps?')
     """
-    close = difflib.get_close_matches(text, names, 1, CLOSE)
-    return f"; did you mean {close[0]}?" if close else ""
+    close = difflib.get_close_matches(text, names, most, CLOSE)
+    words = [", ".join(close[:-1]), *close[-1:]] if len(close) > 1 else close
+    return f"; did you mean {' or '.join(words)}?" if close else ""
 
 
 def _word(tokens: Tokens, name: str) -> Condition:

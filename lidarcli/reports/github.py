@@ -32,8 +32,8 @@ def _escaped(text: str) -> str:
 
 
 def _annotations(report: Judged) -> Iterator[str]:
-    for problem in report.problems:
-        yield command("error", "lidarcli: not read", problem)
+    for kind, problem in report.told_problems:
+        yield command("error", f"lidarcli: {kind}", problem)
     for one in report.verdicts:
         if not one.holds:
             words = f"{one.expression}: expected {one.expected}, found {one.words}"

@@ -179,7 +179,9 @@ def check_cards(report: Judged) -> Iterator[tuple[str, str, str]]:
     """How many checks hold, where there are any."""
     if report.verdicts:
         held = sum(verdict.holds for verdict in report.verdicts)
-        words = "all hold" if report.holds else f"{len(report.verdicts) - held} failed"
+        failed = len(report.verdicts) - held
+        seen = ", on part of the data" if report.problems else ""
+        words = f"{f'{failed} failed' if failed else 'all hold'}{seen}"
         yield "checks", f"{held} of {len(report.verdicts)}", words
 
 

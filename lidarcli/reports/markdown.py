@@ -62,8 +62,8 @@ def beginning(report: Judged) -> Iterator[str]:
     """The heading, what could not be read, what to know before the figures are believed, the checks."""
     yield f"## lidarcli report: {text(report.title)}"
     yield ""
-    for problem in report.problems:
-        yield f"**Not read:** {text(problem)}\n"
+    for kind, problem in report.told_problems:
+        yield f"**{kind.capitalize()}:** {text(problem)}\n"
     for warning in report.warnings:
         yield f"**Warning:** {text(warning)}\n"
     yield from _checks(report)

@@ -30,6 +30,14 @@ class Judged:
         return (*self.unread, *self.unseen)
 
     @property
+    def told_problems(self) -> tuple[tuple[str, str], ...]:
+        """The same, each after what it is, for people."""
+        return (
+            *(("not read", line) for line in self.unread),
+            *(("incomplete", line) for line in self.unseen),
+        )
+
+    @property
     def title(self) -> str:
         """What the report is about, in a few words."""
         raise NotImplementedError
@@ -46,24 +54,25 @@ class Judged:
 
     @property
     def judgement(self) -> str:
-        """How many checks failed, in a few words; empty without checks."""
+        """How many checks failed, in a few words, and whether they have seen everything; empty without checks."""
         failed = sum(not verdict.holds for verdict in self.verdicts)
         total = len(self.verdicts)
         if not total:
             return ""
-        return f"Checks: {failed} of {total} failed" if failed else f"Checks: {total} of {total} passed"
+        seen = ", on part of the data" if self.problems else ""
+        return f"Checks: {failed or total} of {total} {'failed' if failed else 'passed'}{seen}"
 
     @property
     def holds(self) -> bool:
-        """Whether every check holds."""
-        return all(verdict.holds for verdict in self.verdicts)
+        """Whether every check holds, and all of the data could be read."""
+        return not self.exit_code
 
     @property
     def exit_code(self) -> int:
         """3 when tables could not be read, 1 when a check does not hold, 3 when the checks have not seen all, else 0."""
         if self.unread:
             return UnreadableError.exit_code
-        if not self.holds:
+        if not all(verdict.holds for verdict in self.verdicts):
             return CHECK_FAILED
         return UnreadableError.exit_code if self.unseen else 0
 

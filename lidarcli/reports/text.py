@@ -99,8 +99,8 @@ def check_parts(report: Judged) -> Iterator[RenderableType]:
     """What could not be read, what to know before the figures are believed, and a line for each check."""
     from rich.text import Text
 
-    for problem in report.problems:
-        yield Text(visible(f"not read: {problem}"), style="red")
+    for kind, problem in report.told_problems:
+        yield Text(visible(f"{kind}: {problem}"), style="red")
     for warning in report.warnings:
         yield Text(visible(f"warning: {warning}"), style="yellow")
     if not report.verdicts:

@@ -156,7 +156,19 @@ def _opened(path: Place, kind: str) -> Iterator[pq.ParquetFile]:
         with _file(path) as source, pq.ParquetFile(source, pre_buffer=isinstance(path, Url)) as file:
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as err:
+        if kind == "background" and not _begins_as_parquet(path):
+            raise UnreadableError(
+                f"{path}: no Parquet file; give the table of lidarcli background build"
+            ) from err
         raise UnreadableError(f"{path}: {refused}: {_first_line(err)}") from err
+
+
+def _begins_as_parquet(path: Place) -> bool:
+    try:
+        with _file(path) as source:
+            return bytes(source.read(4)) == b"PAR1"
+    except (OSError, pa.ArrowException):
+        return False
 
 
 def _file(path: Place) -> pa.NativeFile:

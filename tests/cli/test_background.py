@@ -306,7 +306,10 @@ def test_info_for_programs(scene: Path, lidarcli: Run) -> None:
 
 @pytest.mark.parametrize("command", ["info", "subtract"])
 def test_what_is_no_background_is_refused(scene: Path, logs: Path, lidarcli: Run, command: str) -> None:
-    for file, cause in ((logs / "none.parquet", "no such file"), (scene / "empty.mcap", "no background: ")):
+    for file, cause in (
+        (logs / "none.parquet", "no such file"),
+        (scene / "empty.mcap", "no Parquet file; give the table of lidarcli background build"),
+    ):
         arguments = (file,) if command == "info" else (logs / "run.mcap", "--background", file, "-o", "-")
         ran = lidarcli("background", command, *arguments)
         assert ran.code == 3

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
@@ -491,15 +493,26 @@ def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: P
     cut = write_run(
         tmp_path / "cut", [sweep(0, log="cut")], damage=["byte 99: cut", "byte 200: cut"], name="cut"
     )
-    line = "cut: damaged (byte 99: cut), so the checks saw only what could be read; --check 'damage <= 2' accepts that"
+    line = "cut: damaged when its tables were made (byte 99: cut); --check 'damage <= 2' accepts that"
     ran = lidarcli("report", cut, run, "--check", "sweeps >= 1")
-    assert (ran.code, ran.err) == (3, f"lidarcli: {line}\n")
-    assert " ".join(ran.out.split()).startswith(f"not read: {line} Checks: 1 of 1 passed")
+    assert (ran.code, ran.err) == (3, f"lidarcli: incomplete: {line}\n")
+    start = f"incomplete: {line} Checks: 1 of 1 passed, on part of the data ok sweeps >= 1"
+    assert " ".join(ran.out.split()).startswith(start)
+    told = json.loads(lidarcli("report", cut, "--check", "sweeps >= 1", "--format", "json").out)
+    assert (told["holds"], told["checks"][0]["holds"], told["problems"]) == (False, True, [line])
+    told = lidarcli(
+        "report", cut, "--check", "sweeps >= 9", "--check", "sweeps >= 1", "--format", "markdown"
+    ).out
+    assert f"**Incomplete:** {line.replace('<', '&lt;')}" in told
+    assert "**Checks: 1 of 2 failed, on part of the data.**" in told
+    page = lidarcli("report", cut, "--check", "sweeps >= 1", "--format", "html").out
+    assert "all hold, on part of the data" in page
+    assert "Incomplete: cut: damaged" in page
     ran = lidarcli("report", cut, "--check", "sweeps >= 1", "--format", "junit")
     suite = ET.fromstring(ran.out)[0]
     assert (suite.get("failures"), suite.get("errors")) == ("0", "1")
     assert (
-        f"::error title=lidarcli%3A not read::{line}"
+        f"::error title=lidarcli%3A incomplete::{line}"
         in lidarcli("report", cut, "--check", "sweeps >= 1", "--format", "github").out.splitlines()
     )
     for checks, code in (
@@ -512,6 +525,64 @@ def test_checks_of_a_damaged_log_are_not_passed_in_silence(lidarcli: Run, run: P
         assert lidarcli("report", cut, *words).code == code
     words = ("--baseline", cut, "--check", "delta.damage == 0")
     assert lidarcli("report", cut, *words).code == 0
+
+
+def test_what_both_streams_would_show_is_shown_once(
+    run: Path, tmp_path: Path, process: Callable[..., subprocess.CompletedProcess[bytes]]
+) -> None:
+    cut = write_run(tmp_path / "cut", [sweep(0, log="cut")], damage=["byte 99: cut"], name="cut")
+    command = [sys.executable, "-m", "lidarcli", "report", str(cut), "--check", "sweeps >= 1"]
+    both = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
+    assert (both.returncode, both.stdout.count(b"incomplete: ")) == (3, 1)
+    apart = subprocess.run(command, capture_output=True, check=False)
+    assert (apart.stdout.count(b"incomplete: "), apart.stderr.count(b"incomplete: ")) == (1, 1)
+
+
+@pytest.mark.parametrize("table", ["objects", "sweeps"])
+def test_a_log_without_one_of_its_tables_is_not_passed_over(
+    lidarcli: Run, run: Path, tmp_path: Path, table: str
+) -> None:
+    missing = run.with_name(f"b.{table}.parquet")
+    write_run(run.parent, [sweep(0, 1, log="b")], [thing(0, 1, log="b")], name="b")
+    missing.unlink()
+    other = "sweeps" if table == "objects" else "objects"
+    for named in (run.parent, f"{run.parent}/*.{other}.parquet", f"{run.parent}/*.parquet"):
+        ran = lidarcli("report", named, "--check", "sweeps >= 1")
+        line = f"{missing}: not there; a report needs both the objects and the sweeps table of a log"
+        assert (ran.code, ran.err) == (3, f"lidarcli: {line}\n")
+        assert "Checks: 1 of 1 passed, on part of the data" in ran.out
+        told = json.loads(lidarcli("report", named, "--check", "sweeps >= 1", "--format", "json").out)
+        assert (told["holds"], told["figures"]["logs"], told["problems"]) == (False, 1, [line])
+    ran = lidarcli("report", run.parent, "--format", "json")
+    assert (ran.code, json.loads(ran.out)["holds"]) == (3, False)
+
+
+def test_a_folder_above_with_the_name_of_a_table_makes_none(lidarcli: Run, tmp_path: Path) -> None:
+    tables = tmp_path / "sweeps" / "day"
+    write_run(tables, [sweep(0, 1)], [thing(0, 1)])
+    (tables / "empty.parquet").write_bytes((tables / "run.sweeps.parquet").read_bytes())
+    assert lidarcli("report", tables, "--check", "sweeps == 1").code == 0
+
+
+def test_a_report_into_a_device(lidarcli: Run, run: Path) -> None:
+    ran = lidarcli("report", run, "-o", "/dev/null", "--format", "text", "--check", "sweeps >= 1")
+    assert (ran.code, ran.out) == (0, "")
+    assert Path("/dev/null").is_char_device()
+
+
+def test_clouds_in_other_numbers_of_beams_are_no_other_recording(
+    lidarcli: Run, run: Path, tmp_path: Path
+) -> None:
+    def clouds(name: str, bins: int) -> Path:
+        sweeps = [sweep(k, 1, beams=bins) for k in range(20)]
+        return write_run(tmp_path / name, sweeps, parameters={"slice": [0.1, 1.0], "bins": bins})
+
+    ran = lidarcli("report", clouds("fine", 720), "--baseline", clouds("coarse", 360))
+    assert ran.code == 2
+    assert ran.err == (
+        "lidarcli: --baseline: the clouds of run were read with other numbers of beams (--bins): "
+        "720 here, 360 in the baseline; read both alike\n"
+    )
 
 
 def test_a_baseline_of_another_recording_is_refused(lidarcli: Run, run: Path, tmp_path: Path) -> None:

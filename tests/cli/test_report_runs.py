@@ -176,8 +176,8 @@ def test_checks_that_have_seen_some_of_the_logs_alone_say_so(lidarcli: Run, flee
     ran = lidarcli("report", fleet, "--check", "logs == 5")
     assert ran.code == 3
     assert ran.err.splitlines() == [
-        "lidarcli: 1 log failed: the checks saw what is left; --check 'failed <= 1' accepts that",
-        "lidarcli: 1 log damaged: the checks saw what is left; --check 'damaged <= 1' accepts that",
+        "lidarcli: incomplete: 1 log failed: the checks saw what is left; --check 'failed <= 1' accepts that",
+        "lidarcli: incomplete: 1 log damaged: the checks saw what is left; --check 'damaged <= 1' accepts that",
     ]
     assert lidarcli("report", fleet, "--check", "logs == 4").code == 1
     assert lidarcli("report", fleet).code == 0
@@ -186,8 +186,8 @@ def test_checks_that_have_seen_some_of_the_logs_alone_say_so(lidarcli: Run, flee
 @pytest.mark.parametrize(
     ("expression", "why"),
     [
-        ("faild == 0", "unknown figure 'faild'; did you mean failed? available: logs, ok, damaged,"),
-        ("objects > 1", "unknown figure 'objects'; available: logs, ok, damaged,"),
+        ("faild == 0", "unknown figure 'faild'; did you mean failed? docs/reports.md has all;"),
+        ("objects > 1", "unknown figure 'objects'; docs/reports.md has all;"),
         ("sweeps where objects > 3 == 0", "expected a comparison (==, !=, <=, >=, <, >, between)"),
         ("delta.logs == 0", "unknown figure 'delta.logs'"),
     ],

@@ -62,7 +62,7 @@ def test_the_environment_names_a_file(lidarcli: Run, lab: Path, monkeypatch: pyt
     monkeypatch.setenv("LIDARCLI_DETECT_CONFIG", "nothing.toml")
     ran = lidarcli("-v", "detect", "run.mcap")
     assert ran.err.splitlines()[:2] == [
-        "settings: robot.toml",
+        "settings from robot.toml",
         "lidarcli: LIDARCLI_DETECT_CONFIG: detect has no such option; see lidarcli detect --help",
     ]
 
@@ -242,8 +242,8 @@ def test_loudness_that_is_typed_goes_before_that_of_a_setting(
 def test_outputs_are_meant_from_the_working_directory_and_inputs_from_the_file(
     lidarcli: Run, lab: Path, logs: Path
 ) -> None:
-    (lab.parent / "lidarcli.toml").write_text('[plot]\noutput = "f.png"\n[report]\nlog = ["../run.mcap"]\n')
-    (lab.parent.parent / "run.mcap").write_bytes((logs / "run.mcap").read_bytes())
+    (lab.parent / "lidarcli.toml").write_text('[plot]\noutput = "f.png"\n[report]\nlog = ["run.mcap"]\n')
+    (lab.parent / "run.mcap").write_bytes((logs / "run.mcap").read_bytes())
     assert lidarcli("plot", str(logs / "run.mcap"), "--dpi", "30").code == 0
     assert (lab / "f.png").exists()
     assert lidarcli("-q", "detect", str(logs / "run.mcap"), "-o", "t").code == 0

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+import glob
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.pipeline.inputs.files import denied_to
+from lidarcli.pipeline.inputs.files import matching
 from lidarcli.pipeline.inputs.search import find_logs, log_name, refuse_clashes
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inspecting import inspect_log
@@ -184,5 +187,67 @@ def test_a_pattern_is_walked_no_farther_than_it_leads(tmp_path: Path) -> None:
     (tmp_path / "a" / "b" / "x.csv").write_text("")
     (tmp_path / "a" / "again").symlink_to(tmp_path, target_is_directory=True)
     for pattern in ("**/*.csv", "*/b/*", "a/*/x.csv", "*", "**"):
-        assert denied_to(f"{tmp_path}/{pattern}") == []
-    assert denied_to("no such folder/*.csv") == []
+        assert matching(f"{tmp_path}/{pattern}")[1] == []
+    assert matching("no such folder/*.csv") == ([], [])
+    assert matching(f"{tmp_path}/**/*.csv")[0] == [f"{tmp_path}/a/b/x.csv"]
+
+
+def test_a_pattern_names_what_glob_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a/b/x.csv", "a/.b/x.csv", "a/.x.csv", "c/x.csv", "c/[x].csv", "c/x.csv.gz", "x.csv"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "c" / "gone.csv").symlink_to("nowhere")
+    (tmp_path / "c" / "link").symlink_to(tmp_path / "a")
+    (tmp_path / "c" / "self").symlink_to("self")
+    monkeypatch.chdir(tmp_path)
+    patterns = (
+        "*",
+        "*/",
+        "*/*",
+        "**",
+        "**/",
+        "**/*.csv",
+        "a/**",
+        "*/b/*",
+        "*/.b/x.csv",
+        "*/b/../*.csv",
+        "c/[[]x].csv",
+    )
+    for pattern in (
+        *patterns,
+        "**/b/**/x.csv",
+        "a/.*",
+        "?/x.csv",
+        "*/x.csv/y",
+        "none/*",
+        "*/*/",
+        "**/link/*",
+        "**/**/x.csv",
+    ):
+        for base in ("", "./", f"{tmp_path}/"):
+            text = f"{base}{pattern}"
+            expected = {os.path.normpath(path) for path in glob.glob(text, recursive=True)}  # noqa: PTH207
+            found, denied = matching(text)
+            assert ({*map(os.path.normpath, found)}, denied) == (expected, []), text
+            assert found == sorted({*found})
+
+
+def test_a_pattern_is_walked_once_and_folders_may_vanish(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("a/b", "a/gone", "c"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "x.csv").touch()
+    walked = []
+    real = os.scandir
+
+    def scandir(folder: str) -> Any:
+        walked.append(os.path.relpath(folder, tmp_path))
+        if folder.endswith("/gone"):
+            raise FileNotFoundError(errno.ENOENT, "No such file or directory", folder)
+        return real(folder)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    found, denied = matching(f"{tmp_path}/**/*.csv")
+    assert ([os.path.relpath(path, tmp_path) for path in found], denied) == (["a/b/x.csv", "c/x.csv"], [])
+    assert sorted(walked) == [".", "a", "a/b", "a/gone", "c"]

@@ -225,13 +225,18 @@ def test_mistakes(expression: str, problem: str) -> None:
     assert error.value.exit_code == 2
 
 
-def test_an_unknown_figure_lists_those_that_are_there() -> None:
-    with pytest.raises(OptionError) as error:
-        parse_check("sweps >= 1")
-    words = str(error.value)
-    assert "unknown figure 'sweps'; did you mean sweeps? available: logs, topics, sweeps, objects," in words
-    for name in ("objects_per_sweep", "p95", "shape.round", "delta.NAME", "changed_sweeps", "objects where"):
-        assert name in words
+def test_an_unknown_figure_names_the_nearest_and_where_all_are() -> None:
+    for expression, near in (
+        ("sweps >= 1", "; did you mean sweeps?"),
+        ("widths.p95 < 1", "; did you mean width.p95, width.p50 or width.p05?"),
+        ("xyz < 1", ";"),
+    ):
+        name = expression.split()[0]
+        with pytest.raises(OptionError) as error:
+            parse_check(expression)
+        assert str(error.value) == (
+            f"--check '{expression}': unknown figure '{name}'{near} docs/reports.md has all; at '{name}', column 1"
+        )
 
 
 def test_an_unknown_column_lists_those_that_are_there() -> None:
@@ -258,9 +263,9 @@ def test_the_nearest_name_is_offered() -> None:
         ),
         (
             "agents_at_onse.max < 3",
-            r"unknown figure 'agents_at_onse.max'; did you mean agents_at_once.max\? available",
+            r"unknown figure 'agents_at_onse.max'; did you mean agents_at_once.max[ ,]",
         ),
-        ("delta.objcts == 0", r"unknown figure 'delta.objcts'; did you mean delta.objects\? available"),
+        ("delta.objcts == 0", r"unknown figure 'delta.objcts'; did you mean delta.objects[ ,?]"),
         ("tracks.duration > 3", r"tracks.duration has several values, choose one of \.mean"),
     ):
         with pytest.raises(OptionError, match=words):

@@ -119,7 +119,7 @@ def test_no_sensor_is_a_valid_table(tmp_path: Path) -> None:
     ("content", "message"),
     [
         (None, "no such file"),
-        (b"", "no background: "),
+        (b"", "x.parquet: no Parquet file; give the table of lidarcli background build$"),
         (b"PAR1 and no more", "no background: "),
     ],
 )

@@ -63,7 +63,7 @@ class RunReport:
 
     @property
     def holds(self) -> bool:
-        """Whether every check holds."""
+        """Whether every check holds, and all of the data could be read."""
         return self._made.report.holds
 
     def as_dict(self) -> dict[str, Any]:
@@ -126,11 +126,11 @@ def report(tables: Paths, output: Paths = (), **options: Unpack[Reporting]) -> R
     understand(asked)
     files = {place(name): format_of(place(name)) for name in several(output)}
     read = map(str, table_files([*asked.tables, *asked.baseline]))
-    refuse(files, True, [*read, *files_of(find_logs(asked.logs))])
+    refuse(files, True, [*read, *files_of(find_logs(asked.logs))], devices=True)
     made = make_report(asked, viewer="html" in files.values())
     for problem in made.report.problems:
         warn(problem)
     for file, form in files.items():
-        for note in write_whole(file, encoded(render(made, form)), overwrite=True):
+        for note in write_whole(file, encoded(render(made, form)), overwrite=True, devices=True):
             warn(note)
     return RunReport(made, asked)

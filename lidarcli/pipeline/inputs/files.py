@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import glob
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from enum import Enum
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
@@ -44,8 +44,8 @@ def files_named(text: str) -> tuple[Named, list[Place], list[UnreadableError]]:
         raise UnreadableError(f"{text}: cannot be opened: {err.strerror}") from err
     if not glob.has_magic(text):
         raise UnreadableError(f"{text}: no such file or folder")
-    files = [Path(file) for file in sorted(glob.glob(text, recursive=True))]  # noqa: PTH207 (absolute patterns too)
-    return Named.PATTERN, *_entered(files, denied_to(text))
+    found, denied = matching(text)
+    return Named.PATTERN, *_entered([Path(file) for file in found], denied)
 
 
 def _below(folder: Path) -> tuple[list[Path], list[OSError]]:
@@ -70,36 +70,100 @@ def _entered(files: Sequence[Path], denied: Sequence[OSError]) -> tuple[list[Pla
     return [file for file in files if file.parent not in shut], [UnreadableError(line) for line in lines]
 
 
-def denied_to(pattern: str) -> list[OSError]:
-    """Why folders that a pattern leads into cannot be searched: `glob` passes over them."""
-    base = fixed_part(pattern)
-    wanted = PurePosixPath(pattern[len(base) :]).parts
-    denied: list[OSError] = []
-    seen: set[tuple[int, int]] = set()
-    for here, folders, _ in os.walk(base or ".", followlinks=True, onerror=denied.append):
-        known = os.stat(here)  # noqa: PTH116
-        at = PurePosixPath(os.path.relpath(here, base or ".")).parts
-        if (known.st_dev, known.st_ino) in seen:
-            folders.clear()
-        seen.add((known.st_dev, known.st_ino))
-        folders[:] = sorted(name for name in folders if _leads_into((*at, name), wanted))
-    return [err for err in denied if not isinstance(err, FileNotFoundError)]
+def matching(pattern: str) -> tuple[list[str], list[OSError]]:
+    """The files and folders that a pattern names, by name, and why folders it leads into cannot be searched.
 
-
-def _leads_into(folder: Sequence[str], pattern: Sequence[str]) -> bool:
-    """Whether a pattern asks for something in a folder, both below the same place.
-
-    >>> [_leads_into(("a", "b"), pattern) for pattern in (("**", "*.mcap"), ("*", "b", "x"), ("*.mcap",), ("a", "b"))]
-    [True, True, False, False]
+    It is as `glob` finds them with `recursive`, which passes over such folders; a link in a circle is followed once.
+    Each folder is listed once, and one that vanishes meanwhile is none.
     """
-    if not folder or not pattern:
-        return bool(pattern)
-    name, wanted = folder[0], pattern[0]
-    if name.startswith(".") and not wanted.startswith("."):
-        return wanted == "**" and _leads_into(folder, pattern[1:])
-    if wanted == "**":
-        return _leads_into(folder[1:], pattern) or _leads_into(folder, pattern[1:])
-    return fnmatch(name, wanted) and _leads_into(folder[1:], pattern[1:])
+    walk = _Walk()
+    base = fixed_part(pattern)
+    wanted = tuple(part for part in pattern[len(base) :].split("/") if part)
+    found = dict.fromkeys(walk.found(base, wanted, frozenset()))
+    only_folders = pattern.endswith("/")
+    named = sorted(path for path in found if path and (not only_folders or Path(path).is_dir()))
+    return named, [*walk.denied.values()]
+
+
+class _Walk:
+    """One walk through the folders that a pattern leads into."""
+
+    def __init__(self) -> None:
+        self.denied: dict[str, OSError] = {}
+        """Folder → why it cannot be searched."""
+        self._listed: dict[str, list[tuple[str, bool]]] = {}
+
+    def found(self, here: str, wanted: Sequence[str], above: frozenset[tuple[int, int]]) -> Iterator[str]:
+        """What is meant by the `wanted` parts below a folder; `above` are the folders on the way here."""
+        if not wanted:
+            yield here
+            return
+        first, rest = wanted[0], wanted[1:]
+        if not glob.has_magic(first):
+            if self._is_there(here, first):
+                yield from self.found(_inside(here, first), rest, above)
+            return
+        if first == "**":
+            yield from self._through(here, rest, above)
+            return
+        for name, is_folder in self._entries(here):
+            if (is_folder or not rest) and fnmatch(name, first) and (name[0] != "." or first[0] == "."):
+                yield from self.found(_inside(here, name), rest, above)
+
+    def _through(self, here: str, rest: Sequence[str], above: frozenset[tuple[int, int]]) -> Iterator[str]:
+        """The same below a folder and those in it, at any depth."""
+        try:
+            known = os.stat(here or ".")  # noqa: PTH116
+        except OSError as err:
+            self._deny(here, err)
+            return
+        identity = known.st_dev, known.st_ino
+        if identity in above:
+            return
+        yield from self.found(here, rest, above)
+        for name, is_folder in self._entries(here):
+            if name[0] == ".":
+                continue
+            if is_folder:
+                yield from self._through(_inside(here, name), rest, above | {identity})
+            elif not rest:
+                yield _inside(here, name)
+
+    def _is_there(self, here: str, name: str) -> bool:
+        try:
+            os.lstat(_inside(here, name))
+        except OSError as err:
+            self._deny(here, err)
+            return False
+        return True
+
+    def _entries(self, here: str) -> list[tuple[str, bool]]:
+        """The names in a folder, and whether each is one of a folder."""
+        if here not in self._listed:
+            self._listed[here] = []
+            try:
+                with os.scandir(here or ".") as entries:
+                    self._listed[here] = [(entry.name, _is_folder(entry)) for entry in entries]
+            except OSError as err:
+                self._deny(here, err)
+        return self._listed[here]
+
+    def _deny(self, here: str, err: OSError) -> None:
+        if not isinstance(err, FileNotFoundError | NotADirectoryError):
+            err.filename = here or "."
+            self.denied.setdefault(err.filename, err)
+
+
+def _inside(here: str, name: str) -> str:
+    return f"{here}/{name}" if here and not here.endswith("/") else f"{here}{name}"
+
+
+def _is_folder(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_dir()
+    except OSError:
+        # A link in a circle.
+        return False
 
 
 def fixed_part(pattern: str) -> str:

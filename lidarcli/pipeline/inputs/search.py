@@ -14,7 +14,7 @@ from pathlib import Path, PurePath
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2.folder import is_bag
-from lidarcli.pipeline.inputs.files import denied_to, fixed_part
+from lidarcli.pipeline.inputs.files import fixed_part, matching
 from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
 from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
 from lidarcli.stores.url import Place, is_url
@@ -209,8 +209,7 @@ def _pattern(text: str) -> Iterator[Source | Nothing]:
     if Path(text).is_symlink():
         yield Nothing(text, UnreadableError("the link leads to nothing"))
         return
-    files = sorted(glob.glob(text, recursive=True)) if glob.has_magic(text) else []  # noqa: PTH207 (absolute patterns too)
-    denied = denied_to(text) if glob.has_magic(text) else []
+    files, denied = matching(text) if glob.has_magic(text) else ([], [])
     for err in denied:
         yield Nothing(os.fsdecode(err.filename), UnreadableError(f"cannot be searched: {err.strerror}"))
     if not files and not denied:

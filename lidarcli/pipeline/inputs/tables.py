@@ -103,8 +103,11 @@ def _pairs(text: str) -> tuple[list[Pair], list[UnreadableError]]:
     named, files, denied = files_named(text)
     tables = [(file, *known) for file in files if (known := _table_of(file)) is not None]
     if named is Named.FOLDER:
-        # Others of a log are found beside its objects.
-        tables = [each for each in tables if each[1] == "objects"]
+        # A log whose objects are gone is one that cannot be read, not one that is not there.
+        tables = sorted(
+            (each for each in tables if each[1] == "objects" or _is_named_below(text, each[0])),
+            key=lambda each: each[1] != "objects",
+        )
         if not tables and not denied:
             raise UnreadableError(f"{text}: no *{_OBJECTS} in this folder; write some with lidarcli detect")
     if not tables and not denied:
@@ -120,6 +123,15 @@ def is_table(file: Place, table: str) -> bool:
     """Whether a file is such a table, by its name or by a folder above it."""
     found = _table_of(file)
     return found is not None and found[0] == table
+
+
+def _is_named_below(folder: str, file: Place) -> bool:
+    """Whether a file is a table by what it is called below a folder, not by the folders above that."""
+    root = str(place(folder)).rstrip("/")
+    below = str(file).removeprefix(f"{root}/").split("/")
+    return file.name.endswith(tuple(map(table_suffix, SCHEMAS))) or any(
+        part in SCHEMAS for part in below[:-1]
+    )
 
 
 def _table_of(file: Place) -> tuple[str, Pair] | None:
