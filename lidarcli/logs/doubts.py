@@ -26,11 +26,11 @@ CERTAINLY_MM = 1000.0
 """[m] What is seen in centimetres is nearer."""
 UNUSABLE = 0.95
 """Share of the beams without a range from which on something may be wrong."""
-THIN = 5
-"""Of so many sweeps the ranges of one are looked at: neither of two sensors in turns is always left out."""
+FIRST, THIN = 32, 11
+"""The ranges of the first sweeps are all looked at, then of so many those of one: neither of two sensors is left out."""
 TOGETHER, PERIOD = 16, 256
 """So many sweeps in a row are compared with each other, of so many …"""
-BEAMS = 90
+BEAMS = 60
 """… by so many of their beams."""
 REPEATS = 256
 """Sweeps with the stamp of the one before that are compared with it, the first ones."""
@@ -148,8 +148,12 @@ class _Seen:
         number = self.clock.sweeps + np.arange(len(raw))
         self.clock.add(raw, batch.sweep)
         self._take_geometry(raw)
-        # A slice copies nothing.
-        self._take_ranges(raw, batch, slice(-int(number[0]) % THIN, None, THIN) if len(raw) else slice(0))
+        if len(raw):
+            begins = int(number[0])
+            first = max(FIRST - begins, 0)
+            # Slices copy nothing.
+            self._take_ranges(raw, batch, slice(first))
+            self._take_ranges(raw, batch, slice(first + -(begins + first) % THIN, None, THIN))
         self._take_order(raw, batch, number)
         self._take_repeats(raw, batch)
 
