@@ -50,7 +50,7 @@ class LazyCommands(Commands):
         "max_content_width": 80,
         "auto_envvar_prefix": PREFIX,
     },
-    epilog="Exit codes: 0 done, 1 a check does not hold, 2 usage, 3 some input unreadable, 4 no LaserScan, "
+    epilog="Exit codes: 0 done, 1 a check fails, 2 usage, 3 some input unreadable, 4 no LaserScan, "
     "5 output refused, 70 internal error, 130 interrupted.",
 )
 @option(
@@ -61,7 +61,7 @@ class LazyCommands(Commands):
     expose_value=False,
     allow_from_autoenv=False,
     callback=print_version,
-    help="Show the version of lidarcli and of what it stands on, and exit.",
+    help="Show the version of lidarcli and of its dependencies, and exit.",
 )
 def cli() -> None:
     """From a 2D LiDAR log to a table of objects, without a running ROS system.

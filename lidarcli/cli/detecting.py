@@ -78,7 +78,7 @@ def detection_options(*, tables: str, memory: bool) -> Callable[[F], F]:
                     heading=OUTPUT,
                     type=click.IntRange(min=1, max=GREATEST_COUNT),
                     metavar="N",
-                    help="Most processors to use: threads share a long log, processes share many logs.  "
+                    help="Maximum number of processors: threads share a long log, processes share many logs.  "
                     "[default: automatic]",
                 ),
                 option(

@@ -93,7 +93,7 @@ GRID, CLOUD, TRUTH = "Occupancy grid", "Point cloud", "Comparison"
     heading=GRID,
     type=click.IntRange(min=1, max=GREATEST_COUNT),
     metavar="N",
-    help="Sweeps that have to hit a cell for it to be occupied.  [default: 2; with --min-move 0: 4]",
+    help="Minimum hits for a cell to be occupied.  [default: 2; with --min-move 0: 4]",
 )
 @option(
     "--occupied-ratio",
@@ -101,7 +101,7 @@ GRID, CLOUD, TRUTH = "Occupancy grid", "Point cloud", "Comparison"
     type=Number("SHARE", least=0, most=1),
     default=OCCUPIED_RATIO,
     show_default=True,
-    help="And more than this share of the sweeps that hit or passed it.",
+    help="Minimum hit ratio: hits among the sweeps that hit or passed the cell.",
 )
 @option(
     "--free-no-return",

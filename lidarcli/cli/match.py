@@ -37,12 +37,12 @@ from lidarcli.stores.url import place
     type=click.Choice(MATCH_BY),
     default=MATCH_BY[-1],
     show_default=True,
-    help="Take places as they are, or find by the constellation of the things how the runs lie beside each other; "
+    help="Take places as they are, or align runs by the arrangement of their objects; "
     "auto: as they are where the poses of all runs are in one world frame that is no odometry.",
 )
 @click.pass_obj
 def match(say: Messages, /, tracks: tuple[str, ...], output: str, overwrite: bool, by: str) -> int:
-    """Find the same standing things in several runs, and what was moved.
+    """Match stationary objects across runs, and report which moved.
 
     TRACKS is a tracks table of `lidarcli track`, a folder to search, or a pattern;
     runs are taken in this order. Writes one row for each thing and run that has it,

@@ -129,7 +129,7 @@ WITH_TRACKS = ("all", "scene")
     heading=PICTURE,
     metavar="FILE",
     type=click.Path(),
-    help="Table of track (the others of the log lie beside it): paths up to the sweep, numbers, velocities.  "
+    help="Tracks table (its objects table in the same folder): paths up to the sweep, numbers, velocities.  "
     "[default: none]",
 )
 @look_options

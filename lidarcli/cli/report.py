@@ -100,7 +100,7 @@ def report(
 
     TABLE is an objects, sweeps or tracks table of detect or track (the others are
     found beside it), a folder to search, or a pattern. The folder TABLES/_lidarcli of a
-    run over many logs, or manifests in it, tell what became of each log.
+    run over many logs, or manifests in it, record the outcome of each log.
     """
     from lidarcli.cli.progress import counted_bar
     from lidarcli.newfiles import refuse, write_whole
@@ -159,9 +159,7 @@ def report(
                 say.info(f"  note     {note}")
     for verdict in made.report.verdicts:
         if not verdict.holds:
-            say.error(
-                f"check does not hold: {verdict.expression}: expected {verdict.expected}, found {verdict.words}"
-            )
+            say.error(f"check failed: {verdict.expression} (found {verdict.words})")
     return made.report.exit_code
 
 

@@ -38,7 +38,7 @@ TRACKING = "Tracking"
     type=Number("P", least=1e-12, most=0.1),
     default=SIGNIFICANCE,
     show_default=True,
-    help="Share of standing things that may be taken for moving by chance. A smaller share finds slow things later.",
+    help="Share of standing things that may be taken for moving by chance. Lower values detect slow movers later.",
 )
 @click.pass_obj
 def track(say: Messages, /, significance: float, memory: bool, **asked: Any) -> int:

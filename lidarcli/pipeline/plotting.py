@@ -189,7 +189,9 @@ def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
     if choice.is_listed and (error := choice.error()) is not None:
         raise error
     others = choice.chosen[1:]
-    notes = (f"drawn is {choice.first}; also there: {', '.join(others)} (--topic NAME)",) if others else ()
+    notes = (
+        (f"drawn is {choice.first}; also available: {', '.join(others)} (--topic NAME)",) if others else ()
+    )
     return choice.first, notes
 
 

@@ -55,7 +55,7 @@ def test_several_sweeps(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_of_several_topics_the_first_is_drawn(lidarcli: Run, logs: Path, tmp_path: Path) -> None:
     ran = lidarcli("plot", logs / "two.mcap", "-o", tmp_path / "a.png")
-    assert ran.err.splitlines()[0] == "  note     drawn is /front; also there: /rear (--topic NAME)"
+    assert ran.err.splitlines()[0] == "  note     drawn is /front; also available: /rear (--topic NAME)"
     ran = lidarcli("plot", logs / "two.mcap", "--topic", "rear", "-o", tmp_path / "b.png")
     assert ran.err == f"  wrote    {tmp_path / 'b.png'}\n"
 

@@ -57,7 +57,7 @@ def test_every_format(lidarcli: Run, tmp_path: Path) -> None:
 def test_what_is_said(lidarcli: Run, tmp_path: Path) -> None:
     ran = lidarcli("plot", DRIVE, "--map", "-o", tmp_path / "m.svg")
     assert ran.err.splitlines() == [
-        "  note     poses by /tf and /tf_static (odom > base_link > laser); also there: /odom (--pose TOPIC)",
+        "  note     poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
         "  note     64 of 150 sweeps count: one for each 0.2 m, 10 degrees or 5 s of the way (--min-move)",
         f"  wrote    {tmp_path / 'm.svg'}",
     ]

@@ -19,9 +19,7 @@ from tests.sweeping import START, STEP, raw_sweeps, room_sweeps, round_room
 
 Run = Callable[..., Any]
 DRIVE = SAMPLES / "drive.db3"
-POSES_NOTE = (
-    "  note     poses by /tf and /tf_static (odom > base_link > laser); also there: /odom (--pose TOPIC)"
-)
+POSES_NOTE = "  note     poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)"
 
 
 def names(folder: Path) -> list[str]:
@@ -127,7 +125,7 @@ def test_and_back(
     assert lidarcli("-q", "poses", source, "-o", path).code == 0
     ran = lidarcli("detect", source, "-o", tmp_path / "back", "--poses", path, *options)
     assert ran.code == 0
-    assert "  note     poses by run.tum (world > laser)" in ran.err.splitlines()
+    assert "  note     poses from run.tum (world > laser)" in ran.err.splitlines()
     for table, wanted in {
         "objects": ("world_x", "world_y", "world_yaw"),
         "sweeps": ("pose_x", "pose_y", "pose_yaw"),

@@ -78,7 +78,7 @@ def test_a_leaning_sensor_is_worth_a_note_only_where_its_sweeps_lean_with_it() -
     posing = Posing.of(log)
     (block,) = log.scans(None, ReadReport())
     posing.attach(normalise(block, np.arange(3), RangeRules()))
-    assert posing.notes() == ["poses by /tf and /tf_static (odom > base_link > lidar)"]
+    assert posing.notes() == ["poses from /tf and /tf_static (odom > base_link > lidar)"]
 
 
 def test_scans_and_clouds_of_one_log() -> None:

@@ -105,7 +105,7 @@ def test_poses_between_those_of_the_log(tmp_path: Path) -> None:
 
     summary = detect_to_files(Source(str(tmp_path / "run.mcap"), "run"), tmp_path, DetectOptions())
     assert summary.notes == [
-        "poses by /tf and /tf_static (odom > base_link > laser); also there: /odom (--pose TOPIC)",
+        "poses from /tf and /tf_static (odom > base_link > laser); also available: /odom (--pose TOPIC)",
         "without a pose: 3 of 12 sweeps of frame laser, whose stamps are outside the span of /tf",
     ]
     assert summary.exit_code == 0
@@ -140,7 +140,7 @@ def test_the_batch_size_does_not_matter(tmp_path: Path) -> None:
         parts = [posing.attach(part).poses for part in cut(batch, size)]
         joined = np.concatenate([part.x for part in parts if part is not None])
         np.testing.assert_array_equal(joined, whole.x)
-        assert posing.notes() == ["poses by /odom (odom > laser)"]
+        assert posing.notes() == ["poses from /odom (odom > laser)"]
 
 
 # --- one log in memory ------------------------------------------------------------------------------------
@@ -217,8 +217,8 @@ def test_two_sensors_have_a_chain_each() -> None:
     np.testing.assert_allclose(poses.x, [1.0, -0.9, 1.2])
     np.testing.assert_allclose(np.cos(poses.yaw), [1, -1, 1])
     assert notes == [
-        "poses by /tf and /tf_static (odom > base_link > rear); also there: /odom (--pose TOPIC)",
-        "poses by /tf and /tf_static (odom > base_link > front); also there: /odom (--pose TOPIC)",
+        "poses from /tf and /tf_static (odom > base_link > rear); also available: /odom (--pose TOPIC)",
+        "poses from /tf and /tf_static (odom > base_link > front); also available: /odom (--pose TOPIC)",
     ]
     assert len(rear) == 3
 
@@ -274,7 +274,7 @@ def test_between_topics_that_are_alike_the_user_chooses() -> None:
     assert poses is None
     assert notes == [
         "no pose for frame laser: /robot_1, /robot_2 are alike, and nothing tells which is that of the sensor "
-        "(--pose TOPIC); also there: /mocap_pose"
+        "(--pose TOPIC); also available: /mocap_pose"
     ]
 
 
@@ -284,7 +284,7 @@ def test_a_leaning_sensor_and_a_clock_that_jumps_are_noted() -> None:
     messages = [tf(START + k * SECOND, "map", "laser", tilted) for k in (0, 2, 4, 1, 3)]
     _, notes = posed(messages)
     assert notes == [
-        "poses by /tf (map > laser)",
+        "poses from /tf (map > laser)",
         "frame laser leans by up to 30 degrees: its poses are their projection",
         "stamps of /tf jump back once: poses there may mix two runs",
     ]
@@ -326,7 +326,7 @@ def test_an_upside_down_sensor() -> None:
     poses, notes = posed(messages)
     assert poses is not None
     assert poses.upside_down.all()
-    assert notes == ["poses by /tf (map > laser)"]
+    assert notes == ["poses from /tf (map > laser)"]
     row = np.array([0])
     x, y, yaw = poses.to_world(row, np.array([1.0]), np.array([2.0]), np.array([0.3]))
     assert (x[0], y[0], yaw[0]) == pytest.approx((1.0, -2.0, -0.3))
@@ -338,7 +338,7 @@ def test_bad_poses_are_noted_and_do_not_end_the_run() -> None:
     messages.append(pose_stamped(START, "map", (np.nan, 0, 0), "/pose"))
     _, notes = posed(messages)
     assert notes == [
-        "poses by /odom (odom > laser)",
+        "poses from /odom (odom > laser)",
         "1 of /odom left out: shorter than its type",
         "1 of /pose left out: its pose is not finite",
     ]
@@ -394,7 +394,7 @@ def test_a_topic_that_is_asked_for(tmp_path: Path, capfd: pytest.CaptureFixture[
     log = str(SAMPLES / "drive.db3")
     assert run(["detect", log, "-o", str(tmp_path), "--pose", "odom"]) == 0
     assert (
-        "note     poses by /odom and /tf_static (odom > base_link > laser); also there: /tf"
+        "note     poses from /odom and /tf_static (odom > base_link > laser); also available: /tf"
         in capfd.readouterr().err
     )
     metadata = pq.read_schema(tmp_path / "drive.sweeps.parquet").metadata

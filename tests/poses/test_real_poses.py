@@ -116,8 +116,8 @@ def test_motion_capture(topic: str | None) -> None:
 def test_what_is_said_of_motion_capture(tmp_path: Path) -> None:
     summary = detect_to_files(Source(str(CAR), "car"), tmp_path, DetectOptions())
     assert summary.notes == [
-        "poses by /ego_pose (map > laser); the sensor laser is taken to be at the pose itself; "
-        "also there: /red_pose (--pose TOPIC)",
+        "poses from /ego_pose (map > laser); the sensor laser is taken to be at the pose itself; "
+        "also available: /red_pose (--pose TOPIC)",
     ]
 
 
@@ -125,5 +125,5 @@ def test_a_chain_of_moving_links(tmp_path: Path) -> None:
     log = REAL_LOGS / "robots_ii" / "mylaserdata_20151128.bag"
     summary = detect_to_files(Source(str(log), "stage"), tmp_path, DetectOptions())
     assert summary.notes == [
-        "poses by /tf (robot_0/odom > robot_0/base_footprint > robot_0/base_link > robot_0/base_laser_link)"
+        "poses from /tf (robot_0/odom > robot_0/base_footprint > robot_0/base_link > robot_0/base_laser_link)"
     ]

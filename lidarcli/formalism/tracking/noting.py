@@ -40,13 +40,13 @@ def _of_poses(topic: str, correction: Correction, is_corrected: bool) -> list[st
     if abs(delay) > max(WORTH_TELLING, SURE * delay_sd):
         when = "late" if delay > 0 else "early"
         also = "" if is_corrected else f"; --pose-delay {delay:.2f} also corrects the world columns"
-        more = " more" if is_corrected else ""
+        more = " a further" if is_corrected else ""
         lines.append(
-            f"{topic}: by what stands still the poses are {abs(delay):.2f} s{more} {when}: corrected for tracks{also}"
+            f"{topic}: static objects show the poses{more} {abs(delay):.2f} s {when}: corrected for tracks{also}"
         )
     if math.hypot(ahead, left) > max(WORTH_TELLING_M, SURE * place_sd):
         lines.append(
-            f"{topic}: by what stands still the sensor is {_place(ahead, left)} of where its poses are told: "
+            f"{topic}: static objects show the sensor {_place(ahead, left)} of where its poses are told: "
             "corrected for tracks"
         )
     return lines

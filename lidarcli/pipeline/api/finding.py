@@ -44,7 +44,7 @@ def detect(
     ----------
     log : logs as of `read`, each of which is a log of its own in the table; or a batch, or batches (of one topic, or in
         order of topics)
-    parameters : what an object is, instead of the keywords from `profile` to `walls`
+    parameters : replaces the keywords from `profile` to `walls`
 
     Returns
     -------
@@ -74,7 +74,7 @@ def track(
     Parameters
     ----------
     log : as of `detect`; batches of a log and topic have to come in the order of the log
-    parameters : what an object is, instead of the keywords from `profile` to `walls`
+    parameters : replaces the keywords from `profile` to `walls`
 
     Returns
     -------

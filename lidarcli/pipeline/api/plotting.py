@@ -45,7 +45,7 @@ def plot(
     log : one log as of `read`, of which no more than the sweep needs is read; or a batch of `read`
     sweep : index of the sweep within its topic
     output : picture to write, replaced where it exists: .png, .svg or .pdf; by default none
-    parameters : what an object is, instead of the keywords from `profile` to `walls`
+    parameters : replaces the keywords from `profile` to `walls`
     axes : matplotlib axes to draw on, one for each panel of the view (`scene`: 1, `polar`: 1 that is polar, `sweep`: 2,
         `all`: 3); by default a figure of its own
 

@@ -36,7 +36,7 @@ def tables(log: LogsOrBatches, parameters: Parameters | None = None, **options: 
     Parameters
     ----------
     log : as of `track`
-    parameters : what an object is, instead of the keywords from `profile` to `walls`
+    parameters : replaces the keywords from `profile` to `walls`
 
     Returns
     -------

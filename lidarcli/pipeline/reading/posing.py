@@ -221,7 +221,7 @@ class Posing:
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
     """Why no pose is taken for a frame, though several topics may be the right one."""
-    also = f"; also there: {_some(others)}" if others else ""
+    also = f"; also available: {_some(others)}" if others else ""
     return (
         f"no pose for frame {frame or 'without a name'}: {_some(alike)} are alike, and nothing tells which is that of the "
         f"sensor (--pose TOPIC){also}"
@@ -243,10 +243,10 @@ def _put(poses: SweepPoses, rows: Int64, here: SweepPoses) -> None:
 
 
 def _chosen(way: Way, others: Sequence[str]) -> str:
-    line = f"poses by {' and '.join(way.topics)} ({way.chain})"
+    line = f"poses from {' and '.join(way.topics)} ({way.chain})"
     if way.assumption:
         line += f"; {way.assumption}"
-    return line + (f"; also there: {_some(others)} (--pose TOPIC)" if others else "")
+    return line + (f"; also available: {_some(others)} (--pose TOPIC)" if others else "")
 
 
 def _some(names: Sequence[str]) -> str:

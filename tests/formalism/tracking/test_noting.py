@@ -33,7 +33,7 @@ def test_a_delay_is_told_with_the_option_that_mends_it() -> None:
     assert "0.12 s late" in line
     assert "--pose-delay 0.12 " in line
     (line,) = notes(Estimate(-0.12), [], corrected=True)
-    assert "0.12 s more early" in line
+    assert "the poses a further 0.12 s early" in line
     assert "--pose-delay" not in line
 
 
