@@ -77,13 +77,19 @@ def without_faults(scene: Scene) -> Scene:
 
 def labels(found: Detection, change: int) -> NDArray[np.int64]:
     """(S, B) number of the object of a beam that has appeared, or is gone; 0 for others."""
-    assert found.beam_object is not None
+    assert found.beam_difference is not None
     assert found.change is not None
-    counts = np.bincount(found.row, minlength=len(found.objects))
-    first = np.cumsum(counts) - counts
-    index = np.where(found.beam_object > 0, first[:, None] + found.beam_object - 1, len(found))
-    kind = np.append(found.change, -1)
-    return np.where(kind[index] == change, found.beam_object, 0).astype(np.int64)
+    held = np.zeros(found.beam_difference.shape, np.int64)
+    beams = np.arange(held.shape[1])
+    for k in np.flatnonzero(found.change == change).tolist():
+        first, last, row = found.beam_i[k], found.beam_f[k], found.row[k]
+        within = (beams >= first) & (beams <= last) if first <= last else (beams >= first) | (beams <= last)
+        # What is gone owns no beam: beams go on where it was.
+        differs = (
+            found.beam_difference[row] > 0 if change == REMOVED else found.beam_object[row] == found.object[k]
+        )
+        held[row, within & differs] = found.object[k]
+    return held
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,18 @@ def assert_alike(some: list[Seen], others: list[Seen]) -> None:
         np.testing.assert_allclose(one.floats, other.floats, rtol=0, atol=1e-9)
 
 
+def assert_same_sweeps(found: Detection, *sweeps: Sweep) -> None:
+    """What is told of two sweeps is the same, but for the bearing of the nearest beam, which is of one in each."""
+    for name in PER_SWEEP:
+        values = getattr(found, name)
+        if name != "nearest_theta":
+            assert values[1] == pytest.approx(values[0], abs=1e-12, nan_ok=True), name
+    for row, sweep in enumerate(sweeps):
+        if not np.isnan(found.nearest[row]):
+            beam = round((found.nearest_theta[row] - sweep.angle_min) / sweep.angle_increment)
+            assert np.float32(sweep.ranges[beam % len(sweep.ranges)]) == found.nearest[row]
+
+
 def rotated(sweep: Sweep, beams: int) -> Sweep:
     """The same surroundings, seen by a sensor that starts `beams` beams earlier."""
     ranges = list(sweep.ranges)
@@ -93,12 +105,11 @@ def rotated(sweep: Sweep, beams: int) -> Sweep:
 
 def assert_rotation(sweep: Sweep, beams: int, parameters: Parameters) -> int:
     period = len(sweep.ranges) - (sweep.closing == FIRST_BEARING_TWICE)
-    found = detect(batch_of([sweep, rotated(sweep, beams)]), parameters, per_beam=True)
+    other = rotated(sweep, beams)
+    found = detect(batch_of([sweep, other]), parameters, per_beam=True)
     turn = beams * sweep.angle_increment
     assert_alike(like_for_like(found, 0, period, 0, 0.0), like_for_like(found, 1, period, beams, turn))
-    for name in PER_SWEEP:
-        values = getattr(found, name)
-        assert values[1] == pytest.approx(values[0], abs=1e-12), name
+    assert_same_sweeps(found, sweep, other)
     assert found.beam_s is not None
     np.testing.assert_array_equal(np.roll(found.beam_s[0, :period], beams), found.beam_s[1, :period])
     return len(found)
@@ -145,7 +156,8 @@ def mirrored(sweep: Sweep) -> Sweep:
 def assert_mirror(sweep: Sweep, parameters: Parameters) -> None:
     beams = len(sweep.ranges)
     period = beams - (sweep.closing == FIRST_BEARING_TWICE)
-    found = detect(batch_of([sweep, mirrored(sweep)]), parameters, per_beam=True)
+    other = mirrored(sweep)
+    found = detect(batch_of([sweep, other]), parameters, per_beam=True)
     swap = {0: 0, 1: 2, 2: 1, 3: 3, 4: 4}
     here: list[Seen] = []
     there: list[Seen] = []
@@ -164,9 +176,7 @@ def assert_mirror(sweep: Sweep, parameters: Parameters) -> None:
         exact = (*span, int(found.beams[k]), int(found.set[k]))
         side.append(Seen(exact, np.array(floats)))
     assert_alike(sorted(here, key=lambda one: one.exact), sorted(there, key=lambda one: one.exact))
-    for name in PER_SWEEP:
-        values = getattr(found, name)
-        assert values[1] == pytest.approx(values[0], abs=1e-12), name
+    assert_same_sweeps(found, sweep, other)
 
 
 @pytest.mark.slow
