@@ -271,6 +271,9 @@ def _block(
     intensities: Float32 | None,
 ) -> RawSweeps:
     frame, frame_ids = _frames(buffer, heads)
+    # What is no number may be one of those that signal.
+    with np.errstate(invalid="ignore"):
+        angle_max = heads.geometry[:, 1].astype(np.float64)
     return RawSweeps(
         topic=topic,
         frame_ids=frame_ids,
@@ -286,7 +289,7 @@ def _block(
         time_increment=heads.geometry[:, 3].copy(),
         scan_time=heads.geometry[:, 4].copy(),
         intensities=intensities,
-        angle_max=heads.geometry[:, 1].astype(np.float64),
+        angle_max=angle_max,
     )
 
 

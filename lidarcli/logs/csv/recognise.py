@@ -128,10 +128,10 @@ def _columns(
     first, last = int(family.columns[0]), int(family.columns[-1])
     in_order = bool((np.diff(family.columns) == 1).all())
     after = len(head.names) - last - 1
-    # Rows that tell their view say how many ranges they have; others could only be cut or joined.
-    may_differ = {"angle_min", "angle_max", "angle_increment"} <= fields.keys() or head.usual != len(
-        head.names
-    )
+    # Where the step is told, rows of fewer ranges see less; where the view is, they could only be cut or joined.
+    tells_view = {"angle_min", "angle_max", "angle_increment"} <= fields.keys()
+    tells_step = head.options.angle_increment is not None
+    may_differ = tells_view or tells_step or head.usual != len(head.names)
     none = np.empty(0, np.int64)
     beside = strengths.get(family.prefix.lower(), none)
     doubled = after == len(family.columns) and all("intens" in name.lower() for name in head.names[-after:])
