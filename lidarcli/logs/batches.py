@@ -15,14 +15,12 @@ from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
 from lidarcli.logs.choice import TopicChoice
 from lidarcli.logs.doubts import Doubts
-from lidarcli.logs.piles import MOST_TOPICS, Settling
+from lidarcli.logs.piles import MAX_TOPICS, Settling
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate
 from lidarcli.times import Instant, as_time
 
 MOST_EVERY = 1_000_000
 """`every` is no larger."""
-MAX_TOPICS = MOST_TOPICS
-"""LaserScan topics of a log that are read at once."""
 BATCH_VALUES = 3 << 17
 """Most ranges of one batch, padding included: its arrays should stay in the caches, and more take more memory."""
 

@@ -59,8 +59,8 @@ LEAST_LOST = 50
 """No fewer beams do."""
 MOST_TOLD = 3
 """Beams that always tell the same and are named each."""
-MOST_TOPICS = 1000
-"""Of which sweeps wait; those of further ones are judged as they come."""
+MAX_TOPICS = 1000
+"""LaserScan topics of a log that are read at once."""
 
 MILLIMETRES = 1000.0
 
@@ -81,7 +81,7 @@ class Settling:
         """The sweeps of a log in its order within each topic, and the rules for them."""
         for block in blocks:
             topic = self._topics.get(block.topic)
-            if topic is None and len(self._topics) == MOST_TOPICS:
+            if topic is None and len(self._topics) == MAX_TOPICS:
                 yield block, self.rules
                 continue
             if topic is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from typing import Any
 
@@ -9,26 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.background.ragged import offsets_of, spans
+from lidarcli.formalism.description import BEAM_COLUMNS, FACE_COLUMNS, SWEEP_COLUMNS, VERTEX_COLUMNS
 from lidarcli.formalism.detection import WALL, Detection
 from lidarcli.sweeps import Bool, Int32, Int64
 
 _SWEEP_FIELDS = {
-    *(
-        "nearest",
-        "nearest_theta",
-        "d_mean",
-        "sweep_d_th",
-        "noise",
-        "objects",
-        "agents",
-        "object_beams",
-        "agent_beams",
-        "noise_beams",
-    ),
-    *("beam_set", "beam_object", "beam_s", "beam_difference", "station"),
+    *(*SWEEP_COLUMNS, "agents", "agent_beams", "noise_beams", "station"),
+    *(*BEAM_COLUMNS, "beam_set", "beam_difference"),
 }
-_VERTEX_FIELDS = ("vertex_theta", "vertex_r", "vertex_kind")
-_FACE_FIELDS = ("face_theta_i", "face_theta_f", "face_length", "face_rms")
 _LATER_FIELDS = ("label", "label_score", "features")
 """What is made of a detection when it is whole, or of none with a background."""
 _OBJECT_FIELDS = [
@@ -36,7 +25,7 @@ _OBJECT_FIELDS = [
     for field in fields(Detection)
     if field.name
     not in {
-        *(*_SWEEP_FIELDS, *_VERTEX_FIELDS, *_FACE_FIELDS, *_LATER_FIELDS),
+        *(*_SWEEP_FIELDS, *VERTEX_COLUMNS, *FACE_COLUMNS, *_LATER_FIELDS),
         *("object", "vertex_offsets", "face_offsets"),
     }
 ]
@@ -60,8 +49,8 @@ def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
     values = {name: _joined(first, second, name)[order] for name in known}
     counts = np.bincount(values["row"], minlength=len(first.objects))
     number = np.arange(len(order)) - offsets_of(counts)[values["row"]] + 1
-    values |= _lists(first, second, "vertex_offsets", _VERTEX_FIELDS, order)
-    values |= _lists(first, second, "face_offsets", _FACE_FIELDS, order)
+    values |= _lists(first, second, "vertex_offsets", VERTEX_COLUMNS, order)
+    values |= _lists(first, second, "face_offsets", FACE_COLUMNS, order)
     result = replace(first, **values, object=number.astype(np.int32))
     if first.beam_object is None:
         return result
@@ -77,7 +66,7 @@ def select(found: Detection, chosen: Bool) -> Detection:
         name: None if getattr(found, name) is None else getattr(found, name)[index]
         for name in (*_OBJECT_FIELDS, "object")
     }
-    for offsets, names in (("vertex_offsets", _VERTEX_FIELDS), ("face_offsets", _FACE_FIELDS)):
+    for offsets, names in (("vertex_offsets", VERTEX_COLUMNS), ("face_offsets", FACE_COLUMNS)):
         starts = getattr(found, offsets).astype(np.int64)
         item, _, joined = spans(starts[index], np.diff(starts)[index])
         values |= {offsets: joined.astype(np.int32)} | {name: getattr(found, name)[item] for name in names}
@@ -89,7 +78,7 @@ def _joined(first: Detection, second: Detection, name: str) -> NDArray[Any]:
 
 
 def _lists(
-    first: Detection, second: Detection, offsets: str, names: tuple[str, ...], order: Int64
+    first: Detection, second: Detection, offsets: str, names: Iterable[str], order: Int64
 ) -> dict[str, NDArray[Any]]:
     """Lists of the objects in a new order."""
     starts = np.concatenate(
