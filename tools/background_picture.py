@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 import lidarcli
 from lidarcli.formalism.background.model import Background
-from lidarcli.reports import palette, scene
+from lidarcli.reports import palette, panels
 from lidarcli.reports.drawing import project_style
 
 
@@ -42,7 +42,7 @@ def main(log: str, picture: str) -> None:
                 markeredgewidth=0,
                 rasterized=True,
             )
-            scene.sensor(axes)
+            panels.sensor(axes)
             axes.set_aspect("equal")
             axes.set_xlabel("x [m]")
             axes.set_ylabel("y [m]")

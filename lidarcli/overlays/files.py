@@ -1,17 +1,56 @@
-"""Files of messages for viewers: MCAP of ROS 2, and bags of ROS 1."""
+"""Files of messages for viewers, MCAP of ROS 2 and bags of ROS 1, and names of topics that every viewer takes."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from lidarcli.maps.grid_message import TYPE as MAP
-from lidarcli.overlays.markers import TYPE as MARKERS
+from lidarcli.maps.mapserver import TYPE as MAP_TYPE
+from lidarcli.overlays.markers import TYPE as MARKER_TYPE
 from lidarcli.ros.bag_file import bag_writer
 from lidarcli.ros.definitions import ROS1, SCAN, TF, ros2_definition
 from lidarcli.ros.mcap_file import ALL, add_channel, offered, start_ros2
 from lidarcli.ros.outgoing import Outgoing
+
+OBJECTS, MAP = "/lidarcli/objects", "/lidarcli/map"
+FRAME = "laser"
+"""The frame of a sensor whose log names none."""
+
+
+def topic_name(text: str) -> str:
+    """A topic of a log that need not be ROS, as ROS has it.
+
+    >>> topic_name("front scan"), topic_name("/2d/scan")
+    ('/front_scan', '/_2d/scan')
+    """
+    parts = [re.sub(r"[^A-Za-z0-9_]", "_", part) for part in text.split("/") if part]
+    return "".join(f"/{'_' * part[:1].isdigit()}{part}" for part in parts) or "/scan"
+
+
+def topics_of_objects(topics: Iterable[str]) -> dict[str, str]:
+    """Topic of sweeps → that of its markers: one for each, for a message deletes all that its topic has shown before.
+
+    >>> topics_of_objects(["/scan"])
+    {'/scan': '/lidarcli/objects'}
+    >>> topics_of_objects(["/front", "/rear"])
+    {'/front': '/lidarcli/objects/front', '/rear': '/lidarcli/objects/rear'}
+    """
+    names = sorted(set(topics))
+    if len(names) == 1:
+        return {names[0]: OBJECTS}
+    named: dict[str, str] = {}
+    for name in names:
+        mine = wanted = f"{OBJECTS}{topic_name(name)}"
+        number = 1
+        while mine in named.values():
+            number += 1
+            mine = f"{wanted}_{number}"
+        named[name] = mine
+    return named
+
 
 MCAP, BAG = ".mcap", ".bag"
 SUFFIXES = (MCAP, BAG)
@@ -99,9 +138,9 @@ def _within(time_ns: int) -> int:
 
 def _offer(topic: str, kind: str) -> tuple[int, bool]:
     """How many messages of a topic are kept, and whether for those who come later."""
-    if kind == MAP:
+    if kind == MAP_TYPE:
         return 1, True
     if kind == TF and topic.endswith("tf_static"):
         # Each of several nodes tells of its own frames.
         return ALL, True
-    return (5 if kind in (MARKERS, SCAN) else 100), False
+    return (5 if kind in (MARKER_TYPE, SCAN) else 100), False

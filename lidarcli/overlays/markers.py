@@ -1,17 +1,96 @@
-"""visualization_msgs/MarkerArray as bytes, many messages at once."""
+"""Messages for viewers as bytes, many at once: visualization_msgs/MarkerArray and tf2_msgs/TFMessage.
+
+CDR of ROS 2 aligns its numbers, ROS 1 packs them.
+"""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.overlays.wire import Layout, LayoutBuilder, Structured, scatter
 from lidarcli.records import record
-from lidarcli.sweeps import Float32, Float64, Int32, Int64
+from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64
+
+Structured = NDArray[np.void]
+
+
+class Layout(NamedTuple):
+    """Bytes of one kind of message or part of one, and where in them the numbers are that differ."""
+
+    dtype: np.dtype[Any]
+    template: bytes
+    """What all have in common; 0 in the places of the fields."""
+
+    def filled(self, count: int) -> Structured:
+        """(count,) copies of the template, whose fields are to be set."""
+        return np.frombuffer(bytearray(self.template * count), self.dtype)
+
+
+@dataclass(slots=True)
+class LayoutBuilder:
+    """Puts a layout together, member after member.
+
+    In CDR every number begins at a multiple of its size, counted from the end of the message's four bytes of encapsulation,
+    and texts end with a zero. ROS 1 has neither.
+    """
+
+    cdr: bool
+    start: int = 0
+    """Where the first byte will be, from the same place; a multiple of 8 tells as much as 0."""
+    _bytes: bytearray = field(default_factory=bytearray)
+    _fields: list[tuple[str, str, int]] = field(default_factory=list)
+
+    def number(self, code: str, *values: float) -> None:
+        """Numbers that are the same in all; `code` is that of `struct`."""
+        self._align(struct.calcsize(f"<{code}"))
+        self._bytes += struct.pack(f"<{len(values)}{code}", *values)
+
+    def field(self, name: str, code: str, shape: tuple[int, ...] = ()) -> None:
+        """Numbers that differ."""
+        size = struct.calcsize(f"<{code}")
+        self._align(size)
+        self._fields.append((name, f"{shape}<{np.dtype(code).str[1:]}", len(self._bytes)))
+        self._bytes += bytes(size * int(np.prod(shape)))
+
+    def text(self, value: bytes) -> None:
+        """A text that is the same in all."""
+        self.number("I", len(value) + self.cdr)
+        self._bytes += value + bytes(self.cdr)
+
+    def text_field(self, name: str, length: int) -> None:
+        """A text of `length` bytes that differs."""
+        self.number("I", length + self.cdr)
+        if length:
+            self._fields.append((name, f"S{length}", len(self._bytes)))
+        self._bytes += bytes(length + self.cdr)
+
+    def layout(self) -> Layout:
+        """What has been put together."""
+        names, formats, offsets = zip(*self._fields, strict=True)
+        dtype = np.dtype(
+            {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self._bytes)}
+        )
+        return Layout(dtype, bytes(self._bytes))
+
+    def _align(self, size: int) -> None:
+        if self.cdr:
+            self._bytes += bytes(-(self.start + len(self._bytes)) % size)
+
+
+def scatter(buffer: NDArray[np.uint8], places: NDArray[np.int64], items: Structured) -> None:
+    """Put each of the `items` into the buffer where its first byte belongs."""
+    size = items.dtype.itemsize
+    # One window of this size begins at every byte: putting an item there is one copy of memory.
+    windows = np.ndarray((len(buffer) - size + 1,), f"V{size}", buffer.data, strides=(1,))
+    windows[places] = items.view(f"V{size}")
+
 
 TYPE = "visualization_msgs/msg/MarkerArray"
 ADD, DELETE_ALL = 0, 3
@@ -213,3 +292,39 @@ def _no_texture(builder: LayoutBuilder) -> None:
     builder.text(b"")  # texture.format
     builder.number("I", 0)  # texture.data
     builder.number("I", 0)  # uv_coordinates
+
+
+def transforms(
+    stamp_ns: Int64, world: str, frame: str, pose: Float64, upside_down: Bool, *, cdr: bool
+) -> list[bytes]:
+    """S messages, each with the pose of a sensor in the world.
+
+    Parameters
+    ----------
+    stamp_ns : (S,) [ns]
+    world, frame : parent and child
+    pose : (S, 3) x, y [m], yaw [rad]
+    upside_down : (S,) whether the sensor hangs head down
+    cdr : whether for ROS 2, else for ROS 1
+    """
+    builder = LayoutBuilder(cdr)
+    builder.number("I", 1)
+    if not cdr:
+        builder.number("I", 0)  # Header.seq
+    builder.field("seconds", "i")
+    builder.field("nanoseconds", "I")
+    builder.text(world.encode("utf-8", "replace"))
+    builder.text(frame.encode("utf-8", "replace"))
+    builder.field("position", "d", (3,))
+    builder.field("turn", "d", (4,))
+    items = builder.layout().filled(len(stamp_ns))
+    items["seconds"], items["nanoseconds"] = within_ros(stamp_ns)
+    items["position"][:, :2] = pose[:, :2]
+    sin, cos = np.sin(0.5 * pose[:, 2]), np.cos(0.5 * pose[:, 2])
+    zero = np.zeros_like(sin)
+    upright = np.column_stack([zero, zero, sin, cos])
+    # Turned by half a turn about its own x axis first.
+    hanging = np.column_stack([cos, sin, zero, zero])
+    items["turn"] = np.where(upside_down[:, None], hanging, upright)
+    head = b"\0\1\0\0" if cdr else b""
+    return [head + item.tobytes() for item in items]

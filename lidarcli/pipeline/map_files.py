@@ -17,8 +17,7 @@ from lidarcli.errors import OptionError, OutputError
 from lidarcli.formalism.mapping.comparison import Comparison, UnlikeError, compare, refuse_unlike
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWriter
-from lidarcli.maps.grid_message import write_occupancy_mcap
-from lidarcli.maps.mapserver import image_of, pgm_bytes, read_map, yaml_bytes
+from lidarcli.maps.mapserver import image_of, pgm_bytes, read_map, write_occupancy_mcap, yaml_bytes
 from lidarcli.newfiles import WholeFiles, new_files, refuse, scratch_folder, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source

@@ -21,8 +21,7 @@ from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.delays import MAP
 from lidarcli.pipeline.reading.reading import Reading
 from lidarcli.reports.columns import Rows
-from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map
-from lidarcli.reports.overview import COLUMNS, overview
+from lidarcli.reports.map_picture import COLUMNS, Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import count
 
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Log, Message, ReadReport
-from lidarcli.overlays.names import topic_name
+from lidarcli.overlays.files import topic_name
 from lidarcli.poses.rows import TRANSFORMS
 from lidarcli.ros.definitions import ROS2, SCAN, TF
 from lidarcli.ros.outgoing import Outgoing

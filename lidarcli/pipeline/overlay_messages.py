@@ -14,12 +14,11 @@ import numpy as np
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.logs.base import Log, OpenOptions, ReadReport
-from lidarcli.maps.grid_message import TYPE as MAP_TYPE
-from lidarcli.maps.grid_message import occupancy_cdr
-from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays
-from lidarcli.overlays.names import FRAME, MAP, topic_name, topics_of_objects
+from lidarcli.maps.mapserver import TYPE as MAP_TYPE
+from lidarcli.maps.mapserver import occupancy_cdr
+from lidarcli.overlays.files import FRAME, MAP, topic_name, topics_of_objects
+from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays, transforms
 from lidarcli.overlays.objects import Colours, is_mirrored, markers_of
-from lidarcli.overlays.transforms import transforms
 from lidarcli.overlays.viewers import Scene
 from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.sources import Source

@@ -25,7 +25,7 @@ from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.pipeline.reading.summary import damage_lines
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
-from lidarcli.reports.paths import COLUMNS, Paths, TrackPath
+from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int64, SweepBatch

@@ -127,7 +127,7 @@ def _with_page(made: Made, options: ReportOptions) -> Made:
     """The same with what the HTML shows; a beams table that cannot be read is one problem more."""
     from lidarcli.pipeline.viewing import viewer_of
     from lidarcli.reports.html import Page
-    from lidarcli.reports.overview import overview
+    from lidarcli.reports.map_picture import overview
 
     run = made.run
     seen = viewer_of(run, made.report.summary, made.pairs, options.logs)
@@ -174,7 +174,7 @@ def _load(
         columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
     if viewer:
-        from lidarcli.reports.overview import COLUMNS
+        from lidarcli.reports.map_picture import COLUMNS
 
         columns |= {*COLUMNS["objects"]}
         sweep_columns |= {*COLUMNS["sweeps"]}
@@ -254,9 +254,9 @@ def encoded(words: str) -> bytes:
 def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool = False) -> str:
     """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
     if kind == "github":
-        from lidarcli.reports import github
+        from lidarcli.reports import ci
 
-        return github.render(made.report, "" if brief else render(made, "text"))
+        return ci.as_github(made.report, "" if brief else render(made, "text"))
     if brief:
         from lidarcli.reports import markdown, text
 
@@ -276,9 +276,9 @@ def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool =
 
         return json.render(made.report)
     if kind == "junit":
-        from lidarcli.reports import junit
+        from lidarcli.reports import ci
 
-        return junit.render(made.report)
+        return ci.as_junit(made.report)
     from lidarcli.reports import html
 
     assert made.page is not None

@@ -19,10 +19,9 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.inputs.tables import Pair, batches
 from lidarcli.pipeline.reading.from_metadata import opening_of, rules_of
 from lidarcli.reports.columns import Origin, Run
-from lidarcli.reports.raw import Raw
+from lidarcli.reports.ground import Raw, Walls, walls_of
+from lidarcli.reports.html import Choice, choose_sweeps, pack, pack_walls
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.viewer import Choice, choose_sweeps, pack, pack_walls
-from lidarcli.reports.walls import Walls, walls_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Float64, Int64, UInt8
 

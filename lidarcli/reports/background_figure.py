@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 
 from lidarcli.formalism.background.model import Background
-from lidarcli.reports import palette, scene
-from lidarcli.reports.drawing import draw_legend, entries_of, project_style
-from lidarcli.reports.figure_file import file_bytes
-from lidarcli.reports.layout import fit_height
+from lidarcli.reports import palette
+from lidarcli.reports.drawing import draw_legend, entries_of, file_bytes, fit_height, project_style
+from lidarcli.reports.panels import sensor as sensor_mark
 from lidarcli.reports.picture import printable
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SENSOR_WIDTH = 4.2
 """Width of one sensor's picture [inch]."""
@@ -37,9 +36,6 @@ def draw(sensors: Sequence[Background], suffix: str) -> bytes:
 
 def background_figure(sensors: Sequence[Background]) -> Figure:
     """The picture of all sensors as a figure; to be called in the project's style."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(SENSOR_WIDTH * max(len(sensors), 1), SENSOR_WIDTH * 0.95), layout="constrained")
     FigureCanvasAgg(figure)
     drawn = figure.subplots(1, max(len(sensors), 1), squeeze=False)[0].tolist()
@@ -52,8 +48,6 @@ def background_figure(sensors: Sequence[Background]) -> Figure:
 
 
 def _panel(axes: Axes, sensor: Background) -> None:
-    from matplotlib.ticker import PercentFormatter
-
     theta = np.tile(sensor.grid.bearings(), (len(sensor), 1))
     posed = bool(sensor.posed.any())
     x0, y0, yaw = sensor.poses.x, sensor.poses.y, sensor.poses.yaw
@@ -85,7 +79,7 @@ def _panel(axes: Axes, sensor: Background) -> None:
     if not posed:
         _open_beams(axes, sensor, direction[0] if len(sensor) else direction.reshape(-1))
     for station in range(len(sensor)):
-        scene.sensor(axes, float(x0[station]), float(y0[station]), float(yaw[station]), 4.0 if posed else 6.0)
+        sensor_mark(axes, float(x0[station]), float(y0[station]), float(yaw[station]), 4.0 if posed else 6.0)
     axes.set_aspect("equal")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")

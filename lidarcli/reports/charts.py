@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.ticker import MaxNLocator
 
-from lidarcli.reports import chart_axes
-from lidarcli.reports.chart_maps import places
+from lidarcli.choices import beams_on
+from lidarcli.reports import palette
+from lidarcli.reports.distributions import Density, Histogram
 from lidarcli.reports.drawing import project_style
-from lidarcli.reports.map_picture import MapPicture, map_figure
-from lidarcli.reports.page_colours import themed
+from lidarcli.reports.figures import Spread
+from lidarcli.reports.ground import Walls
+from lidarcli.reports.map_picture import WALLS, MapPicture, draw_walls, map_figure, squares
+from lidarcli.reports.palette import HEAT, themed
+from lidarcli.reports.picture import printable
 from lidarcli.reports.report import Report
-from lidarcli.reports.spread import Spread
+from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.walls import Walls
-from lidarcli.reports.wording import kind_counts, quantity, track_kinds
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from lidarcli.reports.wording import beams_by_set, has_agents, kind_counts, quantity, track_kinds
+from lidarcli.sweeps import Int64
 
 CHART_SIZE = (4.2, 2.5)
 """[inch] About what a phone shows without scaling."""
@@ -81,29 +88,31 @@ def charts(report: Report, walls: Mapping[str, Walls] | None = None) -> Iterator
     streams = summary.streams.all[:LINES]
     steady = {one.name for one in constants(report)}
     for name, title, draw in (
-        ("objects_per_sweep", "Objects over time", chart_axes.objects),
-        ("agents", "Agents over time", chart_axes.agents),
-        ("d_th", "Threshold over time", partial(chart_axes.course, name="d_th")),
-        ("noise", "Noise over time", partial(chart_axes.course, name="noise")),
+        ("objects_per_sweep", "Objects over time", objects_over_time),
+        ("agents", "Agents over time", agents_over_time),
+        ("d_th", "Threshold over time", partial(course_over_time, name="d_th")),
+        ("noise", "Noise over time", partial(course_over_time, name="noise")),
     ):
         there = name != "agents" or any(np.nansum(stream.course.agents_max) for stream in streams)
         if streams and there and name not in steady:
             yield _chart(title, partial(draw, streams=streams))
     if sum(summary.status.values()):
-        yield _chart("Beams", partial(chart_axes.beams, summary=summary))
+        yield _chart("Beams", partial(beam_bars, summary=summary))
     baseline = report.comparison.baseline.histograms if report.comparison else {}
     for name in TITLES:
         one = summary.histograms[name]
         if one.counts.sum() and name not in steady:
             title, label = TITLES[name]
-            yield _chart(title, partial(chart_axes.bars, one=one, other=baseline.get(name), label=label))
+            yield _chart(title, partial(histogram_bars, one=one, other=baseline.get(name), label=label))
     for title, counts in _kinds(summary):
         if len(counts) > 1:
-            yield _chart(title, partial(chart_axes.kinds, counts=counts))
+            yield _chart(title, partial(kind_bars, counts=counts))
     for found in summary.densities:
         below = (walls or {}).get(found.frame)
         yield _chart(
-            f"Where objects were, {found.frame} frame", partial(places, found=found, walls=below), wide=True
+            f"Where objects were, {found.frame} frame",
+            partial(object_map, found=found, walls=below),
+            wide=True,
         )
 
 
@@ -156,9 +165,6 @@ def overview_chart(picture: MapPicture) -> Chart:
 
 
 def _chart(title: str, draw: Callable[[Axes], None], wide: bool = False) -> Chart:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     with project_style(SVG_STYLE):
         figure = Figure(figsize=WIDE_SIZE if wide else CHART_SIZE, layout="constrained")
         FigureCanvasAgg(figure)
@@ -184,3 +190,227 @@ def _inline(svg: str, title: str) -> str:
     # A hundredth of a point is finer than any screen.
     body = re.sub(r'\bd="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), body)
     return themed(body).replace("<svg", f'<svg role="img" aria-label="{title}"', 1)
+
+
+CYCLE = (palette.BLUE, palette.VERMILION, palette.GREEN, palette.PURPLE, palette.ORANGE, palette.BLACK)
+DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
+STATUS_COLOURS = (palette.BLUE, palette.LIGHT, palette.ORANGE, palette.PURPLE)
+"""Colours of beams by status, in their order."""
+
+
+def objects_over_time(axes: Axes, streams: tuple[Stream, ...]) -> None:
+    """Objects per sweep over time."""
+    for k, stream in enumerate(streams):
+        course = stream.course
+        label = printable(stream.name)
+        if len(streams) == 1:
+            axes.fill_between(
+                course.seconds,
+                course.objects_min,
+                course.objects_max,
+                step="post",
+                color=palette.SKY,
+                alpha=0.4,
+                lw=0,
+                label="least to most",
+            )
+            label = "mean"
+        axes.plot(
+            course.seconds,
+            course.objects_mean,
+            color=CYCLE[k],
+            ls=DASHES[k],
+            lw=1.2,
+            drawstyle="steps-post",
+            label=label,
+        )
+    axes.set(xlabel="time [s]", ylabel="objects per sweep", ylim=(0, None))
+    _whole(axes.yaxis)
+    axes.legend(frameon=False, loc="best", fontsize=6.5)
+
+
+def agents_over_time(axes: Axes, streams: tuple[Stream, ...]) -> None:
+    """Agents in view over time."""
+    for k, stream in enumerate(streams):
+        course = stream.course
+        label = printable(stream.name) if len(streams) > 1 else "mean"
+        if len(streams) == 1:
+            axes.fill_between(
+                course.seconds,
+                0,
+                course.agents_max,
+                step="post",
+                color=palette.ORANGE,
+                alpha=0.35,
+                lw=0,
+                label="most",
+            )
+        colour = palette.SET_STYLES["A"][0] if len(streams) == 1 else CYCLE[k]
+        axes.plot(
+            course.seconds,
+            course.agents_mean,
+            color=colour,
+            ls=DASHES[k],
+            lw=1.2,
+            drawstyle="steps-post",
+            label=label,
+        )
+    axes.set(xlabel="time [s]", ylabel="agents in view", ylim=(0, None))
+    _whole(axes.yaxis)
+    axes.legend(frameon=False, loc="best", fontsize=6.5)
+
+
+def course_over_time(axes: Axes, streams: tuple[Stream, ...], name: str) -> None:
+    """`d_th` or `noise` over time, in metres."""
+    for k, stream in enumerate(streams):
+        values = stream.course.d_th if name == "d_th" else stream.course.noise
+        axes.plot(
+            stream.course.seconds, values, color=CYCLE[k], ls=DASHES[k], lw=1.2, label=printable(stream.name)
+        )
+    axes.set(xlabel="time [s]", ylabel="[m]", ylim=(0, None))
+    if len(streams) > 1:
+        axes.legend(frameon=False, loc="best", fontsize=6.5)
+
+
+def beam_bars(axes: Axes, summary: Summary) -> None:
+    """All beams twice, by what became of them and by what they are on: two bars of their own."""
+    status = {name.replace("_", " "): count for name, count in summary.status.items()}
+    sets = beams_by_set(summary)
+    colours = [palette.SET_STYLES[name][0] for name in beams_on(has_agents(summary))]
+    for place, rows, paints in ((1.0, status, STATUS_COLOURS), (0.0, sets, colours)):
+        there = [
+            (name, count, paint) for (name, count), paint in zip(rows.items(), paints, strict=True) if count
+        ]
+        total, left = sum(rows.values()) or 1, 0.0
+        handles: list[Artist] = []
+        for _, count, paint in there:
+            handles += axes.barh(place, count / total, 0.34, left=left, color=paint)
+            left += count / total
+        # The words of a bar stand below it.
+        words = axes.legend(
+            handles,
+            [f"{name} {count / total:.1%} ({count:,})" for name, count, _ in there],
+            loc="upper left",
+            bbox_to_anchor=(0.0, (place + 0.37) / 1.75),
+            ncols=2,
+            frameon=False,
+            fontsize=6.5,
+            handlelength=0.9,
+            columnspacing=1.0,
+            borderaxespad=0.2,
+        )
+        if place:
+            # The next one would take its place.
+            axes.add_artist(words)
+    axes.set(xlim=(0, 1), ylim=(-0.55, 1.2))
+    axes.set_axis_off()
+
+
+def kind_bars(axes: Axes, counts: dict[str, int]) -> None:
+    """Parts of a whole, a bar each."""
+    colours = [palette.SHAPE_COLOURS.get(name, palette.BLUE) for name in counts]
+    _horizontal(
+        axes, {name.replace("_", " "): count for name, count in counts.items()}, colours, sum(counts.values())
+    )
+
+
+def _horizontal(axes: Axes, rows: dict[str, int], colours: list[str], total: int) -> None:
+    places = np.arange(len(rows))[::-1]
+    values = np.array([*rows.values()], float) / max(total, 1)
+    axes.barh(places, np.minimum(values, 1.35), color=colours, height=0.7)
+    axes.set_yticks(places, [*rows])
+    for place, value, count in zip(places, values, rows.values(), strict=True):
+        # Counts that another program has changed may be more than there are.
+        axes.text(min(value, 1.0) + 0.01, place, f"{value:.1%}  {count:,}", va="center", fontsize=6.5)
+    axes.set_xlim(0, 1.35)
+    # A few bars do not fill the chart.
+    axes.set_ylim(len(rows) - 0.4 - max(len(rows), 5), len(rows) - 0.4)
+    axes.set_xticks([0, 0.25, 0.5, 0.75, 1.0], ["0", "25 %", "50 %", "75 %", "100 %"])
+    axes.grid(axis="y", visible=False)
+
+
+def histogram_bars(axes: Axes, one: Histogram, other: Histogram | None, label: str) -> None:
+    """A histogram, with a baseline's over it."""
+    factor = 180 / math.pi if one.unit == "rad" else 1.0
+    edges = one.edges * factor
+    if other is None:
+        axes.stairs(one.counts, edges, fill=True, color=palette.BLUE)
+    else:
+        # Shares, because the runs may differ in length.
+        mine, theirs = one.counts / max(one.counts.sum(), 1), other.counts / max(other.counts.sum(), 1)
+        axes.stairs(mine, edges, fill=True, color=palette.SKY, label="here")
+        axes.stairs(theirs, edges, color=palette.VERMILION, lw=1.4, label="baseline")
+        axes.legend(frameon=False, fontsize=6.5)
+    ylabel = ("sweeps" if one.name == "objects_per_sweep" else "objects") if other is None else "share"
+    axes.set(xlabel=label, ylabel=ylabel, xlim=(edges[0], edges[-1]))
+    if one.unit == "rad":
+        axes.set_xticks(range(-180, 181, 90))
+    if one.name == "objects_per_sweep":
+        _whole(axes.xaxis)
+
+
+def _whole(axis: Any) -> None:
+    axis.set_major_locator(MaxNLocator(integer=True, nbins=6))
+
+
+MOST_CELLS = 60
+"""Most cells along a side of the picture."""
+SIDE, LEAST, WIDEST = 3.4, 2.6, 1.5
+"""Side of a square map, least width [inch], and the longest sides by the shortest."""
+SEAM = 0.06
+"""What each cell leaves free on its sides, so that cells can be told apart."""
+
+
+def object_map(axes: Axes, found: Density, walls: Walls | None) -> None:
+    """How often each cell had an object, in a few steps from pale to dark."""
+    draw_walls(axes, walls)
+    counts, cell = _coarse(found, walls)
+    ix, iy = np.nonzero(counts)
+    number = counts[ix, iy]
+    level = np.ceil(len(HEAT) * np.sqrt(number / number.max(initial=1))).astype(np.int64) - 1
+    for step, colour in enumerate(HEAT):
+        mine = level == step
+        if mine.any():
+            corner = np.column_stack([found.x0 + ix[mine] * cell, found.y0 + iy[mine] * cell])
+            shape = squares(corner + SEAM * cell, (1 - 2 * SEAM) * cell)
+            low, high = int(number[mine].min()), int(number[mine].max())
+            label = f"{low:,}" if low == high else f"{low:,} to {high:,}"
+            axes.add_patch(PathPatch(shape, facecolor=colour, lw=0, zorder=3, label=label))
+    if found.frame == "sensor":
+        axes.plot(0, 0, marker=(3, 0, -90), color=palette.VERMILION, ms=6, ls="none", zorder=4)
+    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    nx, ny = counts.shape
+    axes.update_datalim([(found.x0, found.y0), (found.x0 + nx * cell, found.y0 + ny * cell)])
+    axes.autoscale_view()
+    width, height = (high - low for low, high in (axes.get_xlim(), axes.get_ylim()))
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    across = SIDE * min(max(width / height, 1 / WIDEST), WIDEST)
+    handles, labels = axes.get_legend_handles_labels()
+    # What the title is about comes first.
+    order = sorted(range(len(labels)), key=lambda k: labels[k] == WALLS)
+    legend = figure.legend(
+        [handles[k] for k in order],
+        [labels[k] for k in order],
+        title=f"objects in a cell of {cell:g} m",
+        loc="outside lower left",
+        ncols=3,
+        frameon=False,
+        fontsize=7,
+        title_fontsize=7,
+        alignment="left",
+    )
+    rows = -(-len(legend.get_texts()) // 3)
+    figure.set_size_inches(max(across, LEAST) + 0.6, across * height / width + 0.65 + 0.14 * rows)
+
+
+def _coarse(found: Density, walls: Walls | None) -> tuple[Int64, float]:
+    """Counts of cells, several in one where the walls are so far away that one could not be seen, and their side."""
+    nx, ny = found.counts.shape
+    extent = max(nx, ny) * found.cell
+    if walls is not None and len(walls.x):
+        extent = max(extent, float(np.ptp(walls.x)), float(np.ptp(walls.y)))
+    block = max(1, math.ceil(extent / MOST_CELLS / found.cell - 1e-9))
+    along_x = np.add.reduceat(found.counts, np.arange(0, nx, block), axis=0)
+    counts: Int64 = np.add.reduceat(along_x, np.arange(0, ny, block), axis=1)
+    return counts, block * found.cell

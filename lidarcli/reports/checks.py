@@ -21,14 +21,15 @@ from lidarcli.reports.conditions import (
     COMPARE,
     COUNTED,
     Condition,
+    Token,
+    Tokens,
     column_names,
     nearest,
     parse_condition,
     read_limits,
     read_number,
 )
-from lidarcli.reports.spread import STATISTICS
-from lidarcli.reports.tokens import Token, Tokens
+from lidarcli.reports.figures import STATISTICS
 from lidarcli.sweeps import Bool
 
 OFFERED = 3

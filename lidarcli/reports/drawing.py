@@ -1,28 +1,163 @@
-"""Plots of sweeps as files: PNG, SVG, PDF, and animations. No display is needed; the same input gives the same bytes."""
+"""Plots of sweeps as files or as figures for a notebook: PNG, SVG, PDF, and animations.
+
+No display is needed; the same input gives the same bytes.
+"""
 
 from __future__ import annotations
 
+import io
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
+import matplotlib
 import numpy as np
+from matplotlib import style
+from matplotlib.animation import FFMpegWriter
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from numpy.typing import NDArray
+from PIL import Image
 
 from lidarcli.choices import ANIMATED_DPI, AS_IT_COMES, FRAMES_PER_SECOND, Look
 from lidarcli.errors import OptionError
-from lidarcli.reports import palette
-from lidarcli.reports.figure_file import file_bytes
-from lidarcli.reports.layout import add_axes, fit_height, places_of, width_of
+from lidarcli.reports import palette, panels
+from lidarcli.reports.panels import scene
 from lidarcli.reports.picture import Limits, Picture, limits_of
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.legend import Legend
+Panel = Callable[["Axes", Picture, Limits], None]
+
+WIDE, MIDDLE, NARROW = 7.2, 5.04, 3.5
+"""Widths of two columns of a paper, of what is between, and of one column [inch]."""
+WIDTHS = {"all": WIDE, "scene": NARROW, "polar": NARROW}
+ELONGATED = 1.5
+"""A scene that is so many times as wide as high stands above its curves …"""
+COLUMNS = 5.0
+"""… and so does every scene in a picture narrower than this [inch]."""
+CURVE, LOW_CURVE = 1.3, 1.1
+"""Height of a curve beside a scene or alone at least, and of one below a scene [inch]."""
+ROUNDS = 5
+ENOUGH = 0.01
+"""A height that is as right as this [inch] is not tried again."""
+TALLEST = 2.2
+"""A scene is at most so many times as high as its place is wide."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A panel of a view, in a grid."""
+
+    panel: Panel
+    rows: tuple[int, int]
+    """First row and the one after the last."""
+    column: int
+    height: float
+    """What it wants [inch]; 0 for a scene, which wants what its width and its content make."""
+    shares: bool = False
+    """Whether the panel below tells the bearings of both."""
+    polar: bool = False
+
+
+def width_of(view: str, look: Look) -> float:
+    """Width of the whole picture [inch]."""
+    return look.inches(WIDTHS.get(view, MIDDLE))
+
+
+def is_stacked(limits: Limits, width: float) -> bool:
+    """Whether the scene of the view `all` stands above its curves."""
+    return limits.aspect > ELONGATED or width < COLUMNS
+
+
+def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[Place]:
+    """The panels of a view."""
+    above = partial(scene, vertices=look.vertices)
+    compared: list[Panel] = [] if picture.background is None else [panels.backgrounds, panels.subtraction]
+    width = width_of(view, look)
+    if view == "scene":
+        return [Place(above, (0, 1), 0, 0.0)]
+    if view == "polar":
+        return [Place(partial(panels.polar, vertices=look.vertices), (0, 1), 0, 0.8 * width, polar=True)]
+    if view != "all":
+        curves = (
+            (compared or [panels.difference]) if view == "difference" else [panels.sweep, panels.difference]
+        )
+        return _column(curves, 0, CURVE if len(curves) > 1 else 2.0 * CURVE)
+    if is_stacked(limits, width):
+        curves = [panels.sweep, panels.difference, *compared]
+        return [Place(above, (0, 1), 0, 0.0), *_column(curves, 1, LOW_CURVE)]
+    return [
+        Place(above, (0, 2), 0, 0.0),
+        Place(panels.sweep, (0, 1), 1, CURVE, shares=True),
+        Place(panels.difference, (1, 2), 1, CURVE),
+        *(Place(panel, (2, 3), column, CURVE) for column, panel in enumerate(compared)),
+    ]
+
+
+def _column(curves: Sequence[Panel], first: int, height: float) -> list[Place]:
+    last = len(curves) - 1
+    return [
+        Place(panel, (first + row, first + row + 1), 0, height, shares=row < last)
+        for row, panel in enumerate(curves)
+    ]
+
+
+def add_axes(figure: Figure, places: Sequence[Place], limits: Limits) -> list[Axes]:
+    """The axes of all panels."""
+    rows = max(place.rows[1] for place in places)
+    columns = max(place.column for place in places) + 1
+    # As wide as the scene is at the height of two curves, as far as both stay readable.
+    share = min(max(0.46 * limits.aspect, 0.3), 0.54)
+    ratios = [share, 1.0 - share] if columns == 2 else [1.0]
+    grid = figure.add_gridspec(rows, columns, width_ratios=ratios)
+    return [
+        figure.add_subplot(
+            grid[place.rows[0] : place.rows[1], place.column],
+            projection="polar" if place.polar else None,
+        )
+        for place in places
+    ]
+
+
+def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], aspect: float) -> None:
+    """Make the picture so high that every panel has its place and no more; its width stays.
+
+    Parameters
+    ----------
+    heights : what each panel wants [inch]; 0: what its width makes of the aspect, in as many rows as it has
+    aspect : how many times as wide as high is what those without a height show
+    """
+    grids = [one.get_subplotspec() for one in axes]
+    # What is drawn outside of the axes may take more room once these are larger.
+    for _ in range(ROUNDS):
+        figure.draw_without_rendering()
+        width, height = figure.get_size_inches()
+        have: dict[int, float] = {}
+        want: dict[int, float] = {}
+        # The scene comes first, and last here: the rows that it spans are known from the curves beside it.
+        for one, grid, wanted in reversed([*zip(axes, grids, heights, strict=True)]):
+            assert grid is not None  # all axes stand in one grid
+            box = one.get_position(original=True)
+            rows = grid.rowspan
+            high = wanted or min(box.width * width / aspect, TALLEST * box.width * width)
+            gap = box.height * height - sum(have[row] for row in rows) if len(rows) > 1 else 0.0
+            for row in rows:
+                have[row] = max(have.get(row, 0.0), box.height * height if len(rows) == 1 else 0.0)
+                want[row] = max(want.get(row, 0.0), (high - gap) / len(rows))
+        assert grids[0] is not None
+        grids[0].get_gridspec().set_height_ratios([want[row] for row in sorted(want)])
+        more = sum(want.values()) - sum(have.values())
+        figure.set_size_inches(width, height + more)
+        if abs(more) < ENOUGH:
+            break
+    figure.draw_without_rendering()
+
 
 MOST_COLUMNS = 8
 LEGEND_DOT = 2.8
@@ -47,10 +182,6 @@ def animate(
     report: Callable[[int], None] | None = None,
 ) -> None:
     """One frame per picture, as GIF or, where ffmpeg is there, MP4; `report` hears how many are done."""
-    from matplotlib.animation import FFMpegWriter
-
-    from lidarcli.reports.gif import write_gif
-
     is_film = path.suffix.lower() == ".mp4"
     if is_film and not FFMpegWriter.isAvailable():
         raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
@@ -114,9 +245,6 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
 @contextmanager
 def project_style(other: dict[str, Any] | None = None) -> Iterator[None]:
     """The project's style alone, whatever the user's own settings; `other` comes on top."""
-    import matplotlib
-    from matplotlib import style
-
     with style.context(["default", palette.STYLE, other or {}]), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes; that is no news for the user.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
@@ -125,9 +253,6 @@ def project_style(other: dict[str, Any] | None = None) -> Iterator[None]:
 
 
 def _figure(width: float) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(width, 4.0), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -213,8 +338,6 @@ def _columns(figure: Figure, entries: Entries) -> int:
 
 def _add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> Legend:
     """A legend in so many columns."""
-    from matplotlib.collections import PathCollection
-
     legend = figure.legend(
         [*entries.values()],
         [*entries],
@@ -230,3 +353,108 @@ def _add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> L
         if isinstance(handle, PathCollection):
             handle.set_sizes([LEGEND_DOT**2])
     return legend
+
+
+def file_bytes(figure: Figure, suffix: str, dpi: int | None = None) -> bytes:
+    """A figure as a file of the kind of `suffix` (.png, .svg, .pdf): no date in it, and its text is text."""
+    out = io.BytesIO()
+    dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        figure.savefig(out, format=suffix[1:], dpi=dpi or "figure", metadata=dates.get(suffix))
+    return out.getvalue()
+
+
+__all__ = ["Axes", "Figure", "figure_of"]
+
+
+class _Shown(Figure):
+    """A figure of no window, which a notebook shows all the same, and once."""
+
+    def _repr_png_(self) -> bytes:
+        out = io.BytesIO()
+        with project_style():
+            self.savefig(out, format="png")
+        return out.getvalue()
+
+
+def figure_of(
+    picture: Picture, view: str, axes: Sequence[Axes] | None = None, look: Look = AS_IT_COMES
+) -> Figure:
+    """The picture as a figure; or drawn on `axes`, one for each panel, and their figure.
+
+    Raises
+    ------
+    OptionError
+        There are not as many axes as panels, or those of a polar panel are not polar.
+    """
+    if axes is not None:
+        return _on(axes, picture, view, look)
+    with project_style():
+        figure = _Shown(figsize=(width_of(view, look), 4.0), layout="constrained")
+        FigureCanvasAgg(figure)
+        draw_whole(figure, picture, view, limits_of([picture.batch]), look)
+    return figure
+
+
+def _on(axes: Sequence[Axes], picture: Picture, view: str, look: Look) -> Figure:
+    """Draw each panel on axes that somebody has, with their own style."""
+    limits = limits_of([picture.batch])
+    places = places_of(picture, view, limits, look)
+    if len(axes) != len(places):
+        raise OptionError(
+            f"view {view} has {len(places)} panel{'s' if len(places) != 1 else ''}, and there are {len(axes)} axes for it"
+        )
+    for mine, place in zip(axes, places, strict=True):
+        if place.polar and mine.name != "polar":
+            raise OptionError(f"view {view} needs polar axes: plt.subplot(projection='polar')")
+        place.panel(mine, picture, limits)
+    figure = axes[0].get_figure(root=True)
+    assert isinstance(figure, Figure)  # every axes that is drawn on has one
+    return figure
+
+
+MOST = 256
+"""Colours of a GIF."""
+SHADES = 6
+"""Of each colour of a mark, towards white: the edges of lines and letters."""
+Pixels = NDArray[np.uint8]
+
+
+def write_gif(path: Path, frames: Iterable[Pixels], fps: float, colours: Iterable[str]) -> None:
+    """Write frames (H, W, 3) that go round for ever.
+
+    Parameters
+    ----------
+    colours : what is drawn with, `#RRGGBB`, on white; all else is shown in the nearest shade of these
+    """
+    table = _table(colours)
+    first, *rest = (_reduced(pixels, table) for pixels in frames)
+    first.save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=rest,
+        duration=round(1000.0 / fps),
+        loop=0,
+        optimize=False,
+    )
+
+
+def _table(colours: Iterable[str]) -> NDArray[np.int64]:
+    """(N, 3) every shade of each colour, and white."""
+    named = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours], np.float64)
+    shade = np.linspace(0.0, 1.0, SHADES, endpoint=False)[:, None, None]
+    shades = (named * (1.0 - shade) + 255.0 * shade).round().astype(np.int64).reshape(-1, 3)
+    return np.unique(np.concatenate([[[255, 255, 255]], shades]), axis=0)[-MOST:]
+
+
+def _reduced(pixels: Pixels, table: NDArray[np.int64]) -> Image.Image:
+    """A frame with the nearest colours of the table."""
+    packed = pixels.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
+    seen, place = np.unique(packed, return_inverse=True)
+    parts = np.stack([seen >> 16, (seen >> 8) & 255, seen & 255], axis=1)
+    nearest = ((parts[:, None] - table) ** 2).sum(axis=2).argmin(axis=1).astype(np.uint8)
+    image = Image.fromarray(nearest[place].reshape(pixels.shape[:2]))
+    # From grey levels to places in the table.
+    image.putpalette(table.astype(np.uint8).ravel().tolist())
+    return image

@@ -1,12 +1,15 @@
-"""The figures that a report states and a check may name, each with its unit and meaning."""
+"""The figures that a report states and a check may name, each with its unit and meaning; and their statistics."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
 
 from lidarcli.formalism.detection import CHANGES, SHAPES, VISIBILITIES
 from lidarcli.formalism.tracking.tracked import ENDS
-from lidarcli.reports.spread import STATISTICS
+from lidarcli.sweeps import Float64
 
 COUNTS: dict[str, tuple[str, str]] = {
     "logs": ("1", "logs"),
@@ -114,3 +117,42 @@ def unit_of(name: str) -> str:
     entries = COUNTS | TRACK_COUNTS | SPREADS | TRACK_SPREADS
     entry = entries.get(plain) or entries.get(plain.rsplit(".", maxsplit=1)[0])
     return entry[0] if entry else "1"
+
+
+STATISTICS = ("mean", "std", "min", "p05", "p50", "p95", "max")
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Statistics of a column; None everywhere when it has no value."""
+
+    count: int
+    mean: float | None = None
+    std: float | None = None
+    min: float | None = None
+    p05: float | None = None
+    p50: float | None = None
+    p95: float | None = None
+    max: float | None = None
+
+    @staticmethod
+    def of(values: Float64) -> Spread:
+        """The spread of the finite values.
+
+        >>> Spread.of(np.array([1.0, 3.0, np.nan]))
+        Spread(count=2, mean=2.0, std=1.0, min=1.0, p05=1.1, p50=2.0, p95=2.9, max=3.0)
+        """
+        there = values[np.isfinite(values)]
+        if not len(there):
+            return Spread(0)
+        p05, p50, p95 = (float(value) for value in np.percentile(there, (5, 50, 95)))
+        return Spread(
+            count=len(there),
+            mean=float(there.mean()),
+            std=float(there.std()),
+            min=float(there.min()),
+            p05=p05,
+            p50=p50,
+            p95=p95,
+            max=float(there.max()),
+        )

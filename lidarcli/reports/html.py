@@ -5,19 +5,25 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lidarcli._version import __version__
+from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.charts import charts, constants, overview_chart
-from lidarcli.reports.junit import clean
+from lidarcli.reports.ci import clean
+from lidarcli.reports.columns import Run
+from lidarcli.reports.ground import Ground, Raw, Walls, ground_of
 from lidarcli.reports.map_picture import MapPicture
-from lidarcli.reports.page_colours import style as colours
+from lidarcli.reports.palette import style as colours
 from lidarcli.reports.report import Judged, Report
-from lidarcli.reports.standing import KINDS
-from lidarcli.reports.walls import Walls
+from lidarcli.reports.streams import KINDS, Stream
+from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import (
     SHOWN_STATISTICS,
     compared_rows,
@@ -32,6 +38,7 @@ from lidarcli.reports.wording import (
     track_spreads,
     tracked_words,
 )
+from lidarcli.sweeps import Float64, Int64, UInt8
 
 SHOWN = 100
 """Rows of the tables of logs and topics."""
@@ -48,7 +55,7 @@ class Page:
     """What only the HTML shows of a run."""
 
     viewer: dict[str, Any]
-    """As `reports.viewer.pack` makes it, with a note on what is left out."""
+    """As `pack` makes it, with a note on what is left out."""
     overview: MapPicture | None = None
     """The run from above, where there are poses."""
     walls: Mapping[str, Walls] = field(default_factory=dict)
@@ -196,3 +203,255 @@ def _compared(report: Report) -> Iterator[tuple[str, str, str, str]]:
         return
     here, there, delta = report.summary.figures, report.comparison.baseline.figures, report.comparison.figures
     yield from compared_rows(here, there, delta)
+
+
+BUDGET = 2_200_000
+"""Most characters of packed sweeps: with the charts the file stays below 3 MB."""
+STREAMS_SHOWN = 40
+"""Most streams that the viewer shows."""
+PER_SWEEP, PER_OBJECT = 20, 19
+"""Bytes of one sweep and one object, ranges aside …"""
+PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
+"""… and what poses and tracks add to them."""
+LOST = 65_535
+"""Stands for a beam without a range."""
+NOT_KNOWN, SURE = 255, 254
+"""How likely something is a thing, as a byte: not known, and certain."""
+SPEED = 0.005
+"""Velocities as whole numbers of this [m/s]."""
+ANGLE = 32_767 / (3 * np.pi)
+"""Angles as whole numbers; theta_f may pass π."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The sweeps of each stream that are shown: rows of the sweeps table."""
+
+    rows: tuple[NDArray[np.intp], ...]
+    total: int
+    streams: int
+
+    @property
+    def note(self) -> str:
+        """What is left out, or nothing."""
+        shown = sum(map(len, self.rows))
+        parts = []
+        if self.streams > len(self.rows):
+            parts.append(f"the first {len(self.rows):,} of {self.streams:,} topics")
+        if shown < self.total:
+            parts.append(f"{shown:,} of {self.total:,} sweeps, evenly spaced, and all that stand out")
+        return f"To keep this file small the viewer holds {' and '.join(parts)}." if parts else ""
+
+
+def choose_sweeps(run: Run, summary: Summary) -> Choice:
+    """As many sweeps as the budget allows, evenly spaced, and those that stand out."""
+    streams = summary.streams
+    count = min(len(streams.all), STREAMS_SHOWN)
+    mine = streams.stream < count
+    tracked = run.tracks is not None
+    posed = run.sweeps.has_any("pose_x")
+    cost = PER_SWEEP + PER_SWEEP_POSED * posed + 2 * run.sweeps.numbers("beams")
+    per_object = PER_OBJECT + PER_OBJECT_TRACKED * tracked
+    cost += per_object * run.objects_per_sweep
+    total = float(cost[mine].sum()) * 4 / 3
+    keep = min(1.0, BUDGET / total) if total else 1.0
+    standing = {(one.stream, one.sweep) for one in summary.standing}
+    index = run.sweeps.integers("sweep")
+    chosen = []
+    for k in range(count):
+        rows = np.flatnonzero(streams.stream == k)
+        places = np.unique(np.linspace(0, len(rows) - 1, max(1, int(keep * len(rows)))).astype(np.int64))
+        wanted = [sweep for stream, sweep in standing if stream == k]
+        kept = np.isin(np.arange(len(rows)), places) | np.isin(index[rows], wanted)
+        chosen.append(rows[kept])
+    return Choice(tuple(chosen), len(run.sweeps), len(streams.all))
+
+
+def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Any]:
+    """Everything the viewer needs, as values for JSON; `raw` by source and topic."""
+    objects = _Objects(run)
+    streams = [
+        _stream(
+            run,
+            summary.streams.all[k],
+            rows,
+            objects,
+            raw.get((summary.streams.all[k].source, summary.streams.all[k].topic)),
+        )
+        for k, rows in enumerate(choice.rows)
+    ]
+    return {
+        "streams": streams,
+        "shapes": list(SHAPES),
+        "angle": ANGLE,
+        "standing": [
+            {"stream": one.stream, "sweep": one.sweep, "kind": KINDS[one.kind], "value": one.words}
+            for one in summary.standing
+            if one.stream < len(choice.rows)
+        ],
+    }
+
+
+def pack_walls(walls: Walls) -> dict[str, Any]:
+    """Walls of the world frame, as values for JSON: the place of the first cell, and steps from it."""
+    x0, y0 = float(walls.x.min()), float(walls.y.min())
+    steps = {
+        name: _base64(np.round((values - low) / walls.cell), np.uint16)
+        for name, values, low in (("x", walls.x, x0), ("y", walls.y, y0))
+    }
+    return {"cell": walls.cell, "origin": [x0, y0], **steps}
+
+
+class _Objects:
+    """The objects table by source, topic and sweep."""
+
+    def __init__(self, run: Run) -> None:
+        rows = run.objects
+        self.source = rows.source
+        self.topic, self.topics = rows.words("topic")
+        self.sweep = rows.integers("sweep")
+        self.columns = {
+            name: rows.numbers(name)
+            for name in (
+                "object",
+                "theta_i",
+                "theta_f",
+                "box_x",
+                "box_y",
+                "box_length",
+                "box_width",
+                "box_yaw",
+                "r_min",
+            )
+        }
+        self.shape = _codes(rows.words("shape"), SHAPES)
+        self.set = _codes(rows.words("set"), SETS)
+
+    def of(self, stream: Stream, sweeps: Int64) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        """Offsets (K + 1,) and rows of the objects of K sweeps."""
+        code = self.topics.index(stream.topic) if stream.topic in self.topics else -2
+        mine = np.flatnonzero((self.source == stream.source) & (self.topic == code))
+        index = self.sweep[mine]
+        order = np.argsort(index, kind="stable")
+        low = np.searchsorted(index[order], sweeps, "left")
+        high = np.searchsorted(index[order], sweeps, "right")
+        size = high - low
+        offsets = np.concatenate([[0], np.cumsum(size)])
+        inside = np.arange(offsets[-1]) - np.repeat(offsets[:-1], size)
+        return offsets, mine[order[np.repeat(low, size) + inside]]
+
+
+def _stream(
+    run: Run, stream: Stream, rows: NDArray[np.intp], objects: _Objects, raw: Raw | None
+) -> dict[str, Any]:
+    sweeps = run.sweeps.integers("sweep")[rows]
+    stamp = run.sweeps.integers("stamp")[rows]
+    offsets, members = objects.of(stream, sweeps)
+    columns = {name: values[members] for name, values in objects.columns.items()}
+    in_metres = ("box_x", "box_y", "box_length", "box_width", "r_min")
+    lengths = [columns[name] for name in in_metres]
+    reach = max((float(np.nanmax(np.abs(values), initial=0)) for values in lengths), default=0.0)
+    scale = max(reach, 1.0) / 32_000
+    packed = {
+        "log": stream.log,
+        "topic": stream.topic,
+        "frame": stream.frame_id,
+        "count": len(rows),
+        "sweep": _base64(sweeps, np.int32),
+        "seconds": _base64((stamp - stream.start_ns) * 1e-9, np.float32),
+        "d_th": _base64(run.sweeps.numbers("d_th")[rows], np.float32),
+        # Of all objects, and of those that are agents.
+        "objects": _base64(np.minimum(run.objects_per_sweep[rows], LOST), np.uint16),
+        "agents": _base64(np.minimum(run.sweeps.numbers("agents")[rows], LOST), np.uint16),
+        "offsets": _base64(offsets, np.int32),
+        "scale": scale,
+        "object": _base64(np.minimum(columns["object"], LOST), np.uint16),
+        "shape": _base64(objects.shape[members], np.uint8),
+        "set": _base64(objects.set[members], np.uint8),
+        **{name: _base64(np.nan_to_num(np.round(columns[name] / scale)), np.int16) for name in in_metres},
+        **{
+            name: _base64(np.clip(np.nan_to_num(np.round(columns[name] * ANGLE)), -32_767, 32_767), np.int16)
+            for name in ("box_yaw", "theta_i", "theta_f")
+        },
+    }
+    if run.objects.has_any("label"):
+        codes, packed["labels"] = run.objects.words("label")
+        packed["label"] = _base64(np.where(codes < 0, LOST, codes)[members], np.uint16)
+    if run.objects.has_any("thing"):
+        packed["thing"] = _base64(_shares(run.objects.numbers("thing")[members]), np.uint8)
+    ground = ground_of(
+        run.sweeps, rows, run.objects, members, np.repeat(np.arange(len(rows)), np.diff(offsets))
+    )
+    if ground.posed:
+        packed["pose"] = {
+            "side": ground.side,
+            "origin": list(ground.origin),
+            "x": _base64(ground.pose_x, np.float32),
+            "y": _base64(ground.pose_y, np.float32),
+            "yaw": _base64(ground.pose_yaw, np.float32),
+        }
+    if run.sources[stream.source].tracked:
+        packed["tracks"] = _tracks(run, members, ground)
+    if raw is not None and len(raw.sweep):
+        packed["raw"] = _raw(raw, sweeps)
+    return packed
+
+
+def _tracks(run: Run, members: Int64, ground: Ground) -> dict[str, Any]:
+    """The track of each object, where it is over ground and how fast; a thing that stands has no velocity."""
+    moves = run.objects.numbers("moving")[members] == 1
+    packed: dict[str, Any] = {
+        # Numbers beyond are no track's of a log that a page can show.
+        "track": _base64(
+            np.nan_to_num(np.minimum(run.objects.numbers("track")[members], 2**31 - 1)), np.int32
+        ),
+        "x": _base64(ground.x, np.float32),
+        "y": _base64(ground.y, np.float32),
+        "speed": SPEED,
+    }
+    for name in ("vx", "vy"):
+        velocity = np.where(moves, np.nan_to_num(run.objects.numbers(name)[members]), 0.0)
+        packed[name] = _base64(np.clip(np.round(velocity / SPEED), -32_767, 32_767), np.int16)
+    return packed
+
+
+def _shares(values: Float64) -> UInt8:
+    """Shares as bytes."""
+    found: UInt8 = np.where(np.isnan(values), NOT_KNOWN, np.clip(np.round(values * SURE), 0, SURE)).astype(
+        np.uint8
+    )
+    return found
+
+
+def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
+    at = np.clip(np.searchsorted(raw.sweep, sweeps), 0, len(raw.sweep) - 1)
+    there = raw.sweep[at] == sweeps
+    beams = np.where(there, raw.beams[at], 0)
+    ranges = raw.ranges[at]
+    finite = np.isfinite(ranges) & (ranges >= 0)
+    scale = float(ranges[finite].max(initial=1.0)) / (LOST - 1)
+    whole = np.where(finite, np.round(np.where(finite, ranges, 0.0) / scale), LOST).astype(np.uint16)
+    inside = np.arange(ranges.shape[1]) < beams[:, None]
+    return {
+        "scale": scale,
+        "beams": _base64(beams, np.int32),
+        "angle_min": _base64(raw.angle_min[at], np.float32),
+        "angle_increment": _base64(raw.angle_increment[at], np.float32),
+        "closure": _base64(raw.closure[at], np.uint8),
+        "ranges": _base64(whole[inside], np.uint16),
+    }
+
+
+def _codes(words: tuple[NDArray[Any], list[str]], known: Sequence[str]) -> UInt8:
+    """Codes of a column by another list of names; what that does not know is the last."""
+    codes, names = words
+    table = np.array(
+        [known.index(name) if name in known else len(known) - 1 for name in names] or [0], np.uint8
+    )
+    found: UInt8 = table[codes]
+    return found
+
+
+def _base64(values: NDArray[Any], kind: type[np.generic]) -> str:
+    """Little-endian, as every browser has it."""
+    return base64.b64encode(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()).decode()

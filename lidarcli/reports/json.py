@@ -14,24 +14,23 @@ from lidarcli._version import __version__
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.distributions import Density, Histogram
 from lidarcli.reports.report import Judged, Report
-from lidarcli.reports.standing import Standing
-from lidarcli.reports.streams import Stream, Timeline
+from lidarcli.reports.runs import RunsReport
+from lidarcli.reports.streams import Standing, Stream, Timeline
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import stamp
 from lidarcli.sweeps import Float64
+from lidarcli.tabular.runs import Entry
 
 SCHEMA = "lidarcli.report/1"
 """The name of the schema; the number changes when a program that reads it may break."""
+RUNS_SCHEMA = "lidarcli.runs/1"
+"""Name of the schema of a report on runs."""
 DIGITS = 9
 
 
-def render(report: Report) -> str:
-    """One JSON object; numbers have nine digits, null stands for what cannot be measured."""
-    return written(as_dict(report))
-
-
-def written(values: dict[str, Any]) -> str:
-    """Plain values as the text of a file."""
+def render(report: Report | RunsReport) -> str:
+    """Return one JSON object; numbers have nine digits, null stands for what cannot be measured."""
+    values = _runs(report) if isinstance(report, RunsReport) else as_dict(report)
     return json.dumps(values, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
@@ -39,13 +38,13 @@ def as_dict(report: Report) -> dict[str, Any]:
     """The report as plain values."""
     summary = report.summary
     return {
-        **beginning(report, SCHEMA),
+        **_beginning(report, SCHEMA),
         **_summary(summary),
         "comparison": None if report.comparison is None else _comparison(report.comparison),
     }
 
 
-def beginning(report: Judged, schema: str) -> dict[str, Any]:
+def _beginning(report: Judged, schema: str) -> dict[str, Any]:
     """What reports of every kind begin with."""
     return {
         "schema": schema,
@@ -78,7 +77,7 @@ def _summary(summary: Summary) -> dict[str, Any]:
             }
             for source in summary.sources
         ],
-        "figures": numbers(summary.figures),
+        "figures": _numbers(summary.figures),
         "beams": {"status": summary.status, "set": summary.sets},
         "objects": {
             name: {**dict.fromkeys(summary.kinds[name], 0), **summary.kinds[name]} for name in summary.kinds
@@ -110,10 +109,10 @@ def _comparison(comparison: Comparison) -> dict[str, Any]:
     return {
         "baseline": {
             "logs": [source.log for source in baseline.sources],
-            "figures": numbers(baseline.figures),
+            "figures": _numbers(baseline.figures),
             "histograms": {name: _histogram(one) for name, one in baseline.histograms.items()},
         },
-        "figures": numbers(comparison.figures),
+        "figures": _numbers(comparison.figures),
         "parameters": [
             {"name": name, "here": here, "baseline": there} for name, here, there in comparison.parameters
         ],
@@ -175,13 +174,39 @@ def _standing(one: Standing) -> dict[str, Any]:
     }
 
 
-def numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
+def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
     """Figures by their names, with nine digits."""
     return {name: _number(value) for name, value in values.items()}
 
 
 def _list(values: Float64) -> list[float | None]:
     return [_number(value) for value in values.tolist()]
+
+
+def _runs(report: RunsReport) -> dict[str, Any]:
+    summary = report.summary
+    first, last = summary.span or (None, None)
+    return {
+        **_beginning(report, RUNS_SCHEMA),
+        "figures": _numbers(summary.figures),
+        "versions": list(summary.versions),
+        "first": None if first is None else stamp(first),
+        "last": None if last is None else stamp(last),
+        "logs": [_log(log) for log in summary.logs],
+    }
+
+
+def _log(log: Entry) -> dict[str, Any]:
+    return {
+        "url": log.url,
+        "log": log.log,
+        "outcome": log.outcome,
+        "exit_code": log.exit_code,
+        "message": log.message,
+        "lidarcli": log.version,
+        **_numbers({"size": log.size, "sweeps": log.sweeps, "rows": log.rows, "seconds": log.seconds}),
+        "ended": stamp(log.ended),
+    }
 
 
 def _number(value: float | None) -> float | int | None:

@@ -4,26 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 
 from lidarcli.choices import AS_IT_COMES, Look
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, Occupancy
 from lidarcli.reports import palette
-from lidarcli.reports.chart_maps import draw_walls
-from lidarcli.reports.drawing import draw_legend, entries_of, project_style
-from lidarcli.reports.figure_file import file_bytes
-from lidarcli.reports.layout import fit_height
+from lidarcli.reports.columns import Rows
+from lidarcli.reports.drawing import draw_legend, entries_of, file_bytes, fit_height, project_style
+from lidarcli.reports.ground import Walls
+from lidarcli.reports.labels import Label, add_labels, along
+from lidarcli.reports.panels import CIRCLE, sensor
 from lidarcli.reports.picture import printable
-from lidarcli.reports.scene import CIRCLE, sensor
-from lidarcli.reports.walls import Walls
-from lidarcli.sweeps import Float32, Float64
+from lidarcli.sweeps import Float32, Float64, Int64
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
+WALLS = "walls and rest"
+"""How the legends call them."""
 LONG, SHORT = 7.2, 2.2
 """Longest and shortest side of the drawn ground [inch]; the map decides which is which."""
 BESIDE = 0.7
@@ -95,9 +96,6 @@ def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> byte
 
 def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES) -> Figure:
     """The picture as a figure whose ground is so long at its longest [inch]; to be called in the project's style."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     left, right, low, high = _limits(picture)
     width, height = right - left, high - low
     scale = longest / max(width, height)
@@ -213,8 +211,6 @@ def _boxes(axes: Axes, boxes: Sequence[Box], name: str) -> None:
 
 def _labels(axes: Axes, picture: MapPicture) -> None:
     """Numbers of what stands, and of what moved where it was last."""
-    from lidarcli.reports.labelling import Label, add_labels, along
-
     labels = []
     if len(picture.boxes) <= MOST_NUMBERS:
         for box in picture.boxes:
@@ -273,3 +269,120 @@ def _scale(axes: Axes, width: float) -> None:
         va="bottom",
         zorder=9,
     )
+
+
+COLUMNS = {
+    "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
+    "objects": ("topic", "sweep", "set", "track", "world_x", "world_y"),
+    "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
+}
+"""Table → columns that it is made of."""
+MOST_POINTS = 2_000
+"""Points of a line that are drawn; more are thinned out evenly."""
+MOST_AGENTS = 200
+"""Agents whose ways are drawn, those that were seen longest."""
+LEAST_SWEEPS = 5
+"""What stands is drawn where so many sweeps have seen it, or half of all if that is fewer."""
+
+
+def paths_of(sweeps: Rows) -> list[tuple[Float64, Float64]]:
+    """x and y of the sensor of each log and topic, in the order of the sweeps; none without a pose."""
+    topic, _ = sweeps.words("topic")
+    x, y, index = sweeps.numbers("pose_x"), sweeps.numbers("pose_y"), sweeps.integers("sweep")
+    found = []
+    for key in np.unique(np.column_stack([sweeps.source, topic]), axis=0):
+        rows = np.flatnonzero((sweeps.source == key[0]) & (topic == key[1]) & np.isfinite(x))
+        rows = _thinned(rows[np.argsort(index[rows], kind="stable")])
+        if len(rows):
+            found.append((x[rows], y[rows]))
+    return found
+
+
+def overview(sweeps: Rows, objects: Rows, tracks: Rows | None) -> MapPicture | None:
+    """The run from above; None where no sweep has a pose."""
+    paths = paths_of(sweeps)
+    if not paths:
+        return None
+    boxes: list[Box] = []
+    agents: list[tuple[int, Float64, Float64]] = []
+    if tracks is not None:
+        boxes = _track_boxes(sweeps, tracks)
+        agents = _track_ways(objects, tracks)
+    return MapPicture(None, paths, boxes, agents)
+
+
+def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
+    """What stands, each once, where enough sweeps have seen it."""
+    of_sweep, topics = sweeps.words("topic")
+    of_track, names = tracks.words("topic")
+    rows = [
+        np.count_nonzero((sweeps.source == source) & (of_sweep == topics.index(names[code])))
+        if names[code] in topics
+        else 0
+        for source, code in zip(tracks.source.tolist(), of_track.tolist(), strict=True)
+    ]
+    least = np.minimum(LEAST_SWEEPS, np.maximum(1, np.array(rows, np.int64) // 2))
+    enough = tracks.integers("sweeps") >= least
+    columns = {name: tracks.numbers(name) for name in ("x", "y", "yaw", "length", "width")}
+    known = np.logical_and.reduce([np.isfinite(values) for values in columns.values()])
+    labels, words = tracks.words("label")
+    number = tracks.integers("track")
+    is_round = tracks.are("shape", "round")
+    return [
+        Box(
+            **{name: float(values[row]) for name, values in columns.items()},
+            is_round=bool(is_round[row]),
+            name=str(number[row]) if labels[row] < 0 else f"{number[row]} {words[labels[row]]}",
+        )
+        for row in np.flatnonzero(tracks.are("set", "O") & enough & known).tolist()
+    ]
+
+
+def _track_ways(objects: Rows, tracks: Rows) -> list[tuple[int, Float64, Float64]]:
+    """Number, x and y of what moved: the mean of its parts in each sweep."""
+    rows = np.flatnonzero(tracks.are("set", "A"))
+    rows = rows[np.argsort(-tracks.integers("sweeps")[rows], kind="stable")][:MOST_AGENTS]
+    x, y, track = (objects.numbers(name) for name in ("world_x", "world_y", "track"))
+    sweep = objects.integers("sweep")
+    code, names = objects.words("topic")
+    of_track, topics = tracks.words("topic")
+    numbers = tracks.integers("track")
+    found = []
+    for row in sorted(rows.tolist()):
+        topic = topics[of_track[row]]
+        mine = np.flatnonzero(
+            (track == numbers[row])
+            & (objects.source == tracks.source[row])
+            & (code == (names.index(topic) if topic in names else -2))
+            & np.isfinite(x)
+        )
+        if not len(mine):
+            continue
+        places, part, size = np.unique(sweep[mine], return_inverse=True, return_counts=True)
+        kept = _thinned(np.arange(len(places)))
+        way_x, way_y = (np.bincount(part, values[mine]) / size for values in (x, y))
+        found.append((int(numbers[row]), way_x[kept], way_y[kept]))
+    return found
+
+
+def _thinned(rows: Int64) -> Int64:
+    """Not more than `MOST_POINTS` of them, evenly, the last one included."""
+    if len(rows) <= MOST_POINTS:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, MOST_POINTS).astype(np.int64)]
+
+
+def draw_walls(axes: Axes, walls: Walls | None) -> None:
+    """Cells that beams have hit that lie on no object."""
+    if walls is not None and len(walls.x):
+        corner = np.column_stack([walls.x, walls.y]) - walls.cell / 2
+        shape = squares(corner, walls.cell)
+        axes.add_patch(PathPatch(shape, facecolor=palette.GREY, lw=0, alpha=0.6, zorder=1, label=WALLS))
+        axes.update_datalim(np.vstack([corner, corner + walls.cell]))
+
+
+def squares(corner: Float64, side: float) -> Path:
+    """One path of squares by their lower left corners (N, 2)."""
+    points = corner[:, None] + side * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
+    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(corner))
+    return Path(points.reshape(-1, 2), codes)

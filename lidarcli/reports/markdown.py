@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from lidarcli.reports.bars import resample, spark
 from lidarcli.reports.report import Judged, Report
-from lidarcli.reports.standing import KINDS
+from lidarcli.reports.streams import KINDS
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.text import STREAMS
 from lidarcli.reports.text_tracks import SHOWN_OF_TRACK, TRACKS

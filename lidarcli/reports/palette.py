@@ -1,7 +1,11 @@
-"""Colours and marks of all pictures: Okabe and Ito's, told apart by the colour-blind, and by their marks in print."""
+"""Colours and marks of all pictures, and the colours of a page on light and on dark ground.
+
+The colours are Okabe and Ito's, told apart by the colour-blind, and by their marks in print.
+"""
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from lidarcli.choices import SET_WORDS
@@ -71,3 +75,76 @@ STYLE: dict[str, Any] = {
     "pdf.fonttype": 42,
     "path.simplify": False,
 }
+
+
+COLOURS = {
+    "ink": ("#1a1a1a", "#e8e8e8"),
+    "quiet": ("#5c5c5c", "#a9adb3"),
+    "line": ("#dcdcdc", "#3b3f45"),
+    "paper": ("#ffffff", "#16181b"),
+    "raised": ("#f6f6f6", "#25282c"),
+    "pressed": ("#e9e9e9", "#33373c"),
+    "edge": ("#8a8a8a", "#7a8088"),
+    "bad": ("#b34700", "#ff9d5c"),
+    "good": ("#00664b", "#4fd1a5"),
+    "alarm": ("#fdf3ec", "#35261b"),
+    "shade": ("#d3ebf8", "#1f3d51"),
+    "bar-objects": ("#9ecae9", "#2f6d99"),
+    "bar-agents": ("#eca77c", "#b0622c"),
+    "blue": (BLUE, "#4ba3e3"),
+    "sky": (SKY, "#8fd0f5"),
+    "vermilion": (VERMILION, "#ff8a3d"),
+    "green": (GREEN, "#2fc796"),
+    "orange": (ORANGE, "#f2b233"),
+    "purple": (PURPLE, "#e39bc4"),
+    "yellow": (YELLOW, "#f0e442"),
+    "grey": (GREY, "#8f949b"),
+    "dark": (DARK, "#c4c7cb"),
+    "light": (LIGHT, "#44484e"),
+    "grid": (STYLE["grid.color"], "#2c3035"),
+    # From few to many: away from the ground, whichever it is.
+    "heat-1": ("#cfe1f2", "#1d3a54"),
+    "heat-2": ("#93c3df", "#25587f"),
+    "heat-3": ("#4b97c9", "#3380ae"),
+    "heat-4": ("#1864aa", "#6cb5d9"),
+    "heat-5": ("#08306b", "#d6eefb"),
+}
+"""Name → colour on light and on dark ground; each has a contrast to its ground that can be seen."""
+HEAT = tuple(light for name, (light, _) in COLOURS.items() if name.startswith("heat-"))
+_NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()} | {
+    BLACK: "ink",
+    "#ffffff": "paper",
+}
+
+
+def style() -> str:
+    """The colours as properties of the page; on paper they are light, whatever the screen is. `.paper` always is."""
+    light, dark = (
+        "".join(f" --{name}: {pair[k]};" for name, pair in COLOURS.items()) + _shapes(k) for k in (0, 1)
+    )
+    return (
+        f":root, .paper {{ color-scheme: light;{light} }}\n"
+        f"@media screen and (prefers-color-scheme: dark) {{ :root {{ color-scheme: dark;{dark} }} }}"
+    )
+
+
+def _shapes(ground: int) -> str:
+    found = ""
+    for name, colour in SHAPE_COLOURS.items():
+        known = _NAMES.get(colour.lower())
+        found += f" --shape-{name}: {COLOURS[known][ground] if known else colour};"
+    return found
+
+
+def themed(svg: str) -> str:
+    """A drawing whose colours are those of the page around it.
+
+    >>> themed('<path style="fill: #0072b2; stroke: #123456"/>')
+    '<path style="fill: var(--blue); stroke: #123456"/>'
+    """
+
+    def named(match: re.Match[str]) -> str:
+        name = _NAMES.get(match[0].lower())
+        return f"var(--{name})" if name else match[0]
+
+    return re.sub(r'style="[^"]*"', lambda found: re.sub(r"#[0-9a-fA-F]{6}", named, found[0]), svg)

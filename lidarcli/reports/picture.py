@@ -9,7 +9,7 @@ import numpy as np
 
 from lidarcli.formalism import Detection
 from lidarcli.formalism.detection import OBJECT, SHAPES, WALL
-from lidarcli.reports.paths import TrackPath
+from lidarcli.reports.ground import TrackPath
 from lidarcli.reports.wording import stamp
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepBatch
 

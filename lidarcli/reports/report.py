@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lidarcli.errors import UnreadableError
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.compare import Comparison
+from lidarcli.reports.streams import unlike_of
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.unlike import unlike_of
 from lidarcli.reports.wording import counted, differences, number, quantity, rate
 
 CHECK_FAILED = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A test case."""
+
+    name: str
+    classname: str = "lidarcli.report"
+    failure: str | None = None
+    """What is wrong, None where nothing is."""
+    kind: str = "check"
+    """The kind of failure."""
+    seconds: float | None = None
+    """How long it took, where that is known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +61,16 @@ class Judged:
     def lines(self) -> tuple[str, ...]:
         """What it says, in a line or two."""
         raise NotImplementedError
+
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """Figures by name; None where there is nothing to measure."""
+        raise NotImplementedError
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """Test cases beside the checks."""
+        return ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -89,6 +114,11 @@ class Report(Judged):
         """What the report is about, in a few words."""
         names = [source.log for source in self.summary.sources]
         return names[0] if len(names) == 1 else counted(len(names), "log")
+
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """Figures by name; with a baseline also their differences."""
+        return self.summary.figures | (self.comparison.figures if self.comparison else {})
 
     @property
     def lines(self) -> tuple[str, ...]:

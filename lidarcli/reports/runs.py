@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from lidarcli.reports.report import Judged
+from lidarcli.reports.report import Case, Judged
 from lidarcli.reports.wording import counted, number, stamp
 from lidarcli.tabular.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
 
@@ -82,11 +82,30 @@ class RunsReport(Judged):
         return f"{counted(figures['runs'], 'run')} over {counted(figures['logs'], 'log')}"
 
     @property
+    def figures(self) -> dict[str, float | None]:
+        """Figures of the runs by name."""
+        return self.summary.figures
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """A case for each log; a log that failed or is damaged is a failure."""
+        return tuple(
+            Case(log.url, "lidarcli.runs", _failure(log), log.outcome, log.seconds)
+            for log in self.summary.logs
+        )
+
+    @property
     def lines(self) -> tuple[str, ...]:
         """How many logs came to which end."""
         figures = self.summary.figures
         ends = ", ".join(f"{number(figures[name])} {name}" for name in OUTCOMES)
         return (f"{self.title}: {ends}, {counted(figures['sweeps'], 'sweep')}",)
+
+
+def _failure(log: Entry) -> str | None:
+    if log.outcome not in BAD:
+        return None
+    return f"{log.outcome}, exit code {log.exit_code}: {log.message or 'no message'}"
 
 
 def summarise_runs(rows: Iterable[Entry], runs: int) -> RunsSummary:

@@ -16,12 +16,9 @@ from lidarcli.reports.distributions import (
     histogram,
     nice_edges,
 )
-from lidarcli.reports.figures import CATEGORIES, SPREADS
-from lidarcli.reports.spread import STATISTICS, Spread
-from lidarcli.reports.standing import Standing, standing_out
-from lidarcli.reports.streams import Streams, streams_of
+from lidarcli.reports.figures import CATEGORIES, SPREADS, STATISTICS, Spread
+from lidarcli.reports.streams import Standing, Streams, Unlike, standing_out, streams_of, unlike_of
 from lidarcli.reports.tracks import Label, Tracked, labels_of, tracked_of
-from lidarcli.reports.unlike import Unlike, unlike_of
 from lidarcli.sweeps import STATUSES, Float64
 
 SET_COLUMNS = {"object": "O", "agent": "A", "noise": "S"}

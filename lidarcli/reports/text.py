@@ -12,8 +12,7 @@ import numpy as np
 from lidarcli.reports.bars import resample, shade, spark
 from lidarcli.reports.figures import SPREADS
 from lidarcli.reports.report import Judged, Report
-from lidarcli.reports.standing import KINDS
-from lidarcli.reports.streams import Stream
+from lidarcli.reports.streams import KINDS, Stream
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.text_parts import WIDTH, grid, heading, share_bar
 from lidarcli.reports.text_tracks import track_parts

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.reports.columns import Rows, Run
-from lidarcli.reports.figures import TRACK_CATEGORIES, TRACK_SPREADS
-from lidarcli.reports.spread import STATISTICS, Spread
+from lidarcli.reports.figures import STATISTICS, TRACK_CATEGORIES, TRACK_SPREADS, Spread
 from lidarcli.reports.streams import Streams
 from lidarcli.sweeps import Bool, Int64
 

@@ -8,11 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from lidarcli.choices import beams_on
 from lidarcli.reports.columns import Origin
-from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, TRACK_SPREADS, unit_of
-from lidarcli.reports.spread import Spread
+from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, TRACK_SPREADS, Spread, unit_of
+from lidarcli.reports.streams import Unlike
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.tracks import Track, Tracked
-from lidarcli.reports.unlike import Unlike
 from lidarcli.showing import date_and_time
 
 NONE = "-"

@@ -14,7 +14,7 @@ from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
-from lidarcli.maps.grid_message import DEFINITION, TYPE, occupancy_cdr, write_occupancy_mcap
+from lidarcli.maps.mapserver import DEFINITION, TYPE, occupancy_cdr, write_occupancy_mcap
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 STAMP_NS = 1_700_000_000_123_456_789

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.overlays.markers import LAST_SECOND, NAMESPACES, TYPE, Kind, Markers, marker_arrays
-from lidarcli.overlays.transforms import transforms
+from lidarcli.overlays.markers import LAST_SECOND, NAMESPACES, TYPE, Kind, Markers, marker_arrays, transforms
 from lidarcli.ros.definitions import ROS1, ROS2, TF
 
 MESSAGES = 6

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from lidarcli.overlays.names import OBJECTS, topic_name, topics_of_objects
+from lidarcli.overlays.files import OBJECTS, topic_name, topics_of_objects
 from lidarcli.overlays.viewers import PANEL, Scene, layout_json, rviz_config
 
 SCENE = Scene(

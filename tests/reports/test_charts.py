@@ -11,7 +11,7 @@ import pytest
 from lidarcli.reports.charts import charts, constants
 from lidarcli.reports.compare import compare
 from lidarcli.reports.distributions import Density
-from lidarcli.reports.page_colours import COLOURS, HEAT, style, themed
+from lidarcli.reports.palette import COLOURS, HEAT, style, themed
 from lidarcli.reports.report import Report
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import crossing, run_of, sweep, thing
@@ -139,8 +139,8 @@ def test_colours_can_be_read(ground: int) -> None:
 
 
 def test_cells_that_are_too_small_to_see_are_put_together() -> None:
-    from lidarcli.reports.chart_maps import _coarse
-    from lidarcli.reports.walls import Walls
+    from lidarcli.reports.charts import _coarse
+    from lidarcli.reports.ground import Walls
 
     counts = np.arange(12).reshape(4, 3)
     found = Density("sensor", 0.0, 0.0, 0.1, counts)

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 from lidarcli.reports import palette
-from lidarcli.reports.gif import write_gif
+from lidarcli.reports.drawing import write_gif
 
 
 def frame(colour: str, columns: int) -> np.ndarray:

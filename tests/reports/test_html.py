@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.reports import viewer
-from lidarcli.reports.raw import Raw
+from lidarcli.reports import html
+from lidarcli.reports.ground import Raw
+from lidarcli.reports.html import choose_sweeps, pack
 from lidarcli.reports.summary import summarise
-from lidarcli.reports.viewer import choose_sweeps, pack
 from tests.places import SAMPLES
 from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import crossing, run_of, sweep, thing, track, write_run
@@ -96,7 +96,7 @@ def test_the_viewer_holds_what_the_log_holds(room: Path, lidarcli: Run) -> None:
     found = data_of(room.read_text("utf-8"))["streams"][0]
     raw = found["raw"]
     ranges = array(raw["ranges"], np.uint16).reshape(100, 361)
-    there = ranges != viewer.LOST
+    there = ranges != html.LOST
     assert (there == np.isfinite(batch.ranges)).all()
     assert ranges[there] * raw["scale"] == pytest.approx(batch.ranges[there], abs=raw["scale"])
     assert raw["scale"] < 0.001
@@ -176,7 +176,7 @@ def test_the_viewer_holds_the_tracks() -> None:
     # What stands has no velocity.
     assert not array(held["vx"], np.int16)[track == 1].any()
     assert found["labels"] == ["pallet"]
-    assert (array(found["label"], np.uint16) == np.where(track == 1, 0, viewer.LOST)).all()
+    assert (array(found["label"], np.uint16) == np.where(track == 1, 0, html.LOST)).all()
     plain = run_of([sweep(0, 1)], [thing(0, 1)])
     (found,) = pack(plain, summarise(plain), choose_sweeps(plain, summarise(plain)), {})["streams"]
     assert not {"tracks", "labels", "label"} & {*found}
@@ -218,7 +218,7 @@ def test_long_logs_are_thinned_and_say_so(monkeypatch: pytest.MonkeyPatch) -> No
     run = run_of(rows, [thing(k, 1) for k in range(1000)])
     summary = summarise(run)
     assert choose_sweeps(run, summary).note == ""
-    monkeypatch.setattr(viewer, "BUDGET", 30_000)
+    monkeypatch.setattr(html, "BUDGET", 30_000)
     choice = choose_sweeps(run, summary)
     (kept,) = choice.rows
     assert 90 < len(kept) < 110
@@ -247,7 +247,6 @@ def test_a_thousand_sweeps_of_361_beams_stay_below_three_megabytes(tmp_path: Pat
         np.full(1000, 361),
         rng.uniform(0.1, 12, (1000, 361)),
     )
-    from lidarcli.reports import html
     from lidarcli.reports.report import Report
 
     summary = summarise(run)

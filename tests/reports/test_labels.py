@@ -15,10 +15,9 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.reports import panels
 from lidarcli.reports.drawing import project_style
-from lidarcli.reports.labelling import Label, Labels, add_labels
-from lidarcli.reports.labels import Rectangle, Wanted, line_to, set_labels
+from lidarcli.reports.labels import Label, Labels, Rectangle, Wanted, add_labels, line_to, set_labels
+from lidarcli.reports.panels import scene
 from lidarcli.reports.picture import limits_of
-from lidarcli.reports.scene import scene
 from tests.places import SAMPLES
 
 GROUND = Rectangle(0.0, 0.0, 200.0, 200.0)

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from lidarcli.reports.columns import Rows, Run
-from lidarcli.reports.map_picture import MapPicture
-from lidarcli.reports.overview import MOST_AGENTS, MOST_POINTS, overview, paths_of
+from lidarcli.reports.map_picture import MOST_AGENTS, MOST_POINTS, MapPicture, overview, paths_of
 from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS
 from tests.places import SAMPLES
 from tests.reports.runs import run_of, sweep, table, thing, track

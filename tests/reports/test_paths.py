@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.reports.columns import Run
-from lidarcli.reports.ground import Ground, ground_of
-from lidarcli.reports.paths import Paths
+from lidarcli.reports.ground import Ground, Paths, ground_of
 from lidarcli.sweeps import SweepPoses
 from tests.reports.runs import crossing, run_of, sweep, thing, track
 

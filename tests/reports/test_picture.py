@@ -23,10 +23,10 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.plotting import PlotOptions, take_pictures
 from lidarcli.reports import drawing, palette, panels
 from lidarcli.reports.drawing import animate, draw
-from lidarcli.reports.labelling import Labels
-from lidarcli.reports.paths import TrackPath
+from lidarcli.reports.ground import TrackPath
+from lidarcli.reports.labels import Labels
+from lidarcli.reports.panels import scene
 from lidarcli.reports.picture import Picture, limits_of, printable
-from lidarcli.reports.scene import scene
 from lidarcli.sweeps import Float64
 from tests.places import SAMPLES
 

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from lidarcli.reports.columns import Run
-from lidarcli.reports.raw import Raw
-from lidarcli.reports.viewer import pack_walls
-from lidarcli.reports.walls import MOST, Walls, walls_of
+from lidarcli.reports.ground import MOST, Raw, Walls, walls_of
+from lidarcli.reports.html import pack_walls
 from lidarcli.sweeps import Float64
 from tests.reports.runs import run_of, sweep, thing, track
 

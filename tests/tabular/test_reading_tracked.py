@@ -12,7 +12,7 @@ from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.pipeline.inputs.tables import Pair, find_pairs, read_table, table_files
 from lidarcli.pipeline.objects import following
-from lidarcli.reports.spread import STATISTICS
+from lidarcli.reports.figures import STATISTICS
 from lidarcli.tabular import SCHEMAS
 from lidarcli.tabular.reading import read_columns, read_pieces
 from lidarcli.tabular.schemas import LATER, OBJECTS, TRACKS

@@ -17,7 +17,7 @@ from lidarcli.pipeline.api.sources import path_of
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
 from lidarcli.pipeline.warned import warn
-from lidarcli.reports.figure import Axes, Figure, figure_of
+from lidarcli.reports.drawing import Axes, Figure, figure_of
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import place
 from lidarcli.sweeps import SweepBatch

@@ -119,9 +119,9 @@ def render_runs(report: RunsReport, kind: str, colour: bool = False) -> str:
         from lidarcli.reports import runs_html
 
         return runs_html.render(report)
-    from lidarcli.reports import runs_data
+    from lidarcli.reports import ci, json
 
-    return runs_data.as_json(report) if kind == "json" else runs_data.as_junit(report)
+    return json.render(report) if kind == "json" else ci.as_junit(report)
 
 
 def _files(text: str) -> list[Place]:
