@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from lidarcli.logs.base import MAX_BEAMS, ReadReport
-from lidarcli.logs.blocks import TOO_MANY
+from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
+from lidarcli.logs.blocks import TOO_MANY, given_geometries
 from lidarcli.logs.numbers import Cells, Numbers, not_a_number, say
 from lidarcli.sweeps import Float64, Int64
 
@@ -127,3 +128,75 @@ def sound_rows(
         bad.append((int(rows[at]), what + not_a_number(cell)))
         good[at] = False
     return np.flatnonzero(good), numbers.values.reshape(-1, width)[good]
+
+
+Name = TypeVar("Name", bound=Hashable)
+
+
+class Told(Generic[Name]):
+    """Values by name and line. Of each block of lines all are kept until the next one, of those before it the last."""
+
+    def __init__(self) -> None:
+        self._told: dict[Name, tuple[list[int], list[Sequence[float]]]] = {}
+        self._fresh: set[Name] = set()
+        """What the last block has told."""
+
+    def add(self, first_line: int, values: Iterable[tuple[int, Name, Sequence[float]]]) -> None:
+        """Take row, name and values of what a block tells, in the order of its lines; a name has as many values always."""
+        for name in self._fresh:
+            lines, known = self._told[name]
+            self._told[name] = lines[-1:], known[-1:]
+        self._fresh.clear()
+        for row, name, value in values:
+            lines, known = self._told.setdefault(name, ([], []))
+            lines.append(first_line + row)
+            known.append(value)
+            self._fresh.add(name)
+
+    def at(self, name: Name, lines: Int64, width: int) -> Float64:
+        """The values at each line (R, width), NaN where none has been told yet."""
+        told = self._told.get(name)
+        if told is None:
+            return np.full((len(lines), width), np.nan)
+        index = np.searchsorted(np.array(told[0], np.int64), lines) - 1
+        known = np.array(told[1], np.float64).reshape(-1, width)
+        return np.where(index[:, None] < 0, np.nan, known[np.maximum(index, 0)])
+
+    def last(self, name: Name) -> Sequence[float] | None:
+        """The values told last; None where nothing was."""
+        told = self._told.get(name)
+        return None if told is None else told[1][-1]
+
+
+TELL_BEARINGS = "(tell --angle-min and --angle-increment, or --fov)"
+"""The way out where a log does not tell bearings."""
+
+
+def tells_geometry(options: OpenOptions) -> bool:
+    """Whether options tell the whole geometry."""
+    return options.fov is not None or (options.angle_min is not None and options.angle_increment is not None)
+
+
+def as_told(options: OpenOptions, first: Float64, step: Float64, beams: Int64) -> tuple[Float64, Float64]:
+    """What options tell in the place of the first bearings and steps [rad] that a log tells (S,)."""
+    if tells_geometry(options):
+        first, step = given_geometries(options, beams)
+    if options.angle_increment is not None:
+        step = np.full(len(beams), options.angle_increment)
+    if options.angle_min is not None:
+        first = np.full(len(beams), options.angle_min)
+    return first, step
+
+
+def full_steps(view: Float64, resolution: Float64, beams: Int64, rounded: float) -> Float64:
+    """Steps [rad] with all the digits that a line lets know: where a step is rounded, the view says more.
+
+    Where the view is that of the ranges, or of one more, its part for each beam is taken; else the step as it is told.
+    `rounded`: by how much the last decimal of a step may be off [rad].
+    """
+    gaps = np.maximum(beams - 1, 1)
+    steps = np.where(resolution == 0.0, view / gaps, resolution)
+    parts = np.stack([view / gaps, view / np.maximum(beams, 1)])
+    off = np.abs(parts - resolution)
+    nearest = np.take_along_axis(parts, np.argmin(off, axis=0)[None], axis=0)[0]
+    return np.where(off.min(axis=0) < rounded, nearest, steps)

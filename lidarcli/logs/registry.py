@@ -10,11 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from lidarcli.logs.aria import words as aria
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_SUFFIXES
-from lidarcli.logs.carmen import words as carmen
-from lidarcli.logs.jsonlines import words as jsonlines
-from lidarcli.logs.player import words as player
+from lidarcli.logs.beginnings import is_aria, is_carmen, is_json_lines, is_player
 from lidarcli.logs.rosbag2.folder import is_bag, is_storage
 
 HEAD = 4096
@@ -132,28 +129,28 @@ FORMATS: tuple[Format, ...] = (
         "CARMEN log (also .gz)",
         "lidarcli.logs.carmen.log",
         "CarmenLog",
-        _text_begins(carmen.begins),
+        _text_begins(is_carmen),
         streams=True,
     ),
     Format(
         "ARIA log (.2d, also .gz)",
         "lidarcli.logs.aria.log",
         "AriaLog",
-        _text_begins(aria.begins),
+        _text_begins(is_aria),
         streams=True,
     ),
     Format(
         "Player log (also .gz)",
         "lidarcli.logs.player.log",
         "PlayerLog",
-        _text_begins(player.begins),
+        _text_begins(is_player),
         streams=True,
     ),
     Format(
         "JSON lines of `mcap cat` (also .gz)",
-        "lidarcli.logs.jsonlines.log",
+        "lidarcli.logs.jsonlines",
         "JsonLinesLog",
-        _text_begins(jsonlines.begins),
+        _text_begins(is_json_lines),
         streams=True,
     ),
     Format(

@@ -14,8 +14,8 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.csv.doubts import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, UNLIKE, no_ranges
-from lidarcli.logs.csv.grid import BACK, DOUBLED, TURNS
+from lidarcli.logs.csv.long_form import BACK, DOUBLED, TURNS
+from lidarcli.logs.csv.nameless import COUNTER_ROWS, LEAST_NUMBERS, MOST_UNLIKE, UNLIKE, no_ranges
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.logs.watched import CsvLog
 from tests.places import REAL_LOGS, needs_real_logs

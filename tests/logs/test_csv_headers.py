@@ -15,7 +15,7 @@ import pytest
 from lidarcli.errors import LidarcliError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.csv.dialect import _unlisted, empty_lists
-from lidarcli.logs.csv.names import _FIELDS, FieldIndex, canonical
+from lidarcli.logs.csv.named import _FIELDS, FieldIndex, canonical
 from tests.logs.watched import CsvLog
 
 SIZE = 1_000_000
@@ -77,7 +77,7 @@ def test_the_fields_are_those_of_a_slow_look_at_every_name() -> None:
 
 
 def test_no_field_has_a_name_longer_than_is_looked_for() -> None:
-    from lidarcli.logs.csv.names import _LONGEST_FIELD
+    from lidarcli.logs.csv.named import _LONGEST_FIELD
 
     longest = "rosbagtime_stamp_(nanosec)"
     assert FieldIndex(["/" + "long/" * 30 + longest]).find("/" + "long/" * 30) == {"record": 0}

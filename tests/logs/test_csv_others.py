@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.logs.csv.others import OTHERS, other_format
+from lidarcli.logs.csv.dialect import OTHERS, other_format
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from tests.logs.csv_sweeps import sweeps
 

@@ -12,7 +12,6 @@ from lidarcli.logs.aria.words import (
     GLOBAL_POSE,
     ROBOT_POSE,
     TIMES,
-    TITLE,
     UNKNOWN,
     VERSION,
     Sensor,
@@ -22,6 +21,7 @@ from lidarcli.logs.aria.words import (
     sensor_of,
 )
 from lidarcli.logs.base import ReadReport
+from lidarcli.logs.beginnings import ARIA_TITLE
 from lidarcli.logs.lines import CUT, WITHOUT_TIMES, Apart, cells_of, report_lines, sound_rows
 from lidarcli.logs.numbers import Cells, say
 from lidarcli.logs.text import TextBlock
@@ -116,7 +116,7 @@ class Lines:
                     self._created = cells.spans(np.array([row]), 1, cells.count[row : row + 1] - 1)[0]
             elif UNKNOWN.fullmatch(word):
                 by_word.setdefault(word, []).append(row)
-            elif word and word != TITLE:
+            elif word and word != ARIA_TITLE:
                 bad.append((row, CUT if row == cut else f"{say(word)} is no tag"))
         if cut in by_word.get(ROBOT_POSE, []):
             by_word[ROBOT_POSE].remove(cut)

@@ -9,7 +9,7 @@ from lidarcli.logs.aria.poses import TOPICS, PoseDecoder
 from lidarcli.logs.aria.sweeps import SweepDecoder
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS
-from lidarcli.logs.textlog import TextLog
+from lidarcli.logs.text import TextLog
 
 
 class AriaLog(TextLog):

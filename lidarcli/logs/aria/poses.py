@@ -11,7 +11,7 @@ from lidarcli.logs.aria.lines import Lines
 from lidarcli.logs.aria.sweeps import MILLI
 from lidarcli.logs.aria.words import GLOBAL_POSE, ROBOT_POSE
 from lidarcli.logs.base import Message, ReadReport
-from lidarcli.logs.lines import report_lines, sound_rows
+from lidarcli.logs.lines import Told, report_lines, sound_rows
 from lidarcli.logs.planar import (
     MOUNT_TYPE,
     MOUNTS,
@@ -23,7 +23,6 @@ from lidarcli.logs.planar import (
     pose_messages,
 )
 from lidarcli.logs.text import TextBlock
-from lidarcli.logs.told import Told
 from lidarcli.sweeps import Float64
 
 TOPICS = {ROBOT_POSE: (ODOMETRY, ODOMETRY_TYPE, "odom"), GLOBAL_POSE: ("/corrected", POSE_TYPE, "map")}

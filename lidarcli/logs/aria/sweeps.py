@@ -12,11 +12,9 @@ from lidarcli.logs.aria.points import Points, Readings, by_bearing
 from lidarcli.logs.aria.words import Sensor
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
 from lidarcli.logs.blocks import TOO_MANY, as_singles, keep_sound, pad, split_rows
-from lidarcli.logs.geometry import TELL_BEARINGS, as_told
-from lidarcli.logs.lines import CUT, report_lines
+from lidarcli.logs.lines import CUT, TELL_BEARINGS, Told, as_told, report_lines
 from lidarcli.logs.numbers import not_a_number
 from lidarcli.logs.text import TextBlock
-from lidarcli.logs.told import Told
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, RawSweeps
 
 MILLI = 0.001

@@ -5,12 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-_TITLE = b"LaserOdometryLog"
-_BEGINS = re.compile(
-    rb"(?:\xef\xbb\xbf)?(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*" + _TITLE + rb"[ \t]*(?:\r|\n|\Z)"
-)
-
-TITLE = _TITLE
 VERSION, CREATED = b"version:", b"#Created"
 TIMES = (b"time:", b"logTime:")
 """Seconds since the start of the log. Since version 4 the second one is written."""
@@ -96,12 +90,3 @@ def padded(cell: bytes) -> bytes:
     """
     whole, point, fraction = cell.partition(b".")
     return whole + point + fraction.rjust(3, b"0")
-
-
-def begins(head: bytes) -> bool:
-    """Whether a text that begins like this is an ARIA log.
-
-    >>> begins(b"LaserOdometryLog\\n#Created by hand\\n"), begins(b"LaserOdometryLogs,1")
-    (True, False)
-    """
-    return _BEGINS.match(head) is not None

@@ -10,7 +10,7 @@ from lidarcli.logs.carmen.poses import CORRECTED, TRUE, TYPES, PoseDecoder
 from lidarcli.logs.carmen.sweeps import SweepDecoder
 from lidarcli.logs.carmen.words import LASERS, ODOM, TRUEPOS
 from lidarcli.logs.planar import MOUNTS, ODOMETRY
-from lidarcli.logs.textlog import TextLog
+from lidarcli.logs.text import TextLog
 
 
 class CarmenLog(TextLog):

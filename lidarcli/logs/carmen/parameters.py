@@ -8,8 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from lidarcli.logs.carmen.words import FRONT, REAR
-from lidarcli.logs.lines import is_number
-from lidarcli.logs.told import Told
+from lidarcli.logs.lines import Told, is_number
 from lidarcli.sweeps import Bool, Float64, Int64
 
 MAX_RANGE = 80.0

@@ -13,8 +13,7 @@ from lidarcli.logs.blocks import as_singles, keep_sound, limits_in_metres, pad, 
 from lidarcli.logs.carmen.lines import Found, Lines
 from lidarcli.logs.carmen.parameters import MAX_RANGE, Parameters, geometry
 from lidarcli.logs.carmen.words import LASERS, Laser
-from lidarcli.logs.geometry import as_told, full_steps, tells_geometry
-from lidarcli.logs.lines import MOST_DIGITS
+from lidarcli.logs.lines import MOST_DIGITS, as_told, full_steps, tells_geometry
 from lidarcli.logs.numbers import Cells, not_a_number
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Float32, Float64, Int64, RawSweeps

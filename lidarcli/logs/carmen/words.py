@@ -46,21 +46,3 @@ POSES = (ODOM, TRUEPOS)
 
 UNKNOWN = re.compile(rb"[A-Za-z_]\w{0,63}")
 """The first word of a message of another program, which is passed over."""
-
-_COMMENTS = rb"(?:\xef\xbb\xbf)?(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*"
-_BEGINS = re.compile(
-    _COMMENTS + rb"(?:[FR]LASER|LASER[34]|REMISSIONFLASER|R(?:AW|OBOT)LASER[1-4]|ODOM|TRUEPOS|PARAM|SYNC"
-    rb"|GLOBALPOS|NMEAGGA|NMEARMC|SONAR|BUMPER|IMU|GRIDMAP|SCANMARK|POSITIONLASER)[ \t]+[^\s,;]"
-)
-_HEADER = re.compile(
-    rb"(?:\xef\xbb\xbf)?# (?:CARMEN Logfile|message_name \[message contents\] ipc_timestamp)"
-)
-
-
-def begins(head: bytes) -> bool:
-    """Whether a text that begins like this is a CARMEN log: by its header, or by the first word that is no comment.
-
-    >>> begins(b"# made by hand\\nODOM 0 0 0 0 0 0 1.5 host 1.5\\n"), begins(b"time,r0,r1")
-    (True, False)
-    """
-    return _HEADER.match(head) is not None or _BEGINS.match(head) is not None

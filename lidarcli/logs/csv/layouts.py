@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
-from lidarcli.logs.csv.dialect import Dialect
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.errors import UnreadableError
+from lidarcli.logs.base import OpenOptions
+from lidarcli.logs.blocks import given_geometry
+from lidarcli.logs.csv.dialect import Dialect, guess_dialect, split_line
+from lidarcli.logs.numbers import parse_number
+from lidarcli.logs.times import NS, time_unit
+from lidarcli.sweeps import TURN, Float64, Int64
 
 ROSTOPIC = "rostopic echo -p"
 ROS2 = "ros2 topic echo --csv"
@@ -97,3 +105,162 @@ def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -
         steps = (angle_max - angle_min) / increment
     sane = np.isfinite(steps) & (steps > -0.5) & (steps < 1e7)
     return np.where(sane, np.rint(np.where(sane, steps, 0)).astype(np.int64) + 1, -1)
+
+
+SAMPLE_LINES = 3000
+SAMPLE_BYTES = 256 << 10
+"""How much is looked at to recognise a layout; two lines at least."""
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """The first lines: names where there are any, rows as text and as cells."""
+
+    path: str
+    dialect: Dialect
+    names: list[str]
+    header: bytes
+    start: int
+    lines: list[bytes]
+    rows: list[list[bytes]]
+    options: OpenOptions
+
+    def column(self, index: int) -> list[bytes]:
+        """The cells of a column that are not empty, in rows as long as the header where there is one."""
+        least = len(self.names) or index + 1
+        cells = [row[index] for row in self.rows if len(row) >= least and row[index]]
+        return cells or [row[index] for row in self.rows if len(row) > index and row[index]]
+
+    @property
+    def usual(self) -> int:
+        """Cells of more than half of the rows; 0 where rows differ."""
+        counts = Counter(map(len, self.rows))
+        return next((cells for cells, rows in counts.items() if 2 * rows > len(self.rows)), 0)
+
+
+def read_head(lines: Sequence[bytes], options: OpenOptions, path: str) -> Head:
+    """Find the table, its dialect and its names; UnreadableError where there is no table."""
+    numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    comment = b""
+    while numbered and numbered[0][1].lstrip()[:1] == b"#":
+        comment = numbered.pop(0)[1]
+    numbered = _sample([(number, line) for number, line in numbered if line.lstrip()[:1] != b"#"])
+    if not numbered:
+        raise UnreadableError(f"{path}: no data in it, only comments or blank lines")
+    dialect = guess_dialect([line for _, line in numbered])
+    if dialect is None:
+        raise UnreadableError(f"{path}: text, but no table with columns: {shown(numbered[0][1])}")
+    # A title above the table has a single cell.
+    while len(numbered) > 1 and dialect.separator not in numbered[0][1].strip():
+        numbered.pop(0)
+    cells = [split_line(line, dialect) for _, line in numbered]
+    number, first = numbered[0]
+    if is_header(cells[0]):
+        names = [cell.decode("utf-8", "replace") for cell in cells[0]]
+        return Head(
+            path, dialect, names, first, number + 1, [line for _, line in numbered[1:]], cells[1:], options
+        )
+    names = []
+    if comment:
+        words = split_line(comment.lstrip().lstrip(b"#").lstrip(), dialect)
+        if len(words) == len(cells[0]) and is_header(words):
+            names = [cell.decode("utf-8", "replace") for cell in words]
+    return Head(path, dialect, names, b"", number, [line for _, line in numbered], cells, options)
+
+
+def _sample(numbered: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+    size = 0
+    for place, (_, line) in enumerate(numbered):
+        size += len(line)
+        if place >= 2 and (size > SAMPLE_BYTES or place >= SAMPLE_LINES):
+            return numbered[:place]
+    return numbered
+
+
+def is_header(cells: Sequence[bytes]) -> bool:
+    """Names: the first cell that is not blank is neither a number nor a time."""
+    named = [cell for cell in cells if cell]
+    return bool(named) and not numeric(named[0]) and time_unit("", [named[0]]) is None
+
+
+def units(head: Head, fields: dict[str, int]) -> dict[str, int]:
+    """The units of the time columns among `fields`; a column that holds no times has none."""
+    found: dict[str, int] = {}
+    for name in ("record", "stamp"):
+        if name not in fields:
+            continue
+        if head.names and head.names[0].strip().lower() == "%time":
+            found[name] = NS
+            continue
+        column = fields[name]
+        unit = time_unit(head.names[column] if head.names else "", head.column(column))
+        if unit is not None:
+            found[name] = unit
+    return found
+
+
+def need_geometry(head: Head, name: str) -> None:
+    """UnreadableError, naming the options, where neither file nor options tell the bearings."""
+    if given_geometry(head.options, 2) is None:
+        raise UnreadableError(
+            f"{head.path}: CSV ({name}) without geometry: give --angle-min and --angle-increment, or --fov"
+            " (radians, or degrees with --degrees)"
+        )
+
+
+def repeats(cells: Sequence[bytes]) -> bool:
+    """Whether neighbours share a value, as the beams of one sweep do."""
+    return sum(a == b for a, b in pairwise(cells)) > len(cells) // 3
+
+
+def value_of(cell: bytes) -> float | None:
+    """The number of a cell; None where it holds none."""
+    try:
+        return parse_number(cell)
+    except ValueError:
+        return None
+
+
+def numeric(cell: bytes, empty: bool = True) -> bool:
+    """Whether a cell can stand for a number; an empty one counts where `empty` says so."""
+    try:
+        return parse_number(cell) is not None or empty
+    except ValueError:
+        return False
+
+
+def shown(text: bytes, most: int = 60) -> str:
+    """A piece of text as a message quotes it: one line, printable, short."""
+    plain = "".join(c if c.isprintable() else "?" for c in text.decode("utf-8", "replace").strip())
+    return f"'{plain[:most]}…'" if len(plain) > most else f"'{plain}'"
+
+
+def unknown(head: Head, found: str) -> UnreadableError:
+    """The error for a table that no layout fits."""
+    return UnreadableError(f"{head.path}: {found} is none of the CSV layouts: {'; '.join(LAYOUTS)}")
+
+
+def long_layout(
+    head: Head, angle: int, distance: int, key: int | None, degrees: bool | None, fields: dict[str, int]
+) -> Layout:
+    """The layout of one beam per row; bearings are degrees where the name says so or radians cannot be that large."""
+    notes = []
+    if degrees is None:
+        numbers = [abs(value) for cell in head.column(angle) if (value := value_of(cell)) is not None]
+        degrees = bool(numbers) and max(numbers) > TURN + 0.1
+        if degrees:
+            notes.append("bearings beyond a turn in radians: taken as degrees")
+    scan = Columns(DEFAULT_TOPIC, fields, units(head, fields), first=distance)
+    width = len(head.names) or len(head.rows[0])
+    return Layout(
+        PER_SWEEP if key is None else LONG,
+        head.dialect,
+        head.start,
+        head.header,
+        width,
+        (scan,),
+        angle=angle,
+        key=key,
+        degrees=degrees,
+        notes=tuple(notes),
+    )

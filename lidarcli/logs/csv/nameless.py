@@ -9,12 +9,23 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.csv.coreslam import find_coreslam
-from lidarcli.logs.csv.doubts import COUNTER_ROWS, is_turn, refuse_numbered, refuse_other_tables, restarts
-from lidarcli.logs.csv.head import (
+from lidarcli.logs.blocks import FAR
+from lidarcli.logs.csv.dialect import TRAJECTORY
+from lidarcli.logs.csv.layouts import (
+    ABBREVIATED,
+    CORESLAM,
+    DEFAULT_TOPIC,
+    MILLIMETRE,
+    ROS2,
+    TITLES,
+    WIDE,
+    Columns,
     Head,
+    Layout,
+    expected_beams,
     long_layout,
     need_geometry,
     numeric,
@@ -24,16 +35,8 @@ from lidarcli.logs.csv.head import (
     unknown,
     value_of,
 )
-from lidarcli.logs.csv.layouts import (
-    ABBREVIATED,
-    DEFAULT_TOPIC,
-    ROS2,
-    WIDE,
-    Columns,
-    Layout,
-    expected_beams,
-)
-from lidarcli.logs.times import DATE, DATE_UNPADDED, S, time_unit
+from lidarcli.logs.times import DATE, DATE_UNPADDED, US, S, time_unit
+from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 _SEQ_STEP = 10
 """A sequence number rises by less from row to row ..."""
@@ -205,3 +208,313 @@ def _is_time_behind_counter(rows: Sequence[Sequence[bytes]], counter: _Column, c
     # What rises in large steps is a time itself, and what rises behind it may be a range.
     sure = step < _SEQ_STEP or (step < _SEQ_STEP_MOST and (beyond or len(rows) >= COUNTER_ROWS))
     return column.rises and sure
+
+
+_STATE = 24
+"""Cells before the ranges: a time [µs], wheel ticks, and what else the robot has measured."""
+_BEAMS = 682
+_STEP = np.pi / 512
+"""Between beams; the middle one looks ahead [rad]."""
+_NEAREST, _FARTHEST = 20.0, 6000.0
+"""Smaller numbers are codes of errors, larger ones no ranges of this sensor [mm]."""
+_ROWS = 2
+
+
+def find_coreslam(head: Head) -> Layout | None:
+    """The layout, where rows can be nothing else: by their length, a time that rises, ticks, and whole millimetres."""
+    width = len(head.rows[0])
+    rows = [row for row in head.rows if len(row) == width]
+    if (
+        width not in (_STATE + _BEAMS, _STATE + _BEAMS + 1)
+        or len(rows) < _ROWS
+        or head.dialect.separator != b" "
+    ):
+        return None
+    table = np.array([[value_of(cell) for cell in row] for row in rows], np.float64)
+    time, ticks, ranges = table[:, 0], table[:, 1:_STATE], table[:, _STATE:]
+    if not ((np.diff(time) > 0).all() and (time == np.rint(time)).all() and (ticks > _FARTHEST).any()):
+        return None
+    if not ((ranges == np.rint(ranges)).all() and (ranges >= 0).all() and (ranges <= _FARTHEST).all()):
+        return None
+    scan = Columns(
+        DEFAULT_TOPIC,
+        {"record": 0},
+        {"record": US},
+        np.arange(_STATE, _STATE + _BEAMS),
+        _STATE,
+        geometry=(-0.5 * (_BEAMS - 1) * _STEP, _STEP),
+        nearest=_NEAREST,
+    )
+    notes = ("682 ranges of a URG-04LX in millimetres, times in microseconds",)
+    return Layout(
+        CORESLAM, head.dialect, head.start, width=width, scans=(scan,), scale=MILLIMETRE, notes=notes
+    )
+
+
+AS_RPLIDAR = "write `#RPLIDAR SCAN DATA` and `#{}` as the first lines"
+LEAST_NUMBERS = 8
+"""Numbers in a row; with fewer, a table without column names is no sweep per row."""
+LEAST_ROWS = 5
+"""Rows; with fewer, nothing is concluded from the numbers in the columns."""
+COUNTER_ROWS = 30
+"""Rows without a step back that make a column a counter; rows that show a bearing that starts over."""
+FAR_BEYOND = 100.0
+"""A column before a scan whose median exceeds those of all other columns by this factor holds no ranges ..."""
+FAR_COLUMNS = 32
+"""... where there are so many columns; a scan of fewer may see far in one direction alone."""
+UNLIKE = 10.0
+"""Neighbouring columns whose medians differ by more than this factor are unlike each other."""
+MOST_UNLIKE = 0.6
+"""Share of unlike neighbours that no scan has."""
+_FEW = 4
+"""Columns side by side that may be something else; more of them are a part of the scan that differs."""
+_DISTINCT = 3
+"""Distinct values that make a column vary, or go below zero; fewer may be markers of missing ranges."""
+_BELOW_ALONE = 10
+"""Distinct values below zero of a column that alone goes there."""
+_MANY = 4
+"""Columns of whole numbers that vary, for each of decimals, that make it another kind."""
+_COUNTS = 10
+"""Distinct values of a counter."""
+_WHOLE = 5
+"""Distinct values of a column of whole numbers among decimals."""
+_DECIMAL = 0.1
+"""Where this share of all numbers is whole, or less, the ranges are decimals."""
+_LEAST_PAIRS = 5
+"""Neighbours that are compared; of fewer nothing is concluded."""
+
+
+def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int) -> None:
+    """Raise UnreadableError where rows (the ranges from column `first` on) are not one sweep each."""
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    alike = [row for row in rows if len(row) == width]
+    same = _numbers(alike, LEAST_NUMBERS)
+    if first and width == LEAST_NUMBERS and is_trajectory(same):
+        raise UnreadableError(f"{head.path}: {TRAJECTORY.refusal}")
+    for column in range(min(width, 3)):
+        # In few rows, a range may climb and fall back as well.
+        long_enough = width < LEAST_NUMBERS or (len(same) >= COUNTER_ROWS and is_turn(same[:, column]))
+        if long_enough and restarts(same[:, column]):
+            rated = column == 1 and width == 3 and _is_quality(same[:, 0])
+            raise UnreadableError(f"{head.path}: {_one_beam_per_row(same, column, width, rated)}")
+    if width < LEAST_NUMBERS:
+        raise UnreadableError(
+            f"{head.path}: rows of {width} numbers without column names, such as {shown(head.lines[0])}, are too"
+            " short for a sweep each: name the columns in a first line (`angle,range` for one beam per row,"
+            " `time,r0,r1,r2` for one sweep per row)"
+        )
+    if len(alike) >= LEAST_ROWS and (why := no_ranges(_numbers(alike, width)[:, first:], first)):
+        raise UnreadableError(
+            f"{head.path}: a table without column names in which not all numbers are ranges ({why}): name the"
+            " columns in a first line, the ranges r0, r1, ..., or take the other columns out"
+        )
+
+
+def _numbers(rows: Sequence[Sequence[bytes]], columns: int) -> Float64:
+    """(R, C) the numbers in the first columns; NaN where there is none."""
+    return np.array([[value_of(cell) for cell in row[:columns]] for row in rows], np.float64)
+
+
+def is_trajectory(table: Float64) -> bool:
+    """Whether rows of 8 are a time, a place and a unit quaternion, as trajectories of TUM are."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
+    return bool((np.abs(length - 1) < 0.01).all())
+
+
+def restarts(values: Float64) -> bool:
+    """Whether a column climbs (or falls) nearly always, and starts over by more than half of all it covers."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(values[np.isfinite(values)])
+        if len(steps) < 2 or not (middle := np.median(steps)):
+            return False
+        back = steps * np.sign(middle) < 0
+        over = back & (np.abs(steps) > 0.5 * np.ptp(values[np.isfinite(values)]))
+    return bool(over.any() and (back & ~over).mean() <= 0.1)
+
+
+def is_turn(values: Float64) -> bool:
+    """Whether a column covers a turn, in degrees or radians."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return False
+    with np.errstate(over="ignore"):
+        view = float(np.ptp(known))
+    return any(0.9 * turn <= view <= 1.01 * turn for turn in (360.0, TURN))
+
+
+def _is_quality(values: Float64) -> bool:
+    """Whether a column may hold the quality of returns: small whole numbers that are no counter."""
+    whole = np.isfinite(values) & (values == np.rint(values)) & (values >= 0) & (values <= 255)
+    return bool(whole.all() and ((np.diff(values) < 0).any() or np.ptp(values) == 0))
+
+
+def refuse_numbered(head: Head) -> None:
+    """Refuse rows that are the number of a beam and its range: neither tells where the beam points to."""
+    if len(head.rows) < COUNTER_ROWS or any(len(row) != 2 for row in head.rows):
+        return
+    numbers = _numbers(head.rows, 2)[:, 0]
+    whole = bool((numbers == np.rint(numbers)).all())
+    if whole and numbers[0] in (0.0, 1.0) and (np.diff(numbers) == 1.0).mean() > 0.9:
+        raise UnreadableError(
+            f"{head.path}: a row is the number of a beam and its range, and nothing tells where the beam points to:"
+            " write the bearing in place of the number and `angle,range` as the first line; or all ranges of a sweep in"
+            " one row, `time,r0,r1,...` as the first line, and give --fov"
+        )
+
+
+def _behind(table: Float64, column: int) -> list[str]:
+    """The names of what stands behind bearings and ranges: the quality of returns, and times."""
+    rest = [table[:, place] for place in range(column + 2, table.shape[1])]
+    if len(rest) == 1:
+        return ["quality"]
+    if (
+        len(rest) == 2
+        and _is_quality(rest[0])
+        and bool((np.diff(rest[1]) >= 0).all())
+        and np.ptp(rest[1]) > 0
+    ):
+        return ["quality", "time"]
+    return []
+
+
+def _one_beam_per_row(table: Float64, column: int, width: int, rated: bool) -> str:
+    """What such a table is, and the names that tell it; `rated`: the quality of returns comes first."""
+    values = table[:, column]
+    low, high = np.nanmin(values), np.nanmax(values)
+    before, behind = (["quality"], []) if rated else (["time", "sweep"][:column], _behind(table, column))
+    names = [*before, "angle", "range", *behind]
+    names += [f"column{place}" for place in range(len(names) + 1, width + 1)]
+    way_out = f"`{','.join(names[:width])}`" + (f"; {TITLES}" if rated else "")
+    ranges = table[:, column + 1] if column + 1 < width else np.zeros(1)
+    if not rated and np.nanmedian(ranges) > FAR:
+        way_out += "; --range-unit mm says that ranges are millimetres"
+        if names[:3] == ["angle", "range", "quality"] and high > TURN:
+            titles = " ".join(["Angle Distance Quality", "Time"][: width - 2])
+            way_out += f"; bearings of an RPLIDAR run clockwise: {AS_RPLIDAR.format(titles)} instead"
+    return (
+        f"a table without column names that looks like one beam per row (column {column + 1} runs from {low:g} to"
+        f" {high:g} and starts over): name the columns in a first line, such as {way_out}"
+    )
+
+
+def no_ranges(table: Float64, first: int) -> str:
+    """Which columns of an (R, C) table hold no ranges and why, in words; empty where nothing speaks against it.
+
+    `first` is the number of columns before the table.
+    """
+    varying = _distinct(table) >= _DISTINCT
+    below = np.where(np.isfinite(table) & (table < 0), table, np.nan)
+    signed = _distinct(below) >= _DISTINCT
+    if signed.sum() > 1 or (_distinct(below) >= _BELOW_ALONE).any():
+        return f"below zero: {_columns(signed, first)}"
+    for columns, words in (
+        (_counters(table, varying), "counters"),
+        (_far_beyond(table, varying), "far beyond all others"),
+        (_other_digits(table, varying), "decimals among whole numbers, or the reverse"),
+    ):
+        if columns.any():
+            return f"{words}: {_columns(columns, first)}"
+    return "columns far from their neighbours" if _unlike(table, varying) else ""
+
+
+def _columns(chosen: Bool, first: int) -> str:
+    places = (np.flatnonzero(chosen) + first + 1).tolist()
+    more = f" and {len(places) - 3} more" if len(places) > 3 else ""
+    return f"column{'s' if len(places) > 1 else ''} {', '.join(map(str, places[:3]))}{more}"
+
+
+def _distinct(table: Float64) -> Int64:
+    """(C,) distinct finite values of each column."""
+    ordered = np.sort(np.where(np.isfinite(table), table, np.nan), axis=0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        changes = np.diff(ordered, axis=0) > 0
+    found: Int64 = changes.sum(axis=0) + np.isfinite(ordered[0])
+    return found
+
+
+def _in_few(columns: Bool) -> Bool:
+    """(C,) those of the chosen columns that stand side by side with few others of them."""
+    edges = np.diff(np.concatenate([[False], columns, [False]]).astype(np.int8))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    few: Bool = np.zeros(len(columns), np.bool_)
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        few[start:end] = end - start <= _FEW
+    return few
+
+
+def _counters(table: Float64, varying: Bool) -> Bool:
+    """(C,) whole numbers that never fall, between columns that hardly change: wheel ticks, sequence numbers, times.
+
+    What moves away from a sensor is seen by beams whose neighbours change, too.
+    """
+    if len(table) < COUNTER_ROWS:
+        return np.zeros(table.shape[1], np.bool_)
+    with np.errstate(invalid="ignore", over="ignore"):
+        rising = (np.diff(table, axis=0) >= 0).all(axis=0) & (table == np.rint(table)).all(axis=0)
+    rising &= _distinct(table) >= _COUNTS
+    around = np.concatenate([[False], varying & ~rising, [False]])
+    few = _in_few(rising)
+    edges = np.diff(np.concatenate([[False], rising, [False]]).astype(np.int8))
+    for start, end in zip(
+        np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True
+    ):
+        few[start:end] &= not around[start] and not around[end + 1]
+    return few
+
+
+def _medians(table: Float64, chosen: Bool) -> Float64:
+    """(C,) the median of what is above zero in the chosen columns; NaN in others."""
+    medians = np.full(table.shape[1], np.nan)
+    for column in np.flatnonzero(chosen).tolist():
+        values = table[:, column]
+        values = values[np.isfinite(values) & (values > 0)]
+        if len(values):
+            with np.errstate(over="ignore"):
+                medians[column] = np.median(values)
+    return medians
+
+
+def _far_beyond(table: Float64, varying: Bool) -> Bool:
+    """(C,) few columns before the scan whose medians are far beyond all of the scan."""
+    if table.shape[1] < FAR_COLUMNS:
+        return np.zeros(table.shape[1], np.bool_)
+    medians = _medians(table, np.ones(table.shape[1], np.bool_))
+    start = table.shape[1] // 4
+    top = np.nanmax(medians[start:], initial=0.0) if np.isfinite(medians[start:]).any() else 0.0
+    with np.errstate(over="ignore"):
+        beyond = varying & (medians > FAR_BEYOND * top) & (top > 0)
+    beyond[start:] = False
+    return _in_few(beyond)
+
+
+def _other_digits(table: Float64, varying: Bool) -> Bool:
+    """(C,) few columns of decimals among whole numbers, or of whole numbers among decimals."""
+    known = np.isfinite(table) & (table != 0)
+    whole = known & (table == np.rint(table))
+    decimals = np.where(known & ~whole, table, np.nan)
+    cells = known.sum(axis=0)
+    fractional = _distinct(decimals) >= _DISTINCT
+    none = np.zeros(table.shape[1], np.bool_)
+    if cells.sum() == 0:
+        return none
+    share = whole.sum() / cells.sum()
+    # Whole numbers that hardly change are markers, among which a few beams may see something.
+    counted = (varying & ~fractional).sum() >= _MANY * fractional.sum()
+    if fractional.sum() <= _FEW and counted and whole[:, ~fractional].sum() == cells[~fractional].sum():
+        return fractional & varying
+    if share < _DECIMAL and len(table) >= COUNTER_ROWS:
+        counts = (whole.sum(axis=0) == cells) & (_distinct(np.where(whole, table, np.nan)) >= _WHOLE)
+        return _in_few(counts)
+    return none
+
+
+def _unlike(table: Float64, varying: Bool) -> bool:
+    """Whether most neighbours among the columns that vary differ by far."""
+    medians = _medians(table, varying)
+    pairs: NDArray[np.float64] = medians[np.isfinite(medians)]
+    if len(pairs) <= _LEAST_PAIRS:
+        return False
+    with np.errstate(over="ignore"):
+        ratio = pairs[1:] / pairs[:-1]
+    return bool(((ratio > UNLIKE) | (ratio < 1 / UNLIKE)).mean() > MOST_UNLIKE)

@@ -12,8 +12,8 @@ import numpy as np
 
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.csv.dialect import Dialect, Lines, read_lines
-from lidarcli.logs.csv.doubts import is_turn, restarts
 from lidarcli.logs.csv.layouts import DEFAULT_TOPIC, MILLIMETRE, PER_SWEEP, RPLIDAR, TITLES, Columns, Layout
+from lidarcli.logs.csv.nameless import is_turn, restarts
 from lidarcli.logs.numbers import say
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import Float64

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarcli.logs.geometry import full_steps
-from lidarcli.logs.lines import sound_rows
+from lidarcli.logs.lines import full_steps, sound_rows
 from lidarcli.logs.numbers import Cells
 from lidarcli.logs.player.words import DATA, Scan
 from lidarcli.sweeps import Bool, Float64, Int64

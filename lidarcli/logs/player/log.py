@@ -9,7 +9,7 @@ from lidarcli.logs.planar import MOUNT_TYPE, MOUNTS, ODOMETRY_TYPE, POSE_TYPE
 from lidarcli.logs.player.lines import Index
 from lidarcli.logs.player.poses import PoseDecoder, path_topic
 from lidarcli.logs.player.sweeps import SweepDecoder
-from lidarcli.logs.textlog import TextLog
+from lidarcli.logs.text import TextLog
 
 
 class PlayerLog(TextLog):

@@ -9,8 +9,17 @@ import numpy as np
 
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.blocks import as_singles, keep_sound, limits_in_metres, pad, split_rows
-from lidarcli.logs.geometry import TELL_BEARINGS, as_told
-from lidarcli.logs.lines import CUT, Declared, declared, left_over, refuse, report_lines
+from lidarcli.logs.lines import (
+    CUT,
+    TELL_BEARINGS,
+    Declared,
+    Told,
+    as_told,
+    declared,
+    left_over,
+    refuse,
+    report_lines,
+)
 from lidarcli.logs.numbers import Cells, not_a_number
 from lidarcli.logs.player.geometry import (
     CONFIG,
@@ -24,7 +33,6 @@ from lidarcli.logs.player.geometry import (
 from lidarcli.logs.player.lines import Found, Lines, Names
 from lidarcli.logs.player.words import GEOMETRY, RESPONSE, Device, Scan
 from lidarcli.logs.text import TextBlock
-from lidarcli.logs.told import Told
 from lidarcli.sweeps import Int64, RawSweeps
 
 NO_GEOMETRY = f"no geometry in the log {TELL_BEARINGS}"

@@ -62,12 +62,6 @@ RESPONSE = b"004 "
 MOUNTS: dict[bytes, tuple[int, ...]] = {b"laser": (0, 1, 2), b"ranger": (0, 1, 5, 3, 4)}
 """Interface → where among the data x, y and yaw of its place on the robot are, and roll and pitch if it has any."""
 
-_COMMENTS = rb"(?:\xef\xbb\xbf)?(?:[ \t]*(?:#[^\n]*)?\r?\n)*[ \t]*"
-_HEADER = re.compile(rb"(?:\xef\xbb\xbf)?[ \t]*## Player version")
-_LINE = re.compile(
-    _COMMENTS + rb"\d+\.\d+[ \t]+[\w.:-]+[ \t]+\d+[ \t]+(?:[a-z]\w*[ \t]+\d+[ \t]+\d{3}[ \t]+\d{3}[ \t\r\n]"
-    rb"|[a-z]\w*[ \t]+\d{2}[ \t]+\d+\.\d+[ \t\r\n])"
-)
 HEADS = re.compile(rb"\d+(?:\.\d*)?")
 """How the first cell of a line reads: its time [s]."""
 
@@ -116,12 +110,3 @@ def device_of(head: bytes, kind: bytes) -> Device | None:
     else:
         return None
     return Device(b" ".join(cells[:2]), cells[2], int(cells[3]), kind)
-
-
-def begins(head: bytes) -> bool:
-    """Whether a text that begins like this is a Player log: by its header, or by its first line that is no comment.
-
-    >>> begins(b"0000000012.500 16777343 6665 laser 00 001 001 0001 -1.57"), begins(b"12.5 1.0 2.0")
-    (True, False)
-    """
-    return _HEADER.match(head) is not None or _LINE.match(head) is not None

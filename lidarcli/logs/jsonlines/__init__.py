@@ -1,1 +1,0 @@
-"""Messages as the command line of MCAP prints them: JSON, one per line."""
