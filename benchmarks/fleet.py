@@ -242,10 +242,10 @@ def memory(counts: list[int]) -> dict[str, Any]:
 def drive(count: int) -> dict[str, float]:
     """The driver's part of a run, with a manifest, over a cluster whose tasks do nothing."""
     from lidarcli.cli.summary import Total
-    from lidarcli.pipeline.detecting import DetectOptions
-    from lidarcli.pipeline.folder_run import FolderRun
     from lidarcli.pipeline.inputs.sources import Source
-    from lidarcli.pipeline.running.cluster import Cluster
+    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.runs.cluster import Cluster
+    from lidarcli.pipeline.runs.folder_run import FolderRun
 
     def used() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -271,7 +271,7 @@ def drive(count: int) -> dict[str, float]:
 
 def nothing(source: object, progress: object = None) -> Any:
     """Work that is none, with a summary as large as a real one."""
-    from lidarcli.pipeline.reading.summary import RunSummary
+    from lidarcli.pipeline.reading.one_log import RunSummary
 
     summary = RunSummary(sweeps=300, objects=1500, rows=1800, seconds=0.01)
     summary.outputs = [

@@ -15,12 +15,13 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
+from lidarcli.machine import keep_freed_memory
 from lidarcli.overlays.markers import TYPE
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlaying import OverlayOptions, write_overlay
-from lidarcli.pipeline.running.memory import keep_freed_memory
 from lidarcli.ros.definitions import ROS2
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import OBJECTS

@@ -17,9 +17,8 @@ from mcap.writer import CompressionType, Writer
 
 from benchmarks.overlaying import least
 from lidarcli.logs.base import POINTCLOUD2, OpenOptions, ReadReport, Slice
-from lidarcli.pipeline.inputs.opening import open_source
-from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.running.memory import keep_freed_memory
+from lidarcli.machine import keep_freed_memory
+from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.ros.definitions import ROS2, ros2_definition
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps

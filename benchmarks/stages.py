@@ -18,11 +18,10 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.memory import keep_freed_memory
-from lidarcli.tabular.files import TableFiles, table_paths
-from lidarcli.tabular.metadata import table_metadata
+from lidarcli.machine import keep_freed_memory
+from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.tabular.rows import objects_rows, sweeps_rows
+from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 
 T = TypeVar("T")
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from lidarcli.pipeline.api.reading import read
     from lidarcli.pipeline.api.reporting import RunReport, report
     from lidarcli.pipeline.api.tabling import Tables, tables
-    from lidarcli.pipeline.collecting import TrackTables
+    from lidarcli.pipeline.detecting import TrackTables
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.sweeps import Status, SweepBatch, SweepPoses
 
@@ -61,7 +61,7 @@ _HOMES = {
     "lidarcli.pipeline.api.reading": ("read",),
     "lidarcli.pipeline.api.reporting": ("RunReport", "report"),
     "lidarcli.pipeline.api.tabling": ("Tables", "tables"),
-    "lidarcli.pipeline.collecting": ("TrackTables",),
+    "lidarcli.pipeline.detecting": ("TrackTables",),
     "lidarcli.pipeline.inputs.catalogue": ("read_catalogue",),
     "lidarcli.sweeps": ("Status", "SweepBatch", "SweepPoses"),
 }

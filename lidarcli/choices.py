@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 GREATEST_NUMBER = 1e6
-"""A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`judging.FARTHEST`)."""
+"""A length, an angle or a time of an option is no larger [m], [rad], [degrees]: no range is (`range_rules.FARTHEST`)."""
 GREATEST_COUNT = 1_000_000
 """A number of beams, sweeps or processes in an option is no larger: no sweep has more beams (`logs.base.MAX_BEAMS`)."""
 VIEWS = ("all", "scene", "sweep", "difference", "polar")

@@ -40,3 +40,19 @@ class OutputError(LidarcliError):
     """An output that exists already or cannot be written."""
 
     exit_code = 5
+
+
+def warn(line: str) -> None:
+    """Warn a user of the Python functions, at the line outside of the package that led here."""
+    import sys
+    import warnings
+
+    package = __name__.partition(".")[0]
+    level, outside = 1, 1
+    frame = sys._getframe(0).f_back
+    while frame is not None:
+        level += 1
+        if frame.f_globals.get("__name__", "").partition(".")[0] == package:
+            outside = level
+        frame = frame.f_back
+    warnings.warn(line, stacklevel=outside + 1)

@@ -17,8 +17,8 @@ from types import TracebackType
 from typing import Self, cast
 
 from lidarcli.errors import OutputError, UnreadableError
+from lidarcli.machine import Beside
 from lidarcli.stores.url import Place, Url
-from lidarcli.threads import Beside
 
 try:
     import fcntl

@@ -1,4 +1,4 @@
-"""The loops over raw ranges: which are one, and what the others say. `judging.normalise` alone calls them."""
+"""The loops over raw ranges: which are one, and what the others say. `range_rules.normalise` alone calls them."""
 
 from __future__ import annotations
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.display import Facts, counted, moment, shown, span
 from lidarcli.records import record
-from lidarcli.showing import Facts, counted, moment, shown, span
 
 if TYPE_CHECKING:
     import pandas as pd

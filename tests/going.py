@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Entity, Scene, Sensor
 from lidarcli.sweeps import TURN, Float64, SweepBatch, SweepPoses

@@ -13,43 +13,43 @@ PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
 GROUND = {"_version", "choices", "errors", "native"}
-CORE = GROUND | {"judging", "records", "showing", "sweeps", "times"}
+CORE = GROUND | {"display", "range_rules", "records", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
     "choices": set[str](),
     "interrupts": set[str](),
-    "newfiles": {"errors", "stores", "threads"},
-    "stores": {"errors", "threads"},
-    "fields": {"errors"},
+    "newfiles": {"errors", "machine", "stores"},
+    "stores": {"errors", "machine"},
     "foxglove": set[str](),
     "tomlfiles": {"errors"},
     "compiled": set[str](),
-    "threads": set[str](),
+    "machine": set[str](),
     "records": set[str](),
     "times": {"errors"},
     "native": set[str](),
     "ranges": {"native"},
-    "showing": set[str](),
-    "sweeps": {"records", "showing"},
-    "judging": {"errors", "ranges", "sweeps"},
+    "display": set[str](),
+    "sweeps": {"display", "records"},
+    "range_rules": {"errors", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
     "poses": CORE | {"foxglove", "logs", "ros"},
     "formalism": CORE,
-    "tabular": CORE | {"formalism", "newfiles", "stores", "threads"},
+    "tabular": CORE | {"formalism", "machine", "newfiles", "stores"},
     "ros": CORE,
-    "simulate": CORE | {"fields", "formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
+    "simulate": CORE | {"formalism", "foxglove", "maps", "newfiles", "ros", "tabular", "tomlfiles"},
     "reports": CORE | {"formalism", "tabular"},
     "maps": CORE | {"formalism", "newfiles", "ros", "tabular"},
     "overlays": CORE | {"maps", "ros"},
     "pipeline": CORE
     | {"logs", "poses", "formalism", "tabular", "reports", "maps", "overlays", "ros"}
-    | {"compiled", "fields", "newfiles", "stores", "threads", "tomlfiles"},
+    | {"compiled", "machine", "newfiles", "stores", "tomlfiles"},
     "cli": CORE
     | {
         "compiled",
         "interrupts",
         "logs",
+        "machine",
         "newfiles",
         "formalism",
         "simulate",
@@ -62,7 +62,7 @@ MAY_IMPORT = {
 """Room → the rooms below it that it may import."""
 
 ROOMS = {
-    "pipeline": ("inputs", "reading", "objects", "running", "fleet"),
+    "pipeline": ("inputs", "reading", "objects", "runs"),
     "formalism": (
         "segmentation",
         "surfaces",

@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 import pytest
 
 import lidarcli
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.csv_writer import LAYOUTS
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene

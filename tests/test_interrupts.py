@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 from lidarcli.newfiles import NewFiles
-from lidarcli.tabular.parquet import ROWS_PER_GROUP, TableFile
+from lidarcli.tabular.writing import ROWS_PER_GROUP, TableFile
 from tests.waiting import HANG
 
 IMPORTED = """
@@ -97,7 +97,7 @@ def test_an_impatient_user_does_not_disturb_the_clearing_away() -> None:
 STARTING = """
 import os, signal, time
 from lidarcli.interrupts import wait_for_imports
-from lidarcli.pipeline.running import processes
+from lidarcli.pipeline.runs import processes
 wait_for_imports()
 inside = []
 if __name__ == "__main__":
@@ -109,7 +109,7 @@ if __name__ == "__main__":
         inside.append("the start goes on")
     processes.resource_tracker.ensure_running = interrupted
     try:
-        processes.start(1, int)
+        processes.start_workers(1, int)
         time.sleep(10)
     except KeyboardInterrupt as err:
         print(*inside, type(err).__name__)
@@ -158,7 +158,7 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
     rows = pa.record_batch([pa.array(range(ROWS_PER_GROUP), pa.float64())], schema=schema)
     interrupted_start(monkeypatch)
     working: list[bool] = []
-    monkeypatch.setattr("lidarcli.tabular.parquet.ParquetSink._write", lambda *_: working.append(True))
+    monkeypatch.setattr("lidarcli.tabular.writing.ParquetSink._write", lambda *_: working.append(True))
     path = tmp_path / "x.parquet"
     with pytest.raises(KeyboardInterrupt), NewFiles([path]) as new, TableFile(new.part(path), schema) as file:
         file.write(rows)
@@ -169,7 +169,7 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
 
 CLOSING = """
 import os, signal, threading, time
-from lidarcli.threads import Beside
+from lidarcli.machine import Beside
 done, begun = [], threading.Event()
 def work():
     begun.set()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.judging import NO_RETURN_WORDS, RangeRules, closure, duration, normalise, parse_no_return
+from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, closure, duration, normalise, parse_no_return
 from lidarcli.sweeps import TURN, Closure, RawSweeps, Status, SweepBatch, SweepPoses, concatenate
 from tests.sweeping import raw_sweeps
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 from lidarcli import errors
 from lidarcli.cli import cli
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS
-from lidarcli.tabular import metadata
+from lidarcli.tabular import writing
 from lidarcli.tabular.background import GEOMETRY
 from lidarcli.tabular.schemas import BACKGROUND, CLOUD, MATCHES, POSES, RUNS, SCHEMAS
 
@@ -25,11 +25,11 @@ TABLES = {
     "beams": "One row per beam of each sweep (`--beams`).",
 }
 METADATA = {
-    metadata.VERSION: "version of lidarcli",
-    metadata.PARAMETERS: "everything the result depends on, as JSON",
-    metadata.SOURCE: "name, size and format of the source log, what tells its poses, and where a pile of ranges "
+    writing.VERSION: "version of lidarcli",
+    writing.PARAMETERS: "everything the result depends on, as JSON",
+    writing.SOURCE: "name, size and format of the source log, what tells its poses, and where a pile of ranges "
     "is no return, as JSON",
-    metadata.DAMAGE: "what could not be read, a JSON list; only where the source was damaged",
+    writing.DAMAGE: "what could not be read, a JSON list; only where the source was damaged",
 }
 OTHER_CODES = {
     0: "Done.",

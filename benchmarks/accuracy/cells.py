@@ -19,7 +19,7 @@ from benchmarks.scenes.random import (
     random_scene,
     sensor_with,
 )
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.entities import legs_of
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Entity, Scene, Sensor

@@ -12,7 +12,7 @@ from lidarcli.choices import MAP_RESOLUTION
 from lidarcli.formalism.mapping.counts import Beams, placed
 from lidarcli.formalism.mapping.motion_filter import MotionFilter
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED, Occupancy
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.records import record
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.odometry import simulate_odometry

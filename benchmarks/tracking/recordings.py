@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.tracking.cells import SLOW, Cell, scene_of
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.records import record
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.odometry import simulate_odometry

@@ -24,9 +24,9 @@ from lidarcli.cli.options import (
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
+    from lidarcli.range_rules import RangeRules
 
 STATIONS = "Viewpoints (stations) of a moving sensor"
 
@@ -126,7 +126,7 @@ def build(
         refuse_output,
         scene_notes,
     )
-    from lidarcli.pipeline.running.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     path = place(output)
     sources = chosen.sources()

@@ -19,11 +19,11 @@ from lidarcli.cli.options import STDOUT, Number, Selection, opening_options, ran
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
+    from lidarcli.range_rules import RangeRules
 
 BACKGROUND = "Background"
 FILES = {".parquet": "parquet", ".csv": "csv", ".ndjson": "ndjson", ".jsonl": "ndjson", ".arrow": "arrow"}
@@ -204,8 +204,8 @@ def find(
     compared = _background(background, removed, any_frame, distance, angle)
 
     from lidarcli.formalism import Parameters
-    from lidarcli.pipeline.detecting import DetectOptions
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
+    from lidarcli.pipeline.objects.options import DetectOptions
 
     if compared is not None and parameters["max_width"] is None:
         # What differs from the background is no wall, however wide it is.

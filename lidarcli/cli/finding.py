@@ -18,11 +18,11 @@ from lidarcli.stores.url import Place, is_url, place
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from lidarcli.pipeline.detecting import DetectOptions
-    from lidarcli.pipeline.folder_run import FolderRun, Plan
     from lidarcli.pipeline.inputs.sources import Nothing, Source
-    from lidarcli.pipeline.running.cluster import Cluster
-    from lidarcli.pipeline.running.outcomes import Outcome
+    from lidarcli.pipeline.objects.options import DetectOptions
+    from lidarcli.pipeline.runs.cluster import Cluster
+    from lidarcli.pipeline.runs.folder_run import FolderRun, Plan
+    from lidarcli.pipeline.runs.over_logs import Outcome
 
     Report = Callable[[Source, int], None] | None
 
@@ -51,10 +51,10 @@ def into_folder(say: Messages, chosen: Chosen, output: str, options: DetectOptio
     """Tables of every log below the folder `output`; the exit code."""
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import Total, show
-    from lidarcli.pipeline.fleet.manifest import refuse_folder
-    from lidarcli.pipeline.folder_run import FolderRun
     from lidarcli.pipeline.inputs.search import refuse_clashes
     from lidarcli.pipeline.inputs.sources import Source
+    from lidarcli.pipeline.runs.folder_run import FolderRun
+    from lidarcli.pipeline.runs.manifest import refuse_folder
 
     folder = place(output)
     sources = _begin(say, chosen, options)
@@ -100,7 +100,7 @@ def into_one(
     """The objects of all logs as one stream to standard output, or in one file; the exit code."""
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import Total, show
-    from lidarcli.pipeline.detecting_logs import detect_file, detect_stream
+    from lidarcli.pipeline.detecting import detect_file, detect_stream
 
     sources = _begin(say, chosen, options)
     if dry_run:
@@ -126,7 +126,7 @@ def into_one(
 
 def _begin(say: Messages, chosen: Chosen, options: DetectOptions) -> list[Source | Nothing]:
     """The logs of a run, after what is said before it."""
-    from lidarcli.pipeline.running.memory import keep_freed_memory
+    from lidarcli.machine import keep_freed_memory
 
     keep_freed_memory()
     say.of_missing_core()
@@ -145,7 +145,7 @@ def _outcomes(
 ) -> Iterator[Outcome]:
     """What becomes of each log, here or on a cluster."""
     if cluster is None:
-        from lidarcli.pipeline.detecting_logs import detect_files
+        from lidarcli.pipeline.detecting import detect_files
 
         yield from detect_files(sources, folder, options, report)
         return
@@ -170,7 +170,7 @@ def _outcomes(
 
 def _cluster(say: Messages, address: str, stack: ExitStack) -> Cluster:
     # Who uses no cluster does not wait for this import.
-    from lidarcli.pipeline.running.cluster import Cluster
+    from lidarcli.pipeline.runs.cluster import Cluster
 
     cluster = stack.enter_context(Cluster(address))
     if cluster.warning is not None:
@@ -195,7 +195,7 @@ def refuse_elsewhere(outcome: Outcome) -> None:
 def _print_plan(run: FolderRun, plan: Plan, options: DetectOptions) -> int:
     """Print what would be done, a line for each file; the exit code that can be foreseen."""
     from lidarcli.errors import OutputError
-    from lidarcli.pipeline.running.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     codes = []
     for step, outputs in run.dry(plan):

@@ -12,9 +12,9 @@ from lidarcli.cli.messages import Messages
 from lidarcli.cli.options import opening_options, pose_options, range_options, text_or_json
 
 if TYPE_CHECKING:
-    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
+    from lidarcli.range_rules import RangeRules
 
 
 @click.command(
@@ -62,7 +62,7 @@ def info(
     from lidarcli.errors import NoScanError
     from lidarcli.logs.choice import clouds_hint, no_scan_topic
     from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
-    from lidarcli.pipeline.running.outcomes import Failure, exit_code
+    from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 
     sources = chosen.sources()
     if dry_run:

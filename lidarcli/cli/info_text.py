@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from lidarcli.cli.messages import one_line
-from lidarcli.judging import FARTHEST
+from lidarcli.display import counted, moment
 from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Topic
 from lidarcli.logs.clock import ClockInfo
-from lidarcli.pipeline.info_json import info_dict
-from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
-from lidarcli.showing import counted, moment
+from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span, info_dict
+from lidarcli.range_rules import FARTHEST
 
 _OTHERS = 10
 """Topics without sweeps or poses that are shown."""

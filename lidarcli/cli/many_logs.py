@@ -45,8 +45,8 @@ class Chosen:
     shard: tuple[int, int] | None
 
     def sources(self) -> list[Source | Nothing]:
-        """The logs; see `choosing.choose`."""
-        from lidarcli.pipeline.fleet.choosing import choose
+        """The logs; see `search.choose`."""
+        from lidarcli.pipeline.inputs.search import choose
 
         return choose(self.logs, self.files_from, self.base, self.shard)
 
@@ -100,7 +100,7 @@ def many_logs(command: F) -> F:
 
 def print_reads(sources: Iterable[Source | Nothing]) -> int:
     """Print what would be read, a line each; the exit code."""
-    from lidarcli.pipeline.running.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     return exit_code([print_read(source) for source in sources])
 

@@ -27,10 +27,10 @@ from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
     from lidarcli.formalism.mapping.comparison import Comparison
-    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.map_files import Mapped
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
+    from lidarcli.range_rules import RangeRules
 
 GRID, CLOUD, TRUTH = "Occupancy grid", "Point cloud", "Comparison"
 
@@ -186,7 +186,7 @@ def map(
     from lidarcli.cli.summary import show_reading
     from lidarcli.pipeline.map_files import MapRun
     from lidarcli.pipeline.mapping import MapOptions
-    from lidarcli.pipeline.running.outcomes import exit_code
+    from lidarcli.pipeline.runs.over_logs import exit_code
 
     say.of_missing_core()
     sources = chosen.sources()

@@ -16,10 +16,10 @@ from lidarcli.choices import BINS, ECHOES, GREATEST_COUNT, GREATEST_NUMBER, UNIT
 from lidarcli.cli.grouped import OUTPUT, F, option
 
 if TYPE_CHECKING:
-    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.logs.batches import ReadOptions
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
+    from lidarcli.range_rules import RangeRules
     from lidarcli.times import Instant
 
 STDOUT = "-"
@@ -97,12 +97,12 @@ class NoReturn(click.ParamType):  # type: ignore[type-arg]
     name = "list"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Words and markers as `judging.RangeRules` wants them."""
+        """Words and markers as `range_rules.RangeRules` wants them."""
         if ctx is not None and ctx.resilient_parsing:
             # A shell that completes a line has no time for this import.
             return value
         from lidarcli.errors import OptionError
-        from lidarcli.judging import parse_no_return
+        from lidarcli.range_rules import parse_no_return
 
         if not isinstance(value, str):
             return value
@@ -266,7 +266,7 @@ def _pose_options(
     pose: str | None, trajectory: str | None, pose_delay: float | None, no_deskew: bool
 ) -> PoseOptions:
     """`PoseOptions` from the options."""
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
 
     return PoseOptions(pose, trajectory, pose_delay, not no_deskew)
 

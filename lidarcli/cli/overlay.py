@@ -26,9 +26,9 @@ from lidarcli.cli.options import (
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
+    from lidarcli.range_rules import RangeRules
 
 OF_FINDING = (SELECT, POSES, OBJECTS, THINGS, RANGES, ECHO)
 """Headings of options that say how objects are found."""
@@ -129,13 +129,13 @@ def overlay(
     from lidarcli.cli.summary import show_reading
     from lidarcli.formalism import Parameters
     from lidarcli.formalism.tracking.parameters import TrackParameters
-    from lidarcli.pipeline.detecting import DetectOptions
+    from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.pipeline.inputs.search import one_log
     from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.options import DetectOptions
     from lidarcli.pipeline.overlaying import OverlayOptions, refuse_overlay, write_overlay
-    from lidarcli.pipeline.running.memory import keep_freed_memory
-    from lidarcli.pipeline.running.outcomes import outcome_of, progress_of
+    from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
 
     keep_freed_memory()
     say.of_missing_core()

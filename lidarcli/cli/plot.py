@@ -23,11 +23,11 @@ from lidarcli.cli.plot_options import (
 from lidarcli.stores.url import Place
 
 if TYPE_CHECKING:
-    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.inputs.sources import Source
     from lidarcli.pipeline.mapping import MapOptions
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
+    from lidarcli.range_rules import RangeRules
     from lidarcli.times import Instant
 
 PICTURE = "Picture"
@@ -257,7 +257,7 @@ def _draw_map(
 ) -> int:
     """Draw the run from above; the exit code."""
     from lidarcli.errors import UnreadableError
-    from lidarcli.pipeline.map_plotting import map_bytes, take_map, write_maps
+    from lidarcli.pipeline.plotting import map_bytes, take_map, write_maps
 
     try:
         drawn = take_map(source, options, sweeps, tracks)

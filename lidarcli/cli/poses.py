@@ -12,9 +12,9 @@ from lidarcli.cli.options import INPUTS, Selection, opening_options, range_optio
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.judging import RangeRules
     from lidarcli.logs.base import OpenOptions
-    from lidarcli.pipeline.reading.pose_options import PoseOptions
+    from lidarcli.pipeline.reading.pose_sources import PoseOptions
+    from lidarcli.range_rules import RangeRules
 
 
 @click.command(
@@ -58,7 +58,7 @@ def poses(
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
     from lidarcli.pipeline.inputs.search import one_log
-    from lidarcli.pipeline.running.outcomes import outcome_of, progress_of
+    from lidarcli.pipeline.runs.over_logs import outcome_of, progress_of
     from lidarcli.pipeline.trajectories import PathOptions, refuse_path, write_path
 
     source, path = one_log(log), place(output)

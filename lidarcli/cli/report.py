@@ -104,7 +104,6 @@ def report(
     """
     from lidarcli.cli.progress import counted_bar
     from lidarcli.newfiles import refuse, write_whole
-    from lidarcli.pipeline.fleet.reporting import manifest_files, report_runs, understand_runs
     from lidarcli.pipeline.inputs.search import files_of, find_logs
     from lidarcli.pipeline.inputs.tables import table_files
     from lidarcli.pipeline.reporting import (
@@ -113,8 +112,11 @@ def report(
         ReportOptions,
         encoded,
         make_report,
+        manifest_files,
         render,
+        report_runs,
         understand,
+        understand_runs,
     )
 
     kinds = _kinds(outputs or (STDOUT,), kind, SUFFIXES)
@@ -165,7 +167,7 @@ def report(
 
 def _are_of_runs(tables: Sequence[str], baseline: Sequence[str], logs: Sequence[str]) -> bool:
     """Whether the report is about runs over many logs, not about tables; usage errors where it is half about each."""
-    from lidarcli.pipeline.fleet.reporting import is_of_runs
+    from lidarcli.pipeline.reporting import is_of_runs
 
     manifests = [name for name in tables if is_of_runs(name)]
     compared = [name for name in baseline if is_of_runs(name)]

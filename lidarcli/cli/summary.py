@@ -10,8 +10,8 @@ from lidarcli.cli.messages import Messages
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.inputs.sources import Nothing, Source
-    from lidarcli.pipeline.reading.summary import RunSummary
-    from lidarcli.pipeline.running.outcomes import Outcome
+    from lidarcli.pipeline.reading.one_log import RunSummary
+    from lidarcli.pipeline.runs.over_logs import Outcome
 
 _WORDS = {"no_return": "no return", "too_close": "too close"}
 _COLUMNS = 80
@@ -48,7 +48,7 @@ class Total:
     """What a run over several logs has found, added up log by log: of a hundred thousand none is kept."""
 
     def __init__(self) -> None:
-        from lidarcli.pipeline.reading.summary import RunSummary
+        from lidarcli.pipeline.reading.one_log import RunSummary
 
         self._found = RunSummary()
         self._logs = 0

@@ -13,7 +13,7 @@ import numpy as np
 from lidarcli.formalism.detect import detect, difference, noise
 from lidarcli.formalism.detection import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
 from lidarcli.formalism.parameters import PROFILES, Parameters
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Float32, RawSweeps, SweepBatch
 
 __all__ = [
@@ -43,7 +43,7 @@ def sweep(
 
     Parameters
     ----------
-    ranges : (B,) one sweep or (S, B) sweeps [m]; inf, NaN, 0 … are beams without a range (`judging.normalise`)
+    ranges : (B,) one sweep or (S, B) sweeps [m]; inf, NaN, 0 … are beams without a range (`range_rules.normalise`)
     angle_min, angle_increment : bearing of the first beam, and from beam to beam [rad]
     range_min, range_max : limits [m]
 

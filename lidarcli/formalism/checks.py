@@ -11,7 +11,7 @@ from lidarcli.sweeps import Bool, Closure, Float64, SweepBatch
 
 
 def check(batch: SweepBatch, within: Bool | None = None, sigma: Float64 | None = None) -> None:
-    """Refuse a batch of S sweeps with up to B beams that the readers of logs and `judging.normalise` would not give.
+    """Refuse a batch of S sweeps with up to B beams that the readers of logs and `range_rules.normalise` would not give.
 
     Parameters
     ----------

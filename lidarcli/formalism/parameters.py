@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from lidarcli.choices import MIN_THING
 from lidarcli.errors import OptionError
-from lidarcli.judging import FARTHEST
+from lidarcli.range_rules import FARTHEST
 
 Profile = Literal["robust", "paper"]
 PROFILES: tuple[Profile, ...] = ("robust", "paper")

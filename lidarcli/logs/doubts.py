@@ -1,6 +1,6 @@
 """What looks wrong in the sweeps of a log that are read: units, geometry, limits and stamps, a line each with the way out.
 
-A fold with bounded memory over what `judging.normalise` has judged. Whatever reads sweeps tells the same.
+A fold with bounded memory over what `range_rules.normalise` has judged. Whatever reads sweeps tells the same.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarcli.judging import FARTHEST
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.blocks import FAR, WIDEST_VIEW
 from lidarcli.logs.clock import SAME_NS, Clock
+from lidarcli.range_rules import FARTHEST
 from lidarcli.sweeps import Bool, Float32, Int64, RawSweeps, Status, SweepBatch
 
 MOST = 1000

@@ -6,8 +6,8 @@ import math
 
 from lidarcli.choices import BINS, ECHOES, UNITS
 from lidarcli.errors import OptionError
-from lidarcli.judging import FARTHEST, RangeRules
 from lidarcli.logs.base import OpenOptions, Slice
+from lidarcli.range_rules import FARTHEST, RangeRules
 from lidarcli.sweeps import TURN
 
 MOST_BINS = 100_000
@@ -17,7 +17,7 @@ MOST_BINS = 100_000
 def range_rules(
     limits: tuple[float, float] | None, no_return: tuple[frozenset[str], tuple[float, ...]]
 ) -> RangeRules:
-    """How ranges are judged, by limits [m] and by words and markers as of `judging.parse_no_return`.
+    """How ranges are judged, by limits [m] and by words and markers as of `range_rules.parse_no_return`.
 
     Raises
     ------

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lidarcli.judging import FARTHEST, PILE, RangeRules, bounds, is_marked, judge
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.stuck import find_stuck
+from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge
 from lidarcli.sweeps import Float32, Float64, RawSweeps, concatenate
 
 WINDOW = 256

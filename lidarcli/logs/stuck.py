@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.judging import same_range
+from lidarcli.range_rules import same_range
 from lidarcli.sweeps import Bool, Float32
 
 LEAST_SWEEPS = 10

@@ -13,9 +13,9 @@ from lidarcli.formalism.detection import SETS
 from lidarcli.records import record
 from lidarcli.sweeps import Float64, Int8, Int32, Int64
 from lidarcli.tabular.arrays import codes, floats, plain
-from lidarcli.tabular.parquet import ParquetSink
 from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
+from lidarcli.tabular.writing import ParquetSink
 
 Bool = NDArray[np.bool_]
 

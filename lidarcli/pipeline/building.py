@@ -16,17 +16,15 @@ from lidarcli.formalism.background.model import MAJORITY, STEADY, Background
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole
-from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
-from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, outcome_of
+from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, reading_as_dict
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, outcome_of
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.background import read_background, write_background
-from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.writing import table_metadata
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,117 +1,32 @@
-"""One log through the formalism into tables: files in, files out."""
+"""The objects of logs: tables in a folder, one stream or file, or tables in memory."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from lidarcli.formalism import Parameters
-from lidarcli.formalism.catalogue import Catalogue
-from lidarcli.logs.base import Log, OpenOptions
-from lidarcli.logs.batches import ReadOptions
-from lidarcli.newfiles import refuse
-from lidarcli.pipeline.inputs.opening import open_source
-from lidarcli.pipeline.inputs.search import files_of
-from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.objects.parts import Recipe, Rows
-from lidarcli.pipeline.reading.delays import TRACKS
-from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.cores import cores
-from lidarcli.pipeline.running.splitting import Splitting
+import pyarrow as pa
+
+from lidarcli.errors import LidarcliError, warn
+from lidarcli.formalism import Detection, Parameters
+from lidarcli.formalism.catalogue import Catalogue, names_in
+from lidarcli.newfiles import new_files, refuse
+from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
+from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows_of
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
 from lidarcli.stores.url import Place
-from lidarcli.tabular.files import BY_DATE, TableFiles, table_paths
-from lidarcli.tabular.metadata import table_metadata
-from lidarcli.tabular.order import RowSink, TopicOrders
+from lidarcli.sweeps import SweepBatch
+from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
+from lidarcli.tabular.stream import FORMATS, CountingOutput
+from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrders, table_metadata
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
-    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-
-
-@dataclass(frozen=True, slots=True)
-class DetectOptions:
-    """Everything that `detect` and `track` let a user choose, apart from inputs and outputs."""
-
-    parameters: Parameters = field(default_factory=Parameters)
-    read: ReadOptions = field(default_factory=ReadOptions)
-    opening: OpenOptions = field(default_factory=OpenOptions)
-    poses: PoseOptions = field(default_factory=PoseOptions)
-    background: BackgroundOptions | None = None
-    """Only what differs from this background is an object."""
-    tracking: TrackOptions | None = None
-    """Follow things from sweep to sweep, and also write the tracks table."""
-    catalogue: Catalogue | None = None
-    """Things of interest, which objects are named by."""
-    beams: bool = False
-    """Also write the beams table."""
-    explain: bool = False
-    """Also tell why each object is a thing."""
-    overwrite: bool = False
-    layout: str | None = None
-    """How tables are laid out below the folder, as of `table_path`."""
-    jobs: int = 0
-    """Processors to use at most, 0 for all; the result does not depend on it."""
-    cores: int = field(default_factory=cores)
-    """Processors that there are."""
-
-    @property
-    def threads(self) -> int:
-        """Threads for the objects of one log: more than there are processors would only be in each other's way."""
-        return max(1, min(self.jobs or self.cores, self.cores))
-
-    @property
-    def tables(self) -> tuple[str, ...]:
-        """Names of the tables to write."""
-        tracks = ("tracks",) if self.tracking is not None and self.tracking.tracks else ()
-        return ("objects", "sweeps", *tracks, *(("beams",) if self.beams else ()))
-
-    def outputs(self, source: Source, folder: Place, date: str | None = None) -> dict[str, Place]:
-        """Table → where that of one log goes; `date` as of `Reading.date`."""
-        return table_paths(folder, source.name, self.tables, self.layout, date)
-
-    def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
-        """The files that are read, none of which an output may replace."""
-        options = [each.path for each in (self.background, self.catalogue) if each is not None]
-        return [*files_of(sources), *(path for path in (*options, self.poses.file) if path)]
-
-    def reading(self, log: Log) -> Reading:
-        """The sweeps of a log with their poses."""
-        return Reading(log, self.read, self.poses, TRACKS if self.tracking is not None else "")
-
-    def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
-        """What is to be made of every batch of a log."""
-        of_batches = tuple(table for table in tables if table != "tracks")
-        followed = self.tracking is not None
-        # Where things are followed, their names are those of the tracks.
-        catalogue = None if followed else self.catalogue
-        parameters = self.parameters if self.tracking is None else self.tracking.found_with(self.parameters)
-        return Recipe(
-            source.name,
-            of_batches,
-            parameters,
-            self.background,
-            catalogue,
-            followed=followed,
-            explain=self.explain,
-        )
-
-    def as_dict(self) -> dict[str, Any]:
-        """Everything that the result depends on, as plain values, for the tables' metadata."""
-        background = {} if self.background is None else {"background": self.background.as_dict()}
-        # Only where things are followed it matters whether somebody has said so.
-        as_told = {"pose_delay": 0.0} if self.tracking is not None and self.poses.delay == 0.0 else {}
-        return {
-            **self.parameters.as_dict(),
-            **reading_as_dict(self.read, self.opening, self.poses),
-            **as_told,
-            **background,
-            **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),
-            **({} if self.catalogue is None else {"catalogue": self.catalogue.as_dict()}),
-        }
 
 
 def detect_to_files(
@@ -188,3 +103,213 @@ def _rows(
     # The end of the work: the summary tells how long it took.
     reading.close()
     summary.notes += [*work.notes(), *notes]
+
+
+def detect_files(
+    sources: Sequence[Source | Nothing],
+    folder: Place,
+    options: DetectOptions,
+    report: LogProgress | None = None,
+) -> Iterator[Outcome]:
+    """Write the tables of every log below `folder`, one after the other or several at the same time."""
+    jobs = options.jobs or options.cores
+    at_once = logs_at_once(sources, jobs)
+    if at_once < 2:
+        for source in sources:
+            yield outcome_of(
+                source, lambda log: detect_to_files(log, folder, options, progress_of(log, report))
+            )
+        return
+    # Most runs need no process, nor wait for this import.
+    from lidarcli.pipeline.runs.processes import side_by_side
+
+    each = replace(options, jobs=options.jobs // at_once, cores=options.cores // at_once)
+    work = partial(detect_to_files, folder=folder, options=each)
+    for source, outcome in zip(sources, side_by_side(sources, work, at_once), strict=True):
+        if report is not None and isinstance(source, Source):
+            report(source, source.size)
+        yield outcome
+
+
+def detect_stream(
+    sources: Sequence[Source | Nothing],
+    out: IO[bytes],
+    kind: str,
+    options: DetectOptions,
+    report: LogProgress | None = None,
+    name: str = "standard output",
+) -> Iterator[Outcome]:
+    """Write the objects of all logs to one stream of `kind` (ndjson, csv, arrow, parquet), log after log.
+
+    `name` is what errors call the stream.
+    """
+    guard = CountingOutput(out, name)
+    parameters = options.as_dict()
+    described: list[dict[str, Any]] = []
+    damage: list[str] = []
+    try:
+        stream = FORMATS[kind](guard, OBJECTS, table_metadata(parameters))
+
+        def work(log: Source) -> RunSummary:
+            summary, origin = detect_to_sinks(log, {"objects": stream}, options, progress_of(log, report))
+            described.append(origin)
+            damage.extend(summary.damage)
+            summary.notes += stream.notes()
+            return summary
+
+        for source in sources:
+            yield outcome_of(source, work)
+        origin = described[0] if len(described) == 1 else described
+        stream.finish(table_metadata(parameters, origin, damage))
+    except BaseException:
+        # An unfinished stream must not get an end that makes it look whole.
+        guard.discard()
+        raise
+
+
+def detect_file(
+    sources: Sequence[Source | Nothing],
+    path: Place,
+    kind: str,
+    options: DetectOptions,
+    report: LogProgress | None = None,
+) -> Iterator[Outcome]:
+    """The same into one file, which appears when it is whole, and only if anything could be read."""
+    refuse([path], options.overwrite, options.inputs(sources))
+    # The last log that could be read, and those after it, wait: it also tells what became of the file.
+    waiting: list[Outcome] = []
+    with new_files([path], options.overwrite) as new:
+        with new.part(path).open("wb") as out:
+            for outcome in detect_stream(sources, out, kind, options, report, str(path)):
+                if outcome.summary is not None:
+                    yield from waiting
+                    waiting = []
+                waiting.append(outcome)
+        if waiting and (last := waiting[0].summary) is not None:
+            last.notes += new.publish()
+            last.outputs.append(str(path))
+    yield from waiting
+
+
+class TrackTables(NamedTuple):
+    """What `track` returns: tables with the schemas of `lidarcli.tabular.SCHEMAS`."""
+
+    objects: pa.Table
+    """One row per object per sweep, with the thing that it belongs to."""
+    sweeps: pa.Table
+    """One row per sweep."""
+    tracks: pa.Table
+    """One row per thing."""
+
+
+def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOptions) -> dict[str, pa.Table]:
+    """Some tables of all logs; warns of damage, and of logs that cannot be read while others can."""
+    collected = {table: _Collected() for table in tables}
+    described: list[dict[str, Any]] = []
+    damage: list[str] = []
+    failed = Failed(len(sources))
+    for source in sources:
+        with failed.noted(source):
+            summary, origin = detect_to_sinks(source, collected, options)
+            described.append(origin)
+            damage += summary.damage
+            # Notes are for reading, but a table without a sweep needs its reason.
+            for line in [*summary.damage, *(summary.doubts if summary.sweeps else summary.notes)]:
+                warn(f"{source.path}: {line}")
+    failed.conclude()
+    origins = described[0] if len(described) == 1 else described
+    metadata = table_metadata(options.as_dict(), origins, damage)
+    return {table: _table(table, rows, metadata) for table, rows in collected.items()}
+
+
+def of_batches(
+    batches: Iterable[SweepBatch], tables: Sequence[str], options: DetectOptions
+) -> dict[str, pa.Table]:
+    """Some tables of batches that somebody has: as they come, or, where things are followed, by log and topic."""
+    parameters, background, tracking = options.parameters, options.background, options.tracking
+    catalogue = options.catalogue
+    # Where things are followed, their names are those of the tracks.
+    sought = parameters if tracking is None else tracking.found_with(parameters)
+    find = finder(sought, background, catalogue if tracking is None else None, explain=options.explain)
+    per_beam = "beams" in tables
+    told: dict[str, Any] = {} if background is None else {"background": background.as_dict()}
+    told |= {} if catalogue is None else {"catalogue": catalogue.as_dict()}
+    collected = {table: _Collected() for table in tables}
+    if tracking is None:
+        for batch in batches:
+            made = rows_of(batch.log, tables, batch, find(batch, per_beam), names_in(catalogue))
+            for table, _, rows in made:
+                collected[table].write(rows)
+    else:
+        told["tracking"] = tracking.as_dict()
+        found = ((batch, find(batch, per_beam)) for batch in batches)
+        _follow(found, collected, tracking, parameters, catalogue)
+    metadata = table_metadata(parameters.as_dict() | told)
+    return {table: _table(table, rows, metadata) for table, rows in collected.items()}
+
+
+def _follow(
+    found: Iterable[tuple[SweepBatch, Detection]],
+    sinks: Mapping[str, RowSink],
+    tracking: TrackOptions,
+    parameters: Parameters,
+    catalogue: Catalogue | None,
+) -> None:
+    """Pass the rows of batches to the sinks of their tables, by log and topic."""
+    # Who does not track does not wait for this import.
+    from lidarcli.pipeline.objects.following import Following
+
+    tables = [table for table in sinks if table != "tracks"]
+    logs: dict[str, tuple[Following, TopicOrders]] = {}
+    with ExitStack() as stack:
+        for batch, detection in found:
+            if batch.log not in logs:
+                orders = stack.enter_context(TopicOrders(sinks, None))
+                logs[batch.log] = Following(batch.log, tracking, parameters, catalogue), orders
+            following, orders = logs[batch.log]
+            made = Made(rows_of(batch.log, tables, batch, detection), (batch, detection))
+            orders.write(following.take([made]))
+        for following, orders in logs.values():
+            orders.write(following.finish())
+            orders.drain()
+
+
+def _table(name: str, collected: _Collected, metadata: dict[bytes, bytes]) -> pa.Table:
+    whole = pa.Table.from_batches(collected.rows, SCHEMAS[name])
+    return whole.replace_schema_metadata(metadata).unify_dictionaries()
+
+
+class Failed:
+    """Logs of several that cannot be read: each is warned of, and the first one's error raised where none can."""
+
+    def __init__(self, logs: int) -> None:
+        self._logs = logs
+        self._errors: list[LidarcliError] = []
+
+    @contextmanager
+    def noted(self, source: Source) -> Iterator[None]:
+        """What befalls one log; errors name it."""
+        try:
+            yield
+        except LidarcliError as err:
+            named = type(err)(f"{source.path}: {str(err).removeprefix(f'{source.path}: ')}")
+            self._errors.append(named)
+            if self._logs == 1:
+                raise named from err
+            warn(str(named))
+
+    def conclude(self) -> None:
+        """Raise where every log failed."""
+        if self._errors and len(self._errors) == self._logs:
+            raise self._errors[0]
+
+
+class _Collected:
+    """A sink that keeps its rows."""
+
+    def __init__(self) -> None:
+        self.rows: list[pa.RecordBatch] = []
+
+    def write(self, rows: pa.RecordBatch) -> None:
+        """Take rows."""
+        self.rows.append(rows)

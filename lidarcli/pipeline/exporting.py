@@ -13,9 +13,9 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.inputs.files import files_named
 from lidarcli.stores.url import Place
-from lidarcli.tabular.parquet import Output
 from lidarcli.tabular.reading import read_as_is, schema_of
 from lidarcli.tabular.stream import FORMATS, CountingOutput
+from lidarcli.tabular.writing import Output
 
 MOST_COLUMNS = 1000
 """A table of lidarcli has no more than 50; every column of others takes time and memory for each group of rows."""

@@ -1,7 +1,8 @@
-"""What is in a log: topics, sweeps, geometry, clocks, beams and damage, from one pass over the whole log."""
+"""The contents of a log (topics, sweeps, geometry, clocks, beams and damage), from one pass over the whole log."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,21 +13,24 @@ from numpy.typing import NDArray
 
 from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, UnreadableError
-from lidarcli.judging import RangeRules, closure, normalise
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
 from lidarcli.logs.choice import scan_topics
 from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
 from lidarcli.logs.piles import Settling
-from lidarcli.pipeline.inputs.opening import open_source
-from lidarcli.pipeline.inputs.sliced import made_of_clouds
-from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.reading.delays import DelaySearch
-from lidarcli.pipeline.reading.pose_finding import FoundPoses, PoseInfo, find_poses, pose_infos
-from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.pipeline.inputs.sources import Nothing, Source, made_of_clouds, open_source
+from lidarcli.pipeline.reading.one_log import damage_lines
+from lidarcli.pipeline.reading.pose_sources import (
+    DelaySearch,
+    FoundPoses,
+    PoseInfo,
+    PoseOptions,
+    find_poses,
+    pose_infos,
+)
 from lidarcli.pipeline.reading.posing import alike_note
-from lidarcli.pipeline.reading.summary import damage_lines
-from lidarcli.pipeline.running.outcomes import Failure, LogProgress, attempt, progress_of
+from lidarcli.pipeline.runs.over_logs import Failure, LogProgress, attempt, progress_of
+from lidarcli.range_rules import RangeRules, closure, normalise
 from lidarcli.sweeps import Closure, RawSweeps, Status, SweepBatch
 
 
@@ -264,3 +268,74 @@ def inspect_logs(
             source,
             attempt(source, lambda log: inspect_log(log, opening, rules, poses, progress_of(log, report))),
         )
+
+
+def info_dict(info: LogInfo) -> dict[str, Any]:
+    """Plain values by the keys that docs/info.md lists; null stands for what nobody knows."""
+    return {
+        "path": info.path,
+        "format": info.format,
+        "compression": info.compression,
+        "size": info.size,
+        "topics": [
+            {"name": topic.name, "type": topic.type, "encoding": topic.encoding, "messages": topic.messages}
+            for topic in info.topics
+        ],
+        "scans": [_scan_json(scan) for scan in info.scans],
+        "pose_topics": list(info.pose_topics),
+        "pose_sources": [_pose_json(source) for source in info.pose_sources],
+        "dropped": [
+            {"topic": topic, "cause": cause, "messages": count} for topic, cause, count in info.dropped
+        ],
+        "notes": list(info.notes),
+        "damage": list(info.damage),
+    }
+
+
+def _scan_json(scan: ScanInfo) -> dict[str, Any]:
+    clock = scan.clock
+    return {
+        "topic": scan.topic,
+        "frame_id": scan.frame_id,
+        "sweeps": scan.sweeps,
+        "beams": [int(scan.beams.low), int(scan.beams.high)],
+        "field_of_view": _pair(scan.view),
+        "angle_min": _pair(scan.angle_min),
+        "angle_increment": _pair(scan.increment),
+        "closure": list(scan.closure),
+        "range_min": _pair(scan.range_min),
+        "range_max": _pair(scan.range_max),
+        "rate": clock.rate,
+        "start_ns": clock.start_ns,
+        "end_ns": clock.end_ns,
+        "span": clock.span,
+        "clock": {
+            "monotonic": clock.monotonic,
+            "backward_steps": clock.backward,
+            "largest_backward_step": clock.largest_backward,
+            "repeated_stamps": clock.repeated,
+            "zero_stamps": clock.zero_stamps,
+            "record_minus_header": clock.offset,
+        },
+        "beams_by_status": dict(scan.by_status),
+        "pose": scan.pose or None,
+        "made_of": scan.made_of or None,
+    }
+
+
+def _pose_json(source: PoseInfo) -> dict[str, Any]:
+    return {
+        "topic": source.topic,
+        "type": source.type,
+        "poses": source.poses,
+        "rate": source.rate,
+        "start_ns": source.start_ns,
+        "end_ns": source.end_ns,
+        "span": source.span,
+        "frames": [{"parent": parent, "child": child} for parent, child in source.frames],
+    }
+
+
+def _pair(span: Span) -> list[float | None]:
+    """JSON has no infinity and no NaN."""
+    return [value if math.isfinite(value) else None for value in (span.low, span.high)]

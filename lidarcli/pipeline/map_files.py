@@ -16,19 +16,18 @@ from lidarcli.choices import CLOUDS
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.formalism.mapping.comparison import Comparison, UnlikeError, compare, refuse_unlike
 from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.machine import cores
 from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWriter
 from lidarcli.maps.mapserver import image_of, pgm_bytes, read_map, write_occupancy_mcap, yaml_bytes
 from lidarcli.newfiles import WholeFiles, new_files, refuse, scratch_folder, unwritable
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
-from lidarcli.pipeline.reading.pose_options import of_one_run
-from lidarcli.pipeline.reading.reading import Progress
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.cores import cores
-from lidarcli.pipeline.running.outcomes import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
+from lidarcli.pipeline.reading.one_log import Progress, RunSummary
+from lidarcli.pipeline.reading.pose_sources import of_one_run
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
 from lidarcli.stores.url import Place, Url
-from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.writing import table_metadata
 
 GRIDS = (".yaml", ".png", ".mcap")
 """Suffixes of outputs that are made of the grid …"""
@@ -103,7 +102,7 @@ class MapRun:
                 yield _whole(outcome_of(source, lambda log: self.add(log, progress_of(log, report))))
             return
         # Most runs need no process, nor wait for this import.
-        from lidarcli.pipeline.running.side_by_side import side_by_side
+        from lidarcli.pipeline.runs.processes import side_by_side
 
         with scratch_folder(Path(tempfile.gettempdir())) as scratch:
             work = partial(_map_apart, options=self._options, sets=self._mapping.sets, scratch=str(scratch))

@@ -21,12 +21,9 @@ from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
-from lidarcli.pipeline.inputs.opening import open_source
-from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.delays import MAP
-from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
-from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, reading_as_dict
+from lidarcli.pipeline.reading.pose_sources import MAP, NONE, PoseOptions
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 
 MIN_HITS, MIN_HITS_OF_ALL = 2, 4
@@ -173,8 +170,8 @@ class Mapping:
             return
         # Who need not know what moves does not wait for these imports.
         from lidarcli.formalism.tracking.tracker import Tracker
-        from lidarcli.pipeline.objects.finders import finder
         from lidarcli.pipeline.objects.following import TrackOptions
+        from lidarcli.pipeline.objects.making import finder
         from lidarcli.tabular.tracked import beam_sets
 
         tracking = TrackOptions()

@@ -17,14 +17,14 @@ from lidarcli.errors import OptionError
 from lidarcli.formalism.constellation import align
 from lidarcli.formalism.matching import HERE, Matched, Motion, Standing, Things
 from lidarcli.newfiles import new_files, refuse
-from lidarcli.pipeline.inputs.tracks import TracksTable, find_tracks, read_tracks
-from lidarcli.pipeline.reading.pose_options import of_one_run
+from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, read_tracks_table
+from lidarcli.pipeline.reading.pose_sources import of_one_run
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Int32, Int64
 from lidarcli.tabular.arrays import codes, floats, plain
-from lidarcli.tabular.metadata import table_metadata
 from lidarcli.tabular.schemas import MATCHES
 from lidarcli.tabular.stream import FORMATS, CountingOutput
+from lidarcli.tabular.writing import table_metadata
 
 POSITION, CONSTELLATION, AUTO = MATCH_BY
 MOST_THINGS = 2000
@@ -90,7 +90,7 @@ def match_tables(inputs: Sequence[str], by: str = AUTO) -> MatchResult:
     OptionError
         There are fewer than two runs.
     """
-    tables = [read_tracks(path) for path in find_tracks(inputs)]
+    tables = [read_tracks_table(path) for path in find_tracks(inputs)]
     runs = _runs(tables)
     for run in runs:
         if len(run.things) > MOST_THINGS:

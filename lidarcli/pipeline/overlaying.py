@@ -2,22 +2,49 @@
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from lidarcli.errors import OptionError
-from lidarcli.maps.mapserver import image_of, read_map
+from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.logs.base import Log, OpenOptions, ReadReport
+from lidarcli.maps.mapserver import TYPE as MAP_TYPE
+from lidarcli.maps.mapserver import image_of, occupancy_cdr, read_map
 from lidarcli.newfiles import new_files, refuse, unwritable
-from lidarcli.overlays.files import SUFFIXES, overlay_file
-from lidarcli.overlays.viewers import LAYOUT, RVIZ, layout_json, rviz_config
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.overlays.files import FRAME, MAP, SUFFIXES, overlay_file, topic_name, topics_of_objects
+from lidarcli.overlays.markers import LAST_SECOND, SECOND, TYPE, marker_arrays, transforms
+from lidarcli.overlays.objects import Colours, is_mirrored, markers_of
+from lidarcli.overlays.viewers import LAYOUT, RVIZ, Scene, layout_json, rviz_config
+from lidarcli.pipeline.detecting import detect_to_files
+from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import Pair, one_pair
-from lidarcli.pipeline.overlay_messages import Overlay
-from lidarcli.pipeline.reading.reading import Progress
-from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.overlay_sources import (
+    Copies,
+    Joined,
+    Tables,
+    frames_told,
+    in_order,
+    is_ros,
+    of_sweeps,
+    scan_encodings,
+    transform_topics,
+)
+from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of
+from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
+from lidarcli.ros.definitions import ROS2, TF
+from lidarcli.ros.outgoing import Outgoing
 from lidarcli.stores.url import Place
+from lidarcli.tabular.reading import file_metadata, parsed
+from lidarcli.tabular.writing import PARAMETERS, SOURCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,3 +157,196 @@ def _first(progress: Progress | None) -> Progress | None:
 def _second(progress: Progress | None, size: int) -> Progress | None:
     """The progress of the second."""
     return None if progress is None else lambda position: progress((size + position) // 2)
+
+
+COLOURS = Colours(SHAPE_COLOURS, TRACK_COLOURS)
+DEFAULT_WORLD = "map"
+RECORDED = attrgetter("record_ns")
+
+
+class Overlay:
+    """The messages of one overlay: those of the log that are copied, and the markers of its objects."""
+
+    def __init__(
+        self,
+        source: Source,
+        pair: Pair,
+        grid: Occupancy | None,
+        opening: OpenOptions,
+        is_ros2: bool,
+        with_log: bool,
+    ) -> None:
+        """`grid`: a map to show; `is_ros2`: whether for ROS 2, else for ROS 1; `with_log`: copy the log, too."""
+        self._source = source
+        self._grid = grid
+        # Sweeps are to be made again as they were for the tables.
+        told = opening_of(_metadata(pair, PARAMETERS))
+        self._opening = replace(opening, slice=opening.slice or told.slice, echo=told.echo)
+        self._is_ros2 = is_ros2
+        self._with_log = with_log
+        self._tables = Tables(pair)
+        self._copies = Copies(frozenset(self._tables.topics), is_ros2)
+        self._names = topics_of_objects(self._tables.topics)
+        self._ways = _ways(pair)
+        self._worlds = {frame: world for frame, (world, _) in self._ways.items()}
+        """Sensor frame → the fixed frame, where poses are known."""
+        self._report, self._copied = ReadReport(), ReadReport()
+        self._sweeps = 0
+        self._encodings: dict[str, str] = {}
+        self._frames: dict[str, str] = {}
+        """Frames of the sweeps in the order in which they come, as they are written → as the log has them."""
+        self._placed: set[str] = set()
+        """Frames of the log of which a viewer is told where they are in the world …"""
+        self._to_place: set[str] = set()
+        """… and those of them of which nothing but this file tells it."""
+        self._placing: set[str] = set()
+        """Frames of which this file has told where they are."""
+        self._hangs: dict[tuple[str, str], bool] = {}
+        """Topic and frame of a sensor → whether it hangs head down, as far as its objects have shown."""
+
+    def messages(self, stack: ExitStack, progress: Progress | None) -> Iterator[Outgoing]:
+        """All messages in the order in which they are to be played."""
+        log = stack.enter_context(open_source(self._source, self._opening))
+        self._encodings = scan_encodings(log)
+        transforming = transform_topics(log, of_ros=self._with_log)
+        self._placed = {frame for frame, (_, topic) in self._ways.items() if topic in transforming}
+        others = self._worlds.keys() - self._placed
+        if self._with_log and others:
+            # A frame has one parent: where the log tells of one, another would tear the tree apart.
+            self._to_place = others - frames_told(log, others)
+            self._placed |= self._to_place
+        drawn = self._drawn(log, progress)
+        if len(self._tables.topics) > 1:
+            drawn = in_order(drawn)
+        everything = drawn
+        if self._with_log:
+            # Both passes go on at the same time, and each needs a log of its own.
+            other = stack.enter_context(open_source(self._source, self._opening))
+            everything = heapq.merge(self._copies.of(other, self._copied), drawn, key=RECORDED)
+        first = next(everything, None)
+        if self._grid is not None:
+            yield self._map(self._grid, 0 if first is None else first.record_ns)
+        if first is not None:
+            yield first
+        yield from everything
+
+    def scene(self) -> Scene:
+        """What a viewer is to show; known when all messages have been written."""
+        frame, told = next(iter(self._frames.items()), (FRAME, FRAME))
+        if told in self._placed:
+            frame = self._worlds[told]
+        if self._grid is not None and self._worlds:
+            frame = self._world
+        scans = tuple(self._scan_topic(topic) for topic in self._tables.topics)
+        return Scene(frame, tuple(self._names.values()), scans, None if self._grid is None else MAP)
+
+    def summary(self, found: RunSummary | None) -> RunSummary:
+        """What has been done; `found` by the run that has made the tables, if this was one."""
+        if found is not None:
+            summary = replace(found, sweeps=self._sweeps)
+        else:
+            left = self._tables.left()
+            if left:
+                self._report.add_damage("the end", f"{left:,} sweeps of the tables are not in the log")
+            summary = RunSummary(sweeps=self._sweeps, topics=set(self._tables.topics))
+            summary.damage = damage_lines(self._report)
+            summary.notes = list(self._report.notes)
+        summary.damage += [line for line in damage_lines(self._copied) if line not in summary.damage]
+        summary.notes += self._copies.notes()
+        if self._placing:
+            frames = ", ".join(sorted(self._placing))
+            summary.notes.append(
+                f"transforms of {frames} are written by its poses, for no transforms of ROS tell of it"
+            )
+        if self._grid is not None and not self._worlds:
+            summary.notes.append(
+                f"the map is in frame {self._world}, and nothing tells where the sensor is in it: a viewer shows one "
+                "of the two; give --pose or --poses"
+            )
+        slashed = sorted(frame for frame in self._frames if frame.startswith("/"))
+        if slashed and self._is_ros2:
+            summary.notes.append(
+                f"frame {slashed[0]} begins with a slash, and RViz of ROS 2 draws nothing in it; write a .bag for ROS 1"
+            )
+        if "" in self._frames:
+            summary.notes.append("the scans name no frame, and RViz draws nothing without one")
+        return summary
+
+    @property
+    def _world(self) -> str:
+        return next(
+            (self._worlds[told] for told in self._frames.values() if told in self._worlds), DEFAULT_WORLD
+        )
+
+    def _drawn(self, log: Log, progress: Progress | None) -> Iterator[Outgoing]:
+        """The markers of all sweeps, and what of the log has to be written anew."""
+        for joined in self._tables.join(log, self._report):
+            raw = joined.raw
+            self._sweeps += len(raw)
+            anew = not is_ros(self._encodings.get(raw.topic, ""))
+            parts: list[Iterator[Outgoing]] = []
+            if self._with_log and anew:
+                named = tuple(name or FRAME for name in raw.frame_ids)
+                parts.append(self._copies.written_anew(replace(raw, frame_ids=named)))
+            for told, mine in joined.by_frame():
+                name = told or FRAME if anew else told
+                self._frames.setdefault(name, told)
+                if told in self._to_place:
+                    parts.append(self._poses(name, told, mine))
+                parts.append(self._markers(name, mine))
+            # Of equal times the scan comes first, and what is drawn on it last.
+            yield from sorted(chain(*parts), key=RECORDED) if len(parts) > 1 else parts[0]
+            if progress is not None:
+                progress(log.position)
+
+    def _markers(self, frame: str, joined: Joined) -> Iterator[Outgoing]:
+        """The markers of some sweeps of one frame."""
+        groups = markers_of(joined.objects, joined.row, joined.poses, COLOURS)
+        data = marker_arrays(joined.raw.time_ns, frame, groups, cdr=self._is_ros2)
+        return of_sweeps(self._names[joined.raw.topic], TYPE, joined.raw, data)
+
+    def _poses(self, frame: str, told: str, joined: Joined) -> Iterator[Outgoing]:
+        """Where the sensor was, for a log that tells it in no way that viewers know."""
+        key = joined.raw.topic, told
+        if joined.objects.num_rows:
+            self._hangs[key] = bool(np.mean(is_mirrored(joined.objects, joined.row, joined.poses)) > 0.5)
+        known = np.isfinite(joined.poses.yaw)
+        if not known.any():
+            return iter(())
+        self._placing.add(frame)
+        raw = joined.raw.rows(known)
+        pose = np.column_stack([joined.poses.x, joined.poses.y, joined.poses.yaw])[known]
+        hangs = np.full(len(raw), self._hangs.get(key, False))
+        data = transforms(raw.time_ns, self._worlds[told], frame, pose, hangs, cdr=self._is_ros2)
+        return of_sweeps("/tf", TF, raw, data)
+
+    def _scan_topic(self, topic: str) -> str:
+        return topic if is_ros(self._encodings.get(topic, "")) else topic_name(topic)
+
+    def _map(self, grid: Occupancy, record_ns: int) -> Outgoing:
+        """The map, stamped as the first message: who plays the file gets it at once."""
+        stamp_ns = min(max(record_ns, 0), LAST_SECOND * SECOND)
+        data = occupancy_cdr(replace(grid, frame_id=self._world), stamp_ns)
+        if not self._is_ros2:
+            data = bytes(ROS2.cdr_to_ros1(data, MAP_TYPE))
+        return Outgoing(MAP, MAP_TYPE, record_ns, stamp_ns, data)
+
+
+def _ways(pair: Pair) -> dict[str, tuple[str, str]]:
+    """Sensor frame → the fixed frame of its poses and the topic that tells them, as the tables have it."""
+    poses = _metadata(pair, SOURCE).get("poses")
+    found = poses.items() if isinstance(poses, dict) else ()
+    return {
+        frame: (way["world"], str(way.get("topic")))
+        for frame, way in found
+        if isinstance(way, dict) and isinstance(way.get("world"), str) and way["world"]
+    }
+
+
+def _metadata(pair: Pair, key: str) -> dict[str, Any]:
+    """What the tables tell under a key, which anybody may have written; empty where they do not."""
+    try:
+        told = parsed(file_metadata(pair.sweeps).get(key, "null"))
+    except ValueError:
+        return {}
+    return told if isinstance(told, dict) else {}

@@ -1,4 +1,4 @@
-"""A few sweeps of a log as pictures: reads up to the last of them, detects in these alone."""
+"""A few sweeps of a log, or its map from above, as pictures."""
 
 from __future__ import annotations
 
@@ -11,24 +11,29 @@ from lidarcli.choices import AS_IT_COMES, IMAGES, Look
 from lidarcli.errors import NoScanError, OptionError, UnreadableError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import noise
-from lidarcli.judging import RangeRules
+from lidarcli.formalism.detection import ROUND
+from lidarcli.formalism.mapping.counts import placed
+from lidarcli.formalism.mapping.occupancy import HIT
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.choice import TopicChoice, nothing_read
 from lidarcli.newfiles import new_files, unwritable, write_whole
-from lidarcli.pipeline.inputs.opening import open_source
-from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import one_pair, read_table
+from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
-from lidarcli.pipeline.reading.pose_options import NO_POSES, PoseOptions
+from lidarcli.pipeline.reading.one_log import Reading, damage_lines
+from lidarcli.pipeline.reading.pose_sources import MAP, NO_POSES, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
-from lidarcli.pipeline.reading.summary import damage_lines
+from lidarcli.range_rules import RangeRules
+from lidarcli.reports import map_picture
 from lidarcli.reports.columns import Rows
 from lidarcli.reports.drawing import animate, draw
 from lidarcli.reports.ground import COLUMNS, Paths, TrackPath
+from lidarcli.reports.map_picture import Box, MapPicture, Snapshot, draw_map, overview
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import Place
-from lidarcli.sweeps import Int64, SweepBatch
+from lidarcli.sweeps import Int64, Status, SweepBatch, SweepPoses
 from lidarcli.times import SECOND_NS, Instant
 
 BATCH = 64
@@ -332,3 +337,133 @@ def write_animation(
         except OSError as err:
             raise unwritable(path, err) from err
         return new.publish()
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnMap:
+    """Pictures, and what a user should know of the reading."""
+
+    pictures: tuple[MapPicture, ...]
+    notes: tuple[str, ...]
+    damage: tuple[str, ...]
+
+
+def take_map(
+    source: Source, options: MapOptions, sweeps: Sequence[int] | None = None, tracks: str | None = None
+) -> DrawnMap:
+    """The map of a log with the path of its sensor.
+
+    Parameters
+    ----------
+    sweeps : a picture for each of these, with its points and the boxes of its objects; None: one of the whole run
+    tracks : table of `track` beside those of the same log: what stands, and what moved
+
+    Raises
+    ------
+    UnreadableError
+        Nothing tells where the sensor was.
+    OptionError
+        A sweep is not there or has no pose, or the tables are of another log.
+    """
+    mapping = Mapping(options)
+    summary = mapping.add(source)
+    paths = [(path.x, path.y) for path in mapping.paths]
+    found = None if tracks is None else _overview(tracks, source)
+    whole = MapPicture(
+        grid=mapping.occupancy(),
+        paths=paths,
+        boxes=() if found is None else found.boxes,
+        agents=() if found is None else found.agents,
+        title=f"{source.name}  {', '.join(mapping.worlds)}",
+    )
+    if sweeps is None:
+        return DrawnMap((whole,), tuple(summary.notes), tuple(summary.damage))
+    shots = _snapshots(source, options, sweeps)
+    pictures = tuple(
+        replace(whole, snapshot=shots[sweep], title=f"{source.name}  sweep {sweep}") for sweep in sweeps
+    )
+    return DrawnMap(pictures, tuple(summary.notes), tuple(summary.damage))
+
+
+def map_bytes(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
+    """The picture as a PNG, SVG or PDF."""
+    return draw_map(picture, suffix, look)
+
+
+def write_maps(
+    paths: Sequence[Place], pictures: Sequence[MapPicture], overwrite: bool, look: Look = AS_IT_COMES
+) -> list[str]:
+    """Write each picture to its file; notes as of `NewFiles.publish`."""
+    notes: list[str] = []
+    for path, picture in zip(paths, pictures, strict=True):
+        notes += write_whole(path, draw_map(picture, path.suffix.lower(), look), overwrite)
+    return notes
+
+
+def _overview(tracks: str, source: Source) -> MapPicture:
+    """What the tables of this log say of things in the world."""
+    pair = one_pair(tracks)
+    sweeps, objects, things = (
+        Rows.join([read_table(pair, kind, map_picture.COLUMNS[kind])])
+        for kind in ("sweeps", "objects", "tracks")
+    )
+    _, logs = sweeps.words("log")
+    here = source.name.rpartition("/")[2]
+    if logs and here not in [name.rpartition("/")[2] for name in logs]:
+        raise OptionError(f"{tracks}: is of the log {logs[0]}, not of {source.label}")
+    found = overview(sweeps, objects, things)
+    if found is None:
+        raise OptionError(f"{tracks}: its sweeps have no poses: things have no place in the world")
+    return found
+
+
+def _snapshots(source: Source, options: MapOptions, sweeps: Sequence[int]) -> dict[int, Snapshot]:
+    """Some sweeps in the world, by their index; of several topics, those of the first that has them."""
+    wanted = np.array(sorted(set(sweeps)))
+    found: dict[int, Snapshot] = {}
+    with (
+        open_source(source, options.opening) as log,
+        Reading(log, options.read, options.poses, MAP) as reading,
+    ):
+        for batch in reading.batches(None):
+            for row in np.flatnonzero(np.isin(batch.sweep, wanted)).tolist():
+                one = batch.rows(np.array([row]))
+                poses = one.true_poses or one.poses
+                index = int(one.sweep[0])
+                if poses is not None and np.isfinite(poses.x[0]) and index not in found:
+                    found[index] = _snapshot(one, poses, options)
+            if len(found) == len(wanted):
+                break
+    if missing := [sweep for sweep in sweeps if sweep not in found]:
+        raise OptionError(f"{source.label}: no sweep {missing[0]} with a pose in this log")
+    return found
+
+
+def _snapshot(one: SweepBatch, poses: SweepPoses, options: MapOptions) -> Snapshot:
+    """One sweep in the world."""
+    use = np.where(one.status == Status.VALID, HIT, 0).astype(np.uint8)
+    end = placed(one, poses, use).end
+    there = np.isfinite(end[0, 0])
+    objects = detect(one, options.parameters)
+    x, y, yaw = poses.to_world(
+        objects.row, objects.box_x, objects.box_y, objects.box_yaw, objects.shares(one)
+    )
+    boxes = tuple(
+        Box(
+            float(x[k]),
+            float(y[k]),
+            float(yaw[k]),
+            float(objects.box_length[k]),
+            float(objects.box_width[k]),
+            is_round=int(objects.shape[k]) == ROUND,
+        )
+        for k in range(len(objects))
+    )
+    return Snapshot(
+        int(one.sweep[0]),
+        float(poses.x[0]),
+        float(poses.y[0]),
+        float(poses.yaw[0]),
+        (end[0, 0][there], end[1, 0][there]),
+        boxes,
+    )

@@ -14,19 +14,16 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import new_files, refuse, unwritable
-from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import files_of
-from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.pipeline.reading.reading import Progress, Reading, reading_as_dict
-from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, reading_as_dict
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.arrays import floats, plain
-from lidarcli.tabular.metadata import table_metadata
-from lidarcli.tabular.parquet import ParquetSink
 from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import POSES, STAMP
+from lidarcli.tabular.writing import ParquetSink, table_metadata
 
 if TYPE_CHECKING:
     from lidarcli.poses.motion import Motion

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.judging import closure
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
 from lidarcli.pipeline.inputs.tables import Pair, batches
-from lidarcli.pipeline.reading.from_metadata import opening_of, rules_of
+from lidarcli.pipeline.reading.one_log import opening_of, rules_of
+from lidarcli.range_rules import closure
 from lidarcli.reports.columns import Origin, Run
 from lidarcli.reports.ground import Raw, Walls, walls_of
 from lidarcli.reports.html import Choice, choose_sweeps, pack, pack_walls

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.poses.motion import planar
 from lidarcli.poses.sources import Way
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps, Status, SweepBatch, SweepPoses
 
 SWEEPS = 200

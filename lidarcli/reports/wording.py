@@ -7,12 +7,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
 from lidarcli.choices import beams_on
+from lidarcli.display import date_and_time
 from lidarcli.reports.columns import Origin
 from lidarcli.reports.figures import CATEGORIES, DELTA, TRACK_CATEGORIES, TRACK_SPREADS, Spread, unit_of
 from lidarcli.reports.streams import Unlike
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.tracks import Track, Tracked
-from lidarcli.showing import date_and_time
 
 NONE = "-"
 TINY = 1e-12

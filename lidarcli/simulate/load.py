@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from lidarcli.errors import OptionError
-from lidarcli.fields import Fields
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.load_motion import load_motion, load_robot, refuse_beside_route
 from lidarcli.simulate.scene import (
@@ -20,7 +19,7 @@ from lidarcli.simulate.scene import (
     Scene,
     Sensor,
 )
-from lidarcli.tomlfiles import read_toml
+from lidarcli.tomlfiles import Fields, read_toml
 
 MAX_BEAMS = 100_000
 MAX_SWEEPS = 10_000_000

@@ -7,9 +7,9 @@ from math import hypot, radians
 
 import numpy as np
 
-from lidarcli.fields import Fields
 from lidarcli.simulate.route import CORNERS, Corner, Route, Waypoint, plan_route
 from lidarcli.simulate.scene import Course, Motion, Mount, Odometry, super_ellipse
+from lidarcli.tomlfiles import Fields
 
 MAX_WAYPOINTS = 1_000
 LEAST = 1e-3

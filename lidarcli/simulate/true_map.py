@@ -9,8 +9,8 @@ import numpy as np
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED, Occupancy
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.maps.mapserver import MOST_PIXELS
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import SimulatedBlock, simulate_blocks
 from lidarcli.simulate.scene import Scene
 from lidarcli.sweeps import Status

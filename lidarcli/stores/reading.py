@@ -9,9 +9,9 @@ import tempfile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
+from lidarcli.machine import Beside
 from lidarcli.stores.store import PIECE, open_object
 from lidarcli.stores.url import Url
-from lidarcli.threads import Beside
 
 if TYPE_CHECKING:
     from concurrent.futures import Future

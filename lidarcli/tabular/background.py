@@ -16,10 +16,9 @@ from lidarcli.newfiles import new_files
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tabular.arrays import codes, floats, plain
-from lidarcli.tabular.metadata import DAMAGE, PARAMETERS, SOURCE, VERSION
-from lidarcli.tabular.parquet import TableFile
 from lidarcli.tabular.reading import GREATEST_VALUE, notes_of, parsed, read_columns
 from lidarcli.tabular.schemas import BACKGROUND
+from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, TableFile
 
 GEOMETRY = "lidarcli.geometry"
 """Metadata key: what the columns do not hold of each sensor, as JSON."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
 from lidarcli.formalism.detection import CHANGES
-from lidarcli.judging import count_statuses
+from lidarcli.range_rules import count_statuses
 from lidarcli.sweeps import STATUSES, SweepBatch
 from lidarcli.tabular.arrays import codes, floats, masked, names_of, plain
 from lidarcli.tabular.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX

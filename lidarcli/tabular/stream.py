@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.errors import OutputError
-from lidarcli.tabular.parquet import Output, ParquetSink
+from lidarcli.tabular.writing import Output, ParquetSink
 
 
 class RowStream(Protocol):

@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 
+from lidarcli import machine
 from lidarcli.cli.messages import one_line
 from lidarcli.cli.version import version_text
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.pipeline import detecting
-from lidarcli.pipeline.running import memory
 from lidarcli.simulate.writers import write_log
 from tests.waiting import HANG, endless, wait_until
 
@@ -266,7 +266,7 @@ def test_bug_in_one_log_is_reported_and_the_rest_done(
 
 
 def test_bug_outside_of_any_log(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lidarcli.pipeline.fleet.choosing.find_logs", lambda names: 1 / 0)
+    monkeypatch.setattr("lidarcli.pipeline.inputs.search.find_logs", lambda names: 1 / 0)
     ran = lidarcli("info", "x")
     assert ran.code == 70
     assert (
@@ -279,7 +279,7 @@ def test_interrupt(lidarcli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(names: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lidarcli.pipeline.fleet.choosing.find_logs", interrupted)
+    monkeypatch.setattr("lidarcli.pipeline.inputs.search.find_logs", interrupted)
     ran = lidarcli("detect", "x")
     assert (ran.code, ran.err) == (130, "lidarcli: interrupted\n")
 
@@ -426,7 +426,7 @@ def test_too_little_memory_is_no_bug(
         raise error
 
     inside = place == "open_source"
-    monkeypatch.setattr(detecting if inside else memory, place, fail)
+    monkeypatch.setattr(detecting if inside else machine, place, fail)
     ran = lidarcli("-q", "detect", logs / "run.mcap", "-o", tmp_path)
     assert ran.code == 3
     log = f"{logs / 'run.mcap'}: " if inside else ""

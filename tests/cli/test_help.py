@@ -17,7 +17,7 @@ import lidarcli as package
 from lidarcli.cli import COMMANDS, cli
 from lidarcli.compiled import about_core
 from lidarcli.formalism import Parameters
-from lidarcli.judging import RangeRules, parse_no_return
+from lidarcli.range_rules import RangeRules, parse_no_return
 
 Run = Callable[..., Any]
 

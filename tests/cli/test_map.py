@@ -22,8 +22,8 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, PlyWriter
 from lidarcli.maps.mapserver import read_map
 from lidarcli.pipeline.map_files import WRITERS
-from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.pipeline.running import outcomes
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulate.writers import write_log
 from lidarcli.tabular.schemas import CLOUD
 from tests.cli.maps import (
@@ -252,7 +252,7 @@ def test_a_log_twice_counts_double(lidarcli: Run, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_log_twice_side_by_side(lidarcli: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Both are done before the first log, which takes longer."""
-    monkeypatch.setattr(outcomes, "WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
     for name, count in (("long", 3000), ("short", 5)):
         write_log(tmp_path / f"{name}.mcap", [raw_sweeps(round_room(count))])
     (tmp_path / "p.tum").write_text("1699999999 0 0 0 0 0 0 1\n1700001000 9 0 0 0 0 0 1\n")

@@ -192,7 +192,7 @@ def test_poses_far_away(lidarcli: Run, tmp_path: Path) -> None:
 BEYOND = """
 import numpy as np
 from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import SweepPoses
 from tests.sweeping import raw_sweeps, round_room
 batch = normalise(raw_sweeps(round_room(1, 90)), np.arange(1), RangeRules())

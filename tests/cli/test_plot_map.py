@@ -13,8 +13,8 @@ from PIL import Image
 
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.map_plotting import take_map
 from lidarcli.pipeline.mapping import MapOptions
+from lidarcli.pipeline.plotting import take_map
 from tests.places import SAMPLES
 
 Run = Callable[..., Any]

@@ -8,8 +8,8 @@ import pytest
 
 from lidarcli.cli.messages import Messages
 from lidarcli.cli.summary import show
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.outcomes import Outcome
+from lidarcli.pipeline.reading.one_log import RunSummary
+from lidarcli.pipeline.runs.over_logs import Outcome
 
 
 def said(run: RunSummary, verbose: bool = False) -> list[str]:

@@ -22,7 +22,7 @@ from lidarcli.cli.detect import detect
 from lidarcli.cli.track import track
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.pipeline.objects import following
-from lidarcli.pipeline.running import outcomes
+from lidarcli.pipeline.runs import over_logs
 from lidarcli.tabular import SCHEMAS
 from tests.pipeline.patient import Patient
 from tests.places import SAMPLES
@@ -145,7 +145,7 @@ def test_several_logs_by_processes_give_the_same_bytes(
 ) -> None:
     for jobs in ("1", "2"):
         if jobs == "2":
-            monkeypatch.setattr(outcomes, "WORTH_A_PROCESS", 1)
+            monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
         ran = lidarcli(
             "track", logs / "run.mcap", logs / "two.mcap", "-o", tmp_path / jobs, "--jobs", jobs, "--beams"
         )

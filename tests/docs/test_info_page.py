@@ -13,7 +13,7 @@ from lidarcli.cli.info_text import as_json
 from lidarcli.logs.base import Topic
 from lidarcli.logs.clock import ClockInfo
 from lidarcli.pipeline.inspecting import LogInfo, ScanInfo, Span
-from lidarcli.pipeline.reading.pose_finding import PoseInfo
+from lidarcli.pipeline.reading.pose_sources import PoseInfo
 from lidarcli.sweeps import Closure, Status
 from tests.places import ROOT
 

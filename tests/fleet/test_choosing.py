@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lidarcli.errors import OptionError, UnreadableError
-from lidarcli.pipeline.fleet.choosing import choose, is_in_shard
+from lidarcli.pipeline.inputs.search import choose, is_in_shard
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from tests.conftest import Ran
 from tests.places import SAMPLES

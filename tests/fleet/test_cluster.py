@@ -23,10 +23,10 @@ from cryptography.x509.oid import NameOID
 from benchmarks.fleet import KILLER, workers_of
 from lidarcli.cli.finding import refuse_elsewhere
 from lidarcli.errors import OutputError
-from lidarcli.pipeline.fleet.manifest import read_entries
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running import plain
-from lidarcli.pipeline.running.outcomes import Outcome
+from lidarcli.pipeline.reading.one_log import RunSummary
+from lidarcli.pipeline.runs import cluster
+from lidarcli.pipeline.runs.manifest import read_entries
+from lidarcli.pipeline.runs.over_logs import Outcome
 from tests.conftest import Ran
 from tests.descendants import descendants, gone
 from tests.fleet.conftest import tables
@@ -257,30 +257,30 @@ def test_results_are_read_as_data_alone(tmp_path: Path) -> None:
     summary = RunSummary(sweeps=5, topics={"/scan"}, dropped=[("/scan", "odd", 1)], outputs=["a.parquet"])
     summary.by_status["valid"] += 7
     outcomes = [Outcome("run.mcap", 3, summary, remark="again")]
-    assert plain.loads(pickle.dumps(outcomes)) == outcomes
-    found = plain.loads(pickle.dumps([1, "two", Evil(), {"three": Evil()}]))
+    assert cluster.load_data(pickle.dumps(outcomes)) == outcomes
+    found = cluster.load_data(pickle.dumps([1, "two", Evil(), {"three": Evil()}]))
     assert found[:2] == [1, "two"]
-    assert isinstance(found[2], plain.StandIn)
-    assert isinstance(found[3]["three"], plain.StandIn)
+    assert isinstance(found[2], cluster.StandIn)
+    assert isinstance(found[3]["three"], cluster.StandIn)
     # Errors of tasks are told apart by their names; workers pickle them by tblib.
     for error in (distributed.KilledWorker("key", None, 3), OSError(2, "gone"), ValueError("odd")):
         for sent in (error, Reduced(pickle_exception(error)), Reduced(type(error).__reduce__(error))):
-            told = plain.loads(pickle.dumps(sent))
-            assert isinstance(told, plain.StandIn)
+            told = cluster.load_data(pickle.dumps(sent))
+            assert isinstance(told, cluster.StandIn)
             assert type(told).__name__ == type(error).__name__
             assert told.args == error.args
     for code in (b"cos\nmkdir\n(S'x'\ntR.", b"(S'x'\nios\nmkdir\n.", b"cos\nmkdir\n(S'x'\nd\x81."):
         with suppress(Exception):
-            plain.loads(code)
+            cluster.load_data(code)
     assert [*tmp_path.iterdir()] == []
 
 
 @pytest.mark.parametrize(
     "name",
     [
-        *("collections Counter", "lidarcli.pipeline.reading.summary RunSummary"),
+        *("collections Counter", "lidarcli.pipeline.reading.one_log RunSummary"),
         *(
-            "lidarcli.pipeline.running.outcomes Outcome",
+            "lidarcli.pipeline.runs.over_logs Outcome",
             "tblib.pickling_support unpickle_exception",
             "os mkdir",
         ),
@@ -291,8 +291,8 @@ def test_no_answer_changes_a_class_of_this_process(name: str) -> None:
     # The class or function itself, and what it is asked to take for its attribute.
     state = b"(N(S'exit_code'\nS'changed'\ndtb."
     with suppress(Exception):
-        plain.loads(f"c{module}\n{kind}\n".encode() + state)
-    here = (Counter, RunSummary, Outcome, plain.StandIn, plain._exception, plain._none, os.mkdir)
+        cluster.load_data(f"c{module}\n{kind}\n".encode() + state)
+    here = (Counter, RunSummary, Outcome, cluster.StandIn, cluster._exception, cluster._none, os.mkdir)
     assert "changed" not in [getattr(each, "exit_code", None) for each in here]
 
 
@@ -346,7 +346,7 @@ def test_tls_by_the_configuration_of_dask(
 
 
 def test_a_port_that_anybody_reaches_is_warned_of() -> None:
-    from lidarcli.pipeline.running.cluster import danger
+    from lidarcli.pipeline.runs.cluster import danger
 
     assert danger("tcp://127.0.0.1:8786") is None
     assert danger("tls://10.0.0.1:8786") is None

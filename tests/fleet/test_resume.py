@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli import __version__
-from lidarcli.pipeline.fleet.manifest import read_entries
+from lidarcli.pipeline.runs.manifest import read_entries
 from lidarcli.simulate.writers import write_log
 from lidarcli.tabular.schemas import RUNS
 from tests import unprivileged

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lidarcli.formalism import Detection
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Closure, RawSweeps, SweepBatch
 from tests.formalism.reference import EACH_BEARING_ONCE, FIRST_BEARING_TWICE, NO_TURN, Sweep
 from tests.sweeping import raw_sweeps

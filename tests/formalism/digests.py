@@ -11,10 +11,10 @@ import numpy as np
 
 from benchmarks.scenes.random import FAULTS, KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import Detection, Parameters, detect, noise
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.sweeps import SweepBatch, concatenate
 from tests.formalism.odd_batches import odd_batches

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lidarcli.judging import NO_RETURN_WORDS, RangeRules, normalise
+from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, normalise
 from lidarcli.sweeps import SweepBatch
 from tests.sweeping import raw_sweeps
 

@@ -12,8 +12,8 @@ import pytest
 
 from lidarcli.formalism import detect, difference, noise, sweep
 from lidarcli.formalism.checks import check
-from lidarcli.judging import RangeRules as Rules
-from lidarcli.judging import count_statuses, normalise
+from lidarcli.range_rules import RangeRules as Rules
+from lidarcli.range_rules import count_statuses, normalise
 from lidarcli.sweeps import SweepBatch
 from tests.sweeping import room_sweeps
 

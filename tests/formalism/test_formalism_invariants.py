@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarcli.formalism import PROFILES, SETS, Detection, detect
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Closure, SweepBatch
 from tests.formalism.batches import (
     PER_BEAM,

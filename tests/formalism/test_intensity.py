@@ -18,7 +18,7 @@ from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import REMOVED, WALL
 from lidarcli.formalism.intensity import MOST_INTENSITY
 from lidarcli.formalism.medians import grouped_medians
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.load import load_scene
 from lidarcli.sweeps import TURN, Closure, SweepBatch

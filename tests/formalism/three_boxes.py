@@ -9,7 +9,7 @@ import numpy as np
 
 import lidarcli
 from lidarcli.formalism.catalogue import Catalogue, Thing
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import PARKED, Course, Scene, Sensor, super_ellipse

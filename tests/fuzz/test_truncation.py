@@ -18,8 +18,7 @@ from rosbags.rosbag1 import Reader
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import ReadReport
-from lidarcli.pipeline.inputs.opening import open_source
-from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.sources import Source, open_source
 from tools.fuzz.containers import BEAMS, CONTAINERS, SWEEPS, Sample, sample_of
 from tools.fuzz.logs import TOLD
 

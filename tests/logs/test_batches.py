@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarcli.errors import NoScanError
-from lidarcli.judging import RangeRules
 from lidarcli.logs import batches
 from lidarcli.logs.base import LASERSCAN, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions, read_batches
+from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import RawSweeps, Status, SweepBatch
 from tests.fake_log import FakeLog
 from tests.sweeping import raw_sweeps

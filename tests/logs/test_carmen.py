@@ -18,8 +18,7 @@ from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.logs.carmen.words import LASERS
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.reading.pose_finding import find_poses
-from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
 from lidarcli.poses.motion import planar
 from lidarcli.simulate import simulate
 from lidarcli.sweeps import RawSweeps, Status, concatenate

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import UnreadableError
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import OpenOptions
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Status, concatenate
 from tests.logs.watched import CsvLog
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import LidarcliError
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import OpenOptions
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 from tests.logs.watched import CsvLog
 from tests.sweeping import STEP, raw_sweeps

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import lidarcli
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import LASERSCAN, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.blocks import IN_DEGREES
 from lidarcli.logs.doubts import MOST, Doubts
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import TURN, RawSweeps, concatenate
 from lidarcli.times import as_time

@@ -149,7 +149,7 @@ def test_tables_tell_of_an_echo_that_is_not_the_first(tmp_path: Path) -> None:
 
 def test_a_report_shows_the_sweeps_of_the_echo_that_was_taken() -> None:
     """Metadata that somebody else has written does not steer it."""
-    from lidarcli.pipeline.reading.from_metadata import opening_of
+    from lidarcli.pipeline.reading.one_log import opening_of
 
     assert opening_of({"echo": "last", "csv": {"fov": 1.5}}) == OpenOptions(fov=1.5, echo="last")
     assert opening_of({"echo": "loudest"}) == opening_of({"echo": ["last"]}) == OpenOptions()

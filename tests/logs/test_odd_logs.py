@@ -26,11 +26,11 @@ from lidarcli.errors import NoScanError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, OpenOptions, ReadReport
 from lidarcli.logs.text import MAX_LINE
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.detecting_logs import detect_files
+from lidarcli.pipeline.detecting import detect_files, detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.ros.definitions import ros2_definition
 from tests.logs.mcap_samples import chunks
 from tests.logs.scan_messages import scan

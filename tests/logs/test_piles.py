@@ -14,11 +14,11 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.judging import RangeRules
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.piles import WINDOW, WINDOW_VALUES
+from lidarcli.range_rules import RangeRules
 from lidarcli.simulate.carmen_writer import write_carmen
 from lidarcli.simulate.csv_writer import write_csv
 from lidarcli.simulate.mcap_writer import write_mcap

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import UnreadableError
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.csv.log import CsvLog as AnyCsvLog
 from lidarcli.logs.csv.long_form import cut_turns
 from lidarcli.logs.csv.rplidar import BARE, LISTED, MEASURED, PRINTED, SAVED
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.rplidar_writer import write_rplidar
 from lidarcli.simulate.run import truth_paths
 from lidarcli.sweeps import RawSweeps, Status, concatenate

@@ -21,9 +21,10 @@ from lidarcli.formalism import Parameters
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.simulate.writers import write_log
 from lidarcli.tabular import OBJECTS
 from tests.pipeline.folders import logs_apart

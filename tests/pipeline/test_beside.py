@@ -11,14 +11,15 @@ import pytest
 
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.machine import Beside
 from lidarcli.pipeline.building import Building, BuildOptions
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.parts import Maker, Part
+from lidarcli.pipeline.objects import making
+from lidarcli.pipeline.objects.making import Maker, Part
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-from lidarcli.pipeline.reading import reading
-from lidarcli.pipeline.running import splitting
-from lidarcli.threads import Beside
+from lidarcli.pipeline.reading import one_log
 from tests.places import SAMPLES
 
 DRIVE = Source(str(SAMPLES / "drive.db3"), "drive")
@@ -28,9 +29,9 @@ ALONE = DetectOptions(read=ReadOptions(batch_size=8), cores=1)
 @pytest.fixture
 def taken(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """What the thread was given, which is called after the first batch; another one reads ahead."""
-    monkeypatch.setattr(splitting, "ALONE", 1)
-    monkeypatch.setattr(splitting, "BLOCK", 1)
-    monkeypatch.setattr(reading, "WORTH_A_THREAD", 0)
+    monkeypatch.setattr(making, "ALONE", 1)
+    monkeypatch.setattr(making, "BLOCK", 1)
+    monkeypatch.setattr(one_log, "WORTH_A_THREAD", 0)
     given: list[object] = []
 
     class Noting(Beside):
@@ -38,7 +39,7 @@ def taken(monkeypatch: pytest.MonkeyPatch) -> list[object]:
             given.append(arguments)
             return super().submit(work, *arguments, **options)
 
-    monkeypatch.setattr(splitting, "Beside", Noting)
+    monkeypatch.setattr(making, "Beside", Noting)
     return given
 
 
@@ -87,6 +88,6 @@ def test_an_error_in_the_thread_is_one_of_the_run(
 
 
 def test_short_logs_need_no_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(splitting, "Beside", None)
+    monkeypatch.setattr(making, "Beside", None)
     detect_to_files(DRIVE, tmp_path, replace(ALONE, cores=2))
     assert len(list(tmp_path.iterdir())) == 2

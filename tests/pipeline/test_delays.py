@@ -17,19 +17,25 @@ from benchmarks.scenes.moving import moving_scene
 from lidarcli.cli import run
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import _poses
-from lidarcli.judging import RangeRules
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.choice import TopicChoice
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions
-from lidarcli.pipeline.reading import delays, reading
-from lidarcli.pipeline.reading.delays import TRACKS, Delay, DelaySearch, first_delays
-from lidarcli.pipeline.reading.pose_finding import find_poses
-from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.pipeline.reading.reading import Reading
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.reading import one_log, pose_sources
+from lidarcli.pipeline.reading.one_log import Reading
+from lidarcli.pipeline.reading.pose_sources import (
+    TRACKS,
+    Delay,
+    DelaySearch,
+    PoseOptions,
+    find_poses,
+    first_delays,
+)
+from lidarcli.range_rules import RangeRules
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import simulate_odometry
@@ -166,7 +172,7 @@ def test_who_does_not_follow_things_reads_once(
     def never(*_: object) -> None:
         raise AssertionError("a pass before")
 
-    monkeypatch.setattr(reading, "first_delays", never)
+    monkeypatch.setattr(one_log, "first_delays", never)
     lidarcli.detect(late)
     lidarcli.learn(late)
     lidarcli.track(late, pose_delay=0.0)
@@ -246,7 +252,7 @@ def test_no_more_is_read_than_it_takes(
 ) -> None:
     """A sample that is full, a limit, or the end of the log; of the sweeps that are judged together all are read."""
     monkeypatch.setattr("lidarcli.poses.delay.SWEEPS", enough)
-    monkeypatch.setattr(delays, "MOST_SWEEPS", most)
+    monkeypatch.setattr(pose_sources, "MOST_SWEEPS", most)
     monkeypatch.setattr("lidarcli.logs.piles.WINDOW", 30)
     log = Counted(late)
     with log.log:
@@ -260,7 +266,7 @@ def test_only_the_first_topics_are_looked_at(
     tmp_path: Path, drive: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path / "two.mcap", drive, LATE, LATE, sweeps=60)
-    monkeypatch.setattr(delays, "MAX_DELAYS", 1)
+    monkeypatch.setattr(pose_sources, "MAX_DELAYS", 1)
     with open_log(str(path)) as log:
         poses = find_poses(log)
         assert poses is not None

@@ -14,9 +14,10 @@ from lidarcli.formalism import Parameters
 from lidarcli.logs.base import OpenOptions, ReadReport, Topic
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline import detecting
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.summary import damage_lines
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.reading.one_log import damage_lines
 from lidarcli.simulate.writers import write_log
 from tests.pipeline.in_memory import CLOUD, SCAN, SOURCE, Opens, block
 

@@ -19,12 +19,12 @@ from lidarcli.errors import OptionError, OutputError
 from lidarcli.formalism.catalogue import Catalogue, Thing
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects import following
+from lidarcli.pipeline.objects import following, making
 from lidarcli.pipeline.objects.following import Following, TrackOptions
-from lidarcli.pipeline.objects.parts import Made, rows_of
-from lidarcli.pipeline.running import splitting
+from lidarcli.pipeline.objects.making import Made, rows_of
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
 from lidarcli.tabular import SCHEMAS
@@ -160,8 +160,8 @@ def test_what_does_not_change_is_that_of_detect(
 def test_the_same_bytes_for_any_batch_size_and_jobs(
     source: Source, tmp_path: Path, patient: list[Patient], monkeypatch: pytest.MonkeyPatch, beams: bool
 ) -> None:
-    monkeypatch.setattr(splitting, "ALONE", 1)
-    monkeypatch.setattr(splitting, "BLOCK", 1)
+    monkeypatch.setattr(making, "ALONE", 1)
+    monkeypatch.setattr(making, "BLOCK", 1)
     written = set()
     for jobs, size in ((1, 768), (1, 7), (3, 64)):
         folder = tmp_path / f"{jobs}-{size}"

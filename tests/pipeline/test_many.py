@@ -9,10 +9,10 @@ import pytest
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
 from lidarcli.pipeline import detecting
-from lidarcli.pipeline.detecting import DetectOptions
-from lidarcli.pipeline.detecting_logs import detect_files
+from lidarcli.pipeline.detecting import detect_files
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.running.outcomes import Outcome, exit_code, outcome_of
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.runs.over_logs import Outcome, exit_code, outcome_of
 from tests.fake_log import FakeLog
 from tests.pipeline.in_memory import SCAN, SOURCE, block
 

@@ -13,8 +13,8 @@ from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.map_files import MapRun
 from lidarcli.pipeline.mapping import MapOptions, Mapping
-from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.pipeline.running import outcomes
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.pipeline.runs import over_logs
 from lidarcli.simulate import simulate
 from tests.places import SAMPLES
 
@@ -29,7 +29,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def make(folder: Path, logs: list[str], out: Path, options: MapOptions) -> list[outcomes.Outcome]:
+def make(folder: Path, logs: list[str], out: Path, options: MapOptions) -> list[over_logs.Outcome]:
     out.mkdir()
     with MapRun(
         find_logs([str(folder / log) for log in logs]), [out / "grid.yaml", out / "grid.mcap"], options
@@ -48,7 +48,7 @@ def test_processes_and_the_order_of_logs_make_no_difference(
 ) -> None:
     make(drives, LOGS, tmp_path / "one", MapOptions(jobs=1))
     make(drives, LOGS[::-1], tmp_path / "turned", MapOptions(jobs=1))
-    monkeypatch.setattr(outcomes, "WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
     done = make(drives, LOGS, tmp_path / "two", MapOptions(jobs=2))
     assert [Path(one.label).name for one in done] == LOGS
     assert [one.exit_code for one in done] == [0, 0, 0]
@@ -62,7 +62,7 @@ def test_processes_and_the_order_of_logs_make_no_difference(
 def test_processes_refuse_what_one_refuses(
     drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(outcomes, "WORTH_A_PROCESS", 1)
+    monkeypatch.setattr(over_logs, "WORTH_A_PROCESS", 1)
     for jobs in (1, 2):
         with pytest.raises(OptionError, match=r"the map would reach over \d+ x \d+ m, more than 1e-05 km²"):
             make(drives, LOGS, tmp_path / str(jobs), MapOptions(max_size=1e-5, jobs=jobs))

@@ -10,12 +10,11 @@ import pytest
 
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.pipeline.inputs.opening import open_source
 from lidarcli.pipeline.inputs.search import log_name
-from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading import reading as module
-from lidarcli.pipeline.reading.pose_options import PoseOptions
-from lidarcli.pipeline.reading.reading import Reading
+from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.reading import one_log
+from lidarcli.pipeline.reading.one_log import Reading
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.sweeps import SweepBatch
 from tests.places import SAMPLES
 
@@ -30,7 +29,7 @@ def source(request: pytest.FixtureRequest) -> Source:
 
 @pytest.fixture
 def ahead(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "WORTH_A_THREAD", 0)
+    monkeypatch.setattr(one_log, "WORTH_A_THREAD", 0)
 
 
 def readers() -> list[str]:
@@ -52,10 +51,10 @@ def test_small_files_need_no_thread(source: Source) -> None:
 
 def test_the_same_batches_at_the_same_places(source: Source, monkeypatch: pytest.MonkeyPatch) -> None:
     expected, places = read(source)
-    monkeypatch.setattr(module, "WORTH_A_THREAD", 0)
+    monkeypatch.setattr(one_log, "WORTH_A_THREAD", 0)
     found, positions = read(source)
     assert positions == places
-    assert len(found) == len(expected) > module.AHEAD
+    assert len(found) == len(expected) > one_log.AHEAD
     for one, other in zip(found, expected, strict=True):
         assert one.topic == other.topic
         assert one.ranges.tobytes() == other.ranges.tobytes()
@@ -78,7 +77,7 @@ def test_no_thread_is_left_when_a_run_breaks_off(source: Source) -> None:
 
 @pytest.mark.usefixtures("ahead")
 def test_what_goes_wrong_is_raised_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    read_batches = module.read_batches
+    read_batches = one_log.read_batches
 
     def breaks(*arguments: object) -> Iterator[SweepBatch]:
         for number, batch in enumerate(read_batches(*arguments)):  # type: ignore[arg-type]
@@ -86,7 +85,7 @@ def test_what_goes_wrong_is_raised_in_its_place(monkeypatch: pytest.MonkeyPatch)
                 raise MemoryError("too much")
             yield batch
 
-    monkeypatch.setattr(module, "read_batches", breaks)
+    monkeypatch.setattr(one_log, "read_batches", breaks)
     source = Source(str(SAMPLES / "room.mcap"), "room")
     seen: list[SweepBatch] = []
     with (

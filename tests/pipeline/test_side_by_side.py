@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running.side_by_side import side_by_side
+from lidarcli.pipeline.reading.one_log import RunSummary
+from lidarcli.pipeline.runs.processes import side_by_side
 
 pytestmark = pytest.mark.slow
 

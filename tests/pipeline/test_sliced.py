@@ -15,10 +15,10 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import NoScanError, OptionError
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import LASERSCAN, POINTCLOUD2, OpenOptions, ReadReport, Slice, Topic
-from lidarcli.pipeline.inputs.sliced import SlicedLog
+from lidarcli.pipeline.inputs.sources import SlicedLog
 from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import simulate
 from lidarcli.sweeps import Status
 from tests.fake_log import FakeLog

@@ -20,24 +20,25 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidarcli import machine
 from lidarcli.formalism import Parameters
 from lidarcli.logs.batches import ReadOptions
+from lidarcli.machine import Beside
 from lidarcli.pipeline.building import Building, BuildOptions
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
-from lidarcli.pipeline.detecting_logs import detect_files, detect_stream
+from lidarcli.pipeline.detecting import detect_files, detect_stream, detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.objects.parts import Maker, Part, Recipe
+from lidarcli.pipeline.objects import making
+from lidarcli.pipeline.objects.making import Maker, Part, Recipe, Splitting
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-from lidarcli.pipeline.reading.pose_options import NO_POSES
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running import cores, outcomes, processes, splitting
-from lidarcli.pipeline.running.splitting import Splitting
+from lidarcli.pipeline.reading.one_log import RunSummary
+from lidarcli.pipeline.reading.pose_sources import NO_POSES
+from lidarcli.pipeline.runs import over_logs, processes
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import SweepBatch
-from lidarcli.threads import Beside
 from tests.descendants import descendants, gone
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps, round_room
@@ -80,8 +81,8 @@ class Seen:
 def eager(monkeypatch: pytest.MonkeyPatch) -> Seen:
     """Threads that are called after the first batch, and batches that are handed out one by one."""
     seen = Seen()
-    monkeypatch.setattr(splitting, "ALONE", 1)
-    monkeypatch.setattr(splitting, "BLOCK", 1)
+    monkeypatch.setattr(making, "ALONE", 1)
+    monkeypatch.setattr(making, "BLOCK", 1)
 
     class Counted(Beside):
         def __init__(self, name: str, count: int = 1) -> None:
@@ -92,7 +93,7 @@ def eager(monkeypatch: pytest.MonkeyPatch) -> Seen:
             seen.taken += 1
             return super().submit(*arguments, **options)
 
-    monkeypatch.setattr(splitting, "Beside", Counted)
+    monkeypatch.setattr(making, "Beside", Counted)
     return seen
 
 
@@ -246,8 +247,8 @@ def _none_wanted(*arguments: object) -> None:
 
 
 def test_short_logs_need_no_help(source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "start", _none_wanted)
-    monkeypatch.setattr(splitting, "Beside", _none_wanted)
+    monkeypatch.setattr(processes, "start_workers", _none_wanted)
+    monkeypatch.setattr(making, "Beside", _none_wanted)
     options = DetectOptions(jobs=8, cores=8)
     outcomes = list(detect_files([source, replace(source, name="again")], tmp_path, options))
     assert [outcome.exit_code for outcome in outcomes] == [3, 3]
@@ -275,7 +276,7 @@ def test_threads_are_called_for_what_lies_ahead(
     monkeypatch: pytest.MonkeyPatch, ahead: int | None, counted: int, calls: bool
 ) -> None:
     """2,000,000 ranges are 18,519 sweeps of 108 beams, as a hundred that were read had them."""
-    monkeypatch.setattr(splitting, "Beside", _none_wanted)
+    monkeypatch.setattr(making, "Beside", _none_wanted)
     stand_in, recipe = reading(iter([batch_of(30)]), ahead, counted)
     with Splitting(stand_in, recipe, 2) as work:
         if calls:
@@ -286,8 +287,8 @@ def test_threads_are_called_for_what_lies_ahead(
 
 
 def test_of_a_pipe_what_lies_behind_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(splitting, "Beside", _none_wanted)
-    monkeypatch.setattr(splitting, "ALONE", 100_000)
+    monkeypatch.setattr(making, "Beside", _none_wanted)
+    monkeypatch.setattr(making, "ALONE", 100_000)
     # Nothing is waited for, however busy the machine is.
     monkeypatch.setattr(Splitting, "_timed", lambda self, batches: ((batch, 0.0) for batch in batches))
     stand_in, recipe = reading(iter([batch_of(256)] * 2))
@@ -300,8 +301,8 @@ def test_of_a_pipe_what_lies_behind_counts(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_a_live_source_is_not_kept_waiting(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every batch that was long in coming is out before the next one is asked for."""
-    monkeypatch.setattr(splitting, "PATIENCE", 0.05)
-    monkeypatch.setattr(splitting, "BLOCK", 10**9)
+    monkeypatch.setattr(making, "PATIENCE", 0.05)
+    monkeypatch.setattr(making, "BLOCK", 10**9)
     asked = Counter[str]()
 
     def slowly() -> Iterator[SweepBatch]:
@@ -335,8 +336,8 @@ def test_parts_keep_their_order(eager: Seen) -> None:
 
 def test_finished_parts_that_wait_are_few(eager: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
     """A thread that stands still holds up the others once enough is waiting for it."""
-    monkeypatch.setattr(splitting, "MOST_WAITING", 2)
-    monkeypatch.setattr(splitting, "DEPTH", 1)
+    monkeypatch.setattr(making, "MOST_WAITING", 2)
+    monkeypatch.setattr(making, "DEPTH", 1)
     read = 0
 
     def batches() -> Iterator[SweepBatch]:
@@ -379,7 +380,7 @@ def test_logs_at_the_same_time(
 ) -> None:
     monkeypatch.setattr(Source, "size", property(lambda source: int(source.path)))
     assert (
-        outcomes.logs_at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs)
+        over_logs.logs_at_once([Source(str(size), f"log{k}") for k, size in enumerate(sizes)], jobs)
         == expected
     )
 
@@ -391,7 +392,7 @@ def test_processes_are_shared_between_logs(tmp_path: Path, monkeypatch: pytest.M
         asked.append((jobs, work.keywords["options"].jobs))
         return iter(sources)
 
-    monkeypatch.setattr("lidarcli.pipeline.running.side_by_side.side_by_side", side_by_side)
+    monkeypatch.setattr("lidarcli.pipeline.runs.processes.side_by_side", side_by_side)
     sources = [Source(f"fifo{k}", f"log{k}") for k in range(3)]
     for jobs in (2, 3, 8):
         list(detect_files(sources, tmp_path, DetectOptions(jobs=jobs)))
@@ -403,10 +404,10 @@ def test_processes_are_shared_between_logs(tmp_path: Path, monkeypatch: pytest.M
 )
 def test_cores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quota: str, expected: int) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: set(range(6)), raising=False)
-    monkeypatch.setattr(cores, "_QUOTA", tmp_path / "cpu.max")
-    assert cores.cores() == 6
+    monkeypatch.setattr(machine, "_QUOTA", tmp_path / "cpu.max")
+    assert machine.cores() == 6
     (tmp_path / "cpu.max").write_text(f"{quota}\n")
-    assert cores.cores() == expected
+    assert machine.cores() == expected
 
 
 def test_maker_counts_as_the_whole_run_does(source: Source) -> None:
@@ -422,7 +423,7 @@ def test_maker_counts_as_the_whole_run_does(source: Source) -> None:
 
 
 def test_sweeps_without_beams_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(splitting, "ALONE", 1)
+    monkeypatch.setattr(making, "ALONE", 1)
     empty = replace(batch_of(1, 120), beams=np.zeros(1, np.int32), ranges=np.empty((1, 0), np.float32))
     empty = replace(empty, status=np.empty((1, 0), np.uint8)).rows(np.zeros(40_000, np.int64))
     taken = Counter[str]()
@@ -445,7 +446,7 @@ def test_sweeps_without_beams_do_not_pile_up(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_system_without_threads_to_give_does_without(
     source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, eager: Seen
 ) -> None:
-    monkeypatch.setattr("lidarcli.pipeline.reading.reading.WORTH_A_THREAD", 0)
+    monkeypatch.setattr("lidarcli.pipeline.reading.one_log.WORTH_A_THREAD", 0)
     expected, _ = files(source, tmp_path / "with", DetectOptions(jobs=2, cores=2))
     start = threading.Thread.start
 

@@ -10,8 +10,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lidarcli.tabular.metadata import table_metadata
 from lidarcli.tabular.schemas import TRACKS
+from lidarcli.tabular.writing import table_metadata
 
 ROOM: tuple[dict[str, Any], ...] = (
     {"x": 2.0, "y": -1.4, "length": 0.8, "width": 0.6, "shape": "prismatic", "label": "brown box"},

@@ -19,9 +19,8 @@ from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.reading import delays, pose_options
-from lidarcli.pipeline.reading.pose_finding import find_poses
-from lidarcli.pipeline.reading.pose_options import MOST_DELAY
+from lidarcli.pipeline.reading import pose_sources
+from lidarcli.pipeline.reading.pose_sources import MOST_DELAY, find_poses
 from lidarcli.poses import delay as module
 from lidarcli.poses.delay import LEAST_SWEEPS, SWEEPS, DelaySample
 from lidarcli.simulate.generate import simulate_blocks
@@ -228,7 +227,7 @@ def test_delays_of_real_logs(log: str, delay: dict[str, str]) -> None:
 def test_every_constant_is_documented_with_its_value() -> None:
     page = (ROOT / "docs" / "poses.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)\.(\w+)` \| ([\d.]+) \|", page, re.MULTILINE)
-    modules = {"pose_options": pose_options, "delay": module, "delays": delays}
+    modules = {"pose_sources": pose_sources, "delay": module}
     assert {(room, name) for room, name, _ in rows} >= {
         ("delay", name) for name in vars(module) if name.isupper() and name != "SECOND_NS"
     }

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.pipeline.reading.delays import Delay
-from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.pipeline.reading.pose_sources import Delay, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.sweeps import SweepBatch
 from tests.poses.pose_messages import SECOND, odometry, tf

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from lidarcli.errors import OptionError
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.poses.matched import PATIENCE, Matching
 from lidarcli.poses.motion import planar
 from lidarcli.poses.tracks import SECOND_NS, Track
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import START_NS, simulate_blocks
 from lidarcli.simulate.load import load_scene

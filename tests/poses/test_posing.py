@@ -17,14 +17,14 @@ import pytest
 
 import lidarcli
 from lidarcli.cli import run
-from lidarcli.judging import RangeRules, normalise
 from lidarcli.logs.base import LASERSCAN, Damage, Message, ReadReport, Topic
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.reading.delays import Delay
-from lidarcli.pipeline.reading.pose_options import NO_POSES, PoseOptions
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.reading.pose_sources import NO_POSES, Delay, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.odometry import SimulatedPoses, simulate_odometry

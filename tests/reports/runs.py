@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lidarcli.reports.columns import Origin, Rows, Run
-from lidarcli.tabular.metadata import table_metadata
 from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS
+from lidarcli.tabular.writing import table_metadata
 
 START = 1_700_000_000_000_000_000
 TENTH = 100_000_000

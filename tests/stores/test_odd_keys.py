@@ -6,7 +6,7 @@ from typing import cast
 
 import pytest
 
-from lidarcli.pipeline.inputs import store_search
+from lidarcli.pipeline.inputs import search
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.stores.url import State, Url, blotted
 
@@ -23,7 +23,7 @@ def test_keys_that_stand_for_no_place_are_told() -> None:
         "day/../notes.md": "",
     }
     objects = {base / name: State(1, 1) for name in causes}
-    found = {each.path: each for each in store_search._below(base, objects)}
+    found = {each.path: each for each in search._stored_below(base, objects)}
     assert sorted(found) == sorted(f"s3://b/logs/{name}" for name, cause in causes.items() if cause != "")
     for name, cause in causes.items():
         if cause is None:

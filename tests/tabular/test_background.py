@@ -22,8 +22,8 @@ from lidarcli.formalism.background.learning import Learning
 from lidarcli.formalism.background.model import Background
 from lidarcli.sweeps import SweepPoses
 from lidarcli.tabular.background import GEOMETRY, background_rows, read_background, write_background
-from lidarcli.tabular.metadata import PARAMETERS, SOURCE, VERSION, table_metadata
 from lidarcli.tabular.schemas import BACKGROUND, SCHEMAS
+from lidarcli.tabular.writing import PARAMETERS, SOURCE, VERSION, table_metadata
 
 CONTRACT = [
     ("topic", "dictionary<values=string, indices=int32, ordered=0>"),

@@ -16,9 +16,8 @@ from lidarcli.errors import OutputError
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import OBJECTS, SCHEMAS
-from lidarcli.tabular.files import TableFiles, table_paths
-from lidarcli.tabular.metadata import table_metadata
 from lidarcli.tabular.rows import objects_rows
+from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 from tests.tabular.writing import METADATA, write_files
 
 
@@ -85,7 +84,7 @@ def test_failure_leaves_nothing(
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from lidarcli.tabular.files import TableFiles, table_paths
+from lidarcli.tabular.writing import TableFiles, table_paths
 files = TableFiles(table_paths(Path(sys.argv[1]), "run", ("objects", "sweeps")), None)
 os.kill(os.getpid(), signal.SIGKILL)
 """

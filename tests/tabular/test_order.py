@@ -13,9 +13,8 @@ import pytest
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular import OBJECTS
-from lidarcli.tabular.files import TableFiles, table_paths
-from lidarcli.tabular.order import TopicOrder
 from lidarcli.tabular.rows import objects_rows, sweeps_rows
+from lidarcli.tabular.writing import TableFiles, TopicOrder, table_paths
 from tests.tabular.writing import METADATA, write_files
 
 

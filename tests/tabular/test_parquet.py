@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.newfiles import NewFiles
-from lidarcli.tabular.parquet import ROWS_PER_GROUP, ParquetSink, TableFile
+from lidarcli.tabular.writing import ROWS_PER_GROUP, ParquetSink, TableFile
 
 
 def test_row_groups_have_equal_size() -> None:
@@ -65,7 +65,7 @@ from pathlib import Path
 import numpy as np, pyarrow as pa
 from lidarcli.errors import OutputError
 from lidarcli.newfiles import NewFiles
-from lidarcli.tabular.parquet import TableFile
+from lidarcli.tabular.writing import TableFile
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20))
 schema = pa.schema([pa.field("x", pa.float64())])

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from lidarcli.tabular.files import TableFiles, table_paths
-from lidarcli.tabular.metadata import table_metadata
+from lidarcli.tabular.writing import TableFiles, table_metadata, table_paths
 
 STAMPS = np.array([1_700_000_000_123_456_789, 1_700_000_000_223_456_789, 1_700_000_000_323_456_789])
 METADATA = table_metadata({"profile": "robust"}, {"name": "run.mcap", "size": 12, "format": "mcap"})

@@ -19,13 +19,13 @@ from lidarcli.errors import LidarcliError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.pipeline.detecting import DetectOptions, detect_to_files
+from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.search import find_logs
-from lidarcli.pipeline.inputs.sliced import SlicedLog
-from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.inputs.sources import SlicedLog, Source
 from lidarcli.pipeline.inspecting import LogInfo, inspect_log
 from lidarcli.pipeline.objects.following import TrackOptions
-from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, attempt, outcome_of
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, attempt, outcome_of
 from tools.fuzz.place import Place
 
 TOLD = OpenOptions(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism.background.stations import Shift
-from lidarcli.judging import NEAREST
+from lidarcli.range_rules import NEAREST
 from lidarcli.records import record
 from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, SweepBatch
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
+from lidarcli.display import Facts, counted, shown, span
 from lidarcli.formalism.background.grid import Grid
 from lidarcli.records import record
-from lidarcli.showing import Facts, counted, shown, span
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses
 
 KNOWN_GAP = 0.05

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.display import Facts, counted, shown, span
 from lidarcli.records import record
-from lidarcli.showing import Facts, counted, shown, span
 
 Int8 = NDArray[np.int8]
 

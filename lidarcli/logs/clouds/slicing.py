@@ -8,13 +8,13 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from lidarcli.judging import FARTHEST, NEAREST
+from lidarcli.display import counted
 from lidarcli.logs.base import MAX_MESSAGE, Message, ReadReport, Slice
 from lidarcli.logs.blocks import as_singles, pad_intensities
 from lidarcli.logs.clouds import foxglove, pointcloud2
 from lidarcli.logs.clouds.bins import Bins, Fill
 from lidarcli.logs.clouds.cloud import BadCloudError, Cloud, Floats
-from lidarcli.showing import counted
+from lidarcli.range_rules import FARTHEST, NEAREST
 from lidarcli.sweeps import Float32, Float64, Int64, RawSweeps
 
 ROWS = 64

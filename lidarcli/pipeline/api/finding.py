@@ -22,8 +22,8 @@ from lidarcli.pipeline.api.options import (
 )
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
-from lidarcli.pipeline.collecting import TrackTables, of_batches, of_logs
-from lidarcli.pipeline.detecting import DetectOptions
+from lidarcli.pipeline.detecting import TrackTables, of_batches, of_logs
+from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.sweeps import SweepBatch
 
 if TYPE_CHECKING:

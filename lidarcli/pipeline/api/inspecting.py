@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Unpack
 
-from lidarcli.errors import NoScanError
+from lidarcli.errors import NoScanError, warn
 from lidarcli.logs.choice import clouds_hint, no_scan_topic
 from lidarcli.pipeline.api.keywords import Inspecting, Paths
 from lidarcli.pipeline.api.options import opening_options, pose_options, rules
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
-from lidarcli.pipeline.collecting import Failed
-from lidarcli.pipeline.info_json import info_dict
-from lidarcli.pipeline.inspecting import inspect_log
-from lidarcli.pipeline.warned import warn
+from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.inspecting import info_dict, inspect_log
 
 
 @with_keywords

@@ -6,13 +6,13 @@ import math
 from os import fspath
 from typing import Unpack
 
+from lidarcli.errors import warn
 from lidarcli.formalism.background.model import Background
 from lidarcli.pipeline.api.keywords import AnyPath, Learning, Paths
 from lidarcli.pipeline.api.options import opening_options, pose_options, read_options
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
 from lidarcli.pipeline.building import Building, BuildOptions, refuse_nothing, refuse_output
-from lidarcli.pipeline.warned import warn
 from lidarcli.stores.url import place
 
 

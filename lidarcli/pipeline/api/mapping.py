@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Unpack
 
+from lidarcli.errors import warn
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.pipeline.api.keywords import Mapping, Paths, Reading, defaults_of
 from lidarcli.pipeline.api.options import opening_options, pose_options, read_options, several
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
-from lidarcli.pipeline.collecting import Failed
+from lidarcli.pipeline.detecting import Failed
 from lidarcli.pipeline.map_files import MapRun
 from lidarcli.pipeline.mapping import MapOptions
-from lidarcli.pipeline.warned import warn
 from lidarcli.stores.url import place
 
 _READING = defaults_of(Reading)

@@ -10,14 +10,14 @@ from typing import Any
 from lidarcli.errors import OptionError
 from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.judging import RangeRules, parse_no_return
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.logs.options import open_options, range_rules
 from lidarcli.pipeline.api.keywords import AnyPath, Objects, Paths
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions
-from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
+from lidarcli.range_rules import RangeRules, parse_no_return
 
 Told = Mapping[str, Any]
 """Keywords with their values; all those of a group are there."""

@@ -8,7 +8,7 @@ from os import fspath
 from typing import Unpack
 
 from lidarcli.choices import VIEWS, Look
-from lidarcli.errors import OptionError
+from lidarcli.errors import OptionError, warn
 from lidarcli.formalism import Parameters
 from lidarcli.pipeline.api.keywords import AnyPath, Delay, Plotting, Poses, Ranges, defaults_of
 from lidarcli.pipeline.api.options import Told, opening_options, parameters_of, path_text, pose_options, rules
@@ -16,7 +16,6 @@ from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import path_of
 from lidarcli.pipeline.inputs.search import one_log
 from lidarcli.pipeline.plotting import PlotOptions, picture_of, sweep_at, take_pictures, write_pictures
-from lidarcli.pipeline.warned import warn
 from lidarcli.reports.drawing import Axes, Figure, figure_of
 from lidarcli.reports.picture import Picture
 from lidarcli.stores.url import place

@@ -6,19 +6,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Unpack
 
+from lidarcli.errors import warn
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.pipeline.api.keywords import Paths, Reading
 from lidarcli.pipeline.api.options import opening_options, pose_options, read_options
 from lidarcli.pipeline.api.signatures import with_keywords
 from lidarcli.pipeline.api.sources import sources_of
-from lidarcli.pipeline.collecting import Failed
-from lidarcli.pipeline.inputs.opening import open_source
-from lidarcli.pipeline.inputs.sources import Source
-from lidarcli.pipeline.reading.pose_options import PoseOptions
+from lidarcli.pipeline.detecting import Failed
+from lidarcli.pipeline.inputs.sources import Source, open_source
+from lidarcli.pipeline.reading.one_log import damage_lines
+from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
-from lidarcli.pipeline.reading.summary import damage_lines
-from lidarcli.pipeline.warned import warn
 from lidarcli.sweeps import SweepBatch
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any, Unpack
 
+from lidarcli.errors import warn
 from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.api.keywords import Paths, Reporting
 from lidarcli.pipeline.api.options import several
@@ -22,7 +23,6 @@ from lidarcli.pipeline.reporting import (
     render,
     understand,
 )
-from lidarcli.pipeline.warned import warn
 from lidarcli.reports.checks import Verdict
 from lidarcli.reports.json import as_dict
 from lidarcli.stores.url import place

@@ -7,9 +7,9 @@ from dataclasses import replace
 from os import PathLike, fspath
 from typing import Any
 
+from lidarcli.errors import warn
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.warned import warn
 
 
 def sources_of(log: Any) -> list[Source]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from os import PathLike, fspath
 
 from lidarcli.errors import OptionError
-from lidarcli.fields import Fields
 from lidarcli.formalism.catalogue import KINDS, Catalogue, Thing
 from lidarcli.formalism.intensity import MOST_INTENSITY
-from lidarcli.tomlfiles import read_toml
+from lidarcli.tomlfiles import Fields, read_toml
 
 MOST_THINGS = 1000
 """Every object is compared with each of them."""

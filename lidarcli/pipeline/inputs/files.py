@@ -190,8 +190,21 @@ def all_files(folder: Place, suffix: str) -> list[Place]:
         raise UnreadableError(f"{folder}: cannot be searched: {err.strerror or err}") from err
 
 
+def read_file(name: str) -> bytes:
+    """A file as a whole; `UnreadableError` where it cannot be read."""
+    where = place(name)
+    if isinstance(where, Url):
+        from lidarcli.stores.store import read_object
+
+        return read_object(where)
+    try:
+        return where.read_bytes()
+    except OSError as err:
+        raise UnreadableError(f"{name}: cannot be read: {err.strerror or err}") from err
+
+
 def _stored(url: Url) -> tuple[Named, list[Place], list[UnreadableError]]:
-    from lidarcli.pipeline.inputs.store_search import objects_matching
+    from lidarcli.pipeline.inputs.search import objects_matching
     from lidarcli.stores.store import has_bucket, listing
 
     if url.has_magic():

@@ -1,23 +1,26 @@
-"""From what a user names to the logs it means: files, folders to search, ROS 2 bags, standard input."""
+"""From what a user names to the logs it means: files, folders, URLs, patterns, lists and shares of them."""
 
 from __future__ import annotations
 
+import codecs
 import glob
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path, PurePath
+from fnmatch import fnmatchcase
+from hashlib import blake2b
+from pathlib import Path, PurePath, PurePosixPath
 
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.logs.base import BINARY_SUFFIXES, TEXT_LOG_SUFFIXES, TEXT_SUFFIXES
 from lidarcli.logs.rosbag2.folder import is_bag
-from lidarcli.pipeline.inputs.files import fixed_part, matching
-from lidarcli.pipeline.inputs.opening import hold_one_sweep_each
-from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source
-from lidarcli.stores.url import Place, is_url
+from lidarcli.pipeline.inputs.files import fixed_part, matching, read_file
+from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source, hold_one_sweep_each
+from lidarcli.stores.url import Place, State, Url, is_url, place
 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
 """What a search of a folder takes for a log; a file that is named is opened whatever its suffix."""
@@ -44,9 +47,6 @@ def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
     found: list[Source | Nothing] = []
     for text in inputs:
         if is_url(text):
-            # Who reads no store does not wait for this import.
-            from lidarcli.pipeline.inputs.store_search import find_stored
-
             found.extend(find_stored(text))
             continue
         path = Path(text)
@@ -241,3 +241,260 @@ def _keyed(pattern: str, found: Iterable[Source | Nothing]) -> Iterator[Source |
 
 def known_suffixes() -> str:
     return "searched for " + " ".join(f"*{suffix}" for suffix in SUFFIXES)
+
+
+Objects = Mapping[Url, State]
+
+
+def find_stored(text: str) -> list[Source | Nothing]:
+    """The logs that a URL means: an object, all below a folder, or those that match a pattern; sorted by name.
+
+    In a pattern `*` and `?` stop at a slash and `**/` stands for any folders. Where listing fails, one `Nothing` says why.
+    """
+    from lidarcli.stores.store import head, is_folder, listing
+
+    url = place(text)
+    assert isinstance(url, Url)
+    try:
+        # Not asked of what can only be a folder or a pattern; names may hold brackets.
+        if url.key and not text.endswith("/") and "*" not in url.key and (state := head(url)) is not None:
+            return [Source(str(url), stem_of(url.name), found=state)]
+        if url.has_magic() and ("*" in url.key or not is_folder(url)):
+            return _matching(text, url)
+        objects = dict(listing(url))
+        found = _stored_below(url, objects)
+        if not found:
+            return [Nothing(text, UnreadableError(_why_none(url, objects)))]
+        return found
+    except UnreadableError as err:
+        return [Nothing(text, UnreadableError(str(err).removeprefix(f"{url}: ")))]
+
+
+def _why_none(url: Url, objects: Objects) -> str:
+    from lidarcli.stores.store import has_bucket
+
+    if objects:
+        return f"no log in this folder ({known_suffixes()})"
+    return "no such object or folder" if has_bucket(url) else "there is no such bucket"
+
+
+def _stored_below(base: Url, objects: Objects) -> list[Source | Nothing]:
+    """All logs below a folder: bags and folders of sweeps, each as one log, and objects by their suffix."""
+    folders: dict[str, list[Url]] = {"": []}
+    found: dict[PurePosixPath, Source | Nothing] = {}
+    for url in objects:
+        below = url.key.removeprefix(base.key).strip("/")
+        if {".", ".."} & {*below.split("/")} and url.name.lower().endswith(SUFFIXES):
+            found[PurePosixPath(below)] = _odd(url, "has a part that is . or ..")
+        elif not any(part.startswith(".") for part in below.split("/")):
+            folders.setdefault(below.rpartition("/")[0], []).append(url)
+    whole: list[str] = []
+    for folder, urls in sorted(folders.items()):
+        if any(folder == one or folder.startswith(f"{one}/") or not one for one in whole):
+            continue
+        here = base / folder if folder else base
+        if are_one_log(here, [url.name for url in urls]):
+            whole.append(folder)
+            found[PurePosixPath(folder)] = _of_objects(str(here), folder or base.name, urls, objects)
+            continue
+        for url in urls:
+            if url.name.lower().endswith(SUFFIXES):
+                key = PurePosixPath(folder) / url.name
+                name = str(key.with_name(stem_of(url.name)))
+                found[key] = _source(url, name, objects)
+    return [found[key] for key in sorted(found)]
+
+
+def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
+    """The logs that a pattern names, by their places below its part without signs."""
+    from lidarcli.stores.store import has_bucket
+
+    base, objects = _beside(pattern)
+    matches = _matcher(pattern)
+    urls = [url for url in objects if matches(url.key)]
+    if hold_one_sweep_each([url for url in urls if url.suffix in (".csv", ".tsv", ".txt")]):
+        return [_of_objects(str(pattern), urls[0].parent.name, urls, objects)]
+    found: dict[str, Source | Nothing] = {}
+    # A pattern may also name folders: bags, or some to search; what is in a bag is no log of its own.
+    folders = {str(parent) for url in objects for parent in PurePosixPath(url.key).parents} - {".", base.key}
+    for folder in sorted(filter(matches, folders)):
+        inside = {url: state for url, state in objects.items() if url.key.startswith(f"{folder}/")}
+        here = replace(base, key=folder)
+        prefix = folder.removeprefix(base.key).strip("/")
+        for source in _stored_below(here, inside):
+            if isinstance(source, Source):
+                name = prefix if source.path == str(here) else f"{prefix}/{source.name}"
+                found[source.path] = replace(source, name=name)
+            else:
+                found[source.path] = source
+    in_bags = {file for source in found.values() if isinstance(source, Source) for file in source.files}
+    for url in urls:
+        below = PurePosixPath(url.key.removeprefix(base.key).strip("/"))
+        if str(url) not in found and str(url) not in in_bags:
+            found[str(url)] = _source(url, str(below.with_name(stem_of(url.name))), objects)
+    if found:
+        return [found[path] for path in sorted(found)]
+    why = "no object matches this pattern" if objects or has_bucket(pattern) else "there is no such bucket"
+    return [Nothing(text, UnreadableError(why))]
+
+
+def objects_matching(pattern: Url) -> list[Url]:
+    """The objects that a pattern names, by name."""
+    matches = _matcher(pattern)
+    return [url for url in _beside(pattern)[1] if matches(url.key)]
+
+
+def _beside(pattern: Url) -> tuple[Url, Objects]:
+    """The folder up to which a pattern says what it means, and all that is below it."""
+    from lidarcli.stores.store import listing
+
+    base = replace(pattern, key=fixed_part(pattern.key).strip("/"))
+    return base, dict(listing(base))
+
+
+def _matcher(pattern: Url) -> Callable[[str], bool]:
+    parts = pattern.key.split("/")
+    return lambda key: _matches(parts, key.split("/"))
+
+
+def _matches(pattern: Sequence[str], key: Sequence[str]) -> bool:
+    """Whether a name is meant by a pattern, part by part as in a shell; no sign stands for the dot of a hidden name."""
+    if not pattern:
+        return not key
+    first, rest = pattern[0], pattern[1:]
+    if first == "**":
+        more = bool(key) and not key[0].startswith(".") and _matches(pattern, key[1:])
+        return more or _matches(rest, key)
+    if not key or (key[0].startswith(".") and not first.startswith(".")):
+        return False
+    return fnmatchcase(key[0], first) and _matches(rest, key[1:])
+
+
+def _source(url: Url, name: str, objects: Objects) -> Source | Nothing:
+    """An object that is a log, if its URL is told from a URL with options."""
+    try:
+        is_told = place(str(url)) == url
+    except OptionError:
+        is_told = False
+    if not is_told:
+        return _odd(url, "has an empty part (//)" if "//" in url.key else "reads like the options of a URL")
+    return Source(str(url), name, found=objects[url])
+
+
+def _odd(url: Url, why: str) -> Nothing:
+    """An object whose name stands for no place."""
+    return Nothing(str(url), UnreadableError(f"its name {why}; rename the object"))
+
+
+def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Source:
+    """Several objects that are one log."""
+    size = sum(objects[url].size for url in urls)
+    state = State(size, max(objects[url].mtime_ns for url in urls))
+    return Source(path, name, tuple(map(str, urls)), state)
+
+
+Shard = tuple[int, int]
+
+
+def choose(
+    logs: Sequence[str], listed: str | None = None, base: str | None = None, shard: Shard | None = None
+) -> list[Source | Nothing]:
+    """The logs of a run, in the order in which they are named, those of a list last.
+
+    Parameters
+    ----------
+    logs : files, folders, patterns and URLs
+    listed : file (`-` for standard input) with one of these a line; empty lines and those after `#` are left out
+    base : folder below which a log keeps its place in its name; by default the one that was searched
+    shard : (I, N), 1 to N: only the I-th of N shares, which a log belongs to by its name alone
+
+    Raises
+    ------
+    OptionError
+        A log is not below `base`.
+    UnreadableError
+        The list cannot be read.
+    """
+    found = find_logs(logs)
+    if listed is not None:
+        for number, line in _lines(listed):
+            for source in _listed(line):
+                place_in_list = f"{listed}: line {number}: {source.path}"
+                found.append(replace(source, path=place_in_list) if isinstance(source, Nothing) else source)
+    if base is not None:
+        found = [_named_below(source, base) if isinstance(source, Source) else source for source in found]
+    if shard is not None:
+        found = [source for source in found if is_in_shard(_key(source), shard)]
+    return found
+
+
+def is_in_shard(key: str, shard: Shard) -> bool:
+    """Whether a log of this name belongs to a share, whatever others there are.
+
+    >>> [key for key in ("run", "trip/run", "hall") if is_in_shard(key, (1, 2))]
+    ['trip/run']
+    """
+    number, count = shard
+    digest = blake2b(os.fsencode(key), digest_size=8).digest()
+    return int.from_bytes(digest, "big") % count == number - 1
+
+
+def _key(source: Source | Nothing) -> str:
+    return source.name if isinstance(source, Source) else source.path
+
+
+def _lines(listed: str) -> list[tuple[int, str]]:
+    """The lines of a list that name something, with their numbers."""
+    data = sys.stdin.buffer.read() if listed == STDIN else read_file(listed)
+    data = data.removeprefix(codecs.BOM_UTF8)
+    if b"\0" in data:
+        raise UnreadableError(
+            f"{listed}: is no list of logs: it holds NUL bytes; write one name a line, in UTF-8"
+        )
+    lines = [(number, os.fsdecode(line).strip()) for number, line in enumerate(data.split(b"\n"), 1)]
+    return [(number, line) for number, line in lines if line and not line.startswith("#")]
+
+
+def _listed(line: str) -> list[Source | Nothing]:
+    """The logs that a line of a list means."""
+    where = place(line) if is_url(line) else None
+    if isinstance(where, Url) and where.options:
+        error = UnreadableError(
+            "a list takes no options of a URL (?endpoint_override=): they say where credentials are sent; name the log on "
+            "the command line, or set AWS_ENDPOINT_URL"
+        )
+        return [Nothing(line, error)]
+    return [_object(line)] if _is_object(line) else find_logs([line])
+
+
+def _is_object(line: str) -> bool:
+    """Whether a line can only be one log in a store: nobody need be asked before it is opened."""
+    if not is_url(line) or line.endswith("/"):
+        return False
+    url = place(line)
+    return (
+        isinstance(url, Url)
+        and not url.has_magic()
+        and url.name.lower().endswith((*BINARY_SUFFIXES, *TEXT_LOG_SUFFIXES, *TEXT_SUFFIXES))
+    )
+
+
+def _object(line: str) -> Source:
+    url = place(line)
+    return Source(str(url), stem_of(url.name))
+
+
+def _named_below(source: Source, base: str) -> Source:
+    """The same log with its place below `base` in its name."""
+    where, top = place(source.path), place(base)
+    if isinstance(where, Url) and isinstance(top, Url):
+        inside = where.bucket == top.bucket and f"{where.key}/".startswith(f"{top.key}/" if top.key else "")
+        below = PurePosixPath(where.key.removeprefix(top.key).strip("/"))
+    elif isinstance(where, Path) and isinstance(top, Path):
+        relative = os.path.relpath(where.absolute(), top.absolute())
+        inside, below = Path(relative).parts[:1] != ("..",), PurePosixPath(Path(relative).as_posix())
+    else:
+        inside, below = False, PurePosixPath()
+    if not inside or not below.name:
+        raise OptionError(f"{source.path}: is not below --base {base}")
+    return replace(source, name=str(below.with_name(PurePosixPath(source.name).name)))

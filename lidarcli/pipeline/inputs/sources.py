@@ -1,12 +1,25 @@
-"""One log to read, or an input in which there is none."""
+"""One log to read: where it is, and how it is opened, on this machine or in a store."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, Self, cast
 
-from lidarcli.errors import LidarcliError
+from lidarcli.errors import LidarcliError, NoScanError, UnreadableError
+from lidarcli.logs import open_log
+from lidarcli.logs.base import CLOUD_TYPES, POSE_TYPES, Log, Message, OpenOptions, ReadReport, Slice, Topic
 from lidarcli.stores.url import State, Url, is_url, place
+from lidarcli.sweeps import RawSweeps
+
+if TYPE_CHECKING:
+    from lidarcli.poses.level import TreeLevels
+    from lidarcli.poses.tracks import Track
 
 STDIN = "-"
 
@@ -81,3 +94,343 @@ class Nothing:
     def label(self) -> str:
         """How messages call it: as the user wrote it."""
         return self.path
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMessages:
+    """What a log tells of poses."""
+
+    tracks: tuple[Track, ...]
+    notes: tuple[str, ...]
+    """Which of them say nothing, and why."""
+    report: ReadReport
+    """What the pass over them has met."""
+
+
+def read_pose_messages(log: Log) -> PoseMessages:
+    """All poses of a log that can be read twice, in one pass."""
+    # Most logs have no poses and need not wait for the import.
+    from lidarcli.poses.tracks import Tracks
+
+    tracks = Tracks()
+    report = ReadReport()
+    tracks.add(log.messages(POSE_TYPES, report))
+    found = tracks.finish()
+    notes = [
+        f"{count:,} of {topic} left out: {cause}" for (topic, cause), count in sorted(tracks.refused.items())
+    ]
+    if tracks.left_out:
+        notes.append(f"{tracks.left_out:,} poses left out: too many to keep")
+    return PoseMessages(tuple(found), tuple(notes), report)
+
+
+_TRIED = 3
+"""A folder may hold a file or two that are no sweep (a README)."""
+
+_IN_METRES = ("mcap", "ros1 bag", "ros2 bag", "json lines")
+"""How the formats begin whose ranges are metres unless an option says otherwise; readers of text know their units."""
+
+
+@contextmanager
+def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[Log]:
+    """The open log of a source, closed in the end; many CSV files with one sweep each are one log.
+
+    Where it is said which points of clouds are sweeps, it has these, too.
+    """
+    with _opened_source(source, opening) as log:
+        scaled = opening is not None and opening.range_scale != 1.0 and log.format.startswith(_IN_METRES)
+        if opening is None or (opening.slice is None and not scaled):
+            yield log
+            return
+        log = ScaledLog(log, opening.range_scale) if scaled else log
+        yield log if opening.slice is None else SlicedLog(log, opening, opening.slice)
+
+
+@contextmanager
+def _opened_source(source: Source, opening: OpenOptions | None) -> Iterator[Log]:
+    if (url := source.url) is not None:
+        with open_stored(
+            url, [found for file in source.files if isinstance(found := place(file), Url)], opening
+        ) as log:
+            yield log
+        return
+    with _of_files(source.files, opening) if source.files else open_log(source.path, opening=opening) as log:
+        yield log
+
+
+def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
+    from lidarcli.logs.csv.log import CsvLog
+
+    return CsvLog(files, opening)
+
+
+def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
+    """Whether several text files are the sweeps of one log, as far as the first readable one shows."""
+    from lidarcli.logs.csv.layouts import PER_SWEEP
+
+    if len(files) < 2:
+        return False
+    for file in files[:_TRIED]:
+        with contextlib.suppress(UnreadableError), _opened_file(file) as log:
+            return PER_SWEEP in log.format
+    return False
+
+
+@contextmanager
+def _opened_file(file: Path | Url) -> Iterator[Log]:
+    """One file as a log."""
+    if isinstance(file, Url):
+        with open_stored(file, (), None) as log:
+            yield log
+        return
+    with open_log(file) as log:
+        yield log
+
+
+@contextmanager
+def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> Iterator[Log]:
+    """The open log of an object, or of the `files` that are one log together; nothing of it is left here afterwards.
+
+    Raises
+    ------
+    UnreadableError
+        There is none of this name, the store does not hand it out, or it is no log.
+    """
+    with ExitStack() as stack:
+        log = stack.enter_context(
+            _fetched(url, files, opening, stack) if files else _opened(url, opening, stack)
+        )
+        log.path = str(url)
+        yield log
+
+
+def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
+    """An object that is a log by itself."""
+    from lidarcli.logs.registry import HEAD, MCAP, ROS1
+    from lidarcli.stores.reading import StoreFile
+    from lidarcli.stores.store import PIECE
+
+    file = stack.enter_context(StoreFile(url))
+    stream = cast(BinaryIO, file)
+    head = file.read(HEAD) or b""
+    file.seek(0)
+    if head.startswith(MCAP):
+        from lidarcli.logs.mcap.log import McapLog
+
+        file.keep()
+        return McapLog(stream, opening, str(url), file.size)
+    if head.startswith(ROS1):
+        # Its reader makes a temporary file of a stream, which has no name: nothing is left of it whatever happens.
+        from lidarcli.logs.rosbag1.log import Rosbag1Log
+
+        with _named(url, "-"):
+            return cast(Log, Rosbag1Log(stream, opening))
+    copy = _scratch(stack) / url.name
+    with copy.open("wb") as out:
+        shutil.copyfileobj(file, out, PIECE)
+    with _named(url, str(copy)):
+        return open_log(copy, opening=opening)
+
+
+def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack: ExitStack) -> Log:
+    """A log of several objects, which are copied to this machine first."""
+    from lidarcli.stores.reading import fetch
+
+    folder = _scratch(stack) / "log"
+    # The folders below a pattern tell apart files of one name.
+    base = _common_folder(files)
+    copies = [folder / file.key.removeprefix(base) for file in files]
+    for file, copy in zip(files, copies, strict=True):
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        fetch(file, copy)
+    with _named(url, *map(str, [*copies, folder])):
+        if all(file.key.startswith(f"{url.key}/") for file in files):
+            return open_log(folder, opening=opening)
+        from lidarcli.logs.csv.log import CsvLog
+
+        return CsvLog(copies, opening)
+
+
+def _scratch(stack: ExitStack) -> Path:
+    from lidarcli.newfiles import scratch_folder
+
+    return stack.enter_context(scratch_folder(Path(tempfile.gettempdir())))
+
+
+def _common_folder(files: Sequence[Url]) -> str:
+    """What the names of all files begin with, up to a slash."""
+    folders = [file.key.split("/")[:-1] for file in files]
+    shared = []
+    for parts in zip(*folders, strict=False):
+        if len(set(parts)) > 1:
+            break
+        shared.append(parts[0])
+    return "".join(f"{part}/" for part in shared)
+
+
+@contextmanager
+def _named(url: Url, *names: str) -> Iterator[None]:
+    """Put the name of the object where errors name the copy of it."""
+    try:
+        yield
+    except UnreadableError as err:
+        words = str(err)
+        for name in names:
+            words = words.replace(f"{name}: ", f"{url}: ", 1) if words.startswith(f"{name}: ") else words
+        raise UnreadableError(words) from err
+
+
+_PIPE = (
+    "a pipe is read only once: of its topics the point clouds alone, which are taken for level; give the file's name "
+    "for LaserScan and transforms"
+)
+_NO_CLOUDS = "no point cloud in it, and --slice reads of a pipe nothing else; leave it out for LaserScan"
+_PIPED = "mcap"
+"""The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds."""
+_NONE = "no point cloud in this log: --slice changes nothing"
+MOST_WAITING = 256 << 20
+"""After so many bytes of clouds none of them waits for others of its topic."""
+
+
+class ChangedLog:
+    """A `Log` that changes the sweeps of another one, and is else as that one."""
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+        self.path, self.format = log.path, log.format
+
+    @property
+    def compression(self) -> str:
+        """As of the log itself."""
+        return self._log.compression
+
+    @property
+    def size(self) -> int | None:
+        """As of the log itself."""
+        return self._log.size
+
+    @property
+    def position(self) -> int:
+        """As of the log itself."""
+        return self._log.position
+
+    def topics(self) -> list[Topic] | None:
+        """As of the log itself."""
+        return self._log.topics()
+
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
+        """As of the log itself."""
+        return self._log.messages(types, report)
+
+    def close(self) -> None:
+        """Close the log itself."""
+        self._log.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+class ScaledLog(ChangedLog):
+    """A `Log` whose LaserScan messages have ranges in another unit than metres."""
+
+    def __init__(self, log: Log, scale: float) -> None:
+        super().__init__(log)
+        self._scale = scale
+
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        """The sweeps in metres."""
+        from lidarcli.logs.blocks import as_singles, limits_in_metres
+
+        for block in self._log.scans(topics, report):
+            least, most = limits_in_metres(block.range_min, block.range_max, self._scale)
+            yield replace(
+                block, ranges=as_singles(block.ranges * self._scale), range_min=least, range_max=most
+            )
+
+
+class SlicedLog(ChangedLog):
+    """A `Log` that makes sweeps of another one's point clouds as well; what is level is found before the first."""
+
+    def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
+        from lidarcli.logs.clouds.bins import Bins
+
+        super().__init__(log)
+        self._part = part
+        self._bins = Bins.of(options, part.bins)
+        self._poses: PoseMessages | None = None
+        self._levels: TreeLevels | None = None
+
+    def topics(self) -> list[Topic] | None:
+        """All topics; those of point clouds hold sweeps."""
+        topics = self._log.topics()
+        return topics and [replace(topic, sliced=topic.type in CLOUD_TYPES) for topic in topics]
+
+    def poses(self) -> PoseMessages:
+        """What the log tells of poses, read once."""
+        if self._poses is None:
+            self._poses = read_pose_messages(self._log)
+        return self._poses
+
+    def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        """Sweeps of LaserScan topics, then those of clouds, in log order within each topic."""
+        listed = self.topics()
+        if listed is None and self.format == _PIPED:
+            report.notes.append(_PIPE)
+            found = False
+            for block in self._of_clouds(None, report):
+                found = True
+                yield block
+            if not found and not report.refused and not report.damage:
+                raise NoScanError(_NO_CLOUDS)
+            return
+        if listed is None:
+            report.notes.append(_NONE)
+            yield from self._log.scans(topics, report)
+            return
+        wanted = [topic for topic in listed if topic.is_scan and (topics is None or topic.name in topics)]
+        if not any(topic.sliced for topic in listed):
+            report.notes.append(_NONE)
+        if any(not topic.sliced for topic in wanted) or not wanted:
+            yield from self._log.scans(topics, report)
+        clouds = {topic.name for topic in wanted if topic.sliced}
+        if clouds:
+            own = ReadReport()
+            try:
+                # The list of a log that is cut off may lack topics.
+                yield from self._of_clouds(None if topics is None else clouds, own)
+            finally:
+                # Who wants no more sweeps still wants to know what was lost so far.
+                report.add_new(own)
+
+    def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
+        from lidarcli.logs.clouds.slicing import Slicer
+        from lidarcli.poses.level import TreeLevels
+
+        if self._levels is None:
+            self._levels = TreeLevels(self.poses().tracks if self.size is not None else ())
+        slicers: dict[str, Slicer] = {}
+        waiting = 0
+        for message in self._log.messages(CLOUD_TYPES, report):
+            if topics is not None and message.topic not in topics:
+                continue
+            slicer = slicers.get(message.topic)
+            if slicer is None:
+                slicer = Slicer(message.topic, self._part, self._bins, self._levels, report)
+                slicers[message.topic] = slicer
+            yield from slicer.take(message)
+            waiting += len(message.data)
+            if waiting > MOST_WAITING:
+                for each in slicers.values():
+                    yield from each.flush()
+                waiting = 0
+        for slicer in slicers.values():
+            yield from slicer.flush()
+            report.notes += slicer.notes()
+
+
+def made_of_clouds(log: Log) -> dict[str, str]:
+    """Topics whose sweeps are made of point clouds → the type of their messages."""
+    return {topic.name: topic.type for topic in log.topics() or () if topic.sliced}

@@ -1,4 +1,4 @@
-"""From what a user names to the tables of a log: objects and sweeps, and what else there is of it."""
+"""From what a user names to the tables of a log: its objects and sweeps, its tracks, and what the metadata says."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.pipeline.inputs.files import Named, files_named
 from lidarcli.reports.columns import Origin
 from lidarcli.stores.url import Place, Url, place
-from lidarcli.tabular import metadata
-from lidarcli.tabular.files import table_suffix
 from lidarcli.tabular.reading import column_names, notes_of, parsed, read_columns, read_pieces
 from lidarcli.tabular.schemas import SCHEMAS
+from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, table_suffix
 
 _OBJECTS, _SWEEPS = table_suffix("objects"), table_suffix("sweeps")
 
@@ -197,7 +196,7 @@ def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Tab
 def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
     """What the sweeps table says of the log; another program that wrote it may have left that out."""
     notes = notes_of(sweeps)
-    origin = _value(notes, metadata.SOURCE, dict)
+    origin = _value(notes, SOURCE, dict)
     size = origin.get("size")
     # The name of the log as its rows have it: with its place below the folder that was given.
     log = str(sweeps["log"][0].as_py()) if sweeps.num_rows else pair.log
@@ -206,9 +205,9 @@ def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
         log=log,
         format=str(origin.get("format", "")),
         size=size if isinstance(size, int) else None,
-        version=notes.get(metadata.VERSION, ""),
-        parameters=_value(notes, metadata.PARAMETERS, dict),
-        damage=tuple(map(str, _value(notes, metadata.DAMAGE, list))),
+        version=notes.get(VERSION, ""),
+        parameters=_value(notes, PARAMETERS, dict),
+        damage=tuple(map(str, _value(notes, DAMAGE, list))),
     )
 
 
@@ -223,3 +222,70 @@ def _value(notes: dict[str, str], key: str, kind: type) -> Any:
     except ValueError:
         value = None
     return value if isinstance(value, kind) else kind()
+
+
+_TRACKS = table_suffix("tracks")
+COLUMNS = (
+    *("log", "topic", "frame_id", "track", "set", "shape", "label"),
+    *("x", "y", "length", "width", "length_sd", "width_sd"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TracksTable:
+    """The things of one log."""
+
+    path: Place
+    rows: pa.Table
+    worlds: dict[str, str]
+    """Sensor frame → the world frame that its places are in; those of other frames are the sensor's."""
+
+
+def find_tracks(inputs: Iterable[str]) -> list[Place]:
+    """The tracks tables that files, folders and patterns name, each once, in their order.
+
+    Raises
+    ------
+    UnreadableError
+        There is none where one was named.
+    """
+    found: dict[Place, None] = {}
+    for text in inputs:
+        found |= dict.fromkeys(_tables(text))
+    return list(found)
+
+
+def _tables(text: str) -> list[Place]:
+    named, files, denied = files_named(text)
+    if named is Named.FILE:
+        return files
+    if denied:
+        raise denied[0]
+    tables = [file for file in files if is_table(file, "tracks")]
+    if not tables and named is Named.FOLDER:
+        raise UnreadableError(f"{text}: no *{_TRACKS} in this folder; write some with lidarcli track")
+    if not tables:
+        raise UnreadableError(f"{text}: no tracks tables match this pattern")
+    return tables
+
+
+def read_tracks_table(path: Place) -> TracksTable:
+    """Read a tracks table, or `UnreadableError` with one line."""
+    rows = read_columns(path, "tracks", SCHEMAS["tracks"], COLUMNS)
+    return TracksTable(path, rows, _worlds(notes_of(rows)))
+
+
+def _worlds(notes: dict[str, str]) -> dict[str, str]:
+    """The world of each sensor frame, as far as the metadata says; another program may have left it out."""
+    try:
+        source = parsed(notes.get(SOURCE, "null"))
+    except ValueError:
+        return {}
+    poses: Any = source.get("poses") if isinstance(source, dict) else None
+    if not isinstance(poses, dict):
+        return {}
+    return {
+        frame: way["world"].strip("/")
+        for frame, way in poses.items()
+        if isinstance(way, dict) and isinstance(way.get("world"), str)
+    }

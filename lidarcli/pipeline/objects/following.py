@@ -16,8 +16,8 @@ from lidarcli.formalism.detection import AGENT
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracked import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.pipeline.objects.parts import Made, Rows
-from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.objects.making import Made, Rows
+from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.tabular.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows
 
 

@@ -8,13 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarcli.judging import RangeRules
+from lidarcli.display import moment
 from lidarcli.logs.base import Log, ReadReport
-from lidarcli.pipeline.inputs.sliced import made_of_clouds
-from lidarcli.pipeline.reading.delays import SECOND, TRACKS, Delay, later
-from lidarcli.pipeline.reading.pose_finding import FoundPoses, find_poses
-from lidarcli.pipeline.reading.pose_options import NONE, PoseOptions
-from lidarcli.showing import moment
+from lidarcli.pipeline.inputs.sources import made_of_clouds
+from lidarcli.pipeline.reading.pose_sources import (
+    NONE,
+    SECOND,
+    TRACKS,
+    Delay,
+    FoundPoses,
+    PoseOptions,
+    find_poses,
+    later,
+)
+from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracked import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import PARKED, Course, Entity, Scene, Sensor

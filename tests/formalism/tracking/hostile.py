@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli.formalism import Parameters
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import SweepBatch, SweepPoses
 from tests.sweeping import START, raw_sweeps
 

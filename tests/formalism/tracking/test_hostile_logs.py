@@ -12,7 +12,7 @@ import pytest
 
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.sweeps import SweepBatch, SweepPoses
 from tests.formalism.tracking.following import (

@@ -15,7 +15,7 @@ from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import REMOVED
 from lidarcli.formalism.tracking.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Motion
 from tests.formalism.tracking.following import follow, scene_of, simulated

@@ -12,7 +12,7 @@ from lidarcli.formalism.detect import scans
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.formalism.tracking import views as looks
 from lidarcli.formalism.tracking.views import Seen, Views
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
 from lidarcli.sweeps import SweepBatch

@@ -13,7 +13,7 @@ from lidarcli.formalism.tracking import life, memory
 from lidarcli.formalism.tracking.bodies import Bodies
 from lidarcli.formalism.tracking.memory import Memory
 from lidarcli.formalism.tracking.views import Views
-from lidarcli.judging import RangeRules, normalise
+from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import TURN
 from tests.formalism.tracking.steps.looking import Pose, look_at
 from tests.sweeping import raw_sweeps

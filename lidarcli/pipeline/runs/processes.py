@@ -2,18 +2,102 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
+import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import replace
+from multiprocessing import resource_tracker
+from types import FrameType
 
+from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.running import processes
-from lidarcli.pipeline.running.memory import keep_freed_memory
-from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
+from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outcome_of
+
+
+def start_workers(count: int, initializer: Callable[[], object]) -> ProcessPoolExecutor:
+    """A pool of `count` processes that are on their way up."""
+    # A fork of a process with threads (progress bar, Arrow) may hang; a spawned process cannot.
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer)
+    try:
+        with signals_held():
+            for _ in range(count):
+                pool.submit(_up)
+        return pool
+    except BaseException:
+        stop_workers(pool)
+        raise
+
+
+def stop_workers(pool: ProcessPoolExecutor) -> None:
+    """End the workers at once."""
+    workers = multiprocessing.active_children()
+    for process in workers:
+        process.terminate()
+    for process in workers:
+        process.join(5)
+        process.kill()
+    # The thread behind the pool would wait for ever for the rest of an answer that broke off.
+    answers = getattr(pool, "_result_queue", None)
+    if answers is not None:
+        answers._writer.close()
+    # Waits for that thread, which at the end of the program would stumble over what is half closed.
+    pool.shutdown(cancel_futures=True)
+
+
+def obey_the_parent() -> None:
+    """In a worker: ctrl-C is for the parent, which says when to stop. So does its end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_follow, daemon=True).start()
+
+
+def _up() -> None:
+    """What a worker does first."""
+
+
+def _follow() -> None:
+    """Wait for the end of the parent, whatever ended it: a worker without one would wait for work for ever."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Keep ctrl-C and SIGTERM waiting: half a start leaves a child that complains, and so does a child that they meet
+    half started."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    came: list[tuple[int, FrameType | None]] = []
+    before = {
+        number: signal.signal(number, lambda number, frame: came.append((number, frame)))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    # Its start would let ctrl-C through again.
+    resource_tracker.ensure_running()
+    # Children inherit what this thread blocks, and keep it. It is not enough here: other threads take the signal, too.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for held, handler in before.items():
+            signal.signal(held, handler)
+        if came:
+            number, frame = came[0]
+            handler = before[signal.Signals(number)]
+            if callable(handler):
+                handler(number, frame)
+            elif handler == signal.SIG_DFL:
+                os.kill(os.getpid(), number)
+
 
 _working = False
 """Whether this worker process is busy with a log (set in workers only)."""
@@ -50,7 +134,7 @@ def side_by_side(sources: Sequence[Source | Nothing], work: Work, jobs: int) -> 
                     pool = _pool(jobs)
             yield done.pop(turn)
     except BaseException:
-        processes.stop(pool)
+        stop_workers(pool)
         raise
     pool.shutdown()
 
@@ -80,20 +164,20 @@ def _again(work: Work, source: Source | Nothing) -> Outcome:
         )
         return Outcome(source.label, INTERNAL_ERROR, error=error, source=source)
     except BaseException:
-        processes.stop(pool)
+        stop_workers(pool)
         raise
     pool.shutdown()
     return replace(outcome, remark="a worker process died; this log was done again")
 
 
 def _pool(jobs: int) -> ProcessPoolExecutor:
-    return processes.start(jobs, _be_a_worker)
+    return start_workers(jobs, _be_a_worker)
 
 
 def _be_a_worker() -> None:
     """The parent says when to stop."""
     signal.signal(signal.SIGTERM, _leave)
-    processes.obey_the_parent()
+    obey_the_parent()
     keep_freed_memory()
 
 

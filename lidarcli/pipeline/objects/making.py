@@ -1,25 +1,178 @@
-"""One log over several threads: this one reads, writes and keeps the order; others help with what is between.
-
-The compiled core lets go of the interpreter, so that threads work side by side. Whatever their number, the batches and
-their order are the same, and so is every byte that is written.
-"""
+"""Batches in, rows of the tables out: finds objects, fills rows, and shares the work among threads."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
-from lidarcli.pipeline.objects.parts import Maker, Part, Recipe
-from lidarcli.pipeline.reading.reading import Progress, Reading
+import pyarrow as pa
+
+from lidarcli.formalism import Detection, Parameters, detect
+from lidarcli.formalism.catalogue import Catalogue, name, names_in
+from lidarcli.machine import Beside
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.sweeps import SweepBatch
-from lidarcli.threads import Beside
+from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
+
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+
+
+class Finder(Protocol):
+    """Finds the objects of batches, in any order and in several threads at once; counts what a user should know."""
+
+    def admit(self, batch: SweepBatch) -> None:
+        """Refuse a batch for which it cannot be used; asked in the order of the log, before anything is found in it."""
+
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection: ...
+
+    def notes(self) -> list[str]:
+        """What a user should know of it in the end, a line each."""
+
+
+def finder(
+    parameters: Parameters,
+    background: BackgroundOptions | None,
+    catalogue: Catalogue | None = None,
+    *,
+    explain: bool = False,
+) -> Finder:
+    """Each sweep by itself, or what differs from a background; with a catalogue its objects have labels.
+
+    `explain`: also tell why a body is a thing, where that is decided by the sweep alone.
+    """
+    if catalogue is not None:
+        return Naming(finder(parameters, background, explain=explain), catalogue)
+    if background is None:
+        return _Alone(parameters, explain)
+    from lidarcli.pipeline.objects.subtracting import Subtracting
+
+    return Subtracting(background, parameters)
+
+
+class _Alone:
+    """Finds objects by the sweep alone."""
+
+    def __init__(self, parameters: Parameters, explain: bool) -> None:
+        self._parameters = parameters
+        self._explain = explain
+
+    def admit(self, batch: SweepBatch) -> None:
+        """Every batch will do."""
+
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
+        return detect(batch, self._parameters, per_beam=per_beam, explain=self._explain)
+
+    def notes(self) -> list[str]:
+        """Nothing."""
+        return []
+
+
+class Naming:
+    """A finder whose objects have labels: indices into the names of the catalogue."""
+
+    def __init__(self, find: Finder, catalogue: Catalogue) -> None:
+        self._find = find
+        self._catalogue = catalogue
+        self.admit = find.admit
+        self.notes = find.notes
+
+    def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
+        """The objects of a batch."""
+        from lidarcli.formalism.evidence import evidence_of
+
+        found = self._find(batch, per_beam)
+        label, score = name(evidence_of(batch, found), self._catalogue)
+        return replace(found, label=label, label_score=score)
+
+
+Rows = tuple[str, str, pa.RecordBatch]
+"""(table, topic, rows)"""
+
+_ROWS = {"sweeps": sweeps_rows, "beams": beams_rows}
+
+
+def rows_of(
+    log: str, tables: Sequence[str], batch: SweepBatch, detection: Detection, labels: Sequence[str] = ()
+) -> list[Rows]:
+    """The rows that a batch of a log gives, of each of the tables; `labels` are the names in the catalogue."""
+    return [(table, batch.topic, _rows(table, log, batch, detection, labels)) for table in tables]
+
+
+def _rows(
+    table: str, log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str]
+) -> pa.RecordBatch:
+    if table == "objects":
+        return objects_rows(log, batch, detection, labels)
+    return _ROWS[table](log, batch, detection)
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """What is to be made of every batch."""
+
+    log: str
+    """Its name, as the tables have it."""
+    tables: tuple[str, ...]
+    parameters: Parameters
+    background: BackgroundOptions | None = None
+    catalogue: Catalogue | None = None
+    followed: bool = False
+    """Whether the objects are followed afterwards, which needs more than rows."""
+    explain: bool = False
+    """Whether to tell why a body is a thing."""
+
+
+@dataclass(slots=True)
+class Made:
+    """What was made of one batch."""
+
+    rows: list[Rows]
+    seen: tuple[SweepBatch, Detection] | None = None
+    """What it was made of, where the objects are followed afterwards."""
+
+
+@dataclass(slots=True)
+class Part:
+    """What was made of some batches."""
+
+    batches: list[Made] = field(default_factory=list)
+    """In the order of the log."""
+    found: RunSummary = field(default_factory=RunSummary)
+    """Its objects, counted, unless they are followed afterwards."""
+
+    @property
+    def rows(self) -> Iterator[Rows]:
+        """The rows of all batches, for each table in the order of the log."""
+        return (rows for made in self.batches for rows in made.rows)
+
+
+class Maker:
+    """Makes parts by a recipe, in any order and in several threads at once."""
+
+    def __init__(self, recipe: Recipe) -> None:
+        self._recipe = recipe
+        self._labels = names_in(recipe.catalogue)
+        self.find = finder(recipe.parameters, recipe.background, recipe.catalogue, explain=recipe.explain)
+
+    def make(self, batches: Sequence[SweepBatch]) -> Part:
+        """The rows of some batches."""
+        part = Part()
+        tables, followed = self._recipe.tables, self._recipe.followed
+        for batch in batches:
+            detection = self.find(batch, "beams" in tables)
+            if not followed:
+                part.found.add_sets(detection)
+            rows = rows_of(self._recipe.log, tables, batch, detection, self._labels)
+            part.batches.append(Made(rows, (batch, detection) if followed else None))
+        return part
+
 
 BLOCK = 160_000
 """Ranges that are handed out together at least, some milliseconds of work: less is not worth the handing over."""

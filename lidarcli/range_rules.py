@@ -1,4 +1,4 @@
-"""What a beam says: the one place where ranges are judged, and what else is told from the geometry of a sweep."""
+"""Ranges judged once: the rules for what a range means, and what the geometry of a sweep tells."""
 
 from __future__ import annotations
 

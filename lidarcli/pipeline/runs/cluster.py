@@ -3,33 +3,42 @@
 The scheduler keeps all results that nobody has fetched, and counts the death of a worker against every task that waits on
 it. Hence only a window of logs is submitted at a time, results are small, fetched and let go at once, and a log that seems
 to kill workers is tried once more alone before that is said of it.
+
+Pickles of a cluster are read as data: numbers, texts and lists of them, and nothing that could run. Whoever answers at the
+address of a scheduler says what its pickles call when they are read. Here they call nothing: a class that is not one of a
+few of our own stands for its name and its values alone.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
 import pickle
 import queue
+import sys
 import tempfile
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import cache, partial
+from hashlib import blake2b
+from pathlib import Path
 from types import SimpleNamespace, TracebackType
 from typing import Any, Self
 from urllib.parse import urlsplit
 
+from lidarcli import compiled
+from lidarcli._version import __version__
 from lidarcli.errors import OptionError, UnreadableError
+from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.reading.summary import RunSummary
-from lidarcli.pipeline.running import plain
-from lidarcli.pipeline.running.build import build
-from lidarcli.pipeline.running.memory import keep_freed_memory
-from lidarcli.pipeline.running.outcomes import INTERNAL_ERROR, Outcome, Work, outcome_of
-from lidarcli.pipeline.running.processes import signals_held
+from lidarcli.pipeline.reading.one_log import RunSummary
+from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outcome_of
+from lidarcli.pipeline.runs.processes import signals_held
 from lidarcli.stores.url import absolute, is_url
 
 try:
@@ -391,7 +400,7 @@ class _Submitting:
             ]
         error = future.exception() if status == "error" else None
         future.release()
-        # By their names, as errors of a cluster elsewhere are not made (`plain`).
+        # By their names, as errors of a cluster elsewhere are not made (`load_data`).
         kind = type(error).__name__
         if kind == distributed.KilledWorker.__name__:
             if not task.alone:
@@ -452,7 +461,7 @@ def _told() -> str:
     import json
 
     try:
-        from lidarcli.pipeline.running.build import build
+        from lidarcli.pipeline.runs.cluster import build
     except ImportError as err:
         return json.dumps({"lidarcli": f"cannot be imported ({err})"})
     return json.dumps(build())
@@ -475,8 +484,8 @@ def _nothing_run() -> Iterator[None]:
     from distributed import client
     from distributed.protocol import pickle as pickles
 
-    read = SimpleNamespace(**{**vars(pickle), "loads": plain.loads})
-    places = [(pickles, "loads", plain.loads), (client, "loads", plain.loads), (client, "pickle", read)]
+    read = SimpleNamespace(**{**vars(pickle), "loads": load_data})
+    places = [(pickles, "loads", load_data), (client, "loads", load_data), (client, "pickle", read)]
     before = [getattr(module, name) for module, name, _ in places]
     try:
         for module, name, value in places:
@@ -501,3 +510,67 @@ def _by_value(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function that is sent as such and not as the name of one, which a worker without lidarcli could not look up."""
     function.__module__ = "__main__"
     return function
+
+
+@cache
+def build() -> dict[str, str]:
+    """What the bytes of tables may depend on beside the log and the parameters."""
+    import numpy as np
+    import pyarrow as pa
+
+    package = Path(compiled.__file__).parent
+    digest = blake2b(digest_size=4)
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
+    return {
+        "lidarcli": f"{__version__} ({digest.hexdigest()})",
+        "Python": f"{sys.version_info.major}.{sys.version_info.minor}",
+        "core": "compiled" if compiled.is_wanted() and compiled.is_there() else "not compiled",
+        "numpy": np.__version__,
+        "pyarrow": pa.__version__,
+    }
+
+
+_KNOWN = {(kind.__module__, kind.__name__): kind for kind in (Outcome, RunSummary)}
+"""Classes of results. Each has a `__setstate__`: without one a pickle could set attributes of the class itself."""
+
+
+class StandIn(Exception):  # noqa: N818 (it stands for whatever it is named like)
+    """An object of a class that is not made; errors of a cluster can be told by the name of it, and by their words."""
+
+    def __new__(cls, *values: Any, **named: Any) -> StandIn:
+        """Take whatever there is."""
+        return super().__new__(cls, *values)
+
+    def __init__(self, *values: Any, **named: Any) -> None:
+        super().__init__(*values)
+
+    def __setstate__(self, state: Any) -> None:
+        """Nothing is set."""
+
+
+class _Reader(pickle.Unpickler):
+    def find_class(self, module: str, name: str, /) -> Any:
+        """One of our own classes, or one that does nothing; for what others use, too, a new object that stands for it."""
+        if (module, name) == ("collections", "Counter"):
+            return partial(Counter)
+        if module == "tblib.pickling_support":
+            # By it workers pickle exceptions and tracebacks; whoever asks for one of these takes none as well.
+            return partial(_exception if name.startswith("unpickle_exception") else _none)
+        return _KNOWN.get((module, name)) or type(name, (StandIn,), {})
+
+
+def load_data(data: Any, *, buffers: Iterable[Any] = ()) -> Any:
+    """What a pickle says; distributed calls it like the function of this name in the standard library."""
+    return _Reader(io.BytesIO(data), buffers=buffers).load()
+
+
+def _exception(kind: Any, values: Any, *more: Any) -> StandIn:
+    """An exception of this kind, which makes a stand-in; its words are values or among its attributes."""
+    words = values.get("args") if isinstance(values, dict) else values
+    is_kind = isinstance(kind, type) and issubclass(kind, StandIn)
+    return (kind if is_kind else StandIn)(*(words if isinstance(words, tuple) else ()))
+
+
+def _none(*values: Any) -> None:
+    """Nothing."""

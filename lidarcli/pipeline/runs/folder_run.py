@@ -1,4 +1,4 @@
-"""A run over many logs into one folder of tables: what is to be done, and the manifest of what was done."""
+"""A run over many logs into one folder of tables: the plan of it, and the manifest of what was done."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from typing import Any, Self
 from lidarcli._version import __version__
 from lidarcli.errors import LidarcliError, OptionError, OutputError, UnreadableError
 from lidarcli.newfiles import exists_already
-from lidarcli.pipeline.detecting import DetectOptions
-from lidarcli.pipeline.fleet.manifest import Manifest, read_entries
-from lidarcli.pipeline.fleet.states import (
+from lidarcli.pipeline.inputs.files import read_file
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.runs.manifest import (
+    Manifest,
     Sources,
     There,
     is_unchanged,
     known,
-    read_file,
+    read_entries,
     remove_file,
     state_of,
 )
-from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.running.outcomes import Outcome
+from lidarcli.pipeline.runs.over_logs import Outcome
 from lidarcli.stores.url import Place, Url, absolute, place
-from lidarcli.tabular import metadata
-from lidarcli.tabular.files import BY_DATE
 from lidarcli.tabular.reading import file_metadata, parsed
 from lidarcli.tabular.runs import DAMAGED, FAILED, OK, Entry, newest
+from lidarcli.tabular.writing import BY_DATE, DAMAGE, PARAMETERS, SOURCE, VERSION
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,14 +257,14 @@ class FolderRun:
 
     def _is_by_parameters(self, notes: dict[str, str]) -> bool:
         """Whether a table was written with the same parameters and version, as far as its metadata tell."""
-        told = _parsed(notes, metadata.PARAMETERS)
+        told = _parsed(notes, PARAMETERS)
         same = told == json.loads(json.dumps(self._options.as_dict())) and not self._options.explain
-        return same and notes.get(metadata.VERSION) == __version__
+        return same and notes.get(VERSION) == __version__
 
     def _told_by_tables(self, source: Source, outputs: tuple[str, ...], there: There) -> Entry | None:
         """That tables without a manifest are of this log as it is now, and of these parameters."""
         notes, state = _notes(outputs[0]), source.state()
-        told = _parsed(notes, metadata.SOURCE)
+        told = _parsed(notes, SOURCE)
         if state is None or not isinstance(told, dict) or not self._is_by_parameters(notes):
             return None
         # The reader of a folder counts some of its files alone.
@@ -278,7 +278,7 @@ class FolderRun:
         ]
         if len(written) < len(outputs) or min(written) < max([state.mtime_ns, *depends]):
             return None
-        damage = _parsed(notes, metadata.DAMAGE)
+        damage = _parsed(notes, DAMAGE)
         lines = [str(line) for line in damage] if isinstance(damage, list) else []
         return Entry(
             source.name,
@@ -351,7 +351,7 @@ def _notes(name: str) -> dict[str, str]:
 
 def _is_of(name: str, source: Source) -> bool:
     """Whether a file is a table of a log of this name, whose place it may take."""
-    told = _parsed(_notes(name), metadata.SOURCE)
+    told = _parsed(_notes(name), SOURCE)
     return isinstance(told, dict) and told.get("name") == source.file_name
 
 

@@ -1,4 +1,4 @@
-"""What becomes of each of several logs: one bad log never stops the rest."""
+"""Work over several logs, of which a bad one never stops the rest."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_short_of_memory
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.reading.summary import RunSummary
+from lidarcli.pipeline.reading.one_log import RunSummary
 
 INTERNAL_ERROR = 70
 WORTH_A_PROCESS = 16 << 20

@@ -1,1 +1,0 @@
-"""Runs over many logs: which ones, what was done already, and what became of each."""

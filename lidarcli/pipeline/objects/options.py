@@ -1,0 +1,106 @@
+"""Everything that `detect` and `track` let a user choose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from lidarcli.formalism import Parameters
+from lidarcli.logs.base import Log, OpenOptions
+from lidarcli.logs.batches import ReadOptions
+from lidarcli.machine import cores
+from lidarcli.pipeline.inputs.search import files_of
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.objects.making import Recipe
+from lidarcli.pipeline.reading.one_log import Reading, reading_as_dict
+from lidarcli.pipeline.reading.pose_sources import TRACKS, PoseOptions
+from lidarcli.stores.url import Place
+from lidarcli.tabular.writing import table_paths
+
+if TYPE_CHECKING:
+    from lidarcli.formalism.catalogue import Catalogue
+    from lidarcli.pipeline.objects.following import TrackOptions
+    from lidarcli.pipeline.objects.subtracting import BackgroundOptions
+
+
+@dataclass(frozen=True, slots=True)
+class DetectOptions:
+    """Everything that `detect` and `track` let a user choose, apart from inputs and outputs."""
+
+    parameters: Parameters = field(default_factory=Parameters)
+    read: ReadOptions = field(default_factory=ReadOptions)
+    opening: OpenOptions = field(default_factory=OpenOptions)
+    poses: PoseOptions = field(default_factory=PoseOptions)
+    background: BackgroundOptions | None = None
+    """Only what differs from this background is an object."""
+    tracking: TrackOptions | None = None
+    """Follow things from sweep to sweep, and also write the tracks table."""
+    catalogue: Catalogue | None = None
+    """Things of interest, which objects are named by."""
+    beams: bool = False
+    """Also write the beams table."""
+    explain: bool = False
+    """Also tell why each object is a thing."""
+    overwrite: bool = False
+    layout: str | None = None
+    """How tables are laid out below the folder, as of `table_path`."""
+    jobs: int = 0
+    """Processors to use at most, 0 for all; the result does not depend on it."""
+    cores: int = field(default_factory=cores)
+    """Processors that there are."""
+
+    @property
+    def threads(self) -> int:
+        """Threads for the objects of one log: more than there are processors would only be in each other's way."""
+        return max(1, min(self.jobs or self.cores, self.cores))
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables to write."""
+        tracks = ("tracks",) if self.tracking is not None and self.tracking.tracks else ()
+        return ("objects", "sweeps", *tracks, *(("beams",) if self.beams else ()))
+
+    def outputs(self, source: Source, folder: Place, date: str | None = None) -> dict[str, Place]:
+        """Table → where that of one log goes; `date` as of `Reading.date`."""
+        return table_paths(folder, source.name, self.tables, self.layout, date)
+
+    def inputs(self, sources: Sequence[Source | Nothing]) -> list[str]:
+        """The files that are read, none of which an output may replace."""
+        options = [each.path for each in (self.background, self.catalogue) if each is not None]
+        return [*files_of(sources), *(path for path in (*options, self.poses.file) if path)]
+
+    def reading(self, log: Log) -> Reading:
+        """The sweeps of a log with their poses."""
+        return Reading(log, self.read, self.poses, TRACKS if self.tracking is not None else "")
+
+    def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
+        """What is to be made of every batch of a log."""
+        of_batches = tuple(table for table in tables if table != "tracks")
+        followed = self.tracking is not None
+        # Where things are followed, their names are those of the tracks.
+        catalogue = None if followed else self.catalogue
+        parameters = self.parameters if self.tracking is None else self.tracking.found_with(self.parameters)
+        return Recipe(
+            source.name,
+            of_batches,
+            parameters,
+            self.background,
+            catalogue,
+            followed=followed,
+            explain=self.explain,
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything that the result depends on, as plain values, for the tables' metadata."""
+        background = {} if self.background is None else {"background": self.background.as_dict()}
+        # Only where things are followed it matters whether somebody has said so.
+        as_told = {"pose_delay": 0.0} if self.tracking is not None and self.poses.delay == 0.0 else {}
+        return {
+            **self.parameters.as_dict(),
+            **reading_as_dict(self.read, self.opening, self.poses),
+            **as_told,
+            **background,
+            **({} if self.tracking is None else {"tracking": self.tracking.as_dict()}),
+            **({} if self.catalogue is None else {"catalogue": self.catalogue.as_dict()}),
+        }

@@ -1,0 +1,349 @@
+"""The poses of a log: what a user may say of them, the first pass that finds them, and their delay."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidarcli.choices import MATCH
+from lidarcli.errors import NoScanError, OptionError
+from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
+from lidarcli.logs.choice import TopicChoice
+from lidarcli.logs.piles import Settling
+from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
+from lidarcli.range_rules import RangeRules
+from lidarcli.sweeps import Int64, RawSweeps
+
+if TYPE_CHECKING:
+    from lidarcli.poses.delay import DelaySample
+    from lidarcli.poses.sources import PoseSources, Told
+
+NONE = "none"
+"""What `--pose` takes for no poses at all."""
+MOST_DELAY = 3600.0
+"""Greatest `--pose-delay` [s], either way: what is more is another clock."""
+
+_ODOMETRY = "odom"
+"""A world whose name holds this begins anew in every run …"""
+
+
+def of_one_run(world: str) -> bool:
+    """Whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
+
+    >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "map")]
+    [True, True, True, False]
+    """
+    return _ODOMETRY in world or world == MATCH
+
+
+@dataclass(frozen=True, slots=True)
+class PoseOptions:
+    """Where the poses of the sweeps come from, and how they are used."""
+
+    source: str | None = None
+    """Topic whose poses to take; `none` for no poses; `match` for those that the sweeps themselves tell; by default the
+    best that the log has."""
+    file: str | None = None
+    """Trajectory of the sensor (TUM), instead of what the log tells."""
+    delay: float | None = None
+    """The pose of a sweep is that at its header stamp and this much later [s]; None: nobody has asked for any, and things
+    are followed by the delay that fits best."""
+    deskew: bool = True
+    """Whether every beam is seen from where the sensor was at its own time, where headers tell how long a sweep takes."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no log could be read with."""
+        if self.source is not None and self.file is not None:
+            raise OptionError(
+                f"--pose {self.source} and --poses {self.file} exclude each other: leave one out"
+            )
+        if self.delay is None:
+            return
+        if not abs(self.delay) <= MOST_DELAY:
+            raise OptionError(f"--pose-delay: {self.delay:g} s is not within {MOST_DELAY:,.0f} s")
+        if self.source == NONE and self.delay:
+            raise OptionError("--pose-delay is for poses, and --pose none leaves them out")
+        if self.source == MATCH and self.delay:
+            raise OptionError(
+                "--pose-delay is for poses of the log, and --pose match finds them in its sweeps"
+            )
+
+    def as_dict(self) -> dict[str, Any]:
+        """What the result depends on, as plain values, for the tables' metadata: what is not the default."""
+        asked = {"pose": self.source, "poses": self.file and Path(self.file).name}
+        told: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+        if self.delay:
+            told["pose_delay"] = self.delay
+        return told if self.deskew else told | {"deskew": False}
+
+
+NO_POSES = PoseOptions(NONE)
+
+
+MAX_DELAYS = 4
+"""Topics and frames of which the delay of the poses is looked for: 0.1 s and a megabyte each."""
+MOST_SWEEPS = 10_000
+"""Sweeps that are read for it before those that are followed: a sensor that has hardly moved by then is left alone."""
+SECOND = 1e-9
+TRACKS, MAP = "tracks", "the map"
+"""What a delay that fits better may be used for unasked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """The delay that fits the sweeps of a topic and frame best."""
+
+    seconds: float
+    """The pose of a sweep is that at its header stamp and this much later."""
+    saved: float
+    """Share of the cells of the world that its points fill less."""
+
+    def note(self, topic: str) -> str:
+        """What a user should know who looks at the log."""
+        return (
+            f"{self._fits(topic)}: its points fill {self.saved:.0%} fewer cells of the world "
+            f"(--pose-delay {self.seconds:.2f})"
+        )
+
+    def note_of_use(self, topic: str, purpose: str) -> str:
+        """What a user should know who gets it unasked, for a purpose as `tracks`."""
+        also = " also for the world columns" if purpose == TRACKS else "; 0 takes them as they are"
+        return f"{self._fits(topic)}: used for {purpose} (--pose-delay {self.seconds:.2f}{also})"
+
+    def _fits(self, topic: str) -> str:
+        side = "after" if self.seconds > 0 else "before"
+        return f"poses {abs(self.seconds):.2f} s {side} the header stamps of {topic} fit better"
+
+
+class DelaySearch:
+    """Looks for the delay of the first topics and frames that come; a fold over the blocks of a log."""
+
+    def __init__(self, sources: PoseSources | Told, deskew: bool = True) -> None:
+        self._sources = sources
+        self._deskew = deskew
+        self._samples: dict[tuple[str, str], DelaySample | None] = {}
+
+    def add(self, block: RawSweeps, rules: RangeRules) -> None:
+        """Take the sweeps of a block, in the order of the log."""
+        for code in np.unique(block.frame).tolist():
+            key = block.topic, block.frame_ids[code]
+            if key not in self._samples and len(self._samples) < MAX_DELAYS:
+                self._samples[key] = self._sample(key[1])
+            sample = self._samples.get(key)
+            if sample is not None and not sample.full:
+                sample.add_raw(block.rows(block.frame == code), rules)
+
+    def whole(self, topics: set[str]) -> bool:
+        """Whether nothing more is to be learned of a log with these topics."""
+        seen = {topic for topic, _ in self._samples}
+        all_there = len(self._samples) == MAX_DELAYS or seen >= topics
+        return all_there and all(sample is None or sample.full for sample in self._samples.values())
+
+    def best(self) -> dict[tuple[str, str], Delay]:
+        """Topic and frame → its delay, where one is clearly better than none."""
+        found = {key: sample.best() for key, sample in sorted(self._samples.items()) if sample is not None}
+        return {key: Delay(*best) for key, best in found.items() if best is not None}
+
+    def _sample(self, frame: str) -> DelaySample | None:
+        """What finds the delay of a frame that has a moving pose."""
+        way = self._sources.way(frame)
+        if way is None or way.span_ns is None:
+            return None
+        # Most logs have no poses and need not wait for the import.
+        from lidarcli.poses.delay import DelaySample
+
+        return DelaySample(way, self._deskew)
+
+
+def later(stamp_ns: Int64, delay: float) -> Int64:
+    """The stamps and a delay [s]; one at the end of its type stays there."""
+    by = round(delay / SECOND)
+    most = np.iinfo(np.int64).max - abs(by)
+    moved: Int64 = np.clip(stamp_ns, -most, most) + by if by else stamp_ns
+    return moved
+
+
+def first_delays(
+    log: Log, sources: PoseSources | Told, choice: TopicChoice, rules: RangeRules, deskew: bool = True
+) -> Mapping[tuple[str, str], Delay]:
+    """Topic and frame → the delay of its poses, by the first sweeps of a log that can be read twice.
+
+    `--start`, `--end` and `--every` do not matter here: the clocks are the same all along, and the way is needed whole.
+    """
+    search = DelaySearch(sources, deskew)
+    empty = {topic.name for topic in log.topics() or () if topic.messages == 0}
+    topics, sweeps = set(choice.chosen) - empty, 0
+    # The damage that this pass meets is told by the one over all sweeps.
+    report = ReadReport()
+    for block, judging in Settling(rules, report).blocks(log.scans(choice.asked, report)):
+        search.add(block, judging)
+        sweeps += len(block)
+        if sweeps >= MOST_SWEEPS or search.whole(topics):
+            break
+    return search.best()
+
+
+MOST_MATCHED = 16
+"""Sensors of a log whose paths are found from their sweeps: each has a map of what it saw in memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPoses:
+    """The pose sources of a log, and what reading them has met."""
+
+    sources: PoseSources | Told
+    notes: tuple[str, ...] = ()
+    report: ReadReport = field(default_factory=ReadReport)
+    """What the pass over their messages has met."""
+
+    def together(self, sweeps: ReadReport) -> ReadReport:
+        """What the passes over poses and sweeps have met, each damaged part once: the sweeps may have met it, too."""
+        both = ReadReport()
+        both.add(sweeps)
+        both.add_new(self.report)
+        return both
+
+
+def find_poses(
+    log: Log,
+    options: PoseOptions | None = None,
+    topics: Collection[str] | None = None,
+    rules: RangeRules | None = None,
+) -> FoundPoses | None:
+    """Read the poses of a log that has some and can be read twice, or those that are told in their place.
+
+    Parameters
+    ----------
+    topics, rules : the LaserScan topics that matter, by default all, and how their ranges are judged: for `--pose match`
+
+    Raises
+    ------
+    NoScanError
+        The topic that is wanted is not there.
+    OptionError
+        The sweeps cannot be matched: the log can be read only once, or what matches them is not installed.
+    UnreadableError
+        The trajectory is none.
+    """
+    options = options or PoseOptions()
+    if options.source == NONE:
+        return None
+    if options.file is not None:
+        from lidarcli.poses.sources import Told
+        from lidarcli.poses.trajectory import read_trajectory
+
+        return FoundPoses(Told((read_trajectory(Path(options.file)),)))
+    if options.source == MATCH:
+        return _matched(log, topics, rules or RangeRules())
+    wanted = options.source
+    listed = log.topics()
+    if listed is None or log.size is None:
+        return None
+    there = [topic for topic in listed if topic.type in POSE_TYPES]
+    if wanted is not None and wanted.strip("/") not in {topic.name.strip("/") for topic in there}:
+        raise NoScanError(_absent(wanted, listed, there))
+    if not any(topic.messages != 0 for topic in there):
+        return None
+    # Most logs have no poses and need not wait for the import.
+    from lidarcli.poses.sources import PoseSources
+
+    told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
+    return FoundPoses(PoseSources(told.tracks, wanted), told.notes, told.report)
+
+
+def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> FoundPoses:
+    """The path of every sensor of a log from its own sweeps: of each frame, from the first topic that has it."""
+    from lidarcli.logs.batches import ReadOptions, read_batches
+    from lidarcli.poses.matched import Matching
+    from lidarcli.poses.sources import Told
+
+    if log.size is None:
+        raise OptionError(
+            "--pose match reads a log twice, and a pipe is read only once: give the file's name"
+        )
+    report = ReadReport()
+    paths: dict[str, tuple[str, Matching]] = {}
+    for batch in read_batches(
+        log, ReadOptions(topics, rules=rules), report, TopicChoice(topics, log.topics())
+    ):
+        for frame, _, mine in batch.by_frame():
+            if frame not in paths:
+                if len(paths) == MOST_MATCHED:
+                    raise OptionError(
+                        f"--pose match: the log has more than {MOST_MATCHED} sensor frames; name a topic with --topic"
+                    )
+                paths[frame] = batch.topic, Matching()
+            topic, path = paths[frame]
+            if topic == batch.topic:
+                path.add(mine)
+    found = [(topic, frame, path.track(topic, frame)) for frame, (topic, path) in sorted(paths.items())]
+    notes = [
+        f"no path of frame {frame or 'without a name'}: the sweeps of {topic} cannot be matched"
+        for topic, frame, track in found
+        if track is None
+    ]
+    notes += [
+        f"the path of frame {frame or 'without a name'} was lost {path.restarts:,} times, and begins anew at its last "
+        "known pose: what was driven unseen is missing"
+        for frame, (_, path) in sorted(paths.items())
+        if path.restarts
+    ]
+    if len(paths) > 1:
+        notes.append(
+            f"the paths of {len(paths)} sensors are matched each by itself: every frame has a world of its own"
+        )
+    return FoundPoses(Told(tuple(track for *_, track in found if track is not None)), tuple(notes), report)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseInfo:
+    """One topic with poses."""
+
+    topic: str
+    type: str
+    poses: int
+    """Poses (transforms) told."""
+    rate: float | None
+    """Of its fastest pair of frames, on average [Hz]; None for single poses."""
+    start_ns: int
+    end_ns: int
+    frames: tuple[tuple[str, str], ...]
+    """(frame in which, frame that is told of), the most told first; the latter empty where messages do not name it."""
+
+    @property
+    def span(self) -> float:
+        """From the first to the last stamp [s]."""
+        return (self.end_ns - self.start_ns) * SECOND
+
+
+def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
+    """What every pose topic of a log holds."""
+    infos = []
+    for topic in found.sources.topics:
+        mine = [track for track in found.sources.tracks if track.topic == topic]
+        mine.sort(key=lambda track: -track.messages)
+        spans = [track.span_ns for track in mine]
+        infos.append(
+            PoseInfo(
+                topic=topic,
+                type=mine[0].type,
+                poses=sum(track.messages for track in mine),
+                rate=max((track.rate for track in mine if track.rate is not None), default=None),
+                start_ns=min(first for first, _ in spans),
+                end_ns=max(last for _, last in spans),
+                frames=tuple((track.parent, track.child) for track in mine),
+            )
+        )
+    return tuple(infos)
+
+
+def _absent(wanted: str, topics: Sequence[Topic], there: Sequence[Topic]) -> str:
+    types = {topic.name.strip("/"): topic.type for topic in topics}
+    if wanted.strip("/") in types:
+        return f"topic {wanted} is {types[wanted.strip('/')]}, which holds no pose"
+    names = ", ".join(sorted({topic.name for topic in there}))
+    return f"no topic {wanted} with poses in this log ({f'it has {names}' if names else 'it has none'})"
