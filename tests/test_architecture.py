@@ -13,7 +13,7 @@ PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
 GROUND = {"_version", "choices", "errors", "native"}
-CORE = GROUND | {"display", "range_rules", "records", "sweeps", "times"}
+CORE = GROUND | {"display", "range_rules", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
@@ -25,12 +25,11 @@ MAY_IMPORT = {
     "tomlfiles": {"errors"},
     "compiled": set[str](),
     "machine": set[str](),
-    "records": set[str](),
     "times": {"errors"},
     "native": set[str](),
     "ranges": {"native"},
     "display": set[str](),
-    "sweeps": {"display", "records"},
+    "sweeps": {"display"},
     "range_rules": {"errors", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
     "poses": CORE | {"foxglove", "logs", "ros"},

@@ -15,8 +15,7 @@ from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.tracking.tracked import Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch
+from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, record
 
 PARAMETERS = Parameters()
 """Of the detection, the same for all."""

@@ -11,11 +11,10 @@ import numpy as np
 from benchmarks.tracking.cells import SLOW, Cell, scene_of
 from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.records import record
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.scene import Odometry, Scene
-from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, SweepPoses
+from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, SweepPoses, record
 
 BATCH = 256
 """Sweeps of a batch."""

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from benchmarks.tracking.filters import Filters
-from lidarcli.records import record
-from lidarcli.sweeps import Float64, Int64
+from lidarcli.sweeps import Float64, Int64, record
 
 
 @record

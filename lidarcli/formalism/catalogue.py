@@ -14,8 +14,7 @@ import numpy as np
 
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, SHAPES
 from lidarcli.formalism.fits import any_way, at_least, either, measured
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float64, Int32
+from lidarcli.sweeps import Bool, Float64, Int32, record
 
 KINDS = tuple(SHAPES[code] for code in (PRISMATIC, ROUND, LEGGED, IRREGULAR))
 """Shapes of things, in the order of `Evidence.shape`."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.records import record
-from lidarcli.sweeps import Float32, Float64, Int8, Int32, Int64, SweepBatch, UInt8
+from lidarcli.sweeps import Float32, Float64, Int8, Int32, Int64, SweepBatch, UInt8, record
 
 SETS = ("O", "A", "S")
 SHAPES = ("prismatic", "round", "legged", "irregular", "unknown", "wall")

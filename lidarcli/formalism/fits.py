@@ -10,8 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float64
+from lidarcli.sweeps import Bool, Float64, record
 
 SMALLEST, LARGEST = 0.05, 2.0
 """[m] A thing that is not in the catalogue may have any size between these."""

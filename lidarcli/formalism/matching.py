@@ -14,8 +14,7 @@ import numpy as np
 
 from lidarcli.formalism.fits import LARGEST, SMALLEST
 from lidarcli.formalism.pairing import assign
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float64, Int32, Int64
+from lidarcli.sweeps import Bool, Float64, Int32, Int64, record
 
 PLACE_SD = 0.1
 """[m] Where a standing thing is found, from one run to the other."""

@@ -27,9 +27,8 @@ from lidarcli.logs.blocks import (
     pad_rows,
     split_rows,
 )
-from lidarcli.records import record
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
-from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate
+from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate, record
 
 if TYPE_CHECKING:
     from lidarcli.logs.multi_echo import Echoes

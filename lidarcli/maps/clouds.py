@@ -10,8 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import SETS
-from lidarcli.records import record
-from lidarcli.sweeps import Float64, Int8, Int32, Int64
+from lidarcli.sweeps import Float64, Int8, Int32, Int64, record
 from lidarcli.tabular.arrays import codes, floats, plain
 from lidarcli.tabular.rows import constant
 from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64
+from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
 
 Structured = NDArray[np.void]
 

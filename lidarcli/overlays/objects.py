@@ -10,8 +10,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from lidarcli.overlays.markers import Kind, Markers
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64
+from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
 
 COLUMNS = (
     *("topic", "sweep", "object", "shape", "x", "y", "box_x", "box_y", "box_length", "box_width", "box_yaw"),

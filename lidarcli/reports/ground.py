@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.records import record
 from lidarcli.reports.columns import Rows, Run
 from lidarcli.reports.distributions import round_up
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8, record
 
 
 @record

@@ -6,8 +6,7 @@ import numpy as np
 
 from lidarcli.formalism.background.grid import Grid
 from lidarcli.formalism.background.stations import Shift
-from lidarcli.records import record
-from lidarcli.sweeps import Float64, Int64, SweepBatch
+from lidarcli.sweeps import Float64, Int64, SweepBatch, record
 
 WINDOW = 0.035
 """[rad] Lines are fitted to the beams this far to either side of each: 2°."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarcli.formalism.background.ragged import offsets_of, spans
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.sweeps import Bool, Float64, Int64, record
 
 UNIT = 1e-4
 """[m] Ranges are counted in whole units, so that sums are exact in any order."""

@@ -6,8 +6,7 @@ import numpy as np
 
 from lidarcli.formalism.background.stations import Shift
 from lidarcli.range_rules import NEAREST
-from lidarcli.records import record
-from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, SweepBatch
+from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, SweepBatch, record
 
 SAME_BEAM = 0.05
 """Bearings that differ by less than this share of a step are the same."""

@@ -7,8 +7,7 @@ import numpy as np
 from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.display import Facts, counted, shown, span
 from lidarcli.formalism.background.grid import Grid
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses
+from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses, record
 
 KNOWN_GAP = 0.05
 """Up to this share of sweeps without a return are lost beams of a surface that is there."""

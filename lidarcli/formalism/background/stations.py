@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.records import record
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses, record
 
 STILL, STILL_ANGLE = 1e-3, 1e-4
 """[m], [rad] A smaller shift is none: the sensor is parked."""

@@ -10,8 +10,7 @@ from lidarcli.formalism.background.alignment import Lines, align, lines
 from lidarcli.formalism.background.grid import expected, project
 from lidarcli.formalism.background.model import Background, Surroundings, greatest_range, surroundings
 from lidarcli.formalism.background.stations import Shift, nearest, shift
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch
+from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch, record
 
 NOISE_GAIN = 4.0
 """A range leaves the background where it is so many standard deviations away from it …"""

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.mapping import rays
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
-from lidarcli.records import record
-from lidarcli.sweeps import Float32, Float64, Int32, SweepBatch, SweepPoses, UInt8
+from lidarcli.sweeps import Float32, Float64, Int32, SweepBatch, SweepPoses, UInt8, record
 
 BLOCK = 256
 """Cells by which the counted part of the ground grows at least, on each side."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.display import Facts, counted, shown, span
-from lidarcli.records import record
+from lidarcli.sweeps import record
 
 Int8 = NDArray[np.int8]
 

@@ -18,8 +18,7 @@ from lidarcli.formalism.evidence import evidence_of
 from lidarcli.formalism.tracking import summary
 from lidarcli.formalism.tracking.things import Thing, Track
 from lidarcli.formalism.tracking.tracked import BOX
-from lidarcli.records import record
-from lidarcli.sweeps import Float64, Int64, SweepBatch
+from lidarcli.sweeps import Float64, Int64, SweepBatch, record
 
 MOST_LOOKS = 256
 """So many looks at a thing are remembered."""

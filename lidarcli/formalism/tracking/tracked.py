@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8
+from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8, record
 
 ENDS = ("left view", "free", "lost", "end of log")
 LEFT_VIEW, FREE, LOST, END_OF_LOG = range(4)

@@ -11,8 +11,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from lidarcli.records import record
-from lidarcli.sweeps import Bool, Int64, UInt8
+from lidarcli.sweeps import Bool, Int64, UInt8, record
 
 RECORD = struct.Struct("<BQ")
 """Opcode and length, before every record."""
