@@ -60,7 +60,7 @@ def info(
     from lidarcli.cli.info_text import as_json, as_line, as_text
     from lidarcli.cli.progress import progress_bar
     from lidarcli.errors import NoScanError
-    from lidarcli.logs.choice import clouds_hint, no_scan_topic
+    from lidarcli.logs.options import clouds_hint, no_scan_topic
     from lidarcli.pipeline.inspecting import LogInfo, inspect_logs
     from lidarcli.pipeline.runs.over_logs import Failure, exit_code
 

@@ -100,7 +100,7 @@ def _show_run(label: str, run: RunSummary, say: Messages) -> None:
 
 
 def _show_losses(label: str, run: RunSummary, say: Messages) -> None:
-    from lidarcli.logs.choice import no_scan_topic
+    from lidarcli.logs.options import no_scan_topic
 
     for line in run.damage:
         say.error(label, line)

@@ -12,8 +12,8 @@ import numpy as np
 from lidarcli.errors import OptionError
 from lidarcli.logs.base import Log, ReadReport
 from lidarcli.logs.blocks import split_rows
-from lidarcli.logs.choice import TopicChoice
 from lidarcli.logs.doubts import Doubts
+from lidarcli.logs.options import TopicChoice
 from lidarcli.logs.piles import MAX_TOPICS, Settling
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Int64, RawSweeps, SweepBatch, concatenate

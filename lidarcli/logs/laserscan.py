@@ -7,14 +7,15 @@ A message that cannot be a sweep is refused and counted, its neighbours go on.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.logs.base import MAX_BEAMS, ReadReport
+from lidarcli.logs.base import LASERSCAN, MAX_BEAMS, MULTI_ECHO, OpenOptions, ReadReport
 from lidarcli.logs.blocks import (
     ANGLE_MIN,
     BLOCK_ROWS,
@@ -29,9 +30,6 @@ from lidarcli.logs.blocks import (
 )
 from lidarcli.ros.cursor import ENCAPSULATION, MAX_NAME, NAME_LONG
 from lidarcli.sweeps import Bool, Float32, Int32, Int64, RawSweeps, UInt8, concatenate, record
-
-if TYPE_CHECKING:
-    from lidarcli.logs.multi_echo import Echoes
 
 SHORTEST = 48
 """Bytes of a LaserScan with an empty frame name and no beams, in either serialisation."""
@@ -296,9 +294,6 @@ def _echoes(
     topic: str, buffer: UInt8, heads: _Heads, report: ReadReport, echo: str
 ) -> tuple[_Heads, list[Echoes]]:
     """One echo of every beam, message by message."""
-    # Most logs have no such topic and need not wait for the import.
-    from lidarcli.logs.multi_echo import choose
-
     echoes = []
     whole = np.ones(len(heads), np.bool_)
     starts, ends = (heads.at + 32).tolist(), heads.end.tolist()
@@ -321,3 +316,220 @@ def _padded(echoes: list[Echoes]) -> tuple[Float32, Float32 | None]:
     """(K, B) ranges and intensities, the latter None where no sweep has any."""
     ranges = pad_rows([each.ranges for each in echoes])
     return ranges, pad_intensities([each.intensities for each in echoes], ranges.shape[1])
+
+
+Words = NDArray[np.uint32]
+Places = NDArray[np.intp]
+
+_NOWHERE = np.zeros(0, np.intp)
+
+
+class Echoes(NamedTuple):
+    """One echo of each of B beams, NaN for a beam that has none."""
+
+    ranges: Float32
+    intensities: Float32
+    """(B,) empty where the message has none."""
+
+
+def choose(words: Words, beams: int, echo: str) -> Echoes | None:
+    """One echo of each beam: the `first`, the `last`, or the `strongest`, which without intensities is the first.
+
+    Parameters
+    ----------
+    words : what stands behind the number of beams, up to the end of the message
+    beams : as many entries as the message declares
+
+    Returns
+    -------
+    None where the echoes pass the end of the message; intensities that do are none
+    """
+    found = _starts(words, beams)
+    if found is None:
+        return None
+    starts, end = found
+    strength = _NOWHERE
+    if end < len(words) and 0 < words[end] <= len(words) - end - 1:
+        entries = min(int(words[end]), beams)
+        behind = _starts(words[end + 1 :], entries)
+        if behind is not None:
+            strength = behind[0] + end + 1
+    count = words[starts].astype(np.intp)
+    strengths = np.zeros(beams, np.intp)
+    strengths[: len(strength)] = words[strength]
+    place = np.zeros(beams, np.intp)
+    place[: len(strength)] = strength
+    which = np.zeros(beams, np.intp)
+    if echo == "last":
+        which = np.maximum(count - 1, 0)
+    elif echo == "strongest":
+        which = _strongest(words, place, np.minimum(count, strengths))
+    values = np.append(words, np.uint32(0)).view(np.float32)
+    nothing = np.float32(np.nan)
+    ranges = np.where(count > 0, values[np.minimum(starts + 1 + which, len(words))], nothing)
+    if not strengths.any():
+        return Echoes(ranges, np.empty(0, np.float32))
+    has_both = (count > 0) & (which < strengths)
+    return Echoes(ranges, np.where(has_both, values[np.where(has_both, place + 1 + which, -1)], nothing))
+
+
+def _starts(words: Words, beams: int) -> tuple[Places, int] | None:
+    """Where the count of each entry of a list stands, and where the list ends; None where it passes the end."""
+    if not beams:
+        return _NOWHERE, 0
+    if not len(words):
+        return None
+    step = int(words[0]) + 1
+    if step * beams <= len(words):
+        at = np.arange(beams) * step
+        if (words[at] == words[0]).all():
+            return at, step * beams
+    counts = words.tolist()
+    starts = []
+    place = 0
+    for _ in range(beams):
+        if place >= len(counts):
+            return None
+        starts.append(place)
+        place += 1 + counts[place]
+    return (np.array(starts, np.intp), place) if place <= len(counts) else None
+
+
+def _strongest(words: Words, place: Places, count: Places) -> Places:
+    """(B,) which of its first `count` echoes is the strongest, by the list of intensities; the first where none is."""
+    which = np.zeros(len(count), np.intp)
+    several = np.flatnonzero(count > 1)
+    values = words.view(np.float32)
+    # A beam of very many echoes does not make the others as wide as itself.
+    for echoes in np.unique(count[several]).tolist():
+        rows = several[count[several] == echoes]
+        strengths = values[place[rows, None] + 1 + np.arange(echoes)]
+        which[rows] = np.argmax(np.where(np.isnan(strengths), -np.inf, strengths), axis=1)
+    return which
+
+
+ROWS = 512
+BYTES = 4 << 20
+"""A topic's messages are decoded when this many, or this many bytes, have come together."""
+
+
+@dataclass(slots=True)
+class Gather:
+    """The scattered messages of one LaserScan topic, in log order, until there are enough of them."""
+
+    topic: str
+    type: str
+    encoding: str
+    report: ReadReport
+    echo: str = OpenOptions().echo
+    """Which one to take of each beam of a MultiEchoLaserScan."""
+    rows: int = ROWS
+    parts: list[bytes] = field(default_factory=list)
+    times: list[int] = field(default_factory=list)
+    size: int = 0
+
+    def add(self, message: bytes, record_ns: int) -> bool:
+        """Take one message; True when the block is full and wants `flush`."""
+        self.parts.append(message)
+        self.times.append(record_ns)
+        self.size += len(message)
+        return len(self.parts) >= self.rows or self.size >= BYTES
+
+    def extend(self, messages: Sequence[bytes], record_ns: Sequence[int]) -> bool:
+        """Take some messages; True when the block is full and wants `flush`."""
+        self.parts.extend(messages)
+        self.times.extend(record_ns)
+        self.size += sum(map(len, messages))
+        return len(self.parts) >= self.rows or self.size >= BYTES
+
+    def decode(self, buffer: UInt8, offsets: Int64, lengths: Int64, record_ns: Int64) -> Iterator[RawSweeps]:
+        """Decode messages that lie together already, after those that were gathered before."""
+        yield from self.flush()
+        yield from decode_blocks(
+            self.topic,
+            buffer,
+            offsets,
+            lengths,
+            record_ns,
+            self.encoding,
+            self.report,
+            self.echo if self.type == MULTI_ECHO else None,
+        )
+
+    def flush(self) -> Iterator[RawSweeps]:
+        """Decode what has been gathered."""
+        parts, times = self.parts, self.times
+        if not parts:
+            return
+        self.parts, self.times, self.size = [], [], 0
+        lengths = np.array(list(map(len, parts)), np.int64)
+        buffer = np.frombuffer(b"".join(parts), np.uint8)
+        yield from self.decode(buffer, np.cumsum(lengths) - lengths, lengths, np.array(times, np.int64))
+
+
+_SCALARS = (
+    "angle_min",
+    "angle_max",
+    "angle_increment",
+    "time_increment",
+    "scan_time",
+    "range_min",
+    "range_max",
+)
+_EXPECTED = {
+    LASERSCAN: ("Header", "float32[]"),
+    MULTI_ECHO: ("Header", "LaserEcho[]"),
+}
+# What is left open goes on to the end, and nothing is gone back over: a schema may be a megabyte of anything.
+_NO_CODE = re.compile(r'"(?:[^"\\]|\\.)*+"?|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/)?', re.DOTALL)
+_ANNOTATION = re.compile(r"@\w++\s*+\([^)]*+\)?")
+_BESIDE_TYPES = re.compile(r"\b\w++::|(?<=<)\s++|(?<!\s)\s++(?=[<>])")
+_IDL_NAMES = {"float": "float32", "sequence<float>": "float32[]", "sequence<LaserEcho>": "LaserEcho[]"}
+
+
+def differs(type_name: str, encoding: str, text: str) -> str | None:
+    """The first field in which a definition leaves the standard one; None where it agrees or says nothing.
+
+    >>> differs(LASERSCAN, "ros2msg", "std_msgs/Header header\\nfloat64 angle_min")
+    "field 2 is 'float64 angle_min', not 'float32 angle_min'"
+    """
+    header, ranges = _EXPECTED[type_name]
+    expected = [(header, "header"), *(("float32", name) for name in _SCALARS), (ranges, "ranges")]
+    read = _idl_fields if encoding == "ros2idl" else _msg_fields
+    found = read(text, type_name.rsplit("/", 1)[-1])
+    if not found:
+        return None
+    for place, (kind, name) in enumerate(expected):
+        seen = found[place] if place < len(found) else ("nothing", "")
+        if seen != (kind, name):
+            return f"field {place + 1} is '{' '.join(seen).strip()}', not '{kind} {name}'"
+    return None
+
+
+def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:
+    """Types and names of a .msg definition; the definitions of its parts follow a line of '='."""
+    fields = []
+    for raw in text.splitlines():
+        line = raw.split("#", 1)[0].strip()
+        if line.startswith("=="):
+            break
+        words = line.split()
+        if len(words) >= 2 and "=" not in line:
+            fields.append((words[0].rsplit("/", 1)[-1], words[1]))
+    return fields
+
+
+def _idl_fields(text: str, name: str) -> list[tuple[str, str]]:
+    """Types and names of the members of `struct name` in an IDL definition."""
+    bare = _NO_CODE.sub("", text)
+    struct = re.search(rf"\bstruct\s++{name}\s*+\{{([^}}]*+)", bare)
+    if struct is None:
+        return []
+    members = _ANNOTATION.sub("", struct[1])
+    fields = []
+    for member in members.split(";"):
+        words = _BESIDE_TYPES.sub("", member).split()
+        if len(words) >= 2:
+            kind = "".join(words[:-1])
+            fields.append((_IDL_NAMES.get(kind, kind), words[-1]))
+    return fields

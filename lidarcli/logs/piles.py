@@ -1,4 +1,7 @@
-"""The value that a sensor writes for no return, where nobody has told it: a pile of ranges at the most that a log holds."""
+"""Ranges that are no measurements: the value that a sensor writes for no return, and beams that tell one range always.
+
+The first is a pile of ranges at the most that a log holds.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lidarcli.logs.base import ReadReport
-from lidarcli.logs.stuck import find_stuck
-from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge
-from lidarcli.sweeps import Float32, Float64, RawSweeps, concatenate
+from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, judge, same_range
+from lidarcli.sweeps import Bool, Float32, Float64, RawSweeps, concatenate
 
 WINDOW = 256
 """Sweeps of a topic that are looked at together before any of them is judged …"""
@@ -329,3 +331,60 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
     wide = (end - begin) * steps[row] > width
     within = int((end - begin)[wide].sum())
     return bool(len(np.unique(row[wide])) >= LEAST_SWEEPS and within >= IN_ARCS * count)
+
+
+STUCK_SWEEPS = 10
+"""Fewer show nothing."""
+STEADY = 0.95
+"""Share of the sweeps in which such a beam has its range."""
+BODY = 1.0
+"""What is no farther [m] is a part of the robot."""
+MOST_STUCK = 0.02
+"""Share of all beams: more of them see something that goes along."""
+MOST_ELSEWHERE = 0.001
+"""Share of the other beams that have the same range: what more have is no matter of one beam."""
+MOVED, LEAST_MOVED = 0.05, 0.2
+"""A beam sees another place when its range changes by this share, and no less [m], leaving out a tenth at either end …"""
+MOVING = 0.25
+"""… and a robot that drives about changes this share of its beams."""
+APART, MOSTLY = 0.1, 0.9
+"""The beams beside it differ from it by this share of its range, in this share of the sweeps."""
+
+
+def find_stuck(ranges: Float32) -> dict[int, float]:
+    """The beams of (S, B) ranges, NaN where there is none, that tell the same all the time, and what [m]."""
+    if len(ranges) < STUCK_SWEEPS:
+        return {}
+    usual = ranges[len(ranges) // 2]
+    same = same_range(ranges, usual)
+    stuck = (same.mean(axis=0) >= STEADY) & (usual > BODY)
+    if not 0 < np.count_nonzero(stuck) <= max(1.0, MOST_STUCK * len(stuck)) or not _moves(ranges):
+        return {}
+    return {
+        beam: float(str(usual[beam]))
+        for beam in np.flatnonzero(stuck).tolist()
+        if same_range(ranges[:, ~stuck], usual[beam]).mean() <= MOST_ELSEWHERE
+        and all(_differs(ranges[:, other], float(usual[beam])) for other in _beside(stuck, beam))
+    }
+
+
+def _moves(ranges: Float32) -> bool:
+    """Whether a robot drives about: many beams see other places, not for a moment alone."""
+    known = np.count_nonzero(~np.isnan(ranges), axis=0)
+    seen = np.flatnonzero(2 * known >= len(ranges))
+    ordered, last = np.sort(ranges[:, seen], axis=0), known[seen] - 1
+    beams = np.arange(len(seen))
+    low, high = (ordered[(share * last).astype(np.int64), beams] for share in (0.1, 0.9))
+    moved = high - low > np.maximum(LEAST_MOVED, MOVED * high)
+    return len(seen) > 0 and bool(np.count_nonzero(moved) >= MOVING * len(seen))
+
+
+def _beside(stuck: Bool, beam: int) -> list[int]:
+    """The next beam on either side that is not stuck, too."""
+    others = np.flatnonzero(~stuck)
+    return [*others[others < beam][-1:].tolist(), *others[others > beam][:1].tolist()]
+
+
+def _differs(ranges: Float32, value: float) -> bool:
+    with np.errstate(invalid="ignore"):
+        return float(np.mean(~(np.abs(ranges - value) <= APART * value))) >= MOSTLY

@@ -1,8 +1,14 @@
-"""How much compressed data is believed: a kilobyte of a bomb unpacks to a gigabyte of nothing."""
+"""Decompression within bounds: a kilobyte of a bomb unpacks to a gigabyte of nothing."""
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass, field
+from pathlib import Path
+
+import zstandard
+
+from lidarcli.logs.base import MAX_MESSAGE
 
 SMALL = 64 << 20
 """So many bytes may always come out."""
@@ -32,3 +38,70 @@ class Unpacking:
 def too_much(size: int, packed: int) -> str:
     """The cause of a loss."""
     return f"it declares {size:,} bytes, more than is believed of {packed:,} packed ones"
+
+
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+PACKED_CAUSE = "zstd message that is broken or too long"
+"""Why a packed message is left out."""
+DISK_SHARE = 0.9
+"""A storage file may unpack to this share of the free space of the temporary folder."""
+PIECE = 1 << 12
+"""Packed bytes taken at a time: at zstd's highest ratio 128 MiB come out of them."""
+MAX_WINDOW = 1 << 27
+
+
+def is_zstd(path: Path) -> bool:
+    """Whether a file begins as zstd data does."""
+    with path.open("rb") as file:
+        return file.read(4) == ZSTD_MAGIC
+
+
+def unpack_file(source: Path, target: Path) -> str:
+    """Unpack a storage file as far as it goes; why it ended early, or nothing."""
+    room = int(shutil.disk_usage(target.parent).free * DISK_SHARE)
+    limit = min(room, Unpacking().room(source.stat().st_size))
+    size = 0
+    with source.open("rb") as packed, target.open("wb") as out:
+        try:
+            data = packed.read(PIECE)
+            while data:
+                frame = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW).decompressobj()
+                while not frame.eof:
+                    if not data:
+                        return f"its zstd data is cut off after {size:,} unpacked bytes"
+                    size += out.write(frame.decompress(data))
+                    if size > limit:
+                        return f"only its first {size:,} bytes were unpacked: more than that is not believed"
+                    data = frame.unused_data if frame.eof else packed.read(PIECE)
+                data = data or packed.read(PIECE)
+        except zstandard.ZstdError as err:
+            return f"its zstd data is broken after {size:,} unpacked bytes ({err})"
+    return ""
+
+
+def unpack_message(data: bytes, unpacking: Unpacking) -> bytes | None:
+    """One zstd message, None where it is broken or too long, or where the bag has unpacked to too much."""
+    if unpacking.room(len(data)) < MAX_MESSAGE:
+        return None
+    message = _unpacked(data)
+    unpacking.used(len(message or b""))
+    return message
+
+
+def _unpacked(data: bytes) -> bytes | None:
+    frame = zstandard.ZstdDecompressor(max_window_size=MAX_WINDOW)
+    try:
+        size = zstandard.frame_content_size(data)
+        if size > MAX_MESSAGE:
+            return None
+        if size >= 0:
+            return frame.decompress(data)
+        steps = frame.decompressobj()
+        parts: list[bytes] = []
+        for at in range(0, len(data), PIECE):
+            parts.append(steps.decompress(data[at : at + PIECE]))
+            if steps.eof or sum(map(len, parts)) > MAX_MESSAGE:
+                break
+    except zstandard.ZstdError:
+        return None
+    return b"".join(parts) if steps.eof and sum(map(len, parts)) <= MAX_MESSAGE else None

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.logs.base import LASERSCAN, POSE_TYPES, OpenOptions, ReadReport, Topic
-from lidarcli.logs.choice import scan_topics
 from lidarcli.logs.clock import Clock, ClockInfo
 from lidarcli.logs.doubts import MOST, Doubts
+from lidarcli.logs.options import scan_topics
 from lidarcli.logs.piles import Settling
 from lidarcli.pipeline.inputs.sources import Nothing, Source, made_of_clouds, open_source
 from lidarcli.pipeline.reading.one_log import damage_lines

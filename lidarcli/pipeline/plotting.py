@@ -16,7 +16,7 @@ from lidarcli.formalism.mapping.counts import placed
 from lidarcli.formalism.mapping.occupancy import HIT
 from lidarcli.logs.base import OpenOptions, ReadReport
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.logs.choice import TopicChoice, nothing_read
+from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.newfiles import new_files, unwritable, write_whole
 from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import one_pair, read_table

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.logs.clouds.slicing import Levelled
+from lidarcli.logs.slicing import Levelled
 from lidarcli.poses.motion import Motion, compose, inverse, planar, rotate
 from lidarcli.poses.rows import frame_name
 from lidarcli.poses.tracks import Track

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rosbags.typesys import Stores, get_typestore
 
-from lidarcli.logs.rosbag2.journal import MAGIC
+from lidarcli.logs.rosbag2.database import JOURNAL_MAGIC
 from tests.logs.numbered import laser_scan, record_time
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -62,7 +62,7 @@ def name_super_journal(journal: Path, name: str) -> None:
     encoded = name.encode()
     with journal.open("ab") as file:
         file.write(struct.pack(">I", (1 << 30) // PAGE + 1) + encoded)
-        file.write(struct.pack(">II", len(encoded), sum(encoded)) + MAGIC)
+        file.write(struct.pack(">II", len(encoded), sum(encoded)) + JOURNAL_MAGIC)
 
 
 ENDLESS = "WITH RECURSIVE r(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM r)"

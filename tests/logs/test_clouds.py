@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 
 from lidarcli.foxglove import CLOUD, classes
+from lidarcli.logs import clouds, slicing
 from lidarcli.logs.base import OpenOptions, ReadReport, Slice
-from lidarcli.logs.clouds import cloud as clouds
-from lidarcli.logs.clouds import foxglove, pointcloud2, slicing
-from lidarcli.logs.clouds.bins import Bins, Fill
-from lidarcli.logs.clouds.slicing import Slicer, slice_cloud
+from lidarcli.logs.slicing import Bins, Fill, Levelled, Slicer, slice_cloud
 from lidarcli.ros import cursor
 from lidarcli.sweeps import TURN
 from tests.logs.cloud_messages import XYZ, message, point_bytes
@@ -39,7 +37,7 @@ MIXED = (("x", "f8", 5), ("rgb", "u4", 1), ("z", "f4", 21), ("y", "f8", 13))
 
 def sweep(data: bytes, encoding: str = "cdr", part: Slice = PART, **told: Any) -> list[float]:
     """The ranges of the sweep of one PointCloud2, as it lies in the sensor's frame."""
-    decode = pointcloud2.decode if encoding in ("cdr", "ros1") else foxglove.decode
+    decode = clouds.decode_pointcloud2 if encoding in ("cdr", "ros1") else clouds.decode_foxglove
     bins = Bins.of(OpenOptions(**told), part.bins)
     ranges: list[float] = slice_cloud(
         decode(data, encoding), part, bins, np.eye(3), np.zeros(3)
@@ -114,7 +112,7 @@ def test_the_intensity_is_that_of_the_nearest_point(name: str, kind: str) -> Non
     points = np.concatenate([POINTS, np.arange(10.0, 18.0).reshape(2, 4, 1)], axis=-1)
     data = make(points, (*XYZ, (name, kind, 12)))
     part, bins = PART, Bins.of(OpenOptions(), 5)
-    seen = slice_cloud(pointcloud2.decode(data, "cdr"), part, bins, np.eye(3), np.zeros(3))
+    seen = slice_cloud(clouds.decode_pointcloud2(data, "cdr"), part, bins, np.eye(3), np.zeros(3))
     if name == "i":
         assert seen.intensities is None
         return
@@ -173,7 +171,7 @@ def test_a_whole_sensor_agrees_with_a_look_at_every_point() -> None:
         if -0.3 <= z <= 0.6 and 1.0 <= distance <= 9.0:
             index = round((np.arctan2(y, x) + np.pi) / (TURN / 90)) % 90
             expected[index] = min(expected[index], distance)
-    found = slice_cloud(pointcloud2.decode(make(points), "cdr"), part, bins, np.eye(3), np.zeros(3))
+    found = slice_cloud(clouds.decode_pointcloud2(make(points), "cdr"), part, bins, np.eye(3), np.zeros(3))
     np.testing.assert_allclose(found.ranges, expected, rtol=2e-7)
 
 
@@ -209,7 +207,7 @@ def packed(told: dict[str, Any], encoding: str) -> bytes:
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
 def test_foxglove_clouds(encoding: str) -> None:
     data = packed(foxglove_cloud(), encoding)
-    cloud = foxglove.decode(data, encoding)
+    cloud = clouds.decode_foxglove(data, encoding)
     assert (cloud.frame_id, cloud.stamp_ns, len(cloud.layout)) == ("lidar", 1_700_000_000_000_000_005, 8)
     assert sweep(data, encoding) == NEAREST
 
@@ -251,34 +249,34 @@ def test_a_quaternion_of_any_length_is_a_turn(encoding: str) -> None:
 )
 def test_what_is_no_cloud_is_refused(data: bytes, cause: str) -> None:
     with pytest.raises(clouds.BadCloudError) as refused:
-        pointcloud2.decode(data, "cdr")
+        clouds.decode_pointcloud2(data, "cdr")
     assert str(refused.value) == cause
 
 
 def test_a_cloud_of_too_many_fields_is_refused() -> None:
     columns = tuple((f"f{at}", "f4", 0) for at in range(1001))
-    with pytest.raises(clouds.BadCloudError, match=pointcloud2.MANY_FIELDS):
-        pointcloud2.decode(make(np.zeros((1, 1, 1001)), columns), "cdr")
+    with pytest.raises(clouds.BadCloudError, match=clouds.MANY_FIELDS):
+        clouds.decode_pointcloud2(make(np.zeros((1, 1, 1001)), columns), "cdr")
 
 
 @pytest.mark.parametrize(
     ("data", "encoding", "cause"),
     [
-        (b"{", "json", foxglove.NOT_JSON),
-        (b"[1]", "json", foxglove.NOT_CLOUD),
-        (b'{"point_stride": 4, "fields": 7}', "json", foxglove.NOT_CLOUD),
-        (packed(foxglove_cloud(), "json").replace(b'"data": "', b'"data": "*'), "json", foxglove.NOT_CLOUD),
+        (b"{", "json", clouds.NOT_JSON),
+        (b"[1]", "json", clouds.NOT_CLOUD),
+        (b'{"point_stride": 4, "fields": 7}', "json", clouds.NOT_CLOUD),
+        (packed(foxglove_cloud(), "json").replace(b'"data": "', b'"data": "*'), "json", clouds.NOT_CLOUD),
         (packed(foxglove_cloud(point_stride=0), "json"), "json", clouds.OUTSIDE),
         (packed(foxglove_cloud(fields=[]), "protobuf"), "protobuf", clouds.NO_COORDINATES),
-        (packed(foxglove_cloud(timestamp={"sec": 1 << 62, "nsec": 0}), "json"), "json", foxglove.STAMP),
-        (packed(foxglove_cloud(pose=(NAN, 0, 0, 0, 0, 0, 1)), "protobuf"), "protobuf", foxglove.NOT_FINITE),
+        (packed(foxglove_cloud(timestamp={"sec": 1 << 62, "nsec": 0}), "json"), "json", clouds.STAMP),
+        (packed(foxglove_cloud(pose=(NAN, 0, 0, 0, 0, 0, 1)), "protobuf"), "protobuf", clouds.NOT_FINITE),
         (packed(foxglove_cloud(frame_id="f" * 5000), "json"), "json", cursor.NAME_LONG),
-        (b"\xff\xff", "protobuf", foxglove.NOT_PROTOBUF),
+        (b"\xff\xff", "protobuf", clouds.NOT_PROTOBUF),
     ],
 )
 def test_what_is_no_foxglove_cloud_is_refused(data: bytes, encoding: str, cause: str) -> None:
     with pytest.raises(clouds.BadCloudError) as refused:
-        foxglove.decode(data, encoding)
+        clouds.decode_foxglove(data, encoding)
     assert str(refused.value) == cause
 
 
@@ -286,7 +284,7 @@ def test_what_is_no_foxglove_cloud_is_refused(data: bytes, encoding: str, cause:
 def test_a_cut_message_is_refused_wherever_it_is_cut(encoding: str) -> None:
     is_ros = encoding in ("cdr", "ros1")
     whole = make(POINTS, encoding=encoding) if is_ros else packed(foxglove_cloud(), encoding)
-    decode = pointcloud2.decode if is_ros else foxglove.decode
+    decode = clouds.decode_pointcloud2 if is_ros else clouds.decode_foxglove
     # The last byte of a PointCloud2 says whether it is dense, which does not matter; protobuf may end behind any field.
     ends = range(len(whole) - 1) if encoding != "protobuf" else [len(whole) // 2, len(whole) - 1]
     for end in ends:
@@ -306,10 +304,10 @@ class Flat:
 
 def test_a_message_beyond_what_containers_read_is_refused_in_each(monkeypatch: pytest.MonkeyPatch) -> None:
     data = make(POINTS)
-    monkeypatch.setattr(slicing, "MAX_MESSAGE", len(data) - 1)
+    monkeypatch.setattr(clouds, "MAX_MESSAGE", len(data) - 1)
     report = ReadReport()
     assert not list(slicer(report).take(message(data)))
-    assert report.refused == Counter({("/points", slicing.LONG): 1})
+    assert report.refused == Counter({("/points", clouds.LONG): 1})
 
 
 def slicer(report: ReadReport, part: Slice = PART) -> Slicer:
@@ -355,9 +353,7 @@ def test_clouds_that_nobody_knows_the_place_of_are_left_out() -> None:
 
         def of(self, frame_id: str, stamp_ns: Any) -> Any:
             known = np.where(stamp_ns < 3, np.nan, 1.0)[:, None, None]
-            return slicing.Levelled(
-                "base_link", np.eye(3) * known, np.array([[0.0, 0.0, 1.0]] * len(stamp_ns))
-            )
+            return Levelled("base_link", np.eye(3) * known, np.array([[0.0, 0.0, 1.0]] * len(stamp_ns)))
 
     made = Slicer("/points", Slice(0.5, 1.5, 4), Bins.of(OpenOptions(), 4), Late(), ReadReport())
     for at in (1, 2, 3):

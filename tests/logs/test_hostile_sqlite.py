@@ -14,7 +14,7 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.rosbag2.journal import MAGIC, roll_back
+from lidarcli.logs.rosbag2.database import JOURNAL_MAGIC, roll_back
 from lidarcli.logs.rosbag2.salvage import Salvage
 from tests.logs.hostile_databases import HOSTILE, MESSAGES, PAGE, bag, killed, name_super_journal
 from tests.logs.numbered import indices
@@ -34,7 +34,7 @@ def content(folder: Path) -> dict[str, bytes]:
 def test_a_journal_brings_back_what_stood_before_the_transaction(tmp_path: Path) -> None:
     path = killed(tmp_path)
     before = content(tmp_path)
-    assert Path(f"{path}-journal").read_bytes().startswith(MAGIC)
+    assert Path(f"{path}-journal").read_bytes().startswith(JOURNAL_MAGIC)
     assert read(path) == (list(range(30)), [])
     assert content(tmp_path) == before
     # Without it, pages that the transaction changed stand in the file.
@@ -80,7 +80,7 @@ def test_no_file_that_a_journal_names_is_touched(tmp_path: Path, command: str, w
         bag(path, sweeps=30).close()
         first = path.read_bytes()[:PAGE]
         checksum = 7 + sum(first[at] for at in range(PAGE - 200, 0, -200)) & 0xFFFFFFFF
-        head = MAGIC + struct.pack(">IIIII", 1, 7, path.stat().st_size // PAGE, 512, PAGE)
+        head = JOURNAL_MAGIC + struct.pack(">IIIII", 1, 7, path.stat().st_size // PAGE, 512, PAGE)
         Path(f"{path}-journal").write_bytes(
             head.ljust(512, b"\0") + struct.pack(">I", 1) + first + struct.pack(">I", checksum)
         )

@@ -19,7 +19,7 @@ import pytest
 import zstandard
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs import open_log, opening
+from lidarcli.logs import open_log, registry
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.registry import FORMATS
 from lidarcli.sweeps import concatenate
@@ -193,7 +193,7 @@ def test_a_named_pipe_is_a_stream(tmp_path: Path) -> None:
 
 
 def test_a_named_pipe_without_a_writer_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opening, "PIPE_WAIT_S", 0.05)
+    monkeypatch.setattr(registry, "PIPE_WAIT_S", 0.05)
     path = tmp_path / "pipe"
     os.mkfifo(path)
     assert refusal(path) == f"{path}: nobody has written to this pipe for 0.05 s"

@@ -17,9 +17,8 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag1 import run as rosbag1_run
-from lidarcli.logs.rosbag1.feeds import ChunkFeed
-from lidarcli.logs.rosbag1.records import Search, judge, parse, walk
+from lidarcli.logs.rosbag1 import reader as rosbag1_run
+from lidarcli.logs.rosbag1.records import ChunkFeed, Search, judge, parse, walk
 from tests.logs.numbered import header, indices, laser_scan, record_time
 from tests.logs.watched import Rosbag1Log
 from tests.places import REAL_LOGS, needs_real_logs

@@ -21,8 +21,7 @@ from lidarcli.logs.base import LASERSCAN, Topic
 from lidarcli.logs.rosbag2 import database
 from lidarcli.logs.rosbag2.folder import natural, read_folder
 from lidarcli.logs.rosbag2.salvage import Salvage
-from lidarcli.logs.rosbag2.unpack import unpack_file, unpack_message
-from lidarcli.logs.unpacking import Unpacking
+from lidarcli.logs.unpacking import Unpacking, unpack_file, unpack_message
 from tests.logs.numbered import indices, laser_scan, ranges_of, record_time
 from tests.logs.numbered import read_bag as read
 from tests.logs.watched import Rosbag2Log

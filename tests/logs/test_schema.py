@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO
-from lidarcli.logs.definition import differs
+from lidarcli.logs.laserscan import differs
 
 MEGABYTE = 1_000_000
 IDL = """

@@ -20,7 +20,7 @@ from lidarcli.formalism.tracking.tracker import _poses
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.logs.batches import ReadOptions
-from lidarcli.logs.choice import TopicChoice
+from lidarcli.logs.options import TopicChoice
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions

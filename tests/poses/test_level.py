@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.logs.clouds.slicing import Levelled
+from lidarcli.logs.slicing import Levelled
 from lidarcli.poses.level import TreeLevels
 from lidarcli.poses.motion import Motion, multiply, planar, rotate
 from lidarcli.poses.tracks import Tracks

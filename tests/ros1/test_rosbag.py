@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from lidarcli.cli import run
-from lidarcli.logs.rosbag1.feeds import CODECS
-from lidarcli.logs.rosbag1.records import MAGIC, Op, parse
+from lidarcli.logs.rosbag1.records import CODECS, MAGIC, Op, parse
 from lidarcli.ros import bag_file
 from lidarcli.ros.definitions import ROS1
 from lidarcli.simulate.writers import write_log

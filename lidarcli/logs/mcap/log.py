@@ -2,7 +2,7 @@
 
 Records are walked in file order, whatever the index says: an index only saves work (`records.stretches`,
 `McapLog._pass`), so that a missing, partial or lying one loses nothing. One chunk is held at a time; a chunk that
-declares more than 1 GiB (`codec.MAX_CHUNK`) is refused.
+declares more than 1 GiB (`records.MAX_CHUNK`) is refused.
 """
 
 from __future__ import annotations
@@ -20,14 +20,10 @@ from lidarcli.errors import UnreadableError
 from lidarcli.foxglove import SCAN as FOXGLOVE_SCAN
 from lidarcli.logs import foxglove
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, OpenOptions, ReadReport, Topic
-from lidarcli.logs.definition import differs
-from lidarcli.logs.gather import Gather
-from lidarcli.logs.mcap.catalogue import MAGIC, Catalogue, Summary, index_is_complete, read_summary
-from lidarcli.logs.mcap.cursor import Cursor
-from lidarcli.logs.mcap.records import Messages
-from lidarcli.logs.mcap.walk import Walker
-from lidarcli.logs.rosbag2.unpack import PACKED_CAUSE, ZSTD_MAGIC, unpack_message
-from lidarcli.logs.unpacking import Unpacking
+from lidarcli.logs.laserscan import Gather, differs
+from lidarcli.logs.mcap.records import Cursor, Messages
+from lidarcli.logs.mcap.walk import MAGIC, Catalogue, Summary, Walker, index_is_complete, read_summary
+from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, unpack_message
 from lidarcli.sweeps import RawSweeps
 
 STRIPPED_MAGIC = b"\x89MCAP0\n"

@@ -1,17 +1,24 @@
-"""Finding MCAP records in bytes: the messages of a chunk, its index, and the way back after damage."""
+"""Bytes and records of an MCAP: the source, chunks within bounds, messages of a chunk, the way back after damage."""
 
 from __future__ import annotations
 
+import io
 import struct
+import threading
 from array import array
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, fields
+from typing import BinaryIO
 
+import lz4.frame
 import numpy as np
+import zstandard
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from lidarcli.sweeps import Bool, Int64, UInt8, record
+from lidarcli.logs.unpacking import CHUNK_RATIO, SMALL, Unpacking, too_much
+from lidarcli.sweeps import record
+from lidarcli.sweeps import Bool, Int64, UInt8
 
 RECORD = struct.Struct("<BQ")
 """Opcode and length, before every record."""
@@ -261,3 +268,168 @@ def _is_message(data: bytes, place: int, channels: frozenset[int]) -> bool:
     opcode, next_length = RECORD.unpack_from(data, after)
     channel = int.from_bytes(data[place + 9 : place + 11], "little")
     return channel in channels and 0 < opcode <= Opcode.DATA_END and next_length < 1 << 40
+
+
+MAX_CHUNK = 1 << 30
+"""A chunk that declares more than 1 GiB is refused, compressed or not: it is held as a whole."""
+
+_LZ4_RATIO = 255
+_STEP = 1 << 16
+_LOCAL = threading.local()
+
+
+class CodecError(ValueError):
+    """A chunk that cannot be decompressed."""
+
+
+def inflate(compression: str, data: bytes, size: int, unpacking: Unpacking) -> bytes:
+    """The `size` bytes of a chunk; never more than was declared, nor than is believed of so little data."""
+    if size > MAX_CHUNK:
+        raise CodecError(f"it declares {size} bytes, more than the {MAX_CHUNK} that are believed")
+    if compression == "":
+        return data
+    if compression == "lz4" and size > _LZ4_RATIO * len(data):
+        raise CodecError(f"it declares {size} bytes, more than lz4 can make of {len(data)}")
+    if size > min(unpacking.room(len(data)), SMALL + CHUNK_RATIO * len(data)):
+        raise CodecError(too_much(size, len(data)))
+    unpacking.used(size)
+    if size == 0 and not data:
+        return b""
+    if compression == "zstd":
+        inflated = _zstd(data, size)
+    elif compression == "lz4":
+        inflated = _lz4(data, size)
+    else:
+        raise CodecError(f"its compression '{compression}' is not one of none, lz4, zstd")
+    if len(inflated) != size:
+        raise CodecError(f"it declares {size} bytes and holds {len(inflated)}")
+    return inflated
+
+
+def _zstd(data: bytes, size: int) -> bytes:
+    try:
+        declared = zstandard.frame_content_size(data)
+        if declared not in (-1, size):
+            raise CodecError(f"it declares {size} bytes and holds {declared}")
+        return _decompressor().decompress(data, max_output_size=max(size, 1))
+    except zstandard.ZstdError as err:
+        raise CodecError(f"zstd: {err}") from err
+
+
+def _decompressor() -> zstandard.ZstdDecompressor:
+    """One per thread: making one costs more than decompressing a small chunk."""
+    if not hasattr(_LOCAL, "zstd"):
+        _LOCAL.zstd = zstandard.ZstdDecompressor()
+    kept: zstandard.ZstdDecompressor = _LOCAL.zstd
+    return kept
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    try:
+        inflated: bytes = decompressor.decompress(data, size + 1)
+    except (RuntimeError, EOFError, ValueError) as err:
+        raise CodecError(f"lz4: {err}") from err
+    return inflated
+
+
+def inflate_start(compression: str, data: bytes, size: int) -> bytes:
+    """As much of the beginning of a damaged chunk as can be decompressed."""
+    limit = min(size, SMALL + CHUNK_RATIO * len(data))
+    if compression == "":
+        return data[:limit]
+    start = bytearray()
+    try:
+        if compression == "zstd":
+            reader = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data))
+            while len(start) < limit and (piece := reader.read(min(_STEP, limit - len(start)))):
+                start += piece
+        elif compression == "lz4":
+            decompressor = lz4.frame.LZ4FrameDecompressor()
+            for place in range(0, len(data), _STEP):
+                start += decompressor.decompress(data[place : place + _STEP])
+                if len(start) >= limit or decompressor.eof:
+                    break
+    except (zstandard.ZstdError, RuntimeError, EOFError, ValueError):
+        pass  # what came before the damage is all there is
+    return bytes(start[:limit])
+
+
+PIECE = 1 << 20
+"""Most bytes asked of a pipe at once: a declared size is never allocated before the bytes are there."""
+
+
+class Cursor:
+    """A position in a stream of bytes. A file can also be read elsewhere (`read_at`), and ends where it ended at open."""
+
+    def __init__(self, stream: BinaryIO, size: int | None) -> None:
+        self.stream = stream
+        self.size = size
+        """None for a pipe."""
+        self.position = 0
+        self._ahead = b""
+
+    def read_at(self, offset: int, length: int) -> bytes:
+        """Bytes of a file, fewer at its end."""
+        if self.size is None:
+            raise ValueError("a pipe has no offsets")
+        self.stream.seek(offset)
+        wanted = max(0, min(length, self.size - offset))
+        return _read(self.stream, wanted, wanted)
+
+    def peek(self, length: int) -> bytes:
+        """The next bytes without passing them; fewer only at the end. May return more."""
+        missing = length - len(self._ahead)
+        if missing > 0:
+            if self.size is None:
+                self._ahead += _read(self.stream, missing, PIECE)
+            else:
+                self._ahead = self.read_at(self.position, max(length, 1 << 12))
+        return self._ahead
+
+    def take(self, length: int) -> bytes:
+        """Pass the next bytes and return them; fewer only at the end."""
+        data = self._ahead[:length]
+        if len(data) < length:
+            more = length - len(data)
+            if self.size is None:
+                data += _read(self.stream, more, PIECE)
+            else:
+                data = self.read_at(self.position, length)
+        self._ahead = self._ahead[length:]
+        self.position += len(data)
+        return data
+
+    def back(self, data: bytes) -> None:
+        """Undo `take`."""
+        self._ahead = data + self._ahead if self.size is None else b""
+        self.position -= len(data)
+
+    def skip(self, length: int) -> int:
+        """Pass the next bytes; how many there were."""
+        if self.size is not None:
+            return self._seek(min(length, self.size - self.position))
+        passed = 0
+        while passed < length:
+            step = len(self.take(min(length - passed, PIECE)))
+            if not step:
+                break
+            passed += step
+        return passed
+
+    def _seek(self, step: int) -> int:
+        self._ahead = self._ahead[step:]
+        self.position += step
+        return step
+
+
+def _read(stream: BinaryIO, length: int, piece: int) -> bytes:
+    """Exactly `length` bytes unless the stream ends."""
+    pieces = []
+    while length > 0:
+        data = stream.read(min(length, piece))
+        if not data:
+            break
+        pieces.append(data)
+        length -= len(data)
+    return pieces[0] if len(pieces) == 1 else b"".join(pieces)

@@ -12,12 +12,9 @@ import numpy as np
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, OpenOptions, ReadReport, Topic
-from lidarcli.logs.gather import Gather
-from lidarcli.logs.rosbag1.feeds import read_at
-from lidarcli.logs.rosbag1.index import Connection, State, read_index
-from lidarcli.logs.rosbag1.reader import Pass, Wanted
-from lidarcli.logs.rosbag1.records import MAGIC, MAX_HEADER, Op, parse
-from lidarcli.logs.rosbag1.run import MessageBlock
+from lidarcli.logs.laserscan import Gather
+from lidarcli.logs.rosbag1.reader import MessageBlock, Pass, Wanted
+from lidarcli.logs.rosbag1.records import MAGIC, MAX_HEADER, Connection, Op, State, parse, read_at, read_index
 from lidarcli.sweeps import RawSweeps
 
 OLD_MAGIC = b"#ROS"

@@ -18,11 +18,10 @@ from lidarcli.logs.base import (
     Topic,
     ros_type,
 )
-from lidarcli.logs.gather import Gather
+from lidarcli.logs.laserscan import Gather
 from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type
 from lidarcli.logs.rosbag2.folder import METADATA, Folder, read_folder
-from lidarcli.logs.rosbag2.unpack import PACKED_CAUSE, ZSTD_MAGIC, is_zstd, unpack_file, unpack_message
-from lidarcli.logs.unpacking import Unpacking
+from lidarcli.logs.unpacking import PACKED_CAUSE, ZSTD_MAGIC, Unpacking, is_zstd, unpack_file, unpack_message
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:

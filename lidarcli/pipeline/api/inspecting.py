@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Unpack
 
 from lidarcli.errors import NoScanError, warn
-from lidarcli.logs.choice import clouds_hint, no_scan_topic
+from lidarcli.logs.options import clouds_hint, no_scan_topic
 from lidarcli.pipeline.api.keywords import Inspecting, Paths
 from lidarcli.pipeline.api.options import opening_options, pose_options, rules
 from lidarcli.pipeline.api.signatures import with_keywords

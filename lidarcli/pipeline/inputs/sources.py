@@ -355,7 +355,7 @@ class SlicedLog(ChangedLog):
     """A `Log` that makes sweeps of another one's point clouds as well; what is level is found before the first."""
 
     def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
-        from lidarcli.logs.clouds.bins import Bins
+        from lidarcli.logs.slicing import Bins
 
         super().__init__(log)
         self._part = part
@@ -406,7 +406,7 @@ class SlicedLog(ChangedLog):
                 report.add_new(own)
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        from lidarcli.logs.clouds.slicing import Slicer
+        from lidarcli.logs.slicing import Slicer
         from lidarcli.poses.level import TreeLevels
 
         if self._levels is None:

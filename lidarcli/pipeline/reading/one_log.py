@@ -16,7 +16,7 @@ from lidarcli.errors import NoScanError, UnreadableError
 from lidarcli.formalism.detection import SETS, Detection
 from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import ReadOptions, read_batches
-from lidarcli.logs.choice import TopicChoice, nothing_read
+from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.machine import Beside
 from lidarcli.pipeline.inputs.sources import Source, made_of_clouds
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, first_delays

@@ -12,7 +12,7 @@ import numpy as np
 from lidarcli.choices import MATCH
 from lidarcli.errors import NoScanError, OptionError
 from lidarcli.logs.base import POSE_TYPES, Log, ReadReport, Topic
-from lidarcli.logs.choice import TopicChoice
+from lidarcli.logs.options import TopicChoice
 from lidarcli.logs.piles import Settling
 from lidarcli.pipeline.inputs.sources import SlicedLog, read_pose_messages
 from lidarcli.range_rules import RangeRules
