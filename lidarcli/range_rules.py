@@ -36,7 +36,7 @@ class RangeRules:
     farthest: float = math.inf
     """From here on [m] there is no return, because a pile of ranges is there (`logs.piles`)."""
     stuck: tuple[tuple[int, float], ...] = ()
-    """Beams that always tell one range [m], which is none, because they do (`logs.stuck`)."""
+    """Beams that always tell one range [m], which is none, because they do (`logs.piles`)."""
 
     @property
     def words(self) -> frozenset[str]:
