@@ -17,8 +17,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from lidarcli.logs.unpacking import CHUNK_RATIO, SMALL, Unpacking, too_much
-from lidarcli.sweeps import record
-from lidarcli.sweeps import Bool, Int64, UInt8
+from lidarcli.sweeps import Bool, Int64, UInt8, record
 
 RECORD = struct.Struct("<BQ")
 """Opcode and length, before every record."""
