@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarcli.choices import ECHOES
-from lidarcli.logs.base import MAX_BEAMS, Message, ReadReport, Topic
+from lidarcli.logs.base import MAX_BEAMS, ReadReport, Topic
 from lidarcli.logs.beginnings import JSON_LINE
 from lidarcli.logs.blocks import TOO_MANY, as_singles, keep_sound, pad_intensities, pad_rows, split_rows
 from lidarcli.logs.foxglove import NOT_JSON, ROWS, STAMP, VALUES, RefusedError, Sweep, decode_fields
-from lidarcli.logs.text import Poses, Sweeps, TextBlock, TextLog
+from lidarcli.logs.text import TextBlock, TextLog
 from lidarcli.logs.times import DATE, S, time_unit, to_ns
 from lidarcli.sweeps import RawSweeps
 
@@ -35,21 +35,12 @@ class JsonLinesLog(TextLog):
         """Nothing lists them."""
         return None
 
-    def _sweeps(self, topics: Collection[str] | None, report: ReadReport) -> Sweeps:
-        return _Decoder(topics, report, self._options.echo)
-
-    def _poses(self, types: Collection[str], report: ReadReport) -> Poses:
-        return _NoPoses()
-
-
-class _NoPoses:
-    """Poses in JSON are passed over."""
-
-    def feed(self, block: TextBlock) -> Iterator[Message]:
-        return iter(())
-
-    def finish(self) -> Iterator[Message]:
-        return iter(())
+    def _sweeps(
+        self, blocks: Iterator[TextBlock], topics: Collection[str] | None, report: ReadReport
+    ) -> Iterator[RawSweeps]:
+        decoder = _Decoder(topics, report, self._options.echo)
+        for block in blocks:
+            yield from decoder.feed(block)
 
 
 class _Decoder:

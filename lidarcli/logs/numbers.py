@@ -83,7 +83,7 @@ class Cells:
         """Cell `index` of each of `rows`, which all have it."""
         return self.spans(rows, index, 1)
 
-    def numbers(self, rows: Int64, first: int, count: Int64, dtype: type[np.floating]) -> Numbers:
+    def numbers(self, rows: Int64, first: int | Int64, count: Int64, dtype: type[np.floating]) -> Numbers:
         """The numbers in `count` cells from cell `first` on, of each of `rows` (ascending)."""
         starts, ends = self._bounds(rows, first, count)
         if not len(starts):
@@ -94,9 +94,9 @@ class Cells:
         except ValueError:
             return parse_rows(self.spans(rows, first, count), count, self.separator, dtype)
 
-    def _bounds(self, rows: Int64, first: int, count: Int64) -> tuple[Int32, Int32]:
+    def _bounds(self, rows: Int64, first: int | Int64, count: Int64) -> tuple[Int32, Int32]:
         """Start and end of each of these cells, in their order."""
-        if self._regular and len(count) and (count == count[0]).all():
+        if isinstance(first, int) and self._regular and len(count) and (count == count[0]).all():
             columns = slice(first, first + int(count[0]))
             shape = (len(self.count), int(self.count[0]))
             some = slice(None) if len(rows) == shape[0] else rows

@@ -1,4 +1,4 @@
-"""Text as blocks of whole lines, whatever wraps it: gzip, UTF-16, a BOM, CRLF, lines without an end."""
+"""Text as blocks of whole lines: gzip, UTF-16, byte order marks and all line ends are undone."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CHUNK = 256 << 10
 
 
 class Readable(Protocol):
-    """What a source needs of a stream."""
+    """A stream of bytes."""
 
     def read(self, size: int = -1, /) -> bytes: ...
 
@@ -36,15 +36,15 @@ class TextBlock:
 
     text: bytes
     line: int
-    """Number of the first line, from 1."""
+    """Number of the first line, counted from 1."""
     lines: int
-    """How many there are."""
+    """Number of lines."""
     cut: bool = False
     """The last line had no line end: the text may have been cut off there."""
 
 
 class TextSource:
-    """The lines of one byte stream; `blocks` reads it once, in bounded memory.
+    """Lines of a byte stream, which `blocks` reads once, in bounded memory.
 
     `limit` bounds the bytes taken from the stream, so that a file that grows while it is read has an end.
     """
@@ -52,7 +52,7 @@ class TextSource:
     def __init__(self, stream: Readable, limit: int | None = None) -> None:
         self._stream = stream
         self.report = ReadReport()
-        """What has been met since `report_to`, or before."""
+        """Damage since the last call of `report_to`."""
         self.position = 0
         """Bytes taken from the stream."""
         self._left = limit
@@ -60,12 +60,12 @@ class TextSource:
         self.compression = "gzip" if self._first[:2] == b"\x1f\x8b" else "none"
 
     def report_to(self, report: ReadReport) -> None:
-        """From now on damage goes to `report`, and what has been met so far first."""
+        """Move the damage met so far to `report`, and add all further damage there."""
         report.add(self.report)
         self.report = report
 
     def blocks(self) -> Iterator[TextBlock]:
-        """Blocks of lines: a small first one, to be recognised by, then larger ones."""
+        """Yield blocks of lines: a small first one for recognition, then larger ones."""
         chunks = self._chunks()
         if self.compression == "gzip":
             chunks = self._gunzip(chunks)
@@ -91,7 +91,7 @@ class TextSource:
                 return
 
     def _gunzip(self, chunks: Iterator[bytes]) -> Iterator[bytes]:
-        """Every byte that can be unpacked, member by member, in pieces of bounded size."""
+        """Yield every byte that can be unpacked, member by member, in pieces of bounded size."""
         unpack = zlib.decompressobj(31)
         fresh = True
         for chunk in chunks:
@@ -118,7 +118,7 @@ class TextSource:
             self._lost(f"compressed byte {self.position}", "gzip data ends early; what follows is lost")
 
     def _lost(self, place: str, cause: str) -> None:
-        """Record what explains all other damage, also when there is more of that than is kept."""
+        """Record the end of all data, even where the report is full of lesser damage."""
         if len(self.report.damage) >= ReadReport.MAX_DAMAGE:
             self.report.damage.pop()
             self.report.damage_more += 1
@@ -183,7 +183,7 @@ def _as_utf8(chunks: Iterator[bytes]) -> Iterator[bytes]:
 
 
 def _newlines(chunks: Iterator[bytes]) -> Iterator[bytes]:
-    """Text whose lines end with a carriage return alone gets newlines in their place."""
+    """Replace carriage returns by newlines in a text whose lines end with carriage returns alone."""
     first = next(chunks, b"")
     alone = b"\r" in first[:-1] and b"\n" not in first
     for chunk in chain([first], chunks):
@@ -203,22 +203,8 @@ def _line_ends(blocks: Iterator[TextBlock]) -> Iterator[TextBlock]:
 Index = TypeVar("Index")
 
 
-class Sweeps(Protocol):
-    """Lines in, sweeps out."""
-
-    def feed(self, block: TextBlock) -> Iterator[RawSweeps]: ...
-
-
-class Poses(Protocol):
-    """Lines in, poses out, and in the end what the whole log tells."""
-
-    def feed(self, block: TextBlock) -> Iterator[Message]: ...
-
-    def finish(self) -> Iterator[Message]: ...
-
-
 class TextLog(ABC):
-    """A log from a file or from a stream of its text: the part of a `Log` that does not look at the text."""
+    """A log of text, from a file or a stream; subclasses decode its lines."""
 
     def __init__(self, source: str | os.PathLike[str] | BinaryIO, options: OpenOptions | None = None) -> None:
         self._options = options or OpenOptions()
@@ -235,34 +221,33 @@ class TextLog(ABC):
 
     @property
     def position(self) -> int:
-        """Where the last pass stands [bytes]."""
+        """Bytes of the source that the last pass has read."""
         return self._text.position
 
     @abstractmethod
-    def _sweeps(self, topics: Collection[str] | None, report: ReadReport) -> Sweeps:
-        """What makes sweeps of lines, for one pass."""
+    def _sweeps(
+        self, blocks: Iterator[TextBlock], topics: Collection[str] | None, report: ReadReport
+    ) -> Iterator[RawSweeps]:
+        """Decode the sweeps of one pass."""
 
-    @abstractmethod
-    def _poses(self, types: Collection[str], report: ReadReport) -> Poses:
-        """What makes poses of lines, for one pass."""
+    def _poses(
+        self, blocks: Iterator[TextBlock], types: Collection[str], report: ReadReport
+    ) -> Iterator[Message]:
+        """Decode the poses of one pass; logs without any are read for their damage alone."""
+        for _ in blocks:
+            yield from ()
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in the order of the file within each topic."""
-        decoder = self._sweeps(topics, report)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
+        """Yield blocks of sweeps in the order of the file within each topic."""
+        yield from self._sweeps(self._blocks(report), topics, report)
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Poses."""
-        if not POSE_TYPES.intersection(types):
-            return
-        decoder = self._poses(types, report)
-        for block in self._blocks(report):
-            yield from decoder.feed(block)
-        yield from decoder.finish()
+        """Yield poses of the given types."""
+        if POSE_TYPES.intersection(types):
+            yield from self._poses(self._blocks(report), types, report)
 
     def close(self) -> None:
-        """Release the file, if it is ours."""
+        """Close the file, unless it is a stream of the caller."""
         if self._stream is not None and not self._once:
             self._stream.close()
             self._stream = None
@@ -274,7 +259,7 @@ class TextLog(ABC):
         self.close()
 
     def _indexed(self, index: Callable[[Iterable[TextBlock]], Index]) -> Index | None:
-        """An index of the whole text, which is read for it apart from all passes; None of a stream."""
+        """Return an index of the whole text, which is read apart from all passes; None for a stream."""
         if self._once:
             return None
         try:
@@ -284,7 +269,7 @@ class TextLog(ABC):
             raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
 
     def _blocks(self, report: ReadReport) -> Iterator[TextBlock]:
-        """The blocks from the first one on; a stream has them once."""
+        """Start a pass: return all blocks; UnreadableError for the second pass over a stream."""
         if self._used:
             if self._once:
                 raise UnreadableError(f"{self.path}: a stream can be read only once")

@@ -10,7 +10,7 @@ import pytest
 
 from lidarcli.logs import base, batches, open_log, text, unpacking
 from lidarcli.logs.base import OpenOptions, ReadReport
-from lidarcli.logs.carmen.words import LASERS
+from lidarcli.logs.carmen import LASERS
 from lidarcli.logs.csv.layouts import LAYOUTS
 from lidarcli.logs.mcap import records, walk
 from lidarcli.logs.rosbag2 import database, folder

@@ -14,7 +14,7 @@ import lidarcli
 from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
-from lidarcli.logs.aria.words import sensor_of
+from lidarcli.logs.aria import sensor_of
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.simulate import simulate

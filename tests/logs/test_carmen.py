@@ -16,7 +16,7 @@ from lidarcli.cli import run
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, OpenOptions, ReadReport
-from lidarcli.logs.carmen.words import LASERS
+from lidarcli.logs.carmen import LASERS
 from lidarcli.pipeline.inputs.search import find_logs
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, find_poses
 from lidarcli.poses.motion import planar

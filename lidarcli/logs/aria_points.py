@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarcli.logs.base import ReadReport
+from lidarcli.logs.planar import wrapped
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 _FAR_ENOUGH = 0.2
@@ -83,7 +84,7 @@ class Readings:
         for robot, turned in ((False, usual.turned), (False, not usual.turned), (True, True)):
             _, bearing = points.seen(Reading(robot, turned, False))
             for backwards, wanted in ((False, expected), (True, mirrored)):
-                miss = float(np.median(np.abs(_wrapped((bearing - wanted)[use]))))
+                miss = float(np.median(np.abs(wrapped((bearing - wanted)[use]))))
                 # What is usual is left only for what fits better by far.
                 if miss < least - 1e-3:
                     best, least = Reading(robot, turned, backwards), miss
@@ -119,8 +120,3 @@ def by_bearing(
     np.minimum.at(flat, place, ranges[inside])
     lost = np.bincount(points.row[points.there & ~inside], minlength=len(beams))
     return np.where(np.isinf(flat), 0.0, flat), lost.astype(np.int64)
-
-
-def _wrapped(angle: Float64) -> Float64:
-    wrapped: Float64 = (angle + np.pi) % TURN - np.pi
-    return wrapped

@@ -1,1 +1,0 @@
-"""ARIA logs: the .2d files that robots of MobileRobots (Pioneer and others) write for the making of maps."""

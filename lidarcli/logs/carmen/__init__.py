@@ -1,1 +1,0 @@
-"""CARMEN logs: the text that the classic data sets of indoor robots come in."""

@@ -1,1 +1,0 @@
-"""Player logs: what the writelog driver of Player/Stage writes."""
