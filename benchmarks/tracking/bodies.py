@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.tracking.recordings import Detected, Recording
 from lidarcli.formalism.detection import SHAPES
-from lidarcli.formalism.tracking.tracked import Tracks
+from lidarcli.formalism.tracking.results import Tracks
 from lidarcli.sweeps import Float64, Int64
 
 EXPECTED = {"box": "prismatic", "cylinder": "round", "plant": "irregular", "person": "legged"}

@@ -13,7 +13,7 @@ from benchmarks.tracking.recordings import Detected, Recording
 from benchmarks.tracking.rules import Datmo, DynamicObstacleDetector, ObstacleDetector, Rules, Seen
 from lidarcli.formalism.detection import AGENT, Detection
 from lidarcli.formalism.parameters import Parameters
-from lidarcli.formalism.tracking.tracked import Tracks
+from lidarcli.formalism.tracking.results import Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.sweeps import Bool, Float64, Int64, SweepBatch, record
 

@@ -128,7 +128,7 @@ def overlay(
     from lidarcli.cli.progress import progress_bar
     from lidarcli.cli.summary import show_reading
     from lidarcli.formalism import Parameters
-    from lidarcli.formalism.tracking.parameters import TrackParameters
+    from lidarcli.formalism.parameters import TrackParameters
     from lidarcli.machine import keep_freed_memory
     from lidarcli.pipeline.inputs.catalogue import read_catalogue
     from lidarcli.pipeline.inputs.search import one_log

@@ -51,7 +51,7 @@ def track(say: Messages, /, significance: float, memory: bool, **asked: Any) -> 
     """
 
     def tracking() -> TrackOptions:
-        from lidarcli.formalism.tracking.parameters import TrackParameters
+        from lidarcli.formalism.parameters import TrackParameters
         from lidarcli.pipeline.objects.following import TrackOptions
 
         return TrackOptions(TrackParameters(significance=significance, memory=memory))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal
 
 from lidarcli.choices import MIN_THING
@@ -87,3 +87,21 @@ class Parameters:
         if values["max_width"] == float("inf"):
             values["max_width"] = None
         return values
+
+
+@dataclass(frozen=True, slots=True)
+class TrackParameters:
+    """Parameters of `track`, beside those of the detection."""
+
+    significance: float = 1e-5
+    """Share of the standing things that may seem to move by chance: the smaller, the later a slow mover is recognised."""
+    memory: bool = True
+    """True to decide thing or building, and the shape, by all sweeps that saw an object, not anew in each."""
+
+    def __post_init__(self) -> None:
+        if not 1e-12 <= self.significance <= 0.1:
+            raise OptionError(f"--significance: {self.significance:g} is not between 1e-12 and 0.1")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values by name, for the metadata of the tables."""
+        return asdict(self)

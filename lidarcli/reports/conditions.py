@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from lidarcli.errors import OptionError
 from lidarcli.formalism.detection import CHANGES, SETS, SHAPES, VISIBILITIES
-from lidarcli.formalism.tracking.tracked import ENDS
+from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.reports.columns import BEAMS_OF_OBJECTS, OBJECTS_OF_SWEEP, Rows
 from lidarcli.sweeps import Bool, Float64
 from lidarcli.tabular.schemas import OBJECTS, SWEEPS, TRACKS

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.formalism.detection import CHANGES, SHAPES, VISIBILITIES
-from lidarcli.formalism.tracking.tracked import ENDS
+from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.sweeps import Float64
 
 COUNTS: dict[str, tuple[str, str]] = {

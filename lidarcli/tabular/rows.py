@@ -18,7 +18,7 @@ from lidarcli.tabular.arrays import codes, floats, masked, names_of, plain
 from lidarcli.tabular.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.tracking.tracked import Tracks
+    from lidarcli.formalism.tracking.results import Tracks
 
 
 @dataclass(frozen=True, slots=True)

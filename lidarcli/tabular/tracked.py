@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from lidarcli.formalism import SETS, SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
-from lidarcli.formalism.tracking.tracked import ENDS, Followed, Tracks
+from lidarcli.formalism.tracking.results import ENDS, Followed, Tracks
 from lidarcli.sweeps import Int32, SweepBatch, UInt8
 from lidarcli.tabular.arrays import answers, codes, floats, masked, plain
 from lidarcli.tabular.rows import Form, beams_of, constant

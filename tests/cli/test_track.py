@@ -20,7 +20,7 @@ from lidarcli.choices import SIGNIFICANCE
 from lidarcli.cli import cli
 from lidarcli.cli.detect import detect
 from lidarcli.cli.track import track
-from lidarcli.formalism.tracking.parameters import TrackParameters
+from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.pipeline.objects import following
 from lidarcli.pipeline.runs import over_logs
 from lidarcli.tabular import SCHEMAS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from lidarcli.formalism.tracking.tracked import ENDS
+from lidarcli.formalism.tracking.results import ENDS
 from lidarcli.tabular import SCHEMAS
 from tests.pipeline.test_following import CHANGED
 from tests.places import ROOT

@@ -12,10 +12,10 @@ import pytest
 from lidarcli.formalism.catalogue import Catalogue, Thing
 from lidarcli.formalism.detection import LEGGED, ROUND
 from lidarcli.formalism.tracking import naming
-from lidarcli.formalism.tracking.naming import LEAST_SD, SHARED, Looks, Naming
-from lidarcli.formalism.tracking.things import Thing as Body
-from lidarcli.formalism.tracking.things import Track
-from lidarcli.formalism.tracking.tracked import BOX, DISC
+from lidarcli.formalism.tracking.naming import LEAST_SIZE_SD, SHARED_SD_SHARE, Looks, Naming
+from lidarcli.formalism.tracking.results import BOX, DISC
+from lidarcli.formalism.tracking.tracks import Body as Body
+from lidarcli.formalism.tracking.tracks import Track
 from tests.formalism.three_boxes import Named, named
 
 PALLET = Catalogue((Thing("pallet", "prismatic", length=1.2, width=0.8, moves=False),))
@@ -35,7 +35,7 @@ def looks(sizes: Any, edges: Any, sd: float = 0.02, yaw: float = 0.0) -> Looks:
 
 
 def body(**known: Any) -> Body:
-    return Body(7, **{"kind": BOX, "sightings": 50, "looks": (50.0, 0.0, 0.0, 0.0), **known})
+    return Body(7, **{"kind": BOX, "sightings": 50, "shape_votes": (50.0, 0.0, 0.0, 0.0), **known})
 
 
 def label_of(track: Track, *seen: Looks) -> tuple[int, float]:
@@ -57,9 +57,11 @@ def a_track(thing: Body, **known: Any) -> Track:
 def test_the_same_beams_say_nothing_new() -> None:
     """A thousand sweeps by the same beams know a side as well as one; by other beams they know it better."""
     same = naming._mean(np.array([1000.0]), np.array([1 / 0.02**2]), np.array([1.2]))
-    assert same == pytest.approx((1.2, math.hypot(0.02, LEAST_SD)))
+    assert same == pytest.approx((1.2, math.hypot(0.02, LEAST_SIZE_SD)))
     other = naming._mean(np.full(100, 5.0), np.full(100, 1 / 0.02**2), np.full(100, 1.2))
-    assert other[1] == pytest.approx(math.hypot(0.02 * math.sqrt(0.01 + 0.99 * SHARED**2), LEAST_SD))
+    assert other[1] == pytest.approx(
+        math.hypot(0.02 * math.sqrt(0.01 + 0.99 * SHARED_SD_SHARE**2), LEAST_SIZE_SD)
+    )
 
 
 def test_a_look_that_is_far_off_counts_little() -> None:
@@ -116,7 +118,7 @@ def test_what_is_over_is_remembered_in_short() -> None:
 
 def test_who_walks_on_several_legs_has_two_and_no_sides() -> None:
     """How far apart they are changes with every step."""
-    names, leg = Naming(PALLET), body(kind=DISC, looks=(2.0, 20.0, 0.0, 1.0))
+    names, leg = Naming(PALLET), body(kind=DISC, shape_votes=(2.0, 20.0, 0.0, 1.0))
     names.take([looks([[0.1, 0.1]], [1])], np.array([7]), np.array([math.nan]), {7: leg})
     evidence = names._evidence([a_track(leg, several=True, moved=True), a_track(leg, moved=True)])
     assert evidence.legs.tolist() == [2, 0]

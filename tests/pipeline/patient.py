@@ -10,8 +10,8 @@ import numpy as np
 
 from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.formalism.detection import AGENT, OBJECT, SETS, SHAPES, Detection
-from lidarcli.formalism.tracking.parameters import TrackParameters
-from lidarcli.formalism.tracking.tracked import ENDS, Followed, Tracks
+from lidarcli.formalism.parameters import TrackParameters
+from lidarcli.formalism.tracking.results import ENDS, Followed, Tracks
 from lidarcli.sweeps import SweepBatch
 
 PATIENCE = 100

@@ -15,7 +15,7 @@ import pytest
 import lidarcli
 from benchmarks.scenes.moving import moving_scene
 from lidarcli.cli import run
-from lidarcli.formalism.tracking.parameters import TrackParameters
+from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import _poses
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport

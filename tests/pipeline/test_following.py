@@ -17,7 +17,7 @@ import pytest
 import lidarcli
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.formalism.catalogue import Catalogue, Thing
-from lidarcli.formalism.tracking.parameters import TrackParameters
+from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files
 from lidarcli.pipeline.inputs.sources import Source

@@ -9,7 +9,7 @@ import pytest
 
 from lidarcli.formalism import SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, WALL
-from lidarcli.formalism.tracking.tracked import Followed
+from lidarcli.formalism.tracking.results import Followed
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.rows import beams_rows, objects_rows, sweeps_rows
 from lidarcli.tabular.tracked import tracked_beams, tracked_objects, tracked_sweeps, tracks_rows

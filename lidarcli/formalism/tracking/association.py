@@ -1,4 +1,9 @@
-"""Which view is which body: the assignment of least cost, and views that are a further part of a body."""
+"""Association of views with bodies, at the least total cost.
+
+First each view goes to at most one body; views that remain may be further parts of a body. Then persons take up to two slim
+views in every sweep, because legs swing, hide each other and meet. A leg that is shown to move founds a person, which is
+followed by the middle of its legs from then on.
+"""
 
 from __future__ import annotations
 
@@ -6,34 +11,50 @@ import math
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism.tracking import assignment as assignments
-from lidarcli.formalism.tracking import bodies as things
-from lidarcli.formalism.tracking import sides as measures
-from lidarcli.formalism.tracking import views as looks
-from lidarcli.formalism.tracking.assignment import Assignment
-from lidarcli.formalism.tracking.bodies import Bodies
-from lidarcli.formalism.tracking.sides import Sides
-from lidarcli.formalism.tracking.views import Views
+from lidarcli.formalism.segmentation import Scans
+from lidarcli.formalism.tracking import belief, estimation, observation
+from lidarcli.formalism.tracking.estimation import Bodies, Sides, Sightings
+from lidarcli.formalism.tracking.observation import Views
 
-INFINITY = assignments.INFINITY
+INFINITY = float("inf")
 GATE = 6.25
-"""A body is rather without a view than with one that costs more."""
-REACH = 0.12
-"""[m] A centroid may be this far from where it is expected, as a standard deviation …"""
-REACH_SIZE = 0.25
-"""… and this share of the size of the body further."""
-CAP = 4.0
-"""A single side may not cost more than this squared number of standard deviations."""
-SIZE_ERROR = 0.15
+"""Cost of a body without a view: a view that costs more is not taken."""
+CENTROID_SD = 0.12
+"""[m] Standard deviation of the centroid of a view from where it is expected."""
+CENTROID_SD_SIZE = 0.25
+"""Share of the size of the body that adds to this."""
+MOST_SIDE_COST = 4.0
+"""Greatest cost of one side, in squared standard deviations."""
+SIZE_SD = 0.15
 """[m] Standard deviation of the difference between two sizes of one body."""
-SIZE_CAP = 2.0
-"""The size of a body says no more than this."""
-NEWCOMER = 1.0
-"""What is hardly known yet comes after what is well known, by this much."""
-MOST_REACH = 1.5
-"""[m] However uncertain a body is, a view is not further away than this many of these."""
-JOIN = 0.1
-"""[m] A further part of a body lies inside of it, give or take this."""
+MOST_SIZE_COST = 2.0
+"""Greatest cost of a size that differs."""
+NEWCOMER_COST = 1.0
+"""Cost of a body whose existence is doubtful, so that it comes after those that are certain."""
+FARTHEST_VIEW = 1.5
+"""[m] Greatest distance of a view from where it is expected, however uncertain the body is."""
+PART_MARGIN = 0.1
+"""[m] Greatest distance of a further part of a body outside of it."""
+LEG_WIDTH = 0.3
+"""[m] Greatest width of a leg that walks."""
+LEGS_WIDTH = 0.65
+"""[m] Greatest width of a view of two legs."""
+LEG_REACH = 0.65
+"""[m] Greatest distance of a leg from the middle of its person."""
+LEG_SD = 0.4
+"""[m] Standard deviation of that distance, roughly."""
+SAME_PERSON = 0.6
+"""Cost by which a leg that belonged to the person before is preferred."""
+STANDING_SIGHTINGS = 12
+"""Sightings from which on a body is not a leg, unless it was one before."""
+TWO_LEGS_VAR = 0.0036
+"""[m²] Variance of the middle of two legs: (6 cm)²."""
+ONE_LEG_VAR = 0.0484
+"""[m²] Variance of the middle of a person of whom one leg is seen: (22 cm)²."""
+JOINT_LEGS_VAR = 0.01
+"""[m²] Variance of the middle of two legs in one view: (10 cm)²."""
+PERSON_RADIUS = 0.2
+"""[m] Half of the width of a person at the legs."""
 
 
 class Pairs:
@@ -63,35 +84,35 @@ def associate(pairs: Pairs, task: Assignment, sides: Sides, bodies: Bodies, view
         bodies.view[b] = -1
     for k in range(views.count):
         owner[k] = -1
-    _collect(pairs, sides, bodies, views)
+    _pair_views(pairs, sides, bodies, views)
     _chain(pairs, bodies)
     for i in range(pairs.count):
         if pairs.head[pairs.group[pairs.body[i]]] >= 0:
             _assign_group(pairs, task, bodies, owner, pairs.group[pairs.body[i]])
 
 
-def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
+def _pair_views(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
     """All pairs within the gate."""
     pairs.count = 0
     for b in range(bodies.high):
-        if bodies.state[b] != things.LIVE or bodies.kind[b] == things.PERSON:
+        if bodies.state[b] != estimation.LIVE or bodies.kind[b] == estimation.PERSON:
             continue
-        x, y = things.centre(bodies, b)
+        x, y = estimation.centre(bodies, b)
         moved_x, moved_y = x - bodies.from_x[b], y - bodies.from_y[b]
         x, y = bodies.middle_x[b] + moved_x, bodies.middle_y[b] + moved_y
         size = 2.0 * math.sqrt(bodies.h[2 * b] * bodies.h[2 * b] + bodies.h[2 * b + 1] * bodies.h[2 * b + 1])
         var = 0.5 * (bodies.cc[2 * b] + bodies.cc[2 * b + 1])
-        reach = REACH + REACH_SIZE * size + math.sqrt(var)
+        reach = CENTROID_SD + CENTROID_SD_SIZE * size + math.sqrt(var)
         if views.pose_var > 0.0 or views.pose_turn_var > 0.0:
             dx, dy = x - views.x, y - views.y
             reach += math.sqrt(views.pose_var + views.pose_turn_var * (dx * dx + dy * dy))
-        most = min(math.sqrt(GATE) * reach, MOST_REACH)
+        most = min(math.sqrt(GATE) * reach, FARTHEST_VIEW)
         for k in range(views.count):
             dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
             far = dx * dx + dy * dy
             if far > most * most:
                 continue
-            cost = far / (reach * reach) + NEWCOMER * (1.0 - bodies.existence[b])
+            cost = far / (reach * reach) + NEWCOMER_COST * (1.0 - bodies.existence[b])
             cost += _misfit(sides, bodies, views, b, k)
             if cost < GATE and pairs.count < pairs.most:
                 i = pairs.count
@@ -101,20 +122,20 @@ def _collect(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
 
 def _misfit(sides: Sides, bodies: Bodies, views: Views, b: int, k: int) -> float:
     """How badly the sides of a view fit those of a body, and its size that of the body."""
-    measures.measure(sides, views, k, bodies, b, looks.pose_variance(views, k))
+    estimation.measure(sides, views, k, bodies, b, observation.pose_variance(views, k))
     total, number = 0.0, 0.0
     for side in range(4):
         if sides.var[side] < 0.0 or (sides.by_centre and (side == 1 or side == 3)):
             continue
         sign = 0.0 if sides.by_centre else (1.0 if side == 1 or side == 3 else -1.0)
-        off, s = things.residual(bodies, 2 * b + side // 2, sides.z[side], sign, sides.var[side])
-        total += min(off * off / s, CAP)
+        off, s = estimation.residual(bodies, 2 * b + side // 2, sides.z[side], sign, sides.var[side])
+        total += min(off * off / s, MOST_SIDE_COST)
         number += 1.0
     cost = 0.5 * total / number if number > 0.0 else 0.0
-    if bodies.whole[b] >= 3 and not measures.is_partial(views, k):
+    if bodies.whole[b] >= 3 and not observation.is_partial(views, k):
         size = math.sqrt(views.length[k] * views.length[k] + views.width[k] * views.width[k])
-        off = (size - bodies.size[b]) / (SIZE_ERROR + 0.2 * bodies.size[b])
-        cost += min(off * off, SIZE_CAP)
+        off = (size - bodies.size[b]) / (SIZE_SD + 0.2 * bodies.size[b])
+        cost += min(off * off, MOST_SIZE_COST)
     return cost
 
 
@@ -180,7 +201,7 @@ def _assign_group(pairs: Pairs, task: Assignment, bodies: Bodies, owner: Any, ro
         at = pairs.place[pairs.body[i]] * columns + pairs.place[n + pairs.view[i]]
         task.cost[at] = pairs.cost[i]
         i = pairs.next[i]
-    assignments.solve(task, GATE)
+    solve(task, GATE)
     for row in range(rows):
         if task.column[row] >= 0:
             b, k = pairs.member[row], pairs.member[n + task.column[row]]
@@ -193,16 +214,16 @@ def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
     Such a view gets `owner` = -2 - body.
     """
     for k in range(views.count):
-        if owner[k] != -1 or not measures.is_partial(views, k):
+        if owner[k] != -1 or not observation.is_partial(views, k):
             continue
-        best, least = -1, JOIN
+        best, least = -1, PART_MARGIN
         for b in range(bodies.high):
-            if bodies.state[b] != things.LIVE or bodies.view[b] < 0 or bodies.sightings[b] < 3:
+            if bodies.state[b] != estimation.LIVE or bodies.view[b] < 0 or bodies.sightings[b] < 3:
                 continue
-            out = outside(bodies, b, views.middle_x[k], views.middle_y[k])
-            if not measures.is_partial(views, bodies.view[b]):
+            out = estimation.outside(bodies, b, views.middle_x[k], views.middle_y[k])
+            if not observation.is_partial(views, bodies.view[b]):
                 # What is seen whole has no further parts, unless it is ragged.
-                out += 1.5 * JOIN
+                out += 1.5 * PART_MARGIN
             if out < least and _has_room(bodies, b, views, k):
                 best, least = b, out
         if best >= 0:
@@ -212,14 +233,303 @@ def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
 def _has_room(bodies: Bodies, b: int, views: Views, k: int) -> bool:
     """Whether a body is as large as a part of it."""
     size = math.sqrt(bodies.h[2 * b] * bodies.h[2 * b] + bodies.h[2 * b + 1] * bodies.h[2 * b + 1])
-    return views.chord[k] <= 2.0 * size + JOIN
+    return views.chord[k] <= 2.0 * size + PART_MARGIN
 
 
-def outside(bodies: Bodies, b: int, x: float, y: float) -> float:
-    """How far a point is outside of a body [m], negative inside."""
-    centre_x, centre_y = things.centre(bodies, b)
-    dx, dy = x - centre_x, y - centre_y
-    if bodies.kind[b] != things.BOX:
-        return math.sqrt(dx * dx + dy * dy) - 0.5 * (bodies.h[2 * b] + bodies.h[2 * b + 1])
-    along, across = things.to_axes(bodies, b, dx, dy)
-    return max(abs(along) - bodies.h[2 * b], abs(across) - bodies.h[2 * b + 1])
+class Assignment:
+    """Room for one assignment of `rows` to `columns`, to each row also a column of its own: it may stay without."""
+
+    def __init__(self, most_rows: int, most_columns: int) -> None:
+        self.owner: list[Any] = []
+        wide = most_rows + most_columns + 1
+        self.rows = 0
+        self.columns = 0
+        self.most_columns = most_columns
+        self.cost = native.doubles(self.owner, max(most_rows * most_columns, 1))
+        """Cost of row i and column j at i * columns + j; infinite where they cannot be one."""
+        self.column = native.integers(self.owner, most_rows + 1)
+        """The column of each row, -1 for none."""
+        self.row_price = native.doubles(self.owner, most_rows + 1)
+        self.column_price = native.doubles(self.owner, wide)
+        self.taken_by = native.integers(self.owner, wide)
+        self.before = native.integers(self.owner, wide)
+        self.least = native.doubles(self.owner, wide)
+        self.done = native.integers(self.owner, wide)
+
+
+def solve(task: Assignment, without: float) -> None:
+    """Fill `column`. `without`: what it costs a row to stay without a column."""
+    wide = task.columns + task.rows
+    # Rows and columns count from 1: 0 is none.
+    for j in range(wide + 1):
+        task.column_price[j] = 0.0
+        task.taken_by[j] = 0
+    for i in range(task.rows + 1):
+        task.row_price[i] = 0.0
+    for i in range(1, task.rows + 1):
+        _augment(task, i, wide, without)
+    for i in range(task.rows):
+        task.column[i] = -1
+    for j in range(1, task.columns + 1):
+        if task.taken_by[j] > 0:
+            task.column[task.taken_by[j] - 1] = j - 1
+
+
+def _augment(task: Assignment, row: int, wide: int, without: float) -> None:
+    """Give a row its column along the cheapest path of changes (Dijkstra with prices)."""
+    task.taken_by[0] = row
+    at = 0
+    for j in range(wide + 1):
+        task.least[j] = INFINITY
+        task.done[j] = 0
+    while task.taken_by[at] != 0:
+        task.done[at] = 1
+        i = task.taken_by[at]
+        step, next_at = INFINITY, 0
+        for j in range(1, wide + 1):
+            if task.done[j]:
+                continue
+            if j <= task.columns:
+                cost = task.cost[(i - 1) * task.columns + j - 1]
+            else:
+                cost = without if j - task.columns == i else INFINITY
+            reduced = cost - task.row_price[i] - task.column_price[j]
+            if reduced < task.least[j]:
+                task.least[j] = reduced
+                task.before[j] = at
+            if task.least[j] < step:
+                step, next_at = task.least[j], j
+        for j in range(wide + 1):
+            if task.done[j]:
+                task.row_price[task.taken_by[j]] += step
+                task.column_price[j] -= step
+            else:
+                task.least[j] -= step
+        at = next_at
+    while at != 0:
+        previous = task.before[at]
+        task.taken_by[at] = task.taken_by[previous]
+        at = previous
+
+
+class Persons:
+    """Room for the views of one sweep and whom they may belong to."""
+
+    def __init__(self, views: int) -> None:
+        self.owner: list[Any] = []
+        self.most = 8 * views + 64
+        self.count = 0
+        self.person = native.integers(self.owner, self.most)
+        self.view = native.integers(self.owner, self.most)
+        self.cost = native.doubles(self.owner, self.most)
+        self.entry = native.integers(self.owner, views)
+        """Of each view, its sighting in the log, -1 for none."""
+        self.taken = native.integers(self.owner, views)
+        """Whether somebody has it."""
+
+
+def follow_persons(
+    persons: Persons,
+    bodies: Bodies,
+    views: Views,
+    scans: Scans,
+    owner: Any,
+    log: Sightings,
+    time: float,
+    sweep: int,
+) -> None:
+    """Give slim views to persons, and let legs that move found new ones.
+
+    Parameters
+    ----------
+    owner : slot of the body of each view; that of a person takes its place
+    time, sweep : of this sweep [s], and how many were before
+    """
+    for k in range(views.count):
+        persons.taken[k] = 0
+    _pair_persons(persons, bodies, views, owner)
+    _sort_pairs(persons)
+    for i in range(persons.count):
+        _assign_view(persons, bodies, views, persons.person[i], persons.view[i])
+    for b in range(bodies.high):
+        if bodies.state[b] == estimation.LIVE and bodies.kind[b] == estimation.PERSON:
+            _update_person(persons, bodies, views, scans, owner, log, b, time, sweep)
+    for k in range(views.count):
+        leg = owner[k]
+        if leg >= 0 and persons.taken[k] == 0 and bodies.moved[leg] == 1 and _is_leg(bodies, leg):
+            b = _without_leg(bodies, views, k)
+            if b >= 0:
+                bodies.settled[b] += 1
+                _join_leg(bodies, leg, b)
+                _rename_sighting(persons, bodies, log, b, k)
+                owner[k] = b
+            else:
+                owner[k] = _found_person(persons, bodies, views, log, leg, k, time, sweep)
+
+
+def _without_leg(bodies: Bodies, views: Views, k: int) -> int:
+    """The nearest person within reach of a view that has a leg left; -1 for none."""
+    best, least = -1, LEG_REACH * LEG_REACH
+    for b in range(bodies.high):
+        if (
+            bodies.state[b] != estimation.LIVE
+            or bodies.kind[b] != estimation.PERSON
+            or bodies.settled[b] >= 2
+        ):
+            continue
+        x, y = estimation.centre(bodies, b)
+        dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
+        if dx * dx + dy * dy < least:
+            best, least = b, dx * dx + dy * dy
+    return best
+
+
+def _is_leg(bodies: Bodies, b: int) -> bool:
+    """Whether a body is slim enough."""
+    return bodies.kind[b] == estimation.DISC and bodies.h[2 * b] + bodies.h[2 * b + 1] <= LEG_WIDTH
+
+
+def _pair_persons(persons: Persons, bodies: Bodies, views: Views, owner: Any) -> None:
+    """All pairs of persons and views that are near each other."""
+    persons.count = 0
+    for b in range(bodies.high):
+        if bodies.state[b] != estimation.LIVE or bodies.kind[b] != estimation.PERSON:
+            continue
+        x, y = estimation.centre(bodies, b)
+        # Two places, for two legs.
+        bodies.settled[b] = 0
+        for k in range(views.count):
+            leg = owner[k]
+            if views.chord[k] > LEGS_WIDTH or (leg >= 0 and not _may_be_leg(bodies, leg)):
+                continue
+            dx, dy = views.middle_x[k] - x, views.middle_y[k] - y
+            far = dx * dx + dy * dy
+            if far > LEG_REACH * LEG_REACH or persons.count >= persons.most:
+                continue
+            i = persons.count
+            persons.person[i], persons.view[i], persons.cost[i] = b, k, far / (LEG_SD * LEG_SD)
+            if leg >= 0 and bodies.member[leg] == bodies.number[b]:
+                persons.cost[i] -= SAME_PERSON
+            persons.count += 1
+
+
+def _may_be_leg(bodies: Bodies, b: int) -> bool:
+    """Whether a body may be a leg of a person: it was one before, or is hardly known yet."""
+    return bodies.member[b] != 0 or bodies.sightings[b] < STANDING_SIGHTINGS
+
+
+def _sort_pairs(persons: Persons) -> None:
+    """The cheapest pairs first, by insertion: there are few."""
+    for i in range(1, persons.count):
+        person, view, cost = persons.person[i], persons.view[i], persons.cost[i]
+        at = i
+        while at > 0 and cost < persons.cost[at - 1]:
+            persons.person[at], persons.view[at] = persons.person[at - 1], persons.view[at - 1]
+            persons.cost[at] = persons.cost[at - 1]
+            at -= 1
+        persons.person[at], persons.view[at], persons.cost[at] = person, view, cost
+
+
+def _assign_view(persons: Persons, bodies: Bodies, views: Views, b: int, k: int) -> None:
+    """Let a person have a view, if it is free and there is a leg left."""
+    if persons.taken[k] != 0 or bodies.settled[b] >= 2:
+        return
+    legs = 2 if views.chord[k] > LEG_WIDTH else 1
+    if legs == 2 and bodies.settled[b] > 0:
+        return
+    persons.taken[k] = b + 1
+    bodies.settled[b] += legs
+
+
+def _update_person(
+    persons: Persons,
+    bodies: Bodies,
+    views: Views,
+    scans: Scans,
+    owner: Any,
+    log: Sightings,
+    b: int,
+    time: float,
+    sweep: int,
+) -> None:
+    """Follow a person by its views."""
+    x, y, number, wide = 0.0, 0.0, 0.0, False
+    for k in range(views.count):
+        if persons.taken[k] == b + 1:
+            x += views.middle_x[k]
+            y += views.middle_y[k]
+            number += 1.0
+            wide = wide or views.chord[k] > LEG_WIDTH
+            if owner[k] >= 0:
+                _join_leg(bodies, owner[k], b)
+            _rename_sighting(persons, bodies, log, b, k)
+            owner[k] = b
+            bodies.view[b] = k
+    if number == 0.0:
+        bodies.view[b] = -1
+        belief.note_missed(bodies, b, views, scans, time)
+        return
+    var = TWO_LEGS_VAR if number > 1.0 else (JOINT_LEGS_VAR if wide else ONE_LEG_VAR)
+    estimation.update(bodies, 2 * b, x / number, 0.0, var)
+    estimation.update(bodies, 2 * b + 1, y / number, 0.0, var)
+    if number > 1.0:
+        bodies.whole[b] += 1
+    elif (
+        not wide
+        and views.start[bodies.view[b]] == observation.OWN
+        and views.end[bodies.view[b]] == observation.OWN
+    ):
+        # What never shows two legs is as wide as the one.
+        bodies.boxy[b] += 1
+        bodies.size[b] += (views.chord[bodies.view[b]] - bodies.size[b]) / min(bodies.boxy[b], 20)
+    _note_person(bodies, b, x / number, y / number, time, sweep)
+
+
+def _join_leg(bodies: Bodies, leg: int, b: int) -> None:
+    """A body is a leg of a person; what was seen of it before it was anybody's is of the person, too."""
+    if bodies.member[leg] == 0:
+        bodies.same_as[leg] = bodies.number[b]
+    bodies.member[leg] = bodies.number[b]
+
+
+def _rename_sighting(persons: Persons, bodies: Bodies, log: Sightings, b: int, k: int) -> None:
+    """The sighting of a leg is one of its person."""
+    if persons.entry[k] >= 0:
+        log.number[persons.entry[k]] = bodies.number[b]
+
+
+def _note_person(bodies: Bodies, b: int, x: float, y: float, time: float, sweep: int) -> None:
+    """Write down that a person was seen."""
+    belief.note_seen(bodies, b)
+    bodies.sightings[b] += 1
+    bodies.last_sweep[b], bodies.seen_at[b] = sweep, time
+    bodies.middle_x[b], bodies.middle_y[b] = x, y
+    bodies.from_x[b], bodies.from_y[b] = estimation.centre(bodies, b)
+
+
+def _found_person(
+    persons: Persons, bodies: Bodies, views: Views, log: Sightings, leg: int, k: int, time: float, sweep: int
+) -> int:
+    """A leg that moves and belongs to nobody founds a person; returns its slot."""
+    b = estimation.free_slot(bodies)
+    estimation.clear(bodies, b)
+    bodies.kind[b] = estimation.PERSON
+    bodies.first_sweep[b], bodies.first_at[b] = sweep, time
+    bodies.onset[b] = bodies.onset[leg]
+    bodies.moved[b] = bodies.settled[b] = 1
+    bodies.existence[b] = bodies.existence[leg]
+    bodies.evidence[b] = bodies.evidence_most[b] = bodies.evidence[leg]
+    for i in range(2):
+        a = 2 * b + i
+        middle = views.middle_x[k] if i == 0 else views.middle_y[k]
+        estimation.begin_axis(
+            bodies, a, middle - PERSON_RADIUS, middle + PERSON_RADIUS, ONE_LEG_VAR, ONE_LEG_VAR
+        )
+        bodies.v[a] = bodies.v[2 * leg + i]
+        bodies.ch[a] = 0.0
+    _join_leg(bodies, leg, b)
+    bodies.view[b] = k
+    persons.taken[k] = b + 1
+    _rename_sighting(persons, bodies, log, b, k)
+    _note_person(bodies, b, views.middle_x[k], views.middle_y[k], time, sweep)
+    return b

@@ -3,8 +3,8 @@ cimport libc.math as math
 
 from lidarcli cimport native
 
-cdef Py_ssize_t BOX, AROUND, LIVELINESSES
-cdef double INFINITY, DOUBT, SPEED_AT_FIRST, UNKNOWN_VAR, PART_VAR, CHANGE_VAR, UNLIKELY, LEAST_SPEED, SURE
+cdef Py_ssize_t BOX, AROUND_SIGHTINGS, LIVELINESSES
+cdef double INFINITY, LIVELIER_GAIN, FIRST_SPEED_SD, UNKNOWN_VAR, PART_VAR, CHANGE_VAR, MOST_MISFIT, LEAST_SPEED, MOVING_SDS
 
 
 cdef class Smoother:
@@ -32,25 +32,25 @@ cdef class Smoother:
     )
 
 
-cdef void places(
+cdef void locate_sightings(
     Smoother room, Py_ssize_t begin, Py_ssize_t count, long long* centred, double* cos, double* sin, double* half_1,
     double* half_2, double* z, double* var, double* half, double* half_var, Py_ssize_t kind, double more
 ) noexcept nogil
 cdef (double, double) centre_of(
     double low, double high, double low_var, double high_var, double half, double half_var
 ) noexcept nogil
-cdef void along(
+cdef void smooth_axis(
     Smoother room, Py_ssize_t axis, long long* order, double* time, double* state, Py_ssize_t count, Py_ssize_t keep
 ) noexcept nogil
 @cython.locals(total=double, best=Py_ssize_t, first=Py_ssize_t, stop=Py_ssize_t)
-cdef void choose(Smoother room, Py_ssize_t count) noexcept nogil
+cdef void choose_accelerations(Smoother room, Py_ssize_t count) noexcept nogil
 @cython.locals(known=bint, i=Py_ssize_t, at=Py_ssize_t)
-cdef void forth(
+cdef void filter_forward(
     Smoother room, Py_ssize_t axis, long long* order, double* time, double* state, Py_ssize_t count, Py_ssize_t keep,
     Py_ssize_t trial
 ) noexcept nogil
 @cython.locals(i=Py_ssize_t, at=Py_ssize_t)
-cdef void back(Smoother room, Py_ssize_t axis, double* time, Py_ssize_t count) noexcept nogil
-cdef void judge(
+cdef void smooth_backward(Smoother room, Py_ssize_t axis, double* time, Py_ssize_t count) noexcept nogil
+cdef void decide_motion(
     Smoother room, Py_ssize_t count, Py_ssize_t onset, double* vx, double* vy, unsigned char* moving
 ) noexcept nogil

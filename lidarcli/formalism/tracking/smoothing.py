@@ -1,4 +1,4 @@
-"""Where a body was and how fast, by what was seen of it before and after: a Kalman filter forth and back."""
+"""Places and velocities of a track by what was seen before and after: a Kalman filter forward, then a smoother backward."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ import math
 from typing import Any
 
 from lidarcli import native
-from lidarcli.formalism.tracking import tracked
+from lidarcli.formalism.tracking import results
 
-BOX = tracked.BOX
-ACCELERATIONS = (0.02, 0.1, 0.4)
-"""[m²/s³] Spectral densities of a body's acceleration that are tried: a parcel on a belt, a stroll, starts and stops."""
-AROUND = 20
-"""Sightings before and after one that tell how lively it is then."""
-DOUBT = 4.0
-"""A livelier acceleration has to explain what was seen better by this much, twice the log-likelihood."""
+BOX = results.BOX
 INFINITY = float("inf")
+ACCELERATIONS = (0.02, 0.1, 0.4)
+"""[m²/s³] Spectral densities of the acceleration that are tried: a parcel on a belt, a stroll, starts and stops."""
 LIVELINESSES = len(ACCELERATIONS)
-SPEED_AT_FIRST = 1.0
-"""[m/s] Standard deviation of a velocity before anything is known."""
+AROUND_SIGHTINGS = 20
+"""Sightings before and after one that decide which acceleration fits."""
+LIVELIER_GAIN = 4.0
+"""Least gain of twice the log-likelihood for which the next larger acceleration is taken."""
+FIRST_SPEED_SD = 1.0
+"""[m/s] Standard deviation of a velocity at first."""
 UNKNOWN_VAR = 100.0
-"""[m²] A side that was not seen tells nothing."""
+"""[m²] Variance of a side that was not seen."""
 PART_VAR = 0.0625
-"""[m²] Variance of where one leg is in a body of several: (25 cm)²."""
+"""[m²] Variance of the place of one leg in a track of several: (25 cm)²."""
 CHANGE_VAR = 0.0025
-"""[m²] More variance where a box was still taken for a disc: (5 cm)²."""
-UNLIKELY = 6.0
-"""Squared residuals above this share of their variance are not believed."""
+"""[m²] Variance that is added while a box was still taken for a disc: (5 cm)²."""
+MOST_MISFIT = 6.0
+"""Greatest squared residual, as a multiple of its variance. A larger one counts as this."""
 LEAST_SPEED = 0.1
-"""[m/s] What is slower stands …"""
-SURE = 2.0
-"""… and so is what may as well stand: a speed has to be this many standard deviations."""
+"""[m/s] Least speed of what moves."""
+MOVING_SDS = 2.0
+"""Least speed of what moves, in standard deviations."""
 
 
 class Smoother:
@@ -72,7 +72,7 @@ class Smoother:
         several : whether it is one of several parts
         """
         count = len(sighted["centred"])
-        places(
+        locate_sightings(
             self,
             begin,
             count,
@@ -107,12 +107,12 @@ class Smoother:
         known = native.at_doubles(state)
         out_x, out_y, flags = native.at_doubles(vx), native.at_doubles(vy), native.at_bytes(moving)
         count = len(time)
-        along(self, 0, lead, at, known, count, keep)
-        along(self, 1, lead, at, known, count, keep)
-        judge(self, count, onset, out_x, out_y, flags)
+        smooth_axis(self, 0, lead, at, known, count, keep)
+        smooth_axis(self, 1, lead, at, known, count, keep)
+        decide_motion(self, count, onset, out_x, out_y, flags)
 
 
-def places(
+def locate_sightings(
     room: Smoother,
     begin: int,
     count: int,
@@ -173,24 +173,24 @@ def centre_of(
     return middle, noise
 
 
-def along(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int) -> None:
+def smooth_axis(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int) -> None:
     """Along one axis of the world, at each time with the acceleration that explains what was seen around it best."""
     for c in range(LIVELINESSES):
         for i in range(count):
             room.acceleration[i] = room.liveliness[c]
-        forth(room, axis, order, time, state, count, 0, c)
-    choose(room, count)
-    forth(room, axis, order, time, state, count, keep, -1)
-    back(room, axis, time, count)
+        filter_forward(room, axis, order, time, state, count, 0, c)
+    choose_accelerations(room, count)
+    filter_forward(room, axis, order, time, state, count, keep, -1)
+    smooth_backward(room, axis, time, count)
 
 
-def choose(room: Smoother, count: int) -> None:
+def choose_accelerations(room: Smoother, count: int) -> None:
     """The acceleration of each step: that with the least misfit over the sightings around it."""
     for i in range(count):
-        first, stop = max(i - AROUND, 0), min(i + AROUND + 1, count)
+        first, stop = max(i - AROUND_SIGHTINGS, 0), min(i + AROUND_SIGHTINGS + 1, count)
         best, least = 0, INFINITY
         for c in range(LIVELINESSES):
-            total = c * DOUBT
+            total = c * LIVELIER_GAIN
             for k in range(first, stop):
                 total += room.misfit[c * room.most + k]
             if total < least:
@@ -198,14 +198,14 @@ def choose(room: Smoother, count: int) -> None:
         room.acceleration[i] = room.liveliness[best]
 
 
-def forth(
+def filter_forward(
     room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int, trial: int
 ) -> None:
     """What is known at each sighting by those before it; of a trial also how badly each was expected."""
     first = 2 * order[0] + axis
     known = state[6 * axis + 3] >= 0.0
     begin, place, speed = time[0], room.z[first], 0.0
-    xx, xv, vv = room.var[first], 0.0, SPEED_AT_FIRST * SPEED_AT_FIRST
+    xx, xv, vv = room.var[first], 0.0, FIRST_SPEED_SD * FIRST_SPEED_SD
     if known:
         begin, place, speed = state[6 * axis], state[6 * axis + 1], state[6 * axis + 2]
         xx, xv, vv = state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5]
@@ -221,9 +221,9 @@ def forth(
             at = 2 * order[i] + axis
             off, s = room.z[at] - place, xx + room.var[at]
             if trial >= 0:
-                room.misfit[trial * room.most + i] = min(off * off / s, UNLIKELY) + math.log(s)
-            if off * off > UNLIKELY * s:
-                s = off * off / UNLIKELY
+                room.misfit[trial * room.most + i] = min(off * off / s, MOST_MISFIT) + math.log(s)
+            if off * off > MOST_MISFIT * s:
+                s = off * off / MOST_MISFIT
             gain, gain_v = xx / s, xv / s
             place += gain * off
             speed += gain_v * off
@@ -238,7 +238,7 @@ def forth(
             state[6 * axis + 3], state[6 * axis + 4], state[6 * axis + 5] = xx, xv, vv
 
 
-def back(room: Smoother, axis: int, time: Any, count: int) -> None:
+def smooth_backward(room: Smoother, axis: int, time: Any, count: int) -> None:
     """What is known by those after it as well (Rauch, Tung and Striebel)."""
     last = count - 1
     place, speed = room.x[last], room.speed[last]
@@ -274,7 +274,7 @@ def back(room: Smoother, axis: int, time: Any, count: int) -> None:
         )
 
 
-def judge(room: Smoother, count: int, onset: int, vx: Any, vy: Any, moving: Any) -> None:
+def decide_motion(room: Smoother, count: int, onset: int, vx: Any, vy: Any, moving: Any) -> None:
     """Hand out the velocities from the onset on, and which of them are motion."""
     for i in range(count):
         vx[i] = vy[i] = 0.0
@@ -285,5 +285,5 @@ def judge(room: Smoother, count: int, onset: int, vx: Any, vy: Any, moving: Any)
         vx[i], vy[i] = x, y
         speed = x * x + y * y
         var = 0.5 * (room.v_var[2 * i] + room.v_var[2 * i + 1])
-        if speed > LEAST_SPEED * LEAST_SPEED and speed > SURE * SURE * var:
+        if speed > LEAST_SPEED * LEAST_SPEED and speed > MOVING_SDS * MOVING_SDS * var:
             moving[i] = 1

@@ -1,35 +1,48 @@
-"""Follows things from sweep to sweep: a fold over the batches of one topic (§3, matching and tracking)."""
+"""The tracker: follows objects from sweep to sweep, as a fold over the batches of one topic (§3, matching and tracking)."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, WALL, Detection
-from lidarcli.formalism.tracking import noting, sightings, summary
-from lidarcli.formalism.tracking.bodies import Bodies
-from lidarcli.formalism.tracking.fold import Fold
-from lidarcli.formalism.tracking.memory import Memory
-from lidarcli.formalism.tracking.parameters import TrackParameters
-from lidarcli.formalism.tracking.standing import Standing
-from lidarcli.formalism.tracking.tracked import Followed, Tracks
-from lidarcli.formalism.tracking.views import Seen, Views
+from lidarcli.formalism.parameters import TrackParameters
+from lidarcli.formalism.tracking.estimation import Bodies, sighting_arrays
+from lidarcli.formalism.tracking.fold import Correction, Fold
+from lidarcli.formalism.tracking.naming import Naming
+from lidarcli.formalism.tracking.observation import Memory, Seen, Views
+from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.tracks import Track, tracks_of
 from lidarcli.formalism.tracking.windows import Register, Settled, Window
-from lidarcli.sweeps import Float64, Int32, Int64, SweepBatch
-
-if TYPE_CHECKING:
-    from lidarcli.formalism.catalogue import Catalogue
-    from lidarcli.formalism.tracking.naming import Naming
+from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
-"""Sweeps of a window: the rows of one are settled when the next one has been seen."""
+"""Number of sweeps of a window. Its rows are settled once the next window has been seen."""
 BODIES_AT_FIRST, OBJECTS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
+"""Room for so many bodies, objects of a sweep, and sightings before it grows."""
+SAME_RANGE, SAME_RANGE_GROWTH = 0.03, 0.01
+"""[m], [m/m] Greatest change of a range that is the same, and its growth with the range."""
+STANDING_SHARE = 0.8
+"""Share of the beams with a range in two sweeps that measure the same if the sensor stands."""
+NOTED_WAY = 1.0
+"""[m] Least distance that the sensor has gone for a note on its poses."""
+NOTED_SDS = 3.0
+"""Least delay or distance of a note, in standard deviations."""
+NOTED_DELAY, NOTED_DISTANCE = 0.02, 0.05
+"""[s], [m] Least delay and least distance of a note."""
+LONG_TRACK = 20
+"""Least number of sweeps of a track that counts for a note on motion."""
+MOST_MOVING = 0.6
+"""Share of these tracks that move, above which the sensor seems to move."""
+LEAST_TRACKS = 4
+"""Least number of these tracks for a note."""
 
 
 @dataclass(slots=True)
@@ -39,13 +52,13 @@ class _Waiting:
     batch: SweepBatch
     detection: Detection
     objects: int
-    """Objects of the topic before."""
+    """Number of objects of the topic before."""
     stop: int
-    """Sweeps of the topic up to its last one, included."""
+    """Number of sweeps of the topic up to its last one."""
 
 
 class Tracker:
-    """Follows the things of one topic. Memory is bounded; the result does not depend on how sweeps are cut into batches."""
+    """Tracks the objects of one topic in bounded memory; the size of the batches does not change the result."""
 
     def __init__(
         self,
@@ -56,22 +69,17 @@ class Tracker:
         """
         Parameters
         ----------
-        parameters : what tracking may assume
-        catalogue : things of interest, by which things are named
-        min_thing : what is less likely a thing, by all that was seen of it, is building; only with memory
+        parameters : parameters of the tracking
+        catalogue : things of interest, which give tracks their names
+        min_thing : least probability of a thing, by all sweeps of its track; only with `parameters.memory`
         """
         self.parameters = parameters or TrackParameters()
         self._min_thing = min_thing
-        self._naming: Naming | None = None
-        if catalogue is not None:
-            # Who has no catalogue does not wait for this import.
-            from lidarcli.formalism.tracking.naming import Naming
-
-            self._naming = Naming(catalogue)
+        self._naming = None if catalogue is None else Naming(catalogue)
         self.frames: list[str] = []
-        """Names of sensor frames, which `Tracks.frame` points into."""
+        """Names of sensor frames, by index (`Tracks.frame`)."""
         self.notes: list[str] = []
-        """What a user should know, a line each; whole after `finish`."""
+        """Notes for the user, a line each; complete after `finish`."""
         self._first_ns: int | None = None
         self._topic = ""
         self._standing = Standing()
@@ -82,30 +90,31 @@ class Tracker:
             Views(OBJECTS_AT_FIRST, 1),
             Memory(1),
         )
-        self._log = sightings.room(SIGHTINGS_AT_FIRST)
+        self._log = sighting_arrays(SIGHTINGS_AT_FIRST)
         self._fold.log.attach(self._log)
         self._register = Register(
             self._naming, _least_odds(min_thing) if self.parameters.memory else -math.inf
         )
         self._waiting: deque[_Waiting] = deque()
         self._windows: deque[Window] = deque([Window(0, 0)])
-        """Those that are not settled; the last one is being filled."""
+        """Windows that are not settled; the last one is being filled."""
         self._objects = 0
         self._settled: deque[Settled] = deque()
-        """What is known of the objects that come next, in pieces."""
+        """Results for the next objects, in pieces."""
         self._settled_sweeps = 0
 
     def add(self, batch: SweepBatch, detection: Detection) -> list[Followed]:
-        """Take the next sweeps of the topic; returns what is settled by now, for earlier batches, in their order.
+        """Take the next sweeps of the topic, and return the results for earlier batches that are settled by now, in order.
 
         Parameters
         ----------
-        batch, detection : the sweeps of one topic in the order of the log, and what `detect` has found in them
+        batch : sweeps of one topic, in the order of the log
+        detection : result of `detect` for them
 
         Raises
         ------
         ValueError
-            What `check` refuses.
+            The arrays of the batch do not fit together (`detect.check`).
         """
         if len(batch):
             self._follow(batch, detection)
@@ -114,16 +123,16 @@ class Tracker:
         return self._answers()
 
     def finish(self) -> tuple[list[Followed], Tracks]:
-        """The rest, and all things."""
+        """Settle everything, and return the remaining results and all tracks."""
         self._register.collect(self._fold.bodies)
         if not self._windows[-1].index:
             self._windows.pop()
         while self._windows:
             self._settle()
-        self.notes = noting.notes_of(
+        self.notes = notes_of(
             self._topic, self._fold.correction, self._register.tracks, self._fold.moves, self._is_corrected
         )
-        return self._answers(), summary.tracks_of(self._register, self._fold.sweeps)
+        return self._answers(), tracks_of(self._register.tracks)
 
     def _follow(self, batch: SweepBatch, detection: Detection) -> None:
         """Follow the sweeps of a batch, window by window."""
@@ -173,14 +182,14 @@ class Tracker:
                 self._windows.append(Window(fold.sweeps, self._objects + last))
 
     def _frames(self, batch: SweepBatch) -> Any:
-        """(S,) the frame of each sweep among those of the topic."""
+        """Return (S,) the index into `frames` of each sweep."""
         for name in batch.frame_ids:
             if name not in self.frames:
                 self.frames.append(name)
         return np.array([self.frames.index(name) for name in batch.frame_ids], np.int64)[batch.frame]
 
     def _settle(self) -> None:
-        """Settle the window that is next."""
+        """Settle the oldest window."""
         window = self._windows.popleft()
         log, count = self._log, self._fold.log.count
         self._settled.append(self._register.settle(window, log, count))
@@ -191,14 +200,14 @@ class Tracker:
         self._fold.log.count = count - done
 
     def _make_room(self, objects: int, beams: int) -> None:
-        """Room for sweeps of so many objects and beams."""
+        """Make room for sweeps of so many objects and beams."""
         fold = self._fold
         if objects > fold.views.objects or beams > fold.views.beams:
             views = Views(_power(objects, fold.views.objects), _power(beams, fold.views.beams))
             fold.fit(fold.bodies, views, _grown(fold.past, views.beams))
 
     def _enlarge(self) -> None:
-        """Twice as much room for bodies or sightings, whichever is short."""
+        """Double the room for bodies or sightings, whichever is short."""
         fold = self._fold
         if fold.log.count + fold.views.objects > fold.log.room:
             for name, values in self._log.items():
@@ -212,7 +221,7 @@ class Tracker:
             fold.fit(bodies, fold.views, fold.past)
 
     def _answers(self) -> list[Followed]:
-        """What is known of the batches whose sweeps are all settled."""
+        """Return the results for the batches whose sweeps are all settled."""
         done = []
         while self._waiting and self._waiting[0].stop <= self._settled_sweeps:
             one = self._waiting.popleft()
@@ -222,7 +231,7 @@ class Tracker:
         return done
 
     def _take(self, count: int) -> Settled:
-        """What is known of the next objects."""
+        """Return the results for the next objects."""
         parts: list[Settled] = []
         while count > 0:
             piece = self._settled.popleft()
@@ -235,7 +244,7 @@ class Tracker:
 
 
 def _followed(one: _Waiting, settled: Settled, least: float, by_memory: bool) -> Followed:
-    """What is said of the objects of a batch; what has no track is a thing from a probability of `least` on."""
+    """Return the results for a batch; an object without a track is a thing from a probability of `least` on."""
     found, sweeps = one.detection, len(one.batch)
     known = settled.track > 0
     kind, shape, thing = found.set.copy(), found.shape.copy(), found.thing
@@ -248,7 +257,7 @@ def _followed(one: _Waiting, settled: Settled, least: float, by_memory: bool) ->
     kind[known & settled.agent & (kind == OBJECT)] = AGENT
     agent, thing_at = kind == AGENT, kind == OBJECT
     if found.change is not None:
-        # What has gone is no object of the sweep.
+        # An object that was removed is not in the sweep.
         thing_at &= found.change != REMOVED
     order = np.lexsort((found.theta_i, kind == NOISE, found.row))
     agent_beams = _count(found.row[agent], found.beams[agent], sweeps)
@@ -274,7 +283,7 @@ def _followed(one: _Waiting, settled: Settled, least: float, by_memory: bool) ->
 
 
 def _numbers(row: Int64, order: Int64) -> Int32:
-    """(K,) the place of each object, from 1, among those of its row in this order."""
+    """Return (K,) the number of each object, from 1, among those of its row in this order."""
     sorted_row = row[order]
     numbers = np.empty(len(row), np.int32)
     numbers[order] = np.arange(len(row)) - np.searchsorted(sorted_row, sorted_row) + 1
@@ -282,42 +291,119 @@ def _numbers(row: Int64, order: Int64) -> Int32:
 
 
 def _count(rows: NDArray[np.int64], weights: NDArray[Any] | None, sweeps: int) -> Int32:
-    """(S,) how many are in each row of a batch, or the sum of their weights."""
+    """Return (S,) how many are in each row of a batch, or the sum of their weights."""
     return np.bincount(rows, weights, minlength=sweeps).astype(np.int32)
 
 
 def _least_odds(share: float) -> float:
-    """Log-odds of a probability."""
+    """Return the log-odds of a probability."""
     if not 0.0 < share < 1.0:
         return -math.inf if share <= 0.0 else math.inf
     return math.log(share / (1.0 - share))
 
 
 def _poses(batch: SweepBatch) -> Float64:
-    """(S, 4) x, y, yaw and side of the sensor; a sensor whose pose nobody tells stands."""
+    """Return (S, 4) x, y, yaw and side of the sensor; without poses it is taken to stand."""
     poses = batch.true_poses or batch.poses
     if poses is None:
         return np.tile([0.0, 0.0, 0.0, 1.0], (len(batch), 1))
-    told = np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
-    told[~np.isfinite(told).all(axis=1), :3] = np.nan
-    return told
+    columns = np.column_stack([poses.x, poses.y, poses.yaw, np.where(poses.upside_down, -1.0, 1.0)])
+    columns[~np.isfinite(columns).all(axis=1), :3] = np.nan
+    return columns
 
 
 def _way(batch: SweepBatch) -> Float64:
-    """(S, 3) how far the sensor goes in x, y, yaw during each sweep."""
+    """Return (S, 3) the way of the sensor in x, y, yaw during each sweep."""
     poses = batch.true_poses or batch.poses
     return np.zeros((len(batch), 3)) if poses is None or poses.way is None else poses.way
 
 
 def _power(wanted: int, at_least: int) -> int:
-    """A size that is a power of two, so that it grows seldom."""
+    """Return a size that is a power of two, so that it grows seldom."""
     return max(at_least, 1 << max(wanted - 1, 0).bit_length())
 
 
 def _grown(past: Memory, beams: int) -> Memory:
-    """What is remembered, with room for sweeps of so many beams."""
+    """Return the remembered sweeps, with room for so many beams."""
     if beams <= past.beams:
         return past
     larger = Memory(beams)
     larger.grow(past)
     return larger
+
+
+class Standing:
+    """A fold over the sweeps of a topic that tells whether the sensor stands, by the beams that measure the same again."""
+
+    def __init__(self) -> None:
+        self._before: Float32 = np.empty((0, 0), np.float32)
+
+    def see(self, batch: SweepBatch) -> Bool:
+        """Return (S,) True where the sensor stood since the sweep before, and for the first sweep."""
+        ranges = batch.ranges
+        if len(self._before) == 0 or self._before.shape[1] != batch.width:
+            before = np.vstack([np.full((1, batch.width), np.nan, ranges.dtype), ranges[:-1]])
+        else:
+            before = np.vstack([self._before, ranges[:-1]])
+        self._before = ranges[-1:].copy()
+        both = np.isfinite(ranges) & np.isfinite(before)
+        with np.errstate(invalid="ignore"):
+            same = np.abs(ranges - before) < SAME_RANGE + SAME_RANGE_GROWTH * before
+        stood: Bool = (same & both).sum(axis=1) >= STANDING_SHARE * both.sum(axis=1)
+        return stood
+
+
+def notes_of(
+    topic: str, correction: Correction, tracks: list[Track], has_poses: bool, is_corrected: bool
+) -> list[str]:
+    """Return notes for the user on a topic that was tracked: the error of its poses, or that it should have some.
+
+    `is_corrected`: True if a delay was found beforehand; the one of `correction` adds to it.
+    """
+    of_poses = _of_poses(topic, correction, is_corrected) if has_poses else []
+    return of_poses + _of_motion(topic, tracks, has_poses)
+
+
+def _of_poses(topic: str, correction: Correction, is_corrected: bool) -> list[str]:
+    """Return notes on the delay of the poses and the place of the sensor."""
+    if correction.way < NOTED_WAY:
+        return []
+    delay, ahead, left, delay_sd, place_sd = correction.estimate()
+    lines = []
+    if abs(delay) > max(NOTED_DELAY, NOTED_SDS * delay_sd):
+        when = "late" if delay > 0 else "early"
+        also = "" if is_corrected else f"; --pose-delay {delay:.2f} also corrects the world columns"
+        more = " a further" if is_corrected else ""
+        lines.append(
+            f"{topic}: static objects show the poses{more} {abs(delay):.2f} s {when}: corrected for tracks{also}"
+        )
+    if math.hypot(ahead, left) > max(NOTED_DISTANCE, NOTED_SDS * place_sd):
+        lines.append(
+            f"{topic}: static objects show the sensor {_place(ahead, left)} of where its poses are told: "
+            "corrected for tracks"
+        )
+    return lines
+
+
+def _place(ahead: float, left: float) -> str:
+    """Return where the sensor is, in words."""
+    words = []
+    if abs(ahead) >= 0.01:
+        words.append(f"{abs(ahead):.2f} m {'ahead' if ahead > 0 else 'behind'}")
+    if abs(left) >= 0.01:
+        words.append(f"{abs(left):.2f} m to the {'left' if left > 0 else 'right'}")
+    return " and ".join(words)
+
+
+def _of_motion(topic: str, tracks: list[Track], has_poses: bool) -> list[str]:
+    """Return a note if so many tracks move that the sensor seems to."""
+    long = [track for track in tracks if track.sweeps >= LONG_TRACK]
+    moved = sum(track.moved for track in long)
+    if len(long) < LEAST_TRACKS or moved <= MOST_MOVING * len(long):
+        return []
+    why = (
+        "the poses may be wrong, or sweeps take long (--pose TOPIC|none, docs/poses.md)"
+        if has_poses
+        else "without poses the sensor is taken as standing; if it drives, tracks need a log with its poses (tf, odometry)"
+    )
+    return [f"{topic}: {moved} of {len(long)} things seem to move: {why}"]

@@ -1,28 +1,32 @@
-"""A window of sweeps is settled once the next one has been seen: bodies get their tracks, and rows their numbers."""
+"""Windows of sweeps, which are settled one window late: bodies get their tracks, and objects their rows."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import UNKNOWN
-from lidarcli.formalism.tracking import grouping, motions, summary
-from lidarcli.formalism.tracking.bodies import Bodies
-from lidarcli.formalism.tracking.things import Thing, Track
-from lidarcli.formalism.tracking.tracked import CONFIRMED, EMPTY, ENDED, LIVE, PERSON
+from lidarcli.formalism.tracking import grouping
+from lidarcli.formalism.tracking.estimation import Bodies
+from lidarcli.formalism.tracking.naming import Looks, Naming
+from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, EMPTY, ENDED, LIVE, PERSON
+from lidarcli.formalism.tracking.smoothing import Smoother
+from lidarcli.formalism.tracking.tracks import Body, Track, row_shape
 from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8
-
-if TYPE_CHECKING:
-    from lidarcli.formalism.tracking.naming import Looks, Naming
 
 EVERYTHING = slice(None)
 MOST_PLACED = 0.5
+"""Share of the sweeps of a window with a known place of the sensor, above which all sweeps decide what a track is."""
 LONGEST_LAPSE = 10.0
-"""[s] Nobody knows how far something went that was unseen for longer."""
+"""[s] Longest time without a sighting that adds to the distance of a track."""
+ARRIVAL_SWEEPS = 8
+"""A body that is shown to move within so many sweeps has moved from the first one on."""
+SMOOTHED = ("centred", "cos", "sin", "half_1", "half_2", "z", "var")
+"""Columns of the log of sightings that the smoother reads."""
 
 
 @dataclass(slots=True)
@@ -30,38 +34,38 @@ class Window:
     """Sweeps that are settled together, in pieces as the batches bring them."""
 
     begin: int
-    """Sweeps of the topic before."""
+    """Number of sweeps of the topic before."""
     objects: int
-    """Objects of the topic before."""
+    """Number of objects of the topic before."""
     numbers: list[Int64] = field(default_factory=list)
-    """(K,) the body of each object, 0 for none."""
+    """(K,) number of the body of each object, 0 for none."""
     sweeps: list[Int64] = field(default_factory=list)
-    """(K,) of each object, the sweeps of the topic before its own."""
+    """(K,) number of sweeps of the topic before that of each object."""
     index: list[Int64] = field(default_factory=list)
-    """(S,) of each sweep, its index in the log …"""
+    """(S,) index of each sweep in the log."""
     stamps: list[Int64] = field(default_factory=list)
-    """… its stamp …"""
+    """(S,) stamp of each sweep [ns]."""
     frames: list[Int64] = field(default_factory=list)
-    """… and its frame."""
+    """(S,) frame of each sweep."""
     placed: list[Bool] = field(default_factory=list)
-    """… and whether it is known where its sensor was: poses tell, or it stands."""
+    """(S,) True where the place of the sensor is known, because it has a pose or stands."""
     looks: list[Looks] = field(default_factory=list)
-    """What each object looked like, where tracks are named."""
+    """Measured sizes of each object, where tracks are named."""
 
     @property
     def count(self) -> int:
-        """Its sweeps."""
+        """Number of sweeps."""
         return sum(map(len, self.index))
 
     @property
     def is_placed(self) -> bool:
-        """Whether most of its sweeps have a place that is known: then things are the same ones from sweep to sweep."""
+        """True if the place of the sensor is known in most sweeps: then a body is one object from sweep to sweep."""
         return float(np.concatenate(self.placed).mean()) > MOST_PLACED
 
 
 @dataclass(slots=True)
 class Settled:
-    """What is known of the objects (K,) of a window."""
+    """Results for the objects (K,) of a window."""
 
     track: Int64
     vx: Float64
@@ -71,17 +75,17 @@ class Settled:
     label: Int32
     label_score: Float64
     is_thing: Int8
-    """(K,) the verdict by all that was seen of it: 1 thing, 0 building, -1 none."""
+    """(K,) verdict by all sweeps of the track: 1 thing, 0 building, -1 none."""
     thing: Float64
     shape: UInt8
 
     def rows(self, part: slice) -> Settled:
-        """Of some of the objects."""
+        """Return the results for some of the objects."""
         return Settled(*(getattr(self, each.name)[part] for each in fields(self)))
 
     @staticmethod
     def joined(parts: list[Settled]) -> Settled:
-        """Of one object after the other."""
+        """Return the results of several parts as one."""
         kinds = (
             *(np.int64, np.float64, np.float64, np.bool_, np.bool_, np.int32, np.float64),
             *(np.int8, np.float64, np.uint8),
@@ -97,41 +101,41 @@ class Settled:
 
 
 class Register:
-    """All things that were believed, and the tracks they are parts of."""
+    """All bodies that were seen often enough, and the tracks they are parts of."""
 
     def __init__(self, naming: Naming | None = None, least_odds: float = -math.inf) -> None:
-        """`least_odds`: what has less log-odds of being a thing, by all that was seen of it, is building."""
+        """`least_odds`: a track with less log-odds of being a thing is building."""
         self.least_odds = least_odds
         self.naming = naming
-        """Names tracks, if there is a catalogue."""
-        self.things: dict[int, Thing] = {}
-        """By the number of their body; those that are over and settled are left out."""
+        """Naming of tracks, if there is a catalogue."""
+        self.bodies: dict[int, Body] = {}
+        """Bodies by number, without those that have ended and are settled."""
         self.tracks: list[Track] = []
-        """By their number, from 1."""
+        """Tracks by number, from 1."""
 
     def collect(self, bodies: Bodies) -> None:
-        """Note what is known of all bodies that were seen often enough, and let go of those that have ended."""
+        """Copy the state of all bodies that were seen often enough, and free the slots of those that have ended."""
         arrays = bodies.arrays
         state = arrays["state"][: bodies.high]
-        believed = (state != EMPTY) & (arrays["sightings"][: bodies.high] >= CONFIRMED)
+        believed = (state != EMPTY) & (arrays["sightings"][: bodies.high] >= CONFIRMED_SIGHTINGS)
         for slot in np.flatnonzero(believed).tolist():
             number = arrays["number"].item(slot)
-            thing = self.things.get(number)
-            if thing is None:
-                thing = self.things[number] = Thing(number)
-            thing.take(arrays, slot)
+            body = self.bodies.get(number)
+            if body is None:
+                body = self.bodies[number] = Body(number)
+            body.take(arrays, slot)
         state[state == ENDED] = EMPTY
         live = np.flatnonzero(state == LIVE)
         bodies.high = int(live[-1]) + 1 if len(live) else 0
 
     def settle(self, window: Window, log: dict[str, NDArray[Any]], count: int) -> Settled:
-        """The objects of a window, by its sightings and those of the one after: the first `count` of the log."""
+        """Return the results of a window, by its sightings and those of the next one: the first `count` of the log."""
         stop = window.begin + window.count
         least = -math.inf if window.is_placed else self.least_odds
-        seen = _Sightings(log, count, self.things, stop, least)
-        grouping.join(seen, self.things, window.begin, stop)
+        seen = WindowSightings(log, count, self.bodies, stop, least)
+        grouping.join(seen, self.bodies)
         self._judge(seen, window.is_placed)
-        motions.smooth(seen, self.things)
+        _smooth(seen, self.bodies)
         at, found = seen.find(window)
         self._sum_up(window, seen)
         if self.naming is not None:
@@ -140,21 +144,21 @@ class Register:
         self._forget(stop)
         return settled
 
-    def _judge(self, seen: _Sightings, is_placed: bool) -> None:
-        """Decide which tracks with rows in this window are things, and number those that are new, by first sight.
+    def _judge(self, seen: WindowSightings, is_placed: bool) -> None:
+        """Decide which tracks with rows in this window are things, and number the new ones by first sight.
 
-        Where nobody knows where the sensor was, what seems to be one thing may be several: then each sweep is for itself.
+        Where the place of the sensor is unknown, one body may be several objects, and each sweep is judged by itself.
         """
         for number in seen.in_window:
-            thing, span = self.things[number], seen.spans[number]
-            if thing.track is None:
-                Track().absorb(thing)
+            body, span = self.bodies[number], seen.spans[number]
+            if body.track is None:
+                Track().absorb(body)
             odds, now = seen.column("odds", span), seen.now[span]
-            thing.odds += float(odds[now].sum())
-            thing.judged += int(np.count_nonzero(now))
+            body.odds += float(odds[now].sum())
+            body.judged += int(np.count_nonzero(now))
             seen.ahead[number] = float(odds[~now].sum()), int(np.count_nonzero(~now))
-            thing.row_shape = summary.row_shape(thing)
-        tracks = {id(track): track for n in seen.in_window if (track := self.things[n].track) is not None}
+            body.row_shape = row_shape(body)
+        tracks = {id(track): track for n in seen.in_window if (track := self.bodies[n].track) is not None}
         for track in tracks.values():
             if is_placed:
                 track.decide(seen.ahead, self.least_odds)
@@ -163,10 +167,10 @@ class Register:
             if track.is_thing is not False and track.number == 0:
                 self.tracks.append(track)
                 track.number = len(self.tracks)
-        seen.in_window = [n for n in seen.in_window if _is_thing(self.things[n])]
+        seen.in_window = [n for n in seen.in_window if _is_thing(self.bodies[n])]
 
-    def _sum_up(self, window: Window, seen: _Sightings) -> None:
-        """Add what a window says to the tracks."""
+    def _sum_up(self, window: Window, seen: WindowSightings) -> None:
+        """Add the sightings of a window to the sums of the tracks."""
         index, stamps, frames = (
             np.concatenate(values) for values in (window.index, window.stamps, window.frames)
         )
@@ -174,7 +178,7 @@ class Register:
             sweeps = seen.sweep[at]
             firsts = at
             if not isinstance(at, slice):
-                # Of several parts in one sweep the first stands for all.
+                # The first of several parts in one sweep stands for all.
                 sweeps, first = np.unique(sweeps, return_index=True)
                 firsts = at[first]
             times = seen.time[firsts]
@@ -187,7 +191,7 @@ class Register:
             if missed > 0:
                 gaps = np.diff(times, prepend=track.last_time)
                 steps = np.diff(sweeps, prepend=track.last_sweeps)
-                # Of a pause of several sweeps one is the usual time from sight to sight.
+                # One sweep of a pause is the usual time from sighting to sighting.
                 track.hidden += float((gaps * (1.0 - 1.0 / np.maximum(steps, 1))).sum())
             track.last = (index.item(end), stamps.item(end))
             track.last_sweeps, track.last_time = int(sweeps[-1]), float(times[-1])
@@ -201,8 +205,8 @@ class Register:
             last = seen.sweep[at] == sweeps[-1]
             track.x, track.y = float(seen.x[at][last].mean()), float(seen.y[at][last].mean())
 
-    def _name(self, naming: Naming, window: Window, seen: _Sightings, at: Int64, found: Bool) -> None:
-        """Name the tracks of a window, by what it says."""
+    def _name(self, naming: Naming, window: Window, seen: WindowSightings, at: Int64, found: Bool) -> None:
+        """Name the tracks of a window."""
         number, axes = np.zeros(len(found), np.int64), np.full(len(found), np.nan)
         number[found] = seen.number[at]
         axes[found] = np.where(
@@ -210,53 +214,54 @@ class Register:
             np.nan,
             np.arctan2(seen.column("sin")[at], seen.column("cos")[at]),
         )
-        naming.take(window.looks, number, axes, self.things)
+        naming.take(window.looks, number, axes, self.bodies)
         naming.name(seen.tracks())
 
     def _forget(self, stop: int) -> None:
-        """Let go of what is over; the track keeps its parts."""
-        over = [n for n, thing in self.things.items() if thing.has_ended and thing.last_sweep < stop]
-        for track in {id(track): track for n in over if (track := self.things[n].track) is not None}.values():
+        """Drop the bodies that have ended; their tracks keep them as parts."""
+        over = [n for n, body in self.bodies.items() if body.has_ended and body.last_sweep < stop]
+        for track in {id(track): track for n in over if (track := self.bodies[n].track) is not None}.values():
             track.let_go(stop)
         for number in over:
-            del self.things[number]
+            del self.bodies[number]
         if self.naming is not None:
             self.naming.forget(over)
 
 
-def _is_thing(thing: Thing) -> bool:
-    return thing.track is not None and thing.track.is_thing is not False
+def _is_thing(body: Body) -> bool:
+    """Return whether a body belongs to a track that is not building."""
+    return body.track is not None and body.track.is_thing is not False
 
 
-def _sum_up_motion(track: Track, seen: _Sightings, at: Any, times: Float64) -> None:
-    """Add the way and the speed of a track that moves."""
+def _sum_up_motion(track: Track, seen: WindowSightings, at: Any, times: Float64) -> None:
+    """Add to the distance and the greatest speed of a track that moves."""
     speed, going = np.hypot(seen.vx[at], seen.vy[at]), seen.moving[at]
     lapse = np.minimum(np.diff(times, append=times[-1]), LONGEST_LAPSE)
     track.distance += float((speed * lapse * going).sum())
     track.speed_max = max(track.speed_max, float(speed.max(initial=0.0)))
 
 
-class _Sightings:
-    """The sightings of bodies that are believed, with what is found out about them."""
+class WindowSightings:
+    """Sightings (N,) of the bodies that were seen often enough, by body, and the results for them."""
 
     def __init__(
-        self, log: dict[str, NDArray[Any]], count: int, things: dict[int, Thing], stop: int, least: float
+        self, log: dict[str, NDArray[Any]], count: int, bodies: dict[int, Body], stop: int, least: float
     ) -> None:
         """
         Parameters
         ----------
         log, count : the sightings, and how many of them there are
-        things : the bodies that are believed
-        stop : sweeps of the topic up to the end of the window
+        bodies : bodies that were seen often enough, by number
+        stop : number of sweeps of the topic up to the end of the window
         least : sightings of the window with less log-odds of being a thing are left out
         """
         number = log["number"][:count]
-        believed = np.fromiter(things, np.int64, len(things))
+        believed = np.fromiter(bodies, np.int64, len(bodies))
         asked = (log["odds"][:count] >= least) | (log["sweep"][:count] >= stop)
         keep = np.flatnonzero(np.isin(number, believed) & asked)
-        # Of a leg most sightings may be those of its person; what is left of it is too little for a track.
+        # Most sightings of a leg may belong to its person; the rest is too little for a track.
         seen, counts = np.unique(number[keep], return_counts=True)
-        few = [n for n in seen[counts < CONFIRMED].tolist() if things[n].track is None]
+        few = [n for n in seen[counts < CONFIRMED_SIGHTINGS].tolist() if bodies[n].track is None]
         if few:
             keep = keep[~np.isin(number[keep], few)]
         # In the order of the log within each body.
@@ -268,31 +273,31 @@ class _Sightings:
         self.object: Int64 = self.column("object")
         self.x: Float64 = self.column("x")
         self.y: Float64 = self.column("y")
-        self.things = things
+        self.bodies = bodies
         self.now: Bool = self.sweep < stop
-        """Whether it is in the window, or in the one after."""
+        """(N,) True in the window, False in the next one."""
         size = len(keep)
         self.vx, self.vy = np.zeros(size), np.zeros(size)
         self.moving, self.agent = np.zeros(size, bool), np.zeros(size, bool)
         numbers, begins = np.unique(self.number, return_index=True)
         ends = np.append(begins, size)[1:]
         self.spans = {int(n): slice(int(b), int(e)) for n, b, e in zip(numbers, begins, ends, strict=True)}
-        """Body → its sightings."""
+        """Sightings of each body, by its number."""
         first: dict[int, int] = {}
         for n, span in self.spans.items():
             if self.now[span.start]:
                 first[n] = int(self.object[span.start])
         self.in_window = sorted(first, key=first.__getitem__)
-        """Bodies with a row in the window, by first sight; once they are judged, those of things."""
+        """Numbers of the bodies with a row in the window, by first sight; later without those that are building."""
         self.ahead: dict[int, tuple[float, int]] = {}
-        """Body → sum of the log-odds of its sightings in the window after, and how many these are."""
+        """Sum of the log-odds of the sightings in the next window, and their number, by number of the body."""
 
     def column(self, name: str, of: slice = EVERYTHING) -> NDArray[Any]:
-        """A column of the log of sightings, or some of it."""
+        """Return a column of the log of sightings, or a part of it."""
         return self._log[name][self._keep[of]]
 
     def find(self, window: Window) -> tuple[Int64, Bool]:
-        """Of the objects of a window those that are sightings, and which of all these are: further parts of a body, too."""
+        """Return the sightings of the objects of a window, and (K,) which objects have one, as parts of a body too."""
         numbers = np.concatenate(window.numbers) if window.numbers else np.empty(0, np.int64)
         sweeps = np.concatenate(window.sweeps) if window.sweeps else np.empty(0, np.int64)
         # Sightings are in order of body, then sweep: so are these keys.
@@ -303,16 +308,16 @@ class _Sightings:
         return at[found], found
 
     def tracks(self) -> list[Track]:
-        """Tracks with sightings in the window."""
-        parts = (self.things[number].track for number in self.in_window)
+        """Return the tracks with sightings in the window."""
+        parts = (self.bodies[number].track for number in self.in_window)
         return list({track.number: track for track in parts if track is not None}.values())
 
     def by_track(self) -> list[tuple[Track, Any]]:
-        """Tracks with sightings in the window, and these in the order of the log: a slice, or indices of several bodies."""
+        """Return the tracks with sightings in the window, and these in the order of the log, as a slice or indices."""
         members: dict[int, list[slice]] = {}
         tracks: dict[int, Track] = {}
         for number in self.in_window:
-            span, track = self.spans[number], self.things[number].track
+            span, track = self.spans[number], self.bodies[number].track
             assert track is not None
             now = int(np.count_nonzero(self.now[span]))
             members.setdefault(track.number, []).append(slice(span.start, span.start + now))
@@ -320,20 +325,22 @@ class _Sightings:
         return [(tracks[number], self._in_order(spans)) for number, spans in members.items()]
 
     def _in_order(self, spans: list[slice]) -> Any:
-        """Sightings of several bodies in the order of the log; those of one that is seen once a sweep are as they are."""
+        """Return the sightings of several bodies in the order of the log."""
         first = spans[0]
-        if len(spans) == 1 and self.things[int(self.number[first.start])].kind != PERSON:
+        if len(spans) == 1 and self.bodies[int(self.number[first.start])].kind != PERSON:
             return first
         at = np.concatenate([np.arange(span.start, span.stop) for span in spans])
         return at[np.argsort(self.sweep[at], kind="stable")]
 
 
-def _rows(seen: _Sightings, at: Int64, found: Bool, objects: int) -> Settled:
-    """What the sightings `at` say of those objects of a window that were found, further parts of a body among them.
+def _rows(seen: WindowSightings, at: Int64, found: Bool, objects: int) -> Settled:
+    """Return the results for the objects of a window.
 
     Parameters
     ----------
-    objects : of the topic before the window
+    seen : the sightings
+    at, found : sightings of the objects that have one, and (K,) which these are (`WindowSightings.find`)
+    objects : number of objects of the topic before the window
     """
     size = len(seen.number)
     track_of, label_of, score_of = (
@@ -342,7 +349,7 @@ def _rows(seen: _Sightings, at: Int64, found: Bool, objects: int) -> Settled:
         np.full(size, np.nan),
     )
     for number in seen.in_window:
-        track = seen.things[number].track
+        track = seen.bodies[number].track
         assert track is not None
         span = seen.spans[number]
         track_of[span], label_of[span], score_of[span] = track.number, track.label, track.label_score
@@ -353,7 +360,7 @@ def _rows(seen: _Sightings, at: Int64, found: Bool, objects: int) -> Settled:
         np.full(size, UNKNOWN, np.uint8),
     )
     for number, span in seen.spans.items():
-        body = seen.things[number]
+        body = seen.bodies[number]
         if body.track is not None and body.track.is_thing is not None:
             verdict[span], thing[span] = body.track.is_thing, body.track.thing
             shape[span] = body.row_shape
@@ -364,7 +371,7 @@ def _rows(seen: _Sightings, at: Int64, found: Bool, objects: int) -> Settled:
         return out
 
     judged = column(verdict, -1)
-    # A further part of a body may be something else beside it: nobody has judged it.
+    # A further part of a body may be another object beside it, which has no verdict.
     judged[found & (column(seen.object, -1) != objects + np.arange(len(found)))] = -1
     return Settled(
         track=column(track_of, 0),
@@ -378,3 +385,71 @@ def _rows(seen: _Sightings, at: Int64, found: Bool, objects: int) -> Settled:
         thing=column(thing, np.nan),
         shape=column(shape, UNKNOWN),
     )
+
+
+def _smooth(seen: Any, bodies: dict[int, Body]) -> None:
+    """Fill in the velocities of everything that moves, and the sightings from which on it is an agent."""
+    tracks: dict[int, tuple[Track, list[int]]] = {}
+    for number in seen.spans:
+        track = bodies[number].track
+        if track is not None and track.number > 0:
+            tracks.setdefault(track.number, (track, []))[1].append(number)
+    moving = [(track, numbers) for track, numbers in tracks.values() if _moves(track)]
+    if not moving:
+        return
+    spans = [
+        sum(seen.spans[number].stop - seen.spans[number].start for number in numbers) for _, numbers in moving
+    ]
+    smoother = Smoother(max(spans))
+    for track, numbers in moving:
+        _smooth_track(smoother, seen, bodies, track, numbers)
+
+
+def _moves(track: Track) -> bool:
+    """Return whether a track moves: it does once one of its bodies does, from the first onset on."""
+    if not track.moved:
+        onsets = [
+            part.first_sweep if part.onset - part.first_sweep <= ARRIVAL_SWEEPS else part.onset
+            for part in track.parts
+            if part.moved
+        ]
+        if onsets:
+            track.moved, track.onset = True, min(onsets)
+    return track.moved
+
+
+def _smooth_track(
+    smoother: Smoother, seen: Any, bodies: dict[int, Body], track: Track, numbers: list[int]
+) -> None:
+    """Fill in the velocities of a track, by the sightings of all of its bodies."""
+    several = track.several or any(part.has_legs for part in track.parts)
+    begin = 0
+    for number in numbers:
+        span, body = seen.spans[number], bodies[number]
+        half = np.array([_half(body, 0), _half(body, 1)])
+        sighted = {name: seen.column(name, span) for name in SMOOTHED}
+        begin = smoother.locate(begin, sighted, half, np.array(body.hh), body.kind, several)
+    if len(numbers) == 1:
+        at: Any = seen.spans[numbers[0]]
+        order = np.arange(begin)
+    else:
+        places = np.concatenate([np.arange(seen.spans[n].start, seen.spans[n].stop) for n in numbers])
+        order = np.argsort(seen.sweep[places], kind="stable")
+        at = places[order]
+    sweep = seen.sweep[at]
+    onset = int(np.searchsorted(sweep, track.onset))
+    keep = int(np.count_nonzero(seen.now[at]))
+    if track.state is None:
+        track.state = np.full(12, -1.0)
+    vx, vy, moving = np.empty(begin), np.empty(begin), np.empty(begin, np.uint8)
+    smoother.smooth(order, np.ascontiguousarray(seen.time[at]), track.state, keep, onset, vx, vy, moving)
+    # Legs of one sweep have one velocity.
+    first = np.searchsorted(sweep, sweep)
+    seen.vx[at], seen.vy[at], seen.moving[at] = vx[first], vy[first], moving[first]
+    agent: NDArray[np.bool_] = np.arange(begin) >= onset
+    seen.agent[at] = agent
+
+
+def _half(body: Body, axis: int) -> float:
+    """Return half of the extent of a body along an axis, by all sightings [m]."""
+    return 0.5 * body.side[axis] if body.side_weight[axis] > 0.0 else body.h[axis]

@@ -92,7 +92,7 @@ def track(
 def tracking_of(told: Told) -> TrackOptions:
     """How things are followed."""
     # Who does not track does not wait for these imports.
-    from lidarcli.formalism.tracking.parameters import TrackParameters
+    from lidarcli.formalism.parameters import TrackParameters
     from lidarcli.pipeline.objects.following import TrackOptions
 
     return TrackOptions(TrackParameters(significance=told["significance"], memory=told["memory"]))

@@ -13,8 +13,8 @@ import pyarrow as pa
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.catalogue import Catalogue, names_in
 from lidarcli.formalism.detection import AGENT
-from lidarcli.formalism.tracking.parameters import TrackParameters
-from lidarcli.formalism.tracking.tracked import Followed, Tracks
+from lidarcli.formalism.parameters import TrackParameters
+from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.pipeline.objects.making import Made, Rows
 from lidarcli.pipeline.reading.one_log import RunSummary

@@ -27,7 +27,7 @@ from lidarcli.tabular.reading import GREATEST_VALUE
 from lidarcli.times import Instant
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.tracking.tracked import Followed
+    from lidarcli.formalism.tracking.results import Followed
     from lidarcli.poses.motion import Motion
 
 

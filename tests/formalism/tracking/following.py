@@ -13,8 +13,8 @@ import numpy as np
 from benchmarks.scenes.moving import Kind, moving_scene
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import AGENT, Detection
-from lidarcli.formalism.tracking.parameters import TrackParameters
-from lidarcli.formalism.tracking.tracked import Followed, Tracks
+from lidarcli.formalism.parameters import TrackParameters
+from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make

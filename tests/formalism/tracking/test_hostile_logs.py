@@ -221,7 +221,7 @@ def test_the_longest_log_keeps_no_more_than_a_short_one() -> None:
                 tracker._fold.bodies.most,
                 tracker._fold.log.room,
                 tracker._fold.log.count,
-                len(tracker._register.things),
+                len(tracker._register.bodies),
                 len(tracker._waiting),
                 sum(len(piece.track) for piece in tracker._settled),
                 len(tracker._windows),

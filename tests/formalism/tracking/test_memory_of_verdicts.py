@@ -10,10 +10,9 @@ import pytest
 import lidarcli
 from lidarcli.formalism import Detection, Parameters, detect
 from lidarcli.formalism.detection import NOISE, OBJECT, WALL
-from lidarcli.formalism.tracking.parameters import TrackParameters
-from lidarcli.formalism.tracking.standing import Standing
-from lidarcli.formalism.tracking.tracked import Followed, Tracks
-from lidarcli.formalism.tracking.tracker import Tracker
+from lidarcli.formalism.parameters import TrackParameters
+from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.formalism.tracking.tracker import Standing, Tracker
 from lidarcli.simulate import entities as make
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.following import scene_of, simulated

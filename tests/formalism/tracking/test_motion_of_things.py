@@ -9,8 +9,8 @@ import pytest
 
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, ROUND
-from lidarcli.formalism.tracking.parameters import TrackParameters
-from lidarcli.formalism.tracking.tracked import END_OF_LOG, FREE, LEFT_VIEW
+from lidarcli.formalism.parameters import TrackParameters
+from lidarcli.formalism.tracking.results import END_OF_LOG, FREE, LEFT_VIEW
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.route import Waypoint, plan_route
 from lidarcli.simulate.scene import Course, Entity, Motion, super_ellipse

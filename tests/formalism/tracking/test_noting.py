@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import noting
-from lidarcli.formalism.tracking.things import Track
+from lidarcli.formalism.tracking import tracker
+from lidarcli.formalism.tracking.tracks import Track
 
 
 class Estimate:
@@ -24,7 +24,7 @@ class Estimate:
 def notes(
     estimate: Estimate, tracks: list[Track], *, poses: bool = True, corrected: bool = False
 ) -> list[str]:
-    return noting.notes_of("/scan", estimate, tracks, poses, corrected)  # type: ignore[arg-type]
+    return tracker.notes_of("/scan", estimate, tracks, poses, corrected)  # type: ignore[arg-type]
 
 
 def test_a_delay_is_told_with_the_option_that_mends_it() -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from lidarcli.formalism.tracking import grouping
-from lidarcli.formalism.tracking.things import Thing, Track
+from lidarcli.formalism.tracking.tracks import Body, Track
 
 
 def track_of(*spans: tuple[int, int]) -> Track:
     track = Track()
     for number, (first, last) in enumerate(spans, 1):
-        track.absorb(Thing(number, first_sweep=first, last_sweep=last))
+        track.absorb(Body(number, first_sweep=first, last_sweep=last))
     return track
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.scenes.moving import moving_scene
 from lidarcli.formalism.detection import AGENT
-from lidarcli.formalism.tracking.tracked import CONFIRMED, ENDS
+from lidarcli.formalism.tracking.results import CONFIRMED_SIGHTINGS, ENDS
 from lidarcli.simulate.scene import Sensor
 from tests.formalism.tracking.following import Told, follow, moving_log, repeated, simulated
 
@@ -81,4 +81,4 @@ def test_the_onset_is_within_the_time_of_a_track() -> None:
 
 def test_a_track_was_seen_often_enough_to_be_believed() -> None:
     for seed in range(30, 36):
-        assert (told_in_part(seed).tracks.sweeps >= CONFIRMED).all()
+        assert (told_in_part(seed).tracks.sweeps >= CONFIRMED_SIGHTINGS).all()

@@ -10,44 +10,44 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.detection import LEGGED, PRISMATIC, UNKNOWN
-from lidarcli.formalism.tracking import grouping, motions, sightings, summary
-from lidarcli.formalism.tracking.things import PAIRS, Thing, Track
-from lidarcli.formalism.tracking.tracked import BOX, DISC, PERSON
+from lidarcli.formalism.tracking import estimation, grouping, tracks, windows
+from lidarcli.formalism.tracking.results import BOX, DISC, PERSON
+from lidarcli.formalism.tracking.tracks import WHOLE_SIGHTINGS, Body, Track
 from lidarcli.formalism.tracking.windows import Settled, Window
 
 
 def test_where_a_body_and_its_twin_are() -> None:
-    thing = Thing(1, yaw=math.pi / 2, c=(1.0, 2.0), still_c=(3.0, 0.0))
+    thing = Body(1, yaw=math.pi / 2, c=(1.0, 2.0), still_c=(3.0, 0.0))
     assert thing.place(still=False) == pytest.approx((-2.0, 1.0))
     assert thing.place(still=True) == pytest.approx((0.0, 3.0))
 
 
 def test_a_size_is_known_once_it_was_seen_often() -> None:
-    assert not Thing(1, whole=PAIRS - 1, size=0.5).size_is_known
-    assert Thing(1, whole=PAIRS, size=0.5).size_is_known
-    assert Thing(1, kind=PERSON, whole=PAIRS).has_legs
-    assert not Thing(1, kind=DISC, whole=PAIRS).has_legs
+    assert not Body(1, whole=WHOLE_SIGHTINGS - 1, size=0.5).size_is_known
+    assert Body(1, whole=WHOLE_SIGHTINGS, size=0.5).size_is_known
+    assert Body(1, kind=PERSON, whole=WHOLE_SIGHTINGS).has_legs
+    assert not Body(1, kind=DISC, whole=WHOLE_SIGHTINGS).has_legs
 
 
 def test_two_sizes_that_differ_are_two_things() -> None:
-    small, large = (Thing(n, kind=BOX, whole=PAIRS, size=size) for n, size in ((1, 0.3), (2, 1.5)))
+    small, large = (Body(n, kind=BOX, whole=WHOLE_SIGHTINGS, size=size) for n, size in ((1, 0.3), (2, 1.5)))
     assert grouping._differ(small, large)
-    assert not grouping._differ(small, Thing(3, kind=BOX, whole=PAIRS, size=0.35))
+    assert not grouping._differ(small, Body(3, kind=BOX, whole=WHOLE_SIGHTINGS, size=0.35))
     # Of what was never seen whole nobody knows.
-    assert not grouping._differ(small, Thing(4, kind=BOX, whole=0, size=1.5))
-    person = Thing(5, kind=PERSON, whole=PAIRS, size=0.4)
+    assert not grouping._differ(small, Body(4, kind=BOX, whole=0, size=1.5))
+    person = Body(5, kind=PERSON, whole=WHOLE_SIGHTINGS, size=0.4)
     assert grouping._differ(person, large)
     assert not grouping._differ(person, small)
 
 
 def test_a_piece_goes_on_where_the_one_before_would_be() -> None:
-    before = grouping._Piece(Thing(1, moved=1), 10, 1.0, 0.0, 0.0, vx=1.0)
+    before = grouping._Piece(Body(1, moved=1), 10, 1.0, 0.0, 0.0, vx=1.0)
     for x, off in ((2.0, 0.0), (2.3, 0.3), (0.0, 0.1)):
-        after = grouping._Piece(Thing(2, moved=1), 30, 3.0, x, 0.0, vx=1.0)
+        after = grouping._Piece(Body(2, moved=1), 30, 3.0, x, 0.0, vx=1.0)
         assert grouping._apart(before, after, 2.0) == pytest.approx(off)
-    assert grouping._allowed(before.thing, Thing(2, moved=1), 1e3) == grouping.MOST_ASTRAY
-    assert grouping._allowed(before.thing, Thing(2), 1e3) == grouping.MOST_ASTRAY_STILL
-    assert grouping._allowed(Thing(1), Thing(2), 1e3) == grouping.NEAR
+    assert grouping._allowed(before.body, Body(2, moved=1), 1e3) == grouping.MOST_STITCH_DISTANCE
+    assert grouping._allowed(before.body, Body(2), 1e3) == grouping.MOST_STANDING_STITCH_DISTANCE
+    assert grouping._allowed(Body(1), Body(2), 1e3) == grouping.STITCH_DISTANCE
 
 
 def test_the_pace_is_that_of_the_line_through_its_places() -> None:
@@ -59,35 +59,37 @@ def test_the_pace_is_that_of_the_line_through_its_places() -> None:
 
 def test_a_track_moves_from_the_first_onset_of_its_bodies() -> None:
     track = Track()
-    for number, (moved, first, onset) in enumerate(((0, 0, 3), (1, 20, 50), (1, 40, 40 + motions.AT_ONCE))):
-        track.absorb(Thing(number, moved=moved, first_sweep=first, onset=onset))
-    assert motions._moves(track)
+    for number, (moved, first, onset) in enumerate(
+        ((0, 0, 3), (1, 20, 50), (1, 40, 40 + windows.ARRIVAL_SWEEPS))
+    ):
+        track.absorb(Body(number, moved=moved, first_sweep=first, onset=onset))
+    assert windows._moves(track)
     # What shows at once has come moving.
     assert (track.moved, track.onset) == (True, 40)
     assert all(part.track is track for part in track.parts)
     still = Track()
-    still.absorb(Thing(9))
-    assert not motions._moves(still)
+    still.absorb(Body(9))
+    assert not windows._moves(still)
 
 
 def test_a_side_is_known_by_sightings_or_by_the_estimate() -> None:
-    assert summary._side(Thing(1, side=(0.6, 0.0), side_weight=(400.0, 0.0)), 0) == (0.6, pytest.approx(0.05))
-    assert summary._side(Thing(1, h=(0.3, 0.0), hh=(1e-4, 0.0)), 0) == (0.6, pytest.approx(0.02))
-    unsure = summary._side(Thing(1, h=(0.3, 0.0), hh=(summary.SURE_SIZE**2, 0.0)), 0)
+    assert tracks._side(Body(1, side=(0.6, 0.0), side_weight=(400.0, 0.0)), 0) == (0.6, pytest.approx(0.05))
+    assert tracks._side(Body(1, h=(0.3, 0.0), hh=(1e-4, 0.0)), 0) == (0.6, pytest.approx(0.02))
+    unsure = tracks._side(Body(1, h=(0.3, 0.0), hh=(tracks.KNOWN_SIZE_SD**2, 0.0)), 0)
     assert np.isnan(unsure).all()
 
 
 def test_the_shape_is_the_likeliest_if_it_is_likelier() -> None:
-    """`looks` counts the views that took it for prismatic, round, legged and irregular."""
+    """`shape_votes` counts the views that took it for prismatic, round, legged and irregular."""
     track = Track()
     boxy = (40.0, 1.0, 0.0, 2.0)
-    assert summary._shape(track, Thing(1, looks=boxy)) == PRISMATIC
-    assert summary._shape(track, Thing(1, looks=(0.0,) * 4)) == UNKNOWN
-    assert summary._shape(track, Thing(1, looks=boxy, bulge=400.0, bulge_points=100.0)) != PRISMATIC
+    assert tracks._shape(track, Body(1, shape_votes=boxy)) == PRISMATIC
+    assert tracks._shape(track, Body(1, shape_votes=(0.0,) * 4)) == UNKNOWN
+    assert tracks._shape(track, Body(1, shape_votes=boxy, bulge=400.0, bulge_points=100.0)) != PRISMATIC
     track.several = True
-    assert summary._shape(track, Thing(1, looks=boxy)) == LEGGED
+    assert tracks._shape(track, Body(1, shape_votes=boxy)) == LEGGED
     # However long it is seen.
-    assert summary._shape(track, Thing(1, looks=tuple(1000.0 * count for count in boxy))) == LEGGED
+    assert tracks._shape(track, Body(1, shape_votes=tuple(1000.0 * count for count in boxy))) == LEGGED
 
 
 def test_what_is_settled_is_joined_and_taken_apart() -> None:
@@ -114,8 +116,8 @@ def test_what_is_settled_is_joined_and_taken_apart() -> None:
 
 
 def test_room_for_sightings() -> None:
-    arrays = sightings.room(7)
+    arrays = estimation.sighting_arrays(7)
     assert {values.shape for values in arrays.values()} == {(7,), (7, 4)}
-    log = sightings.Sightings()
+    log = estimation.Sightings()
     log.attach(arrays)
     assert (log.count, log.room) == (0, 7)

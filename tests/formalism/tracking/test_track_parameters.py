@@ -13,7 +13,7 @@ import pytest
 from lidarcli.errors import OptionError
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import REMOVED
-from lidarcli.formalism.tracking.parameters import TrackParameters
+from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.tracker import Tracker
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.scenes.moving import Kind, moving_scene
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detection import AGENT
-from lidarcli.formalism.tracking.tracked import END_OF_LOG
+from lidarcli.formalism.tracking.results import END_OF_LOG
 from lidarcli.formalism.tracking.tracker import WINDOW, Tracker
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.tracking.following import (

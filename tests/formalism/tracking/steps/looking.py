@@ -10,8 +10,8 @@ import numpy as np
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import views as looks
-from lidarcli.formalism.tracking.views import Seen, Views
+from lidarcli.formalism.tracking import observation
+from lidarcli.formalism.tracking.observation import Seen, Views
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Course, Entity, Scene, Sensor
@@ -37,8 +37,8 @@ def look_at(
     views.goes = any(way)
     views.cos, views.sin = math.cos(pose[2]), math.sin(pose[2])
     laid_out = scans(batch)
-    looks.look(views, seen, laid_out, row)
-    looks.judge_edges(views)
+    observation.observe(views, seen, laid_out, row)
+    observation.judge_edges(views)
     return views, laid_out
 
 

@@ -8,7 +8,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking.assignment import Assignment, solve
+from lidarcli.formalism.tracking.association import Assignment, solve
 
 
 def solved(cost: np.ndarray, without: float, room: Assignment | None = None) -> tuple[list[int], float]:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import bodies as things
-from lidarcli.formalism.tracking.bodies import Bodies
+from lidarcli.formalism.tracking import estimation
+from lidarcli.formalism.tracking.estimation import Bodies
 
 PAIRS = (("c", "c"), ("c", "v"), ("c", "h"), ("v", "v"), ("v", "h"), ("h", "h"))
 
@@ -24,14 +24,14 @@ class Filter:
     def predict(self, dt: float) -> None:
         step = np.array([[1, dt, 0], [0, 1, 0], [0, 0, 1]])
         noise = np.zeros((3, 3))
-        noise[:2, :2] = things.ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-        noise[2, 2] = things.BREATHING * dt
+        noise[:2, :2] = estimation.ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        noise[2, 2] = estimation.EXTENT_GROWTH * dt
         self.x, self.p = step @ self.x, step @ self.p @ step.T + noise
 
     def update(self, z: float, sign: float, var: float) -> np.ndarray:
         look = np.array([1.0, 0.0, sign])
         off = z - look @ self.x
-        s = max(look @ self.p @ look + var, off * off / things.UNLIKELY)
+        s = max(look @ self.p @ look + var, off * off / estimation.MOST_RESIDUAL)
         gain = self.p @ look / s
         self.x = self.x + gain * off
         self.p = self.p - s * np.outer(gain, gain)
@@ -89,21 +89,21 @@ def test_the_filters_are_those_of_matrices(seed: int) -> None:
         fill(bodies, 2 * b + i, filters[i], twins[i])
     for _ in range(12):
         dt, creep = float(rng.choice([0.0, 0.05, 0.1, 1.0])), float(rng.choice([0.0, 1e-4]))
-        things.predict(bodies, b, dt, creep)
+        estimation.predict(bodies, b, dt, creep)
         for filt, twin in zip(filters, twins, strict=True):
             filt.predict(dt)
-            twin.p[0, 0] += things.CREEP * dt + creep
-            twin.p[2, 2] += things.BREATHING * dt
+            twin.p[0, 0] += estimation.STANDING_GROWTH * dt + creep
+            twin.p[2, 2] += estimation.EXTENT_GROWTH * dt
         for i, sign in ((0, -1.0), (0, 1.0), (1, 0.0)):
             a = 2 * b + i
             # Sometimes what is hardly to be believed.
             z, var = filters[i].x[0] + sign * filters[i].x[2] + rng.choice([0.02, 2.0]) * rng.normal(), 4e-4
-            expected, s = things.residual(bodies, a, z, sign, var)
+            expected, s = estimation.residual(bodies, a, z, sign, var)
             look = np.array([1.0, 0.0, sign])
             assert expected == pytest.approx(z - look @ filters[i].x)
             assert s == pytest.approx(look @ filters[i].p @ look + var)
-            things.update(bodies, a, z, sign, var)
-            gain = things.update_still(bodies, a, z, sign, var)
+            estimation.update(bodies, a, z, sign, var)
+            gain = estimation.update_still(bodies, a, z, sign, var)
             filters[i].update(z, sign, var)
             assert gain == pytest.approx(twins[i].update(z, sign, var)[0])
             if min(filters[i].x[2], twins[i].x[2]) < 0.01:
@@ -125,12 +125,12 @@ def test_a_turn_keeps_all_that_is_known_in_the_world() -> None:
         pairs = [(bodies.c[0], bodies.c[1]), (bodies.v[0], bodies.v[1])]
         pairs += [(bodies.still_c[0], bodies.still_c[1])]
         pairs += [(bodies.effect[i], bodies.effect[3 + i]) for i in range(3)]
-        return [value for pair in pairs for value in things.to_world(bodies, 0, *pair)]
+        return [value for pair in pairs for value in estimation.to_world(bodies, 0, *pair)]
 
     before, variances = world(), [(bodies.cc[0], bodies.vv[0]), (bodies.cc[1], bodies.vv[1])]
     sums = bodies.cc[0] + bodies.cc[1], bodies.vv[0] + bodies.vv[1]
     for angle in (0.1, -0.7, 2.0):
-        things.turn(bodies, 0, angle)
+        estimation.turn(bodies, 0, angle)
         assert world() == pytest.approx(before, abs=1e-12)
         # How uncertain it is altogether does not change either.
         assert (bodies.cc[0] + bodies.cc[1], bodies.vv[0] + bodies.vv[1]) == pytest.approx(sums)
@@ -138,7 +138,7 @@ def test_a_turn_keeps_all_that_is_known_in_the_world() -> None:
     for i in range(2):
         fill(bodies, i, Filter(rng), still(rng))
     variances = [(bodies.cc[i], bodies.vv[i]) for i in range(2)]
-    things.turn(bodies, 0, math.pi / 2)
+    estimation.turn(bodies, 0, math.pi / 2)
     assert [(bodies.cc[i], bodies.vv[i]) for i in range(2)] == [
         pytest.approx(variances[1]),
         pytest.approx(variances[0]),
@@ -148,15 +148,15 @@ def test_a_turn_keeps_all_that_is_known_in_the_world() -> None:
 def test_faces_tell_the_direction_up_to_quarter_turns() -> None:
     for quarters in range(-3, 4):
         bodies = Bodies(1)
-        bodies.kind[0], bodies.yaw_var[0], bodies.rate_var[0] = things.BOX, 4e-4, 0.02
-        things.turn(bodies, 0, 0.5)
+        bodies.kind[0], bodies.yaw_var[0], bodies.rate_var[0] = estimation.BOX, 4e-4, 0.02
+        estimation.turn(bodies, 0, 0.5)
         var = 1e-4
-        things.predict(bodies, 0, 0.1, 0.0)
+        estimation.predict(bodies, 0, 0.1, 0.0)
         step = np.array([[1.0, 0.1], [0.0, 1.0]])
         known = step @ np.diag([4e-4, 0.02]) @ step.T
-        known += things.TURNING * np.array([[0.1**3 / 3, 0.1**2 / 2], [0.1**2 / 2, 0.1]])
+        known += estimation.ANGULAR_ACCELERATION * np.array([[0.1**3 / 3, 0.1**2 / 2], [0.1**2 / 2, 0.1]])
         gain = known[:, 0] / (known[0, 0] + var)
-        things.update_yaw(bodies, 0, 0.6 + quarters * math.pi / 2, var)
+        estimation.update_yaw(bodies, 0, 0.6 + quarters * math.pi / 2, var)
         assert bodies.yaw[0] == pytest.approx(0.5 + 0.1 * gain[0])
         assert bodies.yaw_rate[0] == pytest.approx(0.1 * gain[1])
         left = known - np.outer(gain, known[0])
@@ -167,11 +167,11 @@ def test_faces_tell_the_direction_up_to_quarter_turns() -> None:
 
 def test_a_face_far_askew_hardly_turns_a_body() -> None:
     moved = []
-    for off in (0.9 * things.ASKEW, 1.1 * things.ASKEW):
+    for off in (0.9 * estimation.MOST_TURN, 1.1 * estimation.MOST_TURN):
         bodies = Bodies(1)
         bodies.yaw_var[0], bodies.rate_var[0] = 4e-4, 0.02
         bodies.cos[0] = 1.0
-        things.update_yaw(bodies, 0, off, 1e-4)
+        estimation.update_yaw(bodies, 0, off, 1e-4)
         moved.append(bodies.yaw[0])
     assert moved[0] > 10 * moved[1] > 0
 
@@ -180,11 +180,11 @@ def test_a_face_far_askew_hardly_turns_a_body() -> None:
 @pytest.mark.parametrize("high_var", [-1.0, 4e-4])
 def test_an_axis_begins_with_what_is_seen_of_its_sides(low_var: float, high_var: float) -> None:
     bodies = Bodies(1)
-    things.begin_axis(bodies, 0, 1.0, 1.6, low_var, high_var)
+    estimation.begin_axis(bodies, 0, 1.0, 1.6, low_var, high_var)
     c, h = bodies.c[0], bodies.h[0]
     for sign, side, var in ((-1.0, 1.0, low_var), (1.0, 1.6, high_var)):
         # A side that was seen is there, as uncertain as it was seen; the other one at least so far.
-        off, s = things.residual(bodies, 0, side, sign, 0.0)
+        off, s = estimation.residual(bodies, 0, side, sign, 0.0)
         if var >= 0:
             assert (off, s) == pytest.approx((0.0, var), abs=1e-12)
         else:
@@ -192,7 +192,7 @@ def test_an_axis_begins_with_what_is_seen_of_its_sides(low_var: float, high_var:
             assert s > 0.01
     assert h >= 0.3 - 1e-12
     assert bodies.v[0] == 0.0
-    assert bodies.vv[0] == things.SPEED_AT_FIRST**2
+    assert bodies.vv[0] == estimation.SPEED_SD**2
     assert (bodies.still_c[0], bodies.still_h[0]) == (c, h)
     if low_var > 0 and high_var > 0:
         assert bodies.ch[0] == pytest.approx((high_var - low_var) / 4)
@@ -200,29 +200,29 @@ def test_an_axis_begins_with_what_is_seen_of_its_sides(low_var: float, high_var:
 
 def test_what_rests_is_where_its_twin_stands() -> None:
     bodies = Bodies(1)
-    things.clear(bodies, 0)
+    estimation.clear(bodies, 0)
     for i in range(2):
-        things.begin_axis(bodies, i, 1.0, 2.0, 1e-4, 1e-4)
+        estimation.begin_axis(bodies, i, 1.0, 2.0, 1e-4, 1e-4)
         bodies.c[i], bodies.v[i] = 1.9, 0.8
-    things.rest(bodies, 0)
-    assert things.centre(bodies, 0) == (1.5, 1.5)
+    estimation.rest(bodies, 0)
+    assert estimation.centre(bodies, 0) == (1.5, 1.5)
     assert (bodies.v[0], bodies.v[1], bodies.yaw_rate[0]) == (0.0, 0.0, 0.0)
-    assert bodies.cc[0] == pytest.approx(bodies.still_cc[0] + things.UNSEEN)
+    assert bodies.cc[0] == pytest.approx(bodies.still_cc[0] + estimation.UNSEEN_VAR)
 
 
 def test_slots_are_used_again_and_numbers_are_not() -> None:
     bodies = Bodies(3)
     numbers = []
     for _ in range(3):
-        b = things.free_slot(bodies)
-        things.clear(bodies, b)
+        b = estimation.free_slot(bodies)
+        estimation.clear(bodies, b)
         numbers.append((b, bodies.number[b]))
     assert numbers == [(0, 1), (1, 2), (2, 3)]
-    bodies.state[1] = things.EMPTY
-    assert things.free_slot(bodies) == 1
-    things.clear(bodies, 1)
+    bodies.state[1] = estimation.EMPTY
+    assert estimation.free_slot(bodies) == 1
+    estimation.clear(bodies, 1)
     assert bodies.number[1] == 4
     larger = Bodies(6)
     larger.grow(bodies)
     assert [larger.number[b] for b in range(3)] == [1, 4, 3]
-    assert things.free_slot(larger) == 3
+    assert estimation.free_slot(larger) == 3

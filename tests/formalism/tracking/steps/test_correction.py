@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import correction as corrections
-from lidarcli.formalism.tracking import tracker as trackers
+from lidarcli.formalism.tracking import fold, tracker
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Course, Mount, super_ellipse
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
@@ -74,11 +73,11 @@ def test_right_poses_are_left_as_they_are() -> None:
 
 def test_no_delay_is_longer_than_the_longest() -> None:
     told = follow(driven(Mount(), 1.5))
-    assert abs(value_of(told)[0]) <= corrections.MOST_DELAY
+    assert abs(value_of(told)[0]) <= fold.MOST_DELAY
 
 
 def test_without_poses_nothing_is_learned() -> None:
-    assert trackers.WINDOW < SWEEPS
+    assert tracker.WINDOW < SWEEPS
     told = follow(replace(driven(Mount(), 0.1), poses=None))
     assert value_of(told) == [0.0, 0.0, 0.0]
 

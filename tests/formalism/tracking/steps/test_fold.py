@@ -7,50 +7,47 @@ import math
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import association, persons, shapes
-from lidarcli.formalism.tracking import bodies as things
-from lidarcli.formalism.tracking import fold as folds
-from lidarcli.formalism.tracking.bodies import Bodies
-from lidarcli.formalism.tracking.memory import Memory
-from lidarcli.formalism.tracking.views import Views
+from lidarcli.formalism.tracking import association, belief, estimation, fold
+from lidarcli.formalism.tracking.estimation import Bodies
+from lidarcli.formalism.tracking.observation import Memory, Views
 
 
 def test_the_clock_never_goes_back() -> None:
-    fold = folds.Fold(10.0, Bodies(4), Views(4, 4), Memory(4))
-    assert folds._tick(fold, 5.0) == 0.0
+    state = fold.Fold(10.0, Bodies(4), Views(4, 4), Memory(4))
+    assert fold._tick(state, 5.0) == 0.0
     passed = []
     for stamp in (5.1, 5.2, 5.2, 4.0, 4.1, 1e6):
-        fold.sweeps += 1
-        passed.append(folds._tick(fold, stamp))
+        state.sweeps += 1
+        passed.append(fold._tick(state, stamp))
     assert passed[:3] == pytest.approx([0.1, 0.1, 0.0])
     # Set back: as long as a sweep usually takes. After ages: no longer than the longest pause.
-    assert passed[3:] == pytest.approx([0.1, 0.1, folds.MOST_PAUSE], rel=0.05)
-    assert fold.clock == pytest.approx(sum(passed))
+    assert passed[3:] == pytest.approx([0.1, 0.1, fold.MOST_PAUSE], rel=0.05)
+    assert state.clock == pytest.approx(sum(passed))
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])
 def test_how_far_a_point_is_outside_of_a_body(yaw: float) -> None:
     bodies = Bodies(1)
-    things.clear(bodies, 0)
-    bodies.kind[0] = things.BOX
+    estimation.clear(bodies, 0)
+    bodies.kind[0] = estimation.BOX
     for i, half in enumerate((0.4, 0.2)):
-        things.begin_axis(bodies, i, -half, half, 1e-4, 1e-4)
+        estimation.begin_axis(bodies, i, -half, half, 1e-4, 1e-4)
     bodies.cos[0], bodies.sin[0] = math.cos(yaw), math.sin(yaw)
     for along, across, off in ((0.0, 0.0, -0.2), (0.5, 0.0, 0.1), (0.0, 0.5, 0.3), (0.39, 0.0, -0.01)):
-        point = things.to_world(bodies, 0, along, across)
-        assert association.outside(bodies, 0, *point) == pytest.approx(off)
-    bodies.kind[0] = things.DISC
-    assert association.outside(bodies, 0, 0.0, 1.0) == pytest.approx(1.0 - 0.3)
+        point = estimation.to_world(bodies, 0, along, across)
+        assert estimation.outside(bodies, 0, *point) == pytest.approx(off)
+    bodies.kind[0] = estimation.DISC
+    assert estimation.outside(bodies, 0, 0.0, 1.0) == pytest.approx(1.0 - 0.3)
 
 
 def test_pairs_of_persons_and_legs_are_sorted_by_cost() -> None:
     rng = np.random.default_rng(1)
-    room = persons.Persons(10)
+    room = association.Persons(10)
     room.count = 12
     costs = rng.choice([1.0, 2.0, 3.0], 12)
     for i, cost in enumerate(costs):
         room.person[i], room.view[i], room.cost[i] = i, 100 + i, float(cost)
-    persons._sort(room)
+    association._sort_pairs(room)
     # Of equals the first stays the first.
     assert [room.person[i] for i in range(12)] == np.argsort(costs, kind="stable").tolist()
     assert [room.view[i] - room.person[i] for i in range(12)] == [100] * 12
@@ -59,9 +56,9 @@ def test_pairs_of_persons_and_legs_are_sorted_by_cost() -> None:
 
 def test_a_leg_is_the_mean_of_where_it_was_seen() -> None:
     bodies = Bodies(1)
-    things.clear(bodies, 0)
+    estimation.clear(bodies, 0)
     for x in (1.0, 1.02, 1.04):
-        shapes._note_leg(bodies, 0, x, 2.0)
-    shapes._note_leg(bodies, 0, 1.5, 2.0)
+        belief._note_leg(bodies, 0, x, 2.0)
+    belief._note_leg(bodies, 0, 1.5, 2.0)
     assert (bodies.leg_x[0], bodies.leg_y[0], bodies.leg_seen[0]) == (pytest.approx(1.02), 2.0, 3)
     assert (bodies.leg_x[1], bodies.leg_seen[1], bodies.leg_seen[2]) == (1.5, 1, 0)

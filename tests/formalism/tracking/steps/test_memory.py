@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.segmentation import Scans
-from lidarcli.formalism.tracking import bodies as things
-from lidarcli.formalism.tracking import life, memory
-from lidarcli.formalism.tracking.bodies import Bodies
-from lidarcli.formalism.tracking.memory import Memory
-from lidarcli.formalism.tracking.views import Views
+from lidarcli.formalism.tracking import belief, estimation, observation
+from lidarcli.formalism.tracking.estimation import Bodies
+from lidarcli.formalism.tracking.observation import Memory, Views
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import TURN
 from tests.formalism.tracking.steps.looking import Pose, look_at
@@ -33,7 +31,7 @@ def sweep_of(
 
 def remembered(views: Views, scans: Scans) -> Memory:
     past = Memory(BEAMS + 1)
-    memory.remember(past, views, scans, 0.0)
+    observation.remember(past, views, scans, 0.0)
     return past
 
 
@@ -67,8 +65,8 @@ def test_beams_passed_what_is_nearer_than_their_ends(geometry: str, pose: Pose) 
             (5.0, False, False),
         ):
             x, y = at(r, float(bearing), pose)
-            assert memory.was_passed(past, 0, x, y, 0.1) == passed
-            assert memory.was_hit(past, 0, x, y) == hit
+            assert observation.was_passed(past, 0, x, y, 0.1) == passed
+            assert observation.was_hit(past, 0, x, y) == hit
 
 
 def test_all_four_beams_around_a_point_have_to_pass_it() -> None:
@@ -77,10 +75,10 @@ def test_all_four_beams_around_a_point_have_to_pass_it() -> None:
     ranges[180] = 1.0
     views, scans = sweep_of(ranges)
     past = remembered(views, scans)
-    asked = [memory.was_passed(past, 0, *at(2.0, k * STEP), 0.1) for k in np.arange(-5, 5) + 0.5]
+    asked = [observation.was_passed(past, 0, *at(2.0, k * STEP), 0.1) for k in np.arange(-5, 5) + 0.5]
     # The post is at bearing 0, between -0.5 and 0.5 steps.
     assert asked == [True, True, True, False, False, False, False, True, True, True]
-    assert memory.was_passed(past, 0, *at(0.8, 0.0), 0.1)
+    assert observation.was_passed(past, 0, *at(0.8, 0.0), 0.1)
 
 
 def test_outside_of_a_partial_view_nothing_was_passed() -> None:
@@ -88,19 +86,19 @@ def test_outside_of_a_partial_view_nothing_was_passed() -> None:
     past = remembered(views, scans)
     for degrees, passed in ((0, True), (43, True), (-43, True), (46, False), (-46, False), (180, False)):
         x, y = at(2.0, math.radians(degrees))
-        assert memory.was_passed(past, 0, x, y, 0.1) == passed
-        assert memory.was_hit(past, 0, *at(4.0, math.radians(degrees))) == passed
+        assert observation.was_passed(past, 0, x, y, 0.1) == passed
+        assert observation.was_hit(past, 0, *at(4.0, math.radians(degrees))) == passed
 
 
 def test_a_beam_without_a_return_passed_everything_where_such_beams_are_steady() -> None:
     ranges = np.full(BEAMS, np.inf)
     ranges[90] = np.nan
     views, scans = sweep_of(ranges)
-    assert memory.was_passed(remembered(views, scans), 0, *at(9.0, 0.0), 0.1)
+    assert observation.was_passed(remembered(views, scans), 0, *at(9.0, 0.0), 0.1)
     # One that is invalid tells nothing.
-    assert not memory.was_passed(remembered(views, scans), 0, *at(9.0, -math.pi / 2), 0.1)
+    assert not observation.was_passed(remembered(views, scans), 0, *at(9.0, -math.pi / 2), 0.1)
     views.steady = False
-    assert not memory.was_passed(remembered(views, scans), 0, *at(9.0, 0.0), 0.1)
+    assert not observation.was_passed(remembered(views, scans), 0, *at(9.0, 0.0), 0.1)
 
 
 def test_beams_that_come_and_go_prove_nothing() -> None:
@@ -109,11 +107,11 @@ def test_beams_that_come_and_go_prove_nothing() -> None:
     fixed = np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0)
     for _ in range(20):
         views, scans = sweep_of(fixed)
-        memory.watch(calm, views, scans)
+        observation.count_flicker(calm, views, scans)
         views, scans = sweep_of(np.where(rng.random(BEAMS) < 0.3, np.inf, 4.0))
-        memory.watch(flickering, views, scans)
-    assert memory.is_steady(calm)
-    assert not memory.is_steady(flickering)
+        observation.count_flicker(flickering, views, scans)
+    assert observation.is_steady(calm)
+    assert not observation.is_steady(flickering)
 
 
 def test_the_latest_sweeps_are_kept_some_time_apart() -> None:
@@ -121,15 +119,17 @@ def test_the_latest_sweeps_are_kept_some_time_apart() -> None:
     past = Memory(BEAMS)
     times = np.arange(0, 60, 0.1)
     for time in times:
-        memory.remember(past, views, scans, float(time))
-    kept = sorted(past.time[m] for m in range(memory.KEPT))
+        observation.remember(past, views, scans, float(time))
+    kept = sorted(past.time[m] for m in range(observation.SWEEPS_KEPT))
     gaps = np.diff(kept)
-    assert (gaps >= memory.APART - 1e-9).all()
-    assert gaps.max() < memory.APART + 0.11
-    assert kept[-1] > times[-1] - memory.APART
+    assert (gaps >= observation.SWEEPS_APART - 1e-9).all()
+    assert gaps.max() < observation.SWEEPS_APART + 0.11
+    assert kept[-1] > times[-1] - observation.SWEEPS_APART
     grown = Memory(2 * BEAMS)
     grown.grow(past)
-    assert [memory.was_passed(grown, m, 2.0, 0.0, 0.1) for m in range(memory.KEPT)] == [True] * memory.KEPT
+    assert [observation.was_passed(grown, m, 2.0, 0.0, 0.1) for m in range(observation.SWEEPS_KEPT)] == [
+        True
+    ] * observation.SWEEPS_KEPT
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)
@@ -139,32 +139,32 @@ def test_a_place_is_passed_or_hit_or_in_the_shadow(geometry: str, pose: Pose) ->
     views, scans = sweep_of(np.full(beams, 4.0), first, step, pose)
     for bearing in np.arange(-3.2, 3.2, 0.1):
         for r, shares in ((2.0, (1, 0, 0)), (4.05, (0, 1, 0)), (6.0, (0, 0, 0))):
-            assert life.passing(views, scans, *at(r, float(bearing), pose), 0.2, 0.2) == shares
+            assert belief.passing(views, scans, *at(r, float(bearing), pose), 0.2, 0.2) == shares
 
 
 @pytest.mark.parametrize(("first", "step"), [(-90 * STEP, STEP), (90 * STEP, -STEP)])
 def test_a_place_at_the_edge_of_the_view_is_half_outside(first: float, step: float) -> None:
     views, scans = sweep_of(np.full(181, 4.0), first, step)
     for edge in (-90, 90):
-        passes, hits, unseen = life.passing(views, scans, *at(2.0, math.radians(edge)), 0.2, 0.4)
+        passes, hits, unseen = belief.passing(views, scans, *at(2.0, math.radians(edge)), 0.2, 0.4)
         assert unseen == pytest.approx(0.5, abs=0.12)
         assert passes == pytest.approx(1.0 - unseen)
         assert hits == 0.0
-    assert life.passing(views, scans, *at(2.0, math.pi), 0.2, 0.4) == (0.0, 0.0, 1.0)
+    assert belief.passing(views, scans, *at(2.0, math.pi), 0.2, 0.4) == (0.0, 0.0, 1.0)
 
 
 def body_at(x: float, y: float, sightings: int) -> Bodies:
     """A disc that was seen so often."""
     bodies = Bodies(2)
-    b = things.free_slot(bodies)
-    things.clear(bodies, b)
-    bodies.kind[b] = things.DISC
+    b = estimation.free_slot(bodies)
+    estimation.clear(bodies, b)
+    bodies.kind[b] = estimation.DISC
     for i, place in enumerate((x, y)):
-        things.begin_axis(bodies, i, place - 0.2, place + 0.2, 1e-4, 1e-4)
-    bodies.existence[b] = life.AT_FIRST
+        estimation.begin_axis(bodies, i, place - 0.2, place + 0.2, 1e-4, 1e-4)
+    bodies.existence[b] = belief.EXISTENCE_AT_FIRST
     bodies.view[b] = -1
     for _ in range(sightings):
-        life.see(bodies, b)
+        belief.note_seen(bodies, b)
         bodies.sightings[b] += 1
     return bodies
 
@@ -174,22 +174,22 @@ def test_what_beams_pass_through_is_gone_soon() -> None:
     bodies, missed = body_at(2.0, 0.0, 20), 0
     likely = bodies.existence[0]
     assert likely > 0.95
-    while bodies.state[0] == things.LIVE:
-        life.miss(bodies, 0, views, scans, 0.1 * missed)
+    while bodies.state[0] == estimation.LIVE:
+        belief.note_missed(bodies, 0, views, scans, 0.1 * missed)
         assert bodies.existence[0] < likely
         likely, missed = bodies.existence[0], missed + 1
-    assert bodies.state[0] == things.ENDED
-    assert bodies.end[0] == life.PASSED
+    assert bodies.state[0] == estimation.ENDED
+    assert bodies.end[0] == belief.FREE
     assert missed < 10
 
 
 def test_what_was_hardly_seen_is_forgotten_at_once() -> None:
     views, scans = sweep_of(np.full(BEAMS, 4.0))
-    bodies = body_at(2.0, 0.0, life.CONFIRMED - 1)
+    bodies = body_at(2.0, 0.0, belief.CONFIRMED_SIGHTINGS - 1)
     for _ in range(10):
-        if bodies.state[0] == things.LIVE:
-            life.miss(bodies, 0, views, scans, 0.0)
-    assert bodies.state[0] == things.EMPTY
+        if bodies.state[0] == estimation.LIVE:
+            belief.note_missed(bodies, 0, views, scans, 0.0)
+    assert bodies.state[0] == estimation.EMPTY
 
 
 @pytest.mark.parametrize("moved", [0, 1])
@@ -197,16 +197,16 @@ def test_in_the_shadow_a_body_is_kept_as_long_as_there_is_patience(moved: int) -
     views, scans = sweep_of(np.full(BEAMS, 1.0))
     bodies = body_at(2.0, 0.0, 20)
     bodies.moved[0], likely = moved, bodies.existence[0]
-    patience = life.PATIENCE_MOVING if moved else life.PATIENCE_STILL
-    life.miss(bodies, 0, views, scans, patience - 0.1)
-    assert bodies.state[0] == things.LIVE
+    patience = belief.PATIENCE_MOVING if moved else belief.PATIENCE_STILL
+    belief.note_missed(bodies, 0, views, scans, patience - 0.1)
+    assert bodies.state[0] == estimation.LIVE
     assert bodies.existence[0] == likely
-    life.miss(bodies, 0, views, scans, patience + 0.1)
-    assert (bodies.state[0], bodies.end[0]) == (things.ENDED, life.LOST)
+    belief.note_missed(bodies, 0, views, scans, patience + 0.1)
+    assert (bodies.state[0], bodies.end[0]) == (estimation.ENDED, belief.LOST)
 
 
 def test_what_is_outside_of_the_view_has_left_it() -> None:
     views, scans = sweep_of(np.full(91, 4.0), -45 * STEP)
     bodies = body_at(-2.0, 0.0, 20)
-    life.miss(bodies, 0, views, scans, life.PATIENCE_STILL + 0.1)
-    assert (bodies.state[0], bodies.end[0]) == (things.ENDED, life.LEFT_VIEW)
+    belief.note_missed(bodies, 0, views, scans, belief.PATIENCE_STILL + 0.1)
+    assert (bodies.state[0], bodies.end[0]) == (estimation.ENDED, belief.LEFT_VIEW)

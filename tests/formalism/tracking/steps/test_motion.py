@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from lidarcli.formalism.tracking import bodies as things
-from lidarcli.formalism.tracking import motion
-from lidarcli.formalism.tracking import sides as measures
-from lidarcli.formalism.tracking.bodies import Bodies
-from lidarcli.formalism.tracking.sides import Sides
+from lidarcli.formalism.tracking import belief, estimation
+from lidarcli.formalism.tracking.estimation import Bodies, Sides
 
 VAR = 1e-4
 DT = 0.1
@@ -17,12 +14,12 @@ DT = 0.1
 def box() -> Bodies:
     """A box of 0.6 m by 0.4 m that was seen to stand for a while."""
     bodies = Bodies(1)
-    b = things.free_slot(bodies)
-    things.clear(bodies, b)
-    bodies.kind[b] = things.BOX
+    b = estimation.free_slot(bodies)
+    estimation.clear(bodies, b)
+    bodies.kind[b] = estimation.BOX
     for i, half in enumerate((0.3, 0.2)):
-        things.begin_axis(bodies, i, -half, half, VAR, VAR)
-    bodies.settled[b] = motion.SETTLED
+        estimation.begin_axis(bodies, i, -half, half, VAR, VAR)
+    bodies.settled[b] = belief.SETTLED_SIGHTINGS
     for _ in range(20):
         see(bodies, sides_at(0.0), weigh=False)
     return bodies
@@ -33,21 +30,21 @@ def sides_at(x: float, known: tuple[int, ...] = (0, 1, 2, 3), longer: float = 0.
     sides = Sides()
     for side, place in enumerate((x - 0.3, x + 0.3 + longer, -0.2, 0.2)):
         sides.z[side] = place
-        sides.var[side] = var if side in known else measures.AT_LEAST
+        sides.var[side] = var if side in known else estimation.AT_LEAST
     return sides
 
 
 def see(bodies: Bodies, sides: Sides, *, weigh: bool = True, whole: bool = True) -> float:
     """One more sighting; returns what it adds to the evidence."""
-    things.predict(bodies, 0, DT, 0.0)
+    estimation.predict(bodies, 0, DT, 0.0)
     before = bodies.evidence[0]
     if weigh:
-        motion.weigh(bodies, 0, sides, whole)
+        belief.weigh_motion(bodies, 0, sides, whole)
     for side in range(4):
         if sides.var[side] >= 0.0:
             sign = 1.0 if side % 2 else -1.0
-            things.update(bodies, side // 2, sides.z[side], sign, sides.var[side])
-            things.update_still(bodies, side // 2, sides.z[side], sign, sides.var[side])
+            estimation.update(bodies, side // 2, sides.z[side], sign, sides.var[side])
+            estimation.update_still(bodies, side // 2, sides.z[side], sign, sides.var[side])
     return bodies.evidence[0] - before
 
 
@@ -81,22 +78,24 @@ def test_what_stands_has_no_evidence_however_long() -> None:
 def test_one_sweep_says_no_more_than_so_much(whole: bool) -> None:
     bodies = box()
     added = see(bodies, sides_at(0.5), whole=whole)
-    assert added <= (motion.CLIP if whole else motion.PARTIAL) - (motion.DRIFT if whole else 0.0)
+    assert added <= (belief.MOST_SWEEP_EVIDENCE if whole else belief.MOST_PARTIAL_EVIDENCE) - (
+        belief.EVIDENCE_DECAY if whole else 0.0
+    )
     for k in range(200):
         see(bodies, sides_at(0.5 + 0.1 * k), whole=whole)
-    assert bodies.evidence[0] == motion.MOST
+    assert bodies.evidence[0] == belief.MOST_EVIDENCE
 
 
 def test_what_has_not_settled_does_not_speak_for_motion() -> None:
     bodies = box()
-    bodies.settled[0] = motion.SETTLED - 1
+    bodies.settled[0] = belief.SETTLED_SIGHTINGS - 1
     for k in range(10):
         see(bodies, sides_at(0.1 * k))
     assert bodies.evidence[0] == 0.0
 
 
 def test_a_side_of_returns_alone_is_not_believed_without_the_other() -> None:
-    open_ended = measures.OPEN_VAR + VAR
+    open_ended = estimation.OPEN_EDGE_VAR + VAR
     alone, together = box(), box()
     for k in range(1, 30):
         # The near end is hidden, of the far one more and more comes into view.
@@ -107,7 +106,7 @@ def test_a_side_of_returns_alone_is_not_believed_without_the_other() -> None:
 
 
 def test_more_of_a_thing_coming_into_view_is_no_motion() -> None:
-    open_ended = measures.OPEN_VAR + VAR
+    open_ended = estimation.OPEN_EDGE_VAR + VAR
     bodies = box()
     for k in range(1, 30):
         see(bodies, sides_at(0.0, longer=0.04 * k, var=open_ended))
@@ -119,7 +118,7 @@ def test_the_onset_is_where_there_was_no_evidence_last() -> None:
     for sweep in range(40):
         x = 0.06 * max(sweep - 20, 0)
         see(bodies, sides_at(x))
-        motion.note_rest(bodies, 0, sweep)
+        belief.note_rest(bodies, 0, sweep)
     assert bodies.evidence[0] > 12.0
     assert bodies.onset[0] in range(17, 24)
     assert abs(bodies.birth_x[0]) < 0.1
@@ -127,16 +126,16 @@ def test_the_onset_is_where_there_was_no_evidence_last() -> None:
 
 def test_the_centre_of_a_disc_speaks_as_well() -> None:
     bodies = box()
-    bodies.kind[0] = things.DISC
+    bodies.kind[0] = estimation.DISC
     sides = Sides()
     sides.by_centre = True
     for k in range(1, 15):
-        things.predict(bodies, 0, DT, 0.0)
+        estimation.predict(bodies, 0, DT, 0.0)
         for i, z in enumerate((0.06 * k, 0.0)):
             sides.z[2 * i] = sides.z[2 * i + 1] = z
             sides.var[2 * i] = sides.var[2 * i + 1] = VAR
-        motion.weigh(bodies, 0, sides, True)
+        belief.weigh_motion(bodies, 0, sides, True)
         for i in range(2):
-            things.update(bodies, i, sides.z[2 * i], 0.0, VAR)
-            things.update_still(bodies, i, sides.z[2 * i], 0.0, VAR)
+            estimation.update(bodies, i, sides.z[2 * i], 0.0, VAR)
+            estimation.update_still(bodies, i, sides.z[2 * i], 0.0, VAR)
     assert bodies.evidence[0] > 12.0

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarcli.formalism.tracking import sides as measures
-from lidarcli.formalism.tracking import views as looks
-from lidarcli.formalism.tracking.sides import Sides
-from lidarcli.formalism.tracking.views import Views
+from lidarcli.formalism.tracking import estimation, observation
+from lidarcli.formalism.tracking.estimation import Sides
+from lidarcli.formalism.tracking.observation import Views
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.scene import Sensor
 from lidarcli.sweeps import TURN
@@ -44,7 +43,7 @@ def view_at(views: Views, x: float, y: float) -> int:
 def sides_of(views: Views, k: int, yaw: float) -> tuple[list[float], list[float]]:
     """Where the four sides are along the axes of a box, and their variances."""
     sides = Sides()
-    measures.of_box(sides, views, k, math.cos(yaw), math.sin(yaw), 0.0)
+    estimation.measure_box(sides, views, k, math.cos(yaw), math.sin(yaw), 0.0)
     assert not sides.by_centre
     return list(sides.z), list(sides.var)
 
@@ -78,7 +77,7 @@ def test_all_sides_that_can_be_known_are_where_they_are(sensor: Sensor, pose: Po
             yaw = direction + turned
             views, _ = seen_from(sensor, pose, ROOM, make.box(x, y, LENGTH, WIDTH, yaw))
             k = view_at(views, x, y)
-            assert (views.start[k], views.end[k]) == (looks.OWN, looks.OWN)
+            assert (views.start[k], views.end[k]) == (observation.OWN, observation.OWN)
             z, var = sides_of(views, k, yaw)
             true, towards = true_sides(x, y, yaw), faces_sensor(pose, x, y, yaw)
             corner = sum(towards) == 2
@@ -110,11 +109,11 @@ def test_a_side_behind_something_goes_on_at_least_so_far(pose: Pose) -> None:
     views, _ = seen_from(TURNING, pose, ROOM, make.box(x, y, WIDTH, LENGTH, direction), post)
     k = view_at(views, *place(2.75, 0.1))
     edges = {views.start[k], views.end[k]}
-    assert edges == {looks.HIDDEN, looks.OWN}
-    assert measures.is_partial(views, k)
+    assert edges == {observation.HIDDEN, observation.OWN}
+    assert observation.is_partial(views, k)
     # The axes of the sensor: behind is not seen, and what the post hides neither.
     sides = Sides()
-    measures.of_box(sides, views, k, cos, sin, 0.0)
+    estimation.measure_box(sides, views, k, cos, sin, 0.0)
     origin = cos * x + sin * y, cos * y - sin * x
     assert sides.var[0] > 0
     assert sides.z[0] == pytest.approx(origin[0] - WIDTH / 2, abs=0.01)
@@ -133,11 +132,11 @@ def test_the_centre_of_a_disc_is_behind_what_is_seen_of_it(sensor: Sensor, pose:
         x, y = pose[0] + 2.0 * math.cos(direction), pose[1] + 2.0 * math.sin(direction)
         views, _ = seen_from(sensor, pose, ROOM, make.cylinder(x, y, 0.15))
         k = view_at(views, x, y)
-        for shape in (measures.ROUND, looks.detection.IRREGULAR):
+        for shape in (estimation.ROUND, observation.detection.IRREGULAR):
             # By its circle, and by its edges alone.
             views.shape[k] = shape
             sides = Sides()
-            measures.of_disc(sides, views, k, 0.0, measures.AT_LEAST, 0.0)
+            estimation.measure_disc(sides, views, k, 0.0, estimation.AT_LEAST, 0.0)
             assert sides.by_centre
             for at, true in ((0, x), (2, y)):
                 assert abs(sides.z[at] - true) < 0.02
@@ -152,10 +151,10 @@ def test_of_a_disc_half_hidden_the_centre_is_a_radius_from_its_own_edge(side: fl
     post = make.cylinder(1.0, -0.12, 0.07)
     views, _ = seen_from(TURNING, pose, ROOM, make.cylinder(2.5, 0.0, 0.2), post)
     k = view_at(views, 2.4, 0.05)
-    assert measures.is_partial(views, k)
-    views.shape[k] = looks.detection.IRREGULAR
+    assert observation.is_partial(views, k)
+    views.shape[k] = observation.detection.IRREGULAR
     sides = Sides()
-    measures.of_disc(sides, views, k, 0.2, 1e-4, 0.0)
+    estimation.measure_disc(sides, views, k, 0.2, 1e-4, 0.0)
     assert (sides.z[0], sides.z[2]) == (pytest.approx(2.5, abs=0.02), pytest.approx(0.0, abs=0.02))
     # It says nothing of its radius.
     assert sides.half_var < 0
@@ -164,13 +163,13 @@ def test_of_a_disc_half_hidden_the_centre_is_a_radius_from_its_own_edge(side: fl
 def test_edges_beside_beams_without_a_return_are_its_own_while_these_are_steady() -> None:
     sensor = replace(TURNING, range_max=8.0)
     views, _ = seen_from(sensor, (0.0, 0.0, 0.0, 1.0), make.box(2.0, 0.0, 0.4, 0.4))
-    assert (views.start[0], views.end[0]) == (looks.OWN, looks.OWN)
+    assert (views.start[0], views.end[0]) == (observation.OWN, observation.OWN)
     known = sides_of(views, 0, 0.0)[1]
     views.steady = False
-    views.start[0] = views.end[0] = looks.OPEN
-    looks.judge_edges(views)
-    assert views.start[0] == looks.OPEN
+    views.start[0] = views.end[0] = observation.OPEN
+    observation.judge_edges(views)
+    assert views.start[0] == observation.OPEN
     doubted = sides_of(views, 0, 0.0)[1]
     # The face is as sure as before, the ends are not.
     assert doubted[0] == known[0]
-    assert doubted[2] == pytest.approx(known[2] + measures.OPEN_VAR)
+    assert doubted[2] == pytest.approx(known[2] + estimation.OPEN_EDGE_VAR)

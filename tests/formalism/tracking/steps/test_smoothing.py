@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.tracking import smoothing
+from lidarcli.formalism.tracking.results import BOX, DISC
 from lidarcli.formalism.tracking.smoothing import Smoother
-from lidarcli.formalism.tracking.tracked import BOX, DISC
 
 Array = np.ndarray[Any, Any]
 
@@ -30,14 +30,14 @@ def filtered(
     for i in range(len(z)):
         if i == 0 and start is None:
             states.append(np.array([z[0], 0.0]))
-            covs.append(np.diag([var[0], smoothing.SPEED_AT_FIRST**2]))
+            covs.append(np.diag([var[0], smoothing.FIRST_SPEED_SD**2]))
             continue
         before, x, p = start if i == 0 and start is not None else (time[i - 1], states[-1], covs[-1])
         step, noise = step_of(time[i] - before, q[i])
         x, p = step @ x, step @ p @ step.T + noise
         off, s = z[i] - x[0], p[0, 0] + var[i]
-        misfits[i] = min(off**2 / s, smoothing.UNLIKELY) + math.log(s)
-        s = max(s, off**2 / smoothing.UNLIKELY)
+        misfits[i] = min(off**2 / s, smoothing.MOST_MISFIT) + math.log(s)
+        s = max(s, off**2 / smoothing.MOST_MISFIT)
         gain = p[:, 0] / s
         states.append(x + gain * off)
         covs.append(p - np.outer(gain, p[0]))
@@ -62,8 +62,8 @@ def chosen(z: Array, var: Array, time: Array, start: tuple[float, Array, Array] 
     misfits = [filtered(z, var, time, np.full(len(z), q), start)[2] for q in levels]
     best = []
     for i in range(len(z)):
-        around = slice(max(i - smoothing.AROUND, 0), i + smoothing.AROUND + 1)
-        totals = [c * smoothing.DOUBT + misfits[c][around].sum() for c in range(len(levels))]
+        around = slice(max(i - smoothing.AROUND_SIGHTINGS, 0), i + smoothing.AROUND_SIGHTINGS + 1)
+        totals = [c * smoothing.LIVELIER_GAIN + misfits[c][around].sum() for c in range(len(levels))]
         best.append(levels[int(np.argmin(totals))])
     return np.array(best)
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism.detection import SHAPES
-from lidarcli.formalism.tracking import sides as measures
-from lidarcli.formalism.tracking import views as looks
-from lidarcli.formalism.tracking.sides import Sides
-from lidarcli.formalism.tracking.views import Views
+from lidarcli.formalism.tracking import estimation, observation
+from lidarcli.formalism.tracking.estimation import Sides
+from lidarcli.formalism.tracking.observation import Views
 from lidarcli.simulate import entities as make
 from lidarcli.sweeps import SweepBatch
 from tests.formalism.tracking.steps.looking import Pose, look_at
@@ -78,7 +77,7 @@ def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: 
     bearings = batch.bearings()[0]
     for x, y in PLACES[: 3 if sensor == "part of a turn" else 4]:
         k = at(views, x, y)
-        ahead, left = looks.to_sensor(views, views.middle_x[k], views.middle_y[k])
+        ahead, left = observation.to_sensor(views, views.middle_x[k], views.middle_y[k])
         beam = views.share[k] * (batch.beams[0] - 1)
         off = math.remainder(
             math.atan2(left, ahead) - float(np.interp(beam, np.arange(len(bearings)), bearings)), math.tau
@@ -92,13 +91,13 @@ def test_a_place_of_the_world_lies_where_the_beams_found_it(drive: str, sensor: 
 
 def test_taking_a_stand() -> None:
     views, _ = seen(DRIVES["both"], "full turn", False)
-    looks.stand(views, 0.5)
+    observation.place_sensor(views, 0.5)
     half = 0.05 * (719 / 720)
     assert (views.x, views.y) == pytest.approx((-0.1 + 0.8 * half, 0.1 + 0.6 * half), abs=1e-6)
     yaw = -0.2 - math.radians(90) * half
     assert (views.cos, views.sin) == pytest.approx((math.cos(yaw), math.sin(yaw)), abs=1e-6)
     views.goes = False
-    looks.stand(views, 0.0)
+    observation.place_sensor(views, 0.0)
     assert views.x == pytest.approx(-0.1 + 0.8 * half, abs=1e-6)
 
 
@@ -110,8 +109,8 @@ def test_a_sensor_that_stays_takes_one_stand_alone() -> None:
     for x, y in PLACES:
         k = at(views, x, y)
         assert 0.0 < views.share[k] < 1.0
-        ahead, left = looks.to_sensor(views, x, y)
-        turned = looks.to_world(views, ahead, left)
+        ahead, left = observation.to_sensor(views, x, y)
+        turned = observation.to_world(views, ahead, left)
         assert turned == pytest.approx((x, y), abs=1e-12)
 
 
@@ -125,5 +124,5 @@ def test_a_disc_lies_behind_its_nearest_point_as_seen_from_where_the_sensor_was(
         k, sides = at(views, x, y), Sides()
         # What does not show that it is round tells no more than its two edges and how near it is.
         views.shape[k] = IRREGULAR
-        measures.of_disc(sides, views, k, RADIUS, 1e-6, 0.0)
+        estimation.measure_disc(sides, views, k, RADIUS, 1e-6, 0.0)
         assert (sides.z[0], sides.z[2]) == pytest.approx((x, y), abs=0.02)

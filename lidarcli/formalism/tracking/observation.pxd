@@ -1,11 +1,12 @@
+cimport cython
 cimport libc.math as math
 
 from lidarcli cimport native
 from lidarcli.formalism.segmentation cimport Scans
 
-cdef int OBJECT, FULL, START_HIDDEN, END_HIDDEN, CUT, OPEN_VIEW, SHARED
-cdef double TURN, BESIDE
-cdef Py_ssize_t HIDDEN, OPEN, OWN, LEAST_FACE
+cdef int OBJECT, FULL, START_HIDDEN, END_HIDDEN, CUT, OPEN_VIEW, SHARED, VALID, NO_RETURN
+cdef Py_ssize_t HIDDEN, OPEN, OWN, LEAST_FACE_POINTS, SWEEPS_KEPT
+cdef double TURN, BOX_MARGIN, LEAST_STEP, HIT_MARGIN, SWEEPS_APART, FLICKER_WEIGHT, MOST_FLICKER, NO_RANGE, FREE_RANGE
 
 
 cdef class Seen:
@@ -78,11 +79,12 @@ cdef class Views:
     cdef Py_ssize_t* face_last
 
 
-cdef void look(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nogil
+cdef void observe(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nogil
 cdef void judge_edges(Views views) noexcept nogil
 cdef double pose_variance(Views views, Py_ssize_t k) noexcept nogil
+cdef bint is_partial(Views views, Py_ssize_t k) noexcept nogil
 cdef void _place(Views views, Seen seen, Scans scans, Py_ssize_t row) noexcept nogil
-cdef void stand(Views views, double share) noexcept nogil
+cdef void place_sensor(Views views, double share) noexcept nogil
 cdef (double, double) to_world(Views views, double x, double y) noexcept nogil
 cdef (double, double) to_sensor(Views views, double x, double y) noexcept nogil
 cdef (double, double) _ahead_and_left(Views views, double x, double y) noexcept nogil
@@ -90,3 +92,37 @@ cdef Py_ssize_t position_of(Views views, Py_ssize_t beam) noexcept nogil
 cdef void _add(Views views, Seen seen, Scans scans, Py_ssize_t at) noexcept nogil
 cdef void _add_points(Views views, Seen seen, Scans scans, Py_ssize_t at) noexcept nogil
 cdef Py_ssize_t _end_face(Views views, Py_ssize_t f, Py_ssize_t n) noexcept nogil
+
+
+cdef class Memory:
+    cdef list owner
+    cdef readonly Py_ssize_t beams
+    cdef Py_ssize_t count, before, watched
+    cdef double changes, lost
+    cdef double* time
+    cdef double* x
+    cdef double* y
+    cdef double* cos
+    cdef double* sin
+    cdef double* side
+    cdef double* first
+    cdef double* step
+    cdef Py_ssize_t* bearings
+    cdef Py_ssize_t* period
+    cdef double* sigma
+    cdef float* r
+    cdef Py_ssize_t* status
+
+    cpdef grow(self, Memory old)
+
+
+cdef void copy_memory(Memory memory, Memory old) noexcept nogil
+@cython.locals(changes=Py_ssize_t, lost=Py_ssize_t, now=Py_ssize_t, then=Py_ssize_t)
+cdef void count_flicker(Memory memory, Views views, Scans scans) noexcept nogil
+cdef bint is_steady(Memory memory) noexcept nogil
+cdef double range_at(Views views, Scans scans, Py_ssize_t position) noexcept nogil
+cdef void remember(Memory memory, Views views, Scans scans, double time) noexcept nogil
+@cython.locals(at=Py_ssize_t)
+cdef bint was_hit(Memory memory, Py_ssize_t m, double x, double y) noexcept nogil
+@cython.locals(position=Py_ssize_t, at=Py_ssize_t, k=Py_ssize_t)
+cdef bint was_passed(Memory memory, Py_ssize_t m, double x, double y, double beside) noexcept nogil

@@ -1,4 +1,7 @@
-"""The objects of one sweep as tracking sees them: their points, faces and edges, in the world frame."""
+"""Views: the objects of one sweep in the world frame, and the sweeps of the last seconds.
+
+A view has the points, faces and edges of an object. The sweeps that are remembered tell where space was free or occupied.
+"""
 
 from __future__ import annotations
 
@@ -20,15 +23,32 @@ FULL, START_HIDDEN, END_HIDDEN, CUT = (
     detection.CUT,
 )
 OPEN_VIEW, SHARED = sweeps.Closure.OPEN.value, sweeps.Closure.SHARED.value
+VALID, NO_RETURN = sweeps.Status.VALID.value, sweeps.Status.NO_RETURN.value
 TURN = sweeps.TURN
 HIDDEN, OPEN, OWN = 0, 1, 2
-"""An edge: hidden by something nearer or by the end of the view, beside beams without a return, the thing's own."""
-BESIDE = 0.05
-"""[m] Points so far outside of the box of an object, and four times the noise, are of something else between its parts."""
-MOST_ODDS = 4.0
-"""Log-odds of being a thing that one sweep can give."""
-LEAST_FACE = 3
-"""Points that a line needs."""
+"""Kinds of edges: hidden by a nearer object or the end of the view; beside beams without a return; the object's own."""
+BOX_MARGIN = 0.05
+"""[m] Points outside of the box by more than this, and four times the noise, belong to an object between its parts."""
+MOST_SWEEP_ODDS = 4.0
+"""Greatest log-odds of being a thing that one sweep can give."""
+LEAST_FACE_POINTS = 3
+"""Least number of points for the line of a face."""
+SWEEPS_KEPT = 16
+"""Number of sweeps that are remembered."""
+SWEEPS_APART = 0.3
+"""[s] Least time between two sweeps that are remembered."""
+FLICKER_WEIGHT = 0.02
+"""Weight of one sweep in the mean number of beams that flicker."""
+MOST_FLICKER = 0.2
+"""Share of the beams without a return that may have one a sweep later. Above it no such beam proves free space."""
+HIT_MARGIN = 0.08
+"""[m] A beam has hit a point that is this close to its end, with twice the noise on top."""
+LEAST_STEP = 1e-6
+"""[rad] Beams that are closer together than this are not told apart."""
+NO_RANGE = -1.0
+"""Range of a beam that tells nothing."""
+FREE_RANGE = 1e9
+"""Range of a beam without a return, which proves free space."""
 
 
 class Seen:
@@ -111,7 +131,7 @@ class Seen:
 
 def _odds(thing: Any) -> Any:
     """(K,) log-odds of being a thing, bounded: no sweep is proof; what nobody doubts is one."""
-    sure = 1.0 / (1.0 + math.exp(-MOST_ODDS))
+    sure = 1.0 / (1.0 + math.exp(-MOST_SWEEP_ODDS))
     share = np.clip(np.where(np.isnan(thing), sure, thing), 1.0 - sure, sure)
     return np.log(share / (1.0 - share))
 
@@ -197,7 +217,7 @@ class Views:
         """The first and the last of its points."""
 
 
-def look(views: Views, seen: Seen, scans: Scans, row: int) -> None:
+def observe(views: Views, seen: Seen, scans: Scans, row: int) -> None:
     """Lay out the objects of the sweep in a row of a batch, whose sensor stands where `x`, `y`, `cos` and `sin` say."""
     _place(views, seen, scans, row)
     views.count = 0
@@ -221,6 +241,11 @@ def pose_variance(views: Views, k: int) -> float:
     return views.pose_var + views.pose_turn_var * views.near[k] * views.near[k]
 
 
+def is_partial(views: Views, k: int) -> bool:
+    """Whether a view may not reach to both ends of a thing."""
+    return views.start[k] != OWN or views.end[k] != OWN
+
+
 def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
     """The bearings of the beams."""
     increment = scans.angle_increment[row]
@@ -236,7 +261,7 @@ def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
     views.sigma = seen.noise[row]
 
 
-def stand(views: Views, share: float) -> None:
+def place_sensor(views: Views, share: float) -> None:
     """Take the sensor to be where it was when a share of the time of the sweep had passed."""
     if not views.goes:
         return
@@ -258,9 +283,9 @@ def to_sensor(views: Views, x: float, y: float) -> tuple[float, float]:
         past = math.atan2(left, ahead) - views.first
         past -= TURN * math.floor(past / TURN)
         share = min(past / (views.step * (views.bearings - 1)), 1.0)
-        stand(views, 1.0 - share if views.reverse else share)
+        place_sensor(views, 1.0 - share if views.reverse else share)
         ahead, left = _ahead_and_left(views, x, y)
-        stand(views, 0.0)
+        place_sensor(views, 0.0)
     return ahead, left
 
 
@@ -279,7 +304,7 @@ def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     """Lay out an object of the detection."""
     k = views.count
     views.share[k] = seen.shares[at]
-    stand(views, views.share[k])
+    place_sensor(views, views.share[k])
     views.object[k], views.shape[k], views.size[k] = at, seen.shape[at], seen.beams[at]
     views.middle_x[k], views.middle_y[k] = to_world(views, seen.x[at], seen.y[at])
     views.centre_x[k], views.centre_y[k] = to_world(views, seen.box_x[at], seen.box_y[at])
@@ -293,7 +318,7 @@ def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     if visibility in (FULL, START_HIDDEN):
         views.end[k] = OWN if seen.s_f[at] == seen.s_f[at] else OPEN
     _add_points(views, seen, scans, at)
-    stand(views, 0.0)
+    place_sensor(views, 0.0)
     views.count += 1
 
 
@@ -307,7 +332,7 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     if last < first:
         last += views.bearings
     cos, sin = math.cos(seen.box_yaw[at]), math.sin(seen.box_yaw[at])
-    beside = BESIDE + 4.0 * views.sigma
+    beside = BOX_MARGIN + 4.0 * views.sigma
     half_length, half_width = 0.5 * seen.box_length[at] + beside, 0.5 * seen.box_width[at] + beside
     begin = views.row * scans.width
     directions = scans.direction[views.row] * scans.width
@@ -327,10 +352,10 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
             f = _end_face(views, f, n)
             face += 1
         # One that crosses the seam ends a whole sweep before it begins.
-        stand(views, beam / (1.0 * max(views.bearings - 1, 1)))
+        place_sensor(views, beam / (1.0 * max(views.bearings - 1, 1)))
         views.point_x[n], views.point_y[n] = to_world(views, x, y)
         n += 1
-    stand(views, views.share[views.count])
+    place_sensor(views, views.share[views.count])
     if face < last_face:
         f = _end_face(views, f, n)
     if n == views.begin[views.count]:
@@ -345,7 +370,7 @@ def _end_face(views: Views, f: int, n: int) -> int:
     first = views.face_first[f]
     count = n - first
     views.face_first[f + 1] = n
-    if count < LEAST_FACE:
+    if count < LEAST_FACE_POINTS:
         views.face_first[f] = n
         return f
     mean_x, mean_y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -371,3 +396,152 @@ def _end_face(views: Views, f: int, n: int) -> int:
     views.bulge[f] = max(0.5 * (xx + yy) - spread, 0.0)
     views.face_last[f] = n - 1
     return f + 1
+
+
+class Memory:
+    """The latest `SWEEPS_KEPT` sweeps, with where the sensor was; the oldest is replaced by the newest."""
+
+    def __init__(self, beams: int) -> None:
+        """Room for sweeps of so many beams."""
+        self.owner: list[Any] = []
+        self.beams = beams
+        self.count = 0
+        """Sweeps that were remembered so far."""
+        self.time = native.doubles(self.owner, SWEEPS_KEPT)
+        self.x = native.doubles(self.owner, SWEEPS_KEPT)
+        self.y = native.doubles(self.owner, SWEEPS_KEPT)
+        self.cos = native.doubles(self.owner, SWEEPS_KEPT)
+        self.sin = native.doubles(self.owner, SWEEPS_KEPT)
+        self.side = native.doubles(self.owner, SWEEPS_KEPT)
+        self.first = native.doubles(self.owner, SWEEPS_KEPT)
+        self.step = native.doubles(self.owner, SWEEPS_KEPT)
+        self.bearings = native.integers(self.owner, SWEEPS_KEPT)
+        self.period = native.integers(self.owner, SWEEPS_KEPT)
+        self.sigma = native.doubles(self.owner, SWEEPS_KEPT)
+        self.r = native.singles(self.owner, SWEEPS_KEPT * beams)
+        self.changes = 0.0
+        """Beams that change between a range and no return from sweep to sweep, lately, on average …"""
+        self.lost = 0.0
+        """… and those without a return in either."""
+        self.status = native.integers(self.owner, beams)
+        """Of the sweep before, by beam."""
+        self.watched = 0
+        self.before = 0
+        """Number of its beams."""
+
+    def grow(self, old: Memory) -> None:
+        """Take over what a smaller one remembers."""
+        copy_memory(self, old)
+
+
+def copy_memory(memory: Memory, old: Memory) -> None:
+    """Copy what a smaller memory holds."""
+    memory.count, memory.changes, memory.lost = old.count, old.changes, old.lost
+    memory.watched, memory.before = old.watched, old.before
+    for beam in range(old.before):
+        memory.status[beam] = old.status[beam]
+    for m in range(SWEEPS_KEPT):
+        memory.time[m], memory.x[m], memory.y[m] = old.time[m], old.x[m], old.y[m]
+        memory.cos[m], memory.sin[m], memory.side[m] = old.cos[m], old.sin[m], old.side[m]
+        memory.first[m], memory.step[m], memory.sigma[m] = old.first[m], old.step[m], old.sigma[m]
+        memory.bearings[m], memory.period[m] = old.bearings[m], old.period[m]
+        for k in range(old.bearings[m]):
+            memory.r[m * memory.beams + k] = old.r[m * old.beams + k]
+
+
+def count_flicker(memory: Memory, views: Views, scans: Scans) -> None:
+    """Count the beams that change between a range and no return."""
+    begin, beams = views.row * scans.width, scans.beams[views.row]
+    changes, lost = 0, 0
+    if memory.before == beams:
+        for beam in range(beams):
+            now, then = scans.status[begin + beam], memory.status[beam]
+            if now == NO_RETURN or then == NO_RETURN:
+                lost += 1
+                if now + then == NO_RETURN:
+                    changes += 1
+        # At first the sum of all so far.
+        memory.watched += 1
+        share = max(FLICKER_WEIGHT, 1.0 / memory.watched)
+        memory.changes += share * (changes - memory.changes)
+        memory.lost += share * (lost - memory.lost)
+    for beam in range(beams):
+        memory.status[beam] = scans.status[begin + beam]
+    memory.before = beams
+
+
+def is_steady(memory: Memory) -> bool:
+    """Whether a beam without a return has met nothing."""
+    return memory.changes <= MOST_FLICKER * memory.lost
+
+
+def range_at(views: Views, scans: Scans, position: int) -> float:
+    """What the beam at a position says of free space [m]: its range, `FREE_RANGE`, or `NO_RANGE`."""
+    if views.period > 0:
+        # C and Python disagree about what is left of negative numbers.
+        position = (position + views.period) % views.period
+    if position < 0 or position >= views.bearings:
+        return NO_RANGE
+    beam = views.row * scans.width + (views.bearings - 1 - position if views.reverse else position)
+    if scans.status[beam] == VALID:
+        return scans.ranges[beam]
+    return FREE_RANGE if views.steady and scans.status[beam] == NO_RETURN else NO_RANGE
+
+
+def remember(memory: Memory, views: Views, scans: Scans, time: float) -> None:
+    """Keep a sweep, unless the last one that was kept is too recent."""
+    last = (memory.count + SWEEPS_KEPT - 1) % SWEEPS_KEPT
+    if memory.count > 0 and 0.0 <= time - memory.time[last] < SWEEPS_APART:
+        return
+    m = memory.count % SWEEPS_KEPT
+    memory.time[m] = time
+    # One place stands for all from which the sweep was seen.
+    place_sensor(views, 0.5)
+    memory.x[m], memory.y[m], memory.cos[m], memory.sin[m] = views.x, views.y, views.cos, views.sin
+    place_sensor(views, 0.0)
+    memory.side[m], memory.first[m], memory.step[m] = views.side, views.first, views.step
+    memory.bearings[m], memory.period[m], memory.sigma[m] = views.bearings, views.period, views.sigma
+    for k in range(views.bearings):
+        memory.r[m * memory.beams + k] = range_at(views, scans, k)
+    memory.count += 1
+
+
+def was_hit(memory: Memory, m: int, x: float, y: float) -> bool:
+    """Whether a beam of a remembered sweep ended at a point of the world."""
+    dx, dy = x - memory.x[m], y - memory.y[m]
+    ahead = memory.cos[m] * dx + memory.sin[m] * dy
+    left = memory.side[m] * (memory.cos[m] * dy - memory.sin[m] * dx)
+    r = math.sqrt(ahead * ahead + left * left)
+    past = math.atan2(left, ahead) - memory.first[m]
+    past -= TURN * math.floor(past / TURN)
+    if memory.step[m] < LEAST_STEP:
+        return False
+    at = int(past / memory.step[m] + 0.5)
+    if memory.period[m] > 0:
+        at %= memory.period[m]
+    if at >= memory.bearings[m]:
+        return False
+    return abs(memory.r[m * memory.beams + at] - r) < HIT_MARGIN + 2.0 * memory.sigma[m]
+
+
+def was_passed(memory: Memory, m: int, x: float, y: float, beside: float) -> bool:
+    """Whether the beams of a remembered sweep passed a point of the world, all four around it.
+
+    `beside`: by how much at least [m]; noise and the way between two beams come on top.
+    """
+    dx, dy = x - memory.x[m], y - memory.y[m]
+    ahead = memory.cos[m] * dx + memory.sin[m] * dy
+    left = memory.side[m] * (memory.cos[m] * dy - memory.sin[m] * dx)
+    r = math.sqrt(ahead * ahead + left * left)
+    # How far it is past the first bearing, within a turn.
+    past = math.atan2(left, ahead) - memory.first[m]
+    past -= TURN * math.floor(past / TURN)
+    if memory.step[m] < LEAST_STEP:
+        return False
+    position = int(past / memory.step[m])
+    need = r + beside + 3.5 * memory.sigma[m] + r * memory.step[m]
+    for k in range(position - 1, position + 3):
+        at = (k + memory.period[m]) % memory.period[m] if memory.period[m] > 0 else k
+        if at < 0 or at >= memory.bearings[m] or memory.r[m * memory.beams + at] < need:
+            return False
+    return True

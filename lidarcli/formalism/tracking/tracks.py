@@ -1,0 +1,363 @@
+"""Bodies that were seen often enough, the tracks they are parts of, and the rows of the tracks table."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
+from lidarcli.formalism.evidence import rectangle
+from lidarcli.formalism.shares import shape_likelihood
+from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, MOST_LEGS, PERSON, Tracks
+
+VERDICT_MARGIN = 0.5
+"""[log-odds] Margin by which the evidence has to pass the threshold to turn a verdict."""
+LEG_SHARE = 0.25
+"""Share of the sightings of a body in which a leg beside it has to be seen."""
+WHOLE_SIGHTINGS = 3
+"""Sightings of both legs of a person, or both ends of a body, that are enough."""
+KNOWN_SIZE_SD = 0.15
+"""[m] Greatest standard deviation of a side that is known."""
+STRAIGHT_POINTS = 60.0
+"""Least number of points of faces that decide whether the faces are straight."""
+BULGE_SPREAD = 0.25
+"""Standard deviation of the logarithm of the squared distances from straight faces, over what noise explains."""
+LEGGED_ODDS = 20.0
+"""[log-odds] Advantage of the shape legged where legs were seen."""
+LEAST_SHAPE_ODDS = 0.2
+"""[log-odds] Least advantage of a shape over the next one."""
+LEG_DISTANCE_SD = 0.03
+"""[m] Standard deviation of the distance of two legs, of which the fronts are seen."""
+ONE_LEG = 0.1
+"""[m] Places that are closer together belong to one leg."""
+RIGHT_ANGLE = 0.5 * math.pi
+
+
+@dataclass(slots=True, eq=False)
+class Body:
+    """A body that was seen often enough, as it was at the end of a window; fields as in `estimation.Bodies`."""
+
+    number: int
+    kind: int = 0
+    sightings: int = 0
+    whole: int = 0
+    moved: int = 0
+    first_sweep: int = 0
+    last_sweep: int = 0
+    onset: int = 0
+    end: int = END_OF_LOG
+    same_as: int = 0
+    member: int = 0
+    seen_at: float = 0.0
+    yaw: float = 0.0
+    size: float = 0.0
+    bulge: float = 0.0
+    bulge_points: float = 0.0
+    h: tuple[float, float] = (0.0, 0.0)
+    hh: tuple[float, float] = (0.0, 0.0)
+    c: tuple[float, float] = (0.0, 0.0)
+    still_c: tuple[float, float] = (0.0, 0.0)
+    side: tuple[float, float] = (0.0, 0.0)
+    side_weight: tuple[float, float] = (0.0, 0.0)
+    least: tuple[float, float] = (0.0, 0.0)
+    shape_votes: tuple[float, ...] = (0.0,) * 4
+    legs: tuple[tuple[float, float], ...] = ()
+    """Places of legs that are too slim to be objects [m]."""
+    has_ended: bool = False
+    odds: float = 0.0
+    """Sum of the log-odds of being a thing over its settled sightings."""
+    judged: int = 0
+    """Number of these sightings."""
+    row_shape: int = UNKNOWN
+    """Shape in the rows, by what was seen so far."""
+    track: Track | None = None
+
+    def take(self, arrays: dict[str, NDArray[Any]], slot: int) -> None:
+        """Copy the state of the body in a slot of `Bodies.arrays`."""
+        slots = len(arrays["state"])
+        for each in fields(self):
+            values = arrays.get(each.name)
+            if values is not None:
+                width = len(values) // slots
+                own = values[width * slot : width * slot + width].tolist()
+                setattr(self, each.name, own[0] if width == 1 else tuple(own))
+        # Sweeps that tell no shape have no vote.
+        self.shape_votes = self.shape_votes[:4]
+        at = slice(MOST_LEGS * slot, MOST_LEGS * slot + MOST_LEGS)
+        seen = arrays["leg_seen"][at].tolist()
+        if any(seen):
+            places = zip(seen, arrays["leg_x"][at].tolist(), arrays["leg_y"][at].tolist(), strict=True)
+            self.legs = tuple((x, y) for often, x, y in places if often > LEG_SHARE * self.sightings)
+        self.has_ended = arrays["state"].item(slot) == ENDED
+
+    @property
+    def has_legs(self) -> bool:
+        """True for a person whose two legs were seen at once."""
+        return self.kind == PERSON and self.whole >= WHOLE_SIGHTINGS
+
+    @property
+    def size_is_known(self) -> bool:
+        """True once the size was seen often enough."""
+        return (self.sightings if self.kind == PERSON else self.whole) >= WHOLE_SIGHTINGS and self.size > 0.0
+
+    def place(self, still: bool) -> tuple[float, float]:
+        """Return the centre in the world [m], of the body or of its twin that stands."""
+        along, across = self.still_c if still else self.c
+        cos, sin = float(np.cos(self.yaw)), float(np.sin(self.yaw))
+        return cos * along - sin * across, sin * along + cos * across
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """One row of the tracks table: a body, or several that belong together."""
+
+    parts: list[Body] = field(default_factory=list)
+    number: int = 0
+    """1, 2, ... by first sight; 0 before its first row."""
+    frame: int = 0
+    several: bool = False
+    """True if parts of it are seen side by side, as legs are."""
+    moved: bool = False
+    onset: int = 0
+    """Number of sweeps of the topic before it began to move."""
+    is_agent: bool = False
+    """True once a row of it is in set A, from the stamp `onset_ns` on."""
+    onset_ns: int = 0
+    first: tuple[int, int] = (0, 0)
+    """Sweep and stamp of its first row."""
+    last: tuple[int, int] = (0, 0)
+    """Sweep and stamp of its last row."""
+    last_sweeps: int = 0
+    """Number of sweeps of the topic before its last row."""
+    last_time: float = 0.0
+    """Time of its last row [s]."""
+    sweeps: int = 0
+    hidden: float = 0.0
+    distance: float = 0.0
+    speed_max: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+    label: int = -1
+    """Index into the catalogue, by what was seen so far; -1 for none."""
+    label_score: float = math.nan
+    """Probability of the label."""
+    is_thing: bool | None = None
+    """Verdict, thing or building, by what was seen so far; None before the first."""
+    thing: float = math.nan
+    """Probability of being a thing, by what was seen so far."""
+    odds: float = 0.0
+    """Sum of the log-odds of bodies that are not kept."""
+    judged: int = 0
+    """Number of sightings of these bodies."""
+    state: NDArray[np.float64] | None = None
+    """State of the smoother at the end of the latest settled window (`Smoother.smooth`)."""
+
+    def let_go(self, stop: int) -> None:
+        """Keep, of the bodies that have ended, the one that was seen most and the last one: the tables need no other.
+
+        `stop`: number of sweeps of the topic that are settled.
+        """
+        self.several = self.several or any(part.has_legs for part in self.parts)
+        over = [part for part in self.parts if part.has_ended and part.last_sweep < stop]
+        if len(over) > 2:
+            kept = (
+                max(over, key=lambda part: (part.sightings, -part.number)),
+                max(over, key=lambda part: part.last_sweep),
+            )
+            for part in over:
+                if part not in kept:
+                    self.odds += part.odds
+                    self.judged += part.judged
+            self.parts = [part for part in self.parts if part in kept or part not in over]
+
+    def decide(self, ahead: dict[int, tuple[float, int]], least: float) -> None:
+        """Decide between thing and building by the mean log-odds of all sightings; an earlier verdict has an advantage.
+
+        Parameters
+        ----------
+        ahead : by number of body, the sum of the log-odds of its sightings that are not settled, and their number
+        least : threshold of the log-odds of things
+        """
+        odds, judged = self.odds, self.judged
+        for part in self.parts:
+            more, count = ahead.get(part.number, (0.0, 0))
+            odds += part.odds + more
+            judged += part.judged + count
+        mean = odds / max(judged, 1)
+        self.thing = 1.0 / (1.0 + math.exp(-mean))
+        if self.is_thing is None:
+            self.is_thing = mean >= least
+        else:
+            self.is_thing = mean >= (least - VERDICT_MARGIN if self.is_thing else least + VERDICT_MARGIN)
+
+    def absorb(self, body: Body) -> None:
+        """Take a body as a part of this track."""
+        self.parts.append(body)
+        body.track = self
+
+
+def tracks_of(tracks: list[Track]) -> Tracks:
+    """Return the rows of the tracks table, by number."""
+    rows = [_row(track) for track in tracks]
+
+    def column(name: str, kind: type) -> NDArray[Any]:
+        return np.array([row[name] for row in rows], kind)
+
+    return Tracks(
+        frame=np.array([track.frame for track in tracks], np.int32),
+        track=np.array([track.number for track in tracks], np.int64),
+        set=np.array([AGENT if track.is_agent else OBJECT for track in tracks], np.uint8),
+        shape=column("shape", np.uint8),
+        label=np.array([track.label for track in tracks], np.int32),
+        label_score=np.array([track.label_score for track in tracks], np.float64),
+        first_sweep=np.array([track.first[0] for track in tracks], np.int64),
+        last_sweep=np.array([track.last[0] for track in tracks], np.int64),
+        first_stamp_ns=np.array([track.first[1] for track in tracks], np.int64),
+        last_stamp_ns=np.array([track.last[1] for track in tracks], np.int64),
+        duration=np.array([(track.last[1] - track.first[1]) / 1e9 for track in tracks], np.float64),
+        sweeps=np.array([track.sweeps for track in tracks], np.int64),
+        hidden=np.array([track.hidden for track in tracks], np.float64),
+        x=column("x", float),
+        y=column("y", float),
+        yaw=column("yaw", float),
+        length=column("length", float),
+        width=column("width", float),
+        length_sd=column("length_sd", float),
+        width_sd=column("width_sd", float),
+        distance=np.array([track.distance for track in tracks], np.float64),
+        speed_mean=np.array([_mean_speed(track) for track in tracks], np.float64),
+        speed_max=np.array([track.speed_max for track in tracks], np.float64),
+        moved=np.array([track.is_agent for track in tracks], np.bool_),
+        moved_at_ns=np.array([track.onset_ns for track in tracks], np.int64),
+        end=column("end", np.uint8),
+    )
+
+
+def _mean_speed(track: Track) -> float:
+    lasts = (track.last[1] - track.first[1]) / 1e9
+    return track.distance / lasts if lasts > 0.0 else 0.0
+
+
+def _row(track: Track) -> dict[str, float]:
+    """Return what the parts of a track tell of it."""
+    body = main(track)
+    last = max(track.parts, key=lambda part: (part.last_sweep, -part.number))
+    shape, end = _shape(track, body), last.end if last.has_ended else END_OF_LOG
+    if (frame := frame_of_legs(track)) is not None:
+        return {
+            **asdict(frame),
+            "length_sd": LEG_DISTANCE_SD,
+            "width_sd": LEG_DISTANCE_SD,
+            "shape": shape,
+            "end": end,
+        }
+    sides = [_side(body, axis) for axis in range(2)]
+    yaw = body.yaw
+    if sides[1][0] > sides[0][0]:
+        sides.reverse()
+        yaw += RIGHT_ANGLE
+    x, y = (track.x, track.y) if track.moved or len(track.parts) > 1 else body.place(True)
+    (length, length_sd), (width, width_sd) = sides
+    return {
+        "x": x,
+        "y": y,
+        "yaw": _halved(yaw) if body.kind == BOX else 0.0,
+        "length": length,
+        "width": width,
+        "length_sd": length_sd,
+        "width_sd": width_sd,
+        "shape": shape,
+        "end": end,
+    }
+
+
+def main(track: Track) -> Body:
+    """Return the part that was seen most often."""
+    return max(track.parts, key=lambda part: (part.sightings, -part.number))
+
+
+def _halved(yaw: float) -> float:
+    """Return the direction of an axis in (-π/2, π/2]."""
+    return RIGHT_ANGLE - (RIGHT_ANGLE - yaw) % math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class LegFrame:
+    """The smallest rectangle through the places of standing legs [m, rad]."""
+
+    legs: int
+    length: float
+    width: float
+    x: float
+    y: float
+    yaw: float
+
+
+def frame_of_legs(track: Track) -> LegFrame | None:
+    """Return the rectangle of the standing legs of a track; None if it has no legs, or walks."""
+    if track.moved:
+        return None
+    places: list[tuple[float, float]] = []
+    for part in track.parts if track.several else [main(track)]:
+        for place in (part.place(True), *part.legs):
+            if all(math.dist(place, other) > ONE_LEG for other in places):
+                places.append(place)
+    if len(places) < 2:
+        return None
+    x, y = np.array([places]).transpose(2, 0, 1)
+    sides, yaw, middle = rectangle(x, y)
+    one, other = sides[:, 0].tolist()
+    angle = float(yaw[0])
+    if other > one:
+        one, other, angle = other, one, angle + RIGHT_ANGLE
+    return LegFrame(len(places), one, other, float(middle[0, 0]), float(middle[1, 0]), _halved(angle))
+
+
+def _side(body: Body, axis: int) -> tuple[float, float]:
+    """Return a side and its standard deviation [m]; NaN where it is not known."""
+    if body.side_weight[axis] > 0.0:
+        return max(body.side[axis], 0.0), max(math.sqrt(1.0 / body.side_weight[axis]), 0.003)
+    sd = 2.0 * math.sqrt(body.hh[axis])
+    return (2.0 * body.h[axis], sd) if sd <= KNOWN_SIZE_SD else (math.nan, math.nan)
+
+
+def row_shape(body: Body) -> int:
+    """Return the shape of a body in the rows: the likeliest one, or the one before if it is about as likely."""
+    if not any(body.shape_votes):
+        return body.row_shape
+    odds = body_odds(body)
+    best = int(np.argmax(odds))
+    if body.row_shape != UNKNOWN and odds[best] - odds[body.row_shape] <= LEAST_SHAPE_ODDS:
+        return body.row_shape
+    return best
+
+
+def shape_odds(track: Track, body: Body) -> list[float]:
+    """Return the log-likelihood of a track and its main body being prismatic, round, legged, irregular."""
+    odds = body_odds(body)
+    if track.several or len(body.legs) > 0 or any(part.has_legs for part in track.parts):
+        odds[LEGGED] = max(odds) + LEGGED_ODDS
+    return odds
+
+
+def body_odds(body: Body) -> list[float]:
+    """Return the log-likelihood of one body being prismatic, round, legged, irregular."""
+    odds = shape_likelihood(body.shape_votes)
+    if body.bulge_points >= STRAIGHT_POINTS:
+        # A prism has no face that is further from straight than noise explains.
+        ratio = body.bulge / body.bulge_points
+        off = math.log(max(ratio, 1.0)) / BULGE_SPREAD
+        odds[PRISMATIC] -= 0.5 * off * off
+    return odds
+
+
+def _shape(track: Track, body: Body) -> int:
+    """Return the likeliest shape of a track; unknown where no shape stands out."""
+    odds = shape_odds(track, body)
+    best = int(np.argmax(odds))
+    rest = sorted(odds)[-2]
+    return best if odds[best] - rest > LEAST_SHAPE_ODDS else UNKNOWN
