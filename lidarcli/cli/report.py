@@ -142,7 +142,7 @@ def report(
     is_shown = any(name == STDOUT and form in SHORT_FORMATS for name, form in written)
     # Workflow commands are for the log of a step, which shows both.
     if not (is_shown and ((STDOUT, "github") in written or are_shown_together())):
-        for kind_of, problem in made.report.told_problems:
+        for kind_of, problem in made.report.named_problems:
             say.error(*((kind_of, problem) if kind_of == "incomplete" else (problem,)))
     if not is_shown:
         for warning in made.report.warnings:

@@ -259,36 +259,30 @@ def encoded(words: str) -> bytes:
 
 def render(made: Made | MadeRuns, kind: str, colour: bool = False, brief: bool = False) -> str:
     """The report in one of `FORMATS`, `brief` in one of `SHORT_FORMATS`; for html, one of tables was made with `viewer`."""
+    report = made.report
     if kind == "github":
         from lidarcli.reports import ci
 
-        return ci.as_github(made.report, "" if brief else render(made, "text"))
-    if brief:
-        from lidarcli.reports import markdown, text
-
-        return markdown.brief(made.report) if kind == "markdown" else text.brief(made.report, colour)
-    if isinstance(made, MadeRuns):
-        return render_runs(made.report, kind, colour)
+        return ci.as_github(report, "" if brief else render(made, "text"))
     if kind == "text":
-        from lidarcli.reports import text
+        from lidarcli.reports import terminal
 
-        return text.render(made.report, colour)
+        return terminal.brief(report, colour) if brief else terminal.render(report, colour)
     if kind == "markdown":
         from lidarcli.reports import markdown
 
-        return markdown.render(made.report)
+        return markdown.brief(report) if brief else markdown.render(report)
     if kind == "json":
         from lidarcli.reports import json
 
-        return json.render(made.report)
+        return json.render(report)
     if kind == "junit":
         from lidarcli.reports import ci
 
-        return ci.as_junit(made.report)
+        return ci.as_junit(report)
     from lidarcli.reports import html
 
-    assert made.page is not None
-    return html.render(made.report, made.page)
+    return html.render(report, None if isinstance(made, MadeRuns) else made.page)
 
 
 MANIFEST_SUFFIX = ".parquet"
@@ -378,25 +372,6 @@ def nothing_read(problems: Sequence[UnreadableError]) -> LidarcliError:
         return OptionError("no tables to report on")
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     return UnreadableError(f"{problems[0]}{more}")
-
-
-def render_runs(report: RunsReport, kind: str, colour: bool = False) -> str:
-    """The report in one of the formats of reports."""
-    if kind == "text":
-        from lidarcli.reports import runs_text
-
-        return runs_text.render(report, colour)
-    if kind == "markdown":
-        from lidarcli.reports import runs_markdown
-
-        return runs_markdown.render(report)
-    if kind == "html":
-        from lidarcli.reports import runs_html
-
-        return runs_html.render(report)
-    from lidarcli.reports import ci, json
-
-    return json.render(report) if kind == "json" else ci.as_junit(report)
 
 
 def _manifest_files(text: str) -> list[Place]:

@@ -7,13 +7,13 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 
-from lidarcli.reports.report import Case, Judged
+from lidarcli.reports.document import Case, Document
 from lidarcli.reports.wording import number, visible
 
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def as_junit(report: Judged) -> str:
+def as_junit(report: Document) -> str:
     """Return one suite: its properties are the figures, its cases those of the report and the checks.
 
     What could not be read is an error.
@@ -45,7 +45,7 @@ def as_junit(report: Judged) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _checks(report: Judged) -> list[Case]:
+def _checks(report: Document) -> list[Case]:
     return [
         Case(
             verdict.expression,
@@ -69,7 +69,7 @@ def clean(text: str) -> str:
     return _NOT_XML.sub(lambda found: repr(found[0])[1:-1], text)
 
 
-def as_github(report: Judged, text: str = "") -> str:
+def as_github(report: Document, text: str = "") -> str:
     """One command a line, what is wrong first: of each kind the page shows the first ten of a step.
 
     `text`, the report for the terminal, follows in a fold of the step's log.
@@ -91,8 +91,8 @@ def _escaped(text: str) -> str:
     return visible(text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A"))
 
 
-def _annotations(report: Judged) -> Iterator[str]:
-    for kind, problem in report.told_problems:
+def _annotations(report: Document) -> Iterator[str]:
+    for kind, problem in report.named_problems:
         yield command("error", f"lidarcli: {kind}", problem)
     for one in report.verdicts:
         if not one.holds:

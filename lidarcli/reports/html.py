@@ -5,49 +5,54 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from lidarcli._version import __version__
 from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.reports.charts import charts, constants, overview_chart
 from lidarcli.reports.ci import clean
-from lidarcli.reports.columns import Run
+from lidarcli.reports.columns import Origin, Run
+from lidarcli.reports.contents import TRACK_CELLS_RIGHT, track_cells
+from lidarcli.reports.document import PAGE, Code, Document
 from lidarcli.reports.ground import Ground, Raw, Walls, ground_of
 from lidarcli.reports.map_picture import MapPicture
-from lidarcli.reports.palette import style as colours
-from lidarcli.reports.report import Judged, Report
+from lidarcli.reports.palette import page_style
+from lidarcli.reports.report import Report
+from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import KINDS, Stream
 from lidarcli.reports.summary import Summary
-from lidarcli.reports.wording import (
-    SHOWN_STATISTICS,
-    compared_rows,
-    number,
-    origin,
-    quantity,
-    rate,
-    settings,
-    spreads,
-    stamp,
-    track_cells,
-    track_spreads,
-    tracked_words,
-)
+from lidarcli.reports.wording import number, stamp
 from lidarcli.sweeps import Float64, Int64, UInt8
+from lidarcli.tabular.runs import Entry
 
-SHOWN = 100
-"""Rows of the tables of logs and topics."""
-RIGHT = frozenset(
-    {"track", "first seen", "duration", "sweeps", "hidden", "size", "distance", "mean speed", "top speed"}
-)
-"""Columns of the table of tracks that are flush right."""
 SCRIPTS = ("data", "pen", "scene", "curves", "timeline", "looking", "saving", "main")
 """The parts of the viewer, in the order in which they need each other."""
+
+
+BUDGET = 2_200_000
+"""Most characters of packed sweeps: with the charts the file stays below 3 MB."""
+STREAMS_SHOWN = 40
+"""Most streams that the viewer shows."""
+PER_SWEEP, PER_OBJECT = 20, 19
+"""Bytes of one sweep and one object, ranges aside …"""
+PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
+"""… and what poses and tracks add to them."""
+LOST = 65_535
+"""Stands for a beam without a range."""
+NOT_KNOWN, SURE = 255, 254
+"""How likely something is a thing, as a byte: not known, and certain."""
+SPEED = 0.005
+"""Velocities as whole numbers of this [m/s]."""
+ANGLE = 32_767 / (3 * np.pi)
+"""Angles as whole numbers; theta_f may pass π."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,62 +69,62 @@ class Page:
     """What makes the page again."""
 
 
-def render(report: Report, shown: Page) -> str:
-    """The page. Every text of a log is escaped by the template engine."""
-    from markupsafe import Markup
+def render(report: Document, shown: Page | None = None) -> str:
+    """Return the page; one of a `Report` needs what is shown of its sweeps."""
+    if isinstance(report, Report) and shown is not None:
+        return _page("report.html", report, report.summary.sources, **_shown(report, shown))
+    assert isinstance(report, RunsReport)
+    return _page("runs.html", report, report.summary.logs)
 
+
+def _shown(report: Report, shown: Page) -> dict[str, Any]:
+    """Return the values of the template that the document does not hold."""
     script = _script()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     summary, viewer = report.summary, shown.viewer
-    return page(
-        "report.html",
-        report=report,
-        summary=summary,
-        script=Markup(script),
-        script_hash=digest,
-        data=Markup(embedded(viewer)),
-        viewer=viewer,
-        has_raw=any("raw" in stream for stream in viewer["streams"]),
-        viewer_style=Markup(_part("viewer.css")),
-        overview=None
-        if shown.overview is None
-        else Markup(overview_chart(replace(shown.overview, walls=shown.walls.get("world"))).svg),
-        has_walls="world" in shown.walls,
-        charts=[replace(chart, svg=Markup(chart.svg)) for chart in charts(report, shown.walls)],
-        constants=constants(report),
-        command=shown.command,
-        versions=sorted({one.version for one in summary.sources if one.version}),
-        cards=[*_cards(report), *check_cards(report), *_damage_cards(report)],
-        spreads=spreads(summary) + (track_spreads(summary.tracked) if summary.tracked else []),
-        statistics=SHOWN_STATISTICS,
-        tracks=[(one, track_cells(one)) for one in summary.tracked.tracks] if summary.tracked else [],
-        alarming=(),
-        kinds=KINDS,
-        compared=[*_compared(report)],
-        right=RIGHT,
-        shown=SHOWN,
-        quantity=quantity,
-        origin=origin,
-        settings=settings,
-    )
+    overview = None
+    if shown.overview is not None:
+        overview = Markup(overview_chart(replace(shown.overview, walls=shown.walls.get("world"))).svg)
+    return {
+        "summary": summary,
+        "script": Markup(script),
+        "script_hash": digest,
+        "data": Markup(embedded(viewer)),
+        "viewer": viewer,
+        "has_raw": any("raw" in stream for stream in viewer["streams"]),
+        "viewer_style": Markup(_part("viewer.css")),
+        "overview": overview,
+        "has_walls": "world" in shown.walls,
+        "charts": [replace(chart, svg=Markup(chart.svg)) for chart in charts(report, shown.walls)],
+        "constants": constants(report),
+        "command": shown.command,
+        "tracks": [(one, track_cells(one)) for one in summary.tracked.tracks] if summary.tracked else [],
+        "kinds": KINDS,
+        "right": TRACK_CELLS_RIGHT,
+    }
 
 
-def page(template: str, **values: Any) -> str:
-    """A page from one of the templates, with the style and the functions that all of them use."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-    from markupsafe import Markup
-
+def _page(template: str, report: Document, made: Iterable[Origin | Entry], **values: Any) -> str:
+    """Return a page from one of the templates. Every text of a log is escaped by the template engine."""
     environment = Environment(
         loader=PackageLoader("lidarcli.reports"),
         autoescape=True,
-        finalize=lambda value: clean(value) if type(value) is str else value,
+        finalize=lambda value: clean(value) if type(value) in (str, Code) else value,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    style = Markup(colours() + "\n" + _part("report.css"))
+    environment.tests["code"] = lambda value: isinstance(value, Code)
+    sections = {name: one for name, one in report.sections().items() if PAGE in one.formats}
     return environment.get_template(template).render(
-        **values, version=__version__, style=style, number=number, stamp=stamp
+        **values,
+        report=report,
+        sections=sections,
+        versions=sorted({one.version for one in made if one.version}),
+        version=__version__,
+        style=Markup(page_style() + "\n" + _part("report.css")),
+        number=number,
+        stamp=stamp,
     )
 
 
@@ -141,86 +146,6 @@ def _script() -> str:
 
 def _part(name: str) -> str:
     return files("lidarcli.reports").joinpath("templates", name).read_text(encoding="utf-8")
-
-
-def _cards(report: Report) -> Iterator[tuple[str, str, str]]:
-    """What matters most: name, value, and a line of detail."""
-    figures, spreads = report.summary.figures, report.summary.spreads
-    logs, topics = number(figures["logs"]), number(figures["topics"])
-    plural = "s" if figures["topics"] != 1 else ""
-    yield (
-        "sweeps",
-        number(figures["sweeps"]),
-        f"{logs} log{'s' if figures['logs'] != 1 else ''}, {topics} topic{plural}",
-    )
-    yield "duration", quantity("duration", figures["duration"]), rate(report.summary)
-    per = spreads["objects_per_sweep"]
-    yield "objects", number(figures["objects"]), f"{number(per.mean, 3)} per sweep, most {number(per.max)}"
-    lost = figures["valid_share"]
-    yield (
-        "beams with a range",
-        quantity("valid_share", lost),
-        f"of {number(figures['beams'])}; {quantity('no_return_share', figures['no_return_share'])} no return",
-    )
-    tracked = report.summary.tracked
-    if tracked is not None:
-        lines = tracked_words(tracked)
-        yield (
-            "tracks",
-            number(figures["tracks"]),
-            f"{number(figures['tracks.agents'])} agents; at once {lines['agents at once']}",
-        )
-        if tracked.scene is not None:
-            yield "scene", tracked.scene, lines["scene"].removeprefix(f"{tracked.scene}: ")
-    gaps = f"{number(figures['missing_sweeps'])} sweeps missing, longest {quantity('longest_gap', figures['longest_gap'])}"
-    yield "gaps", number(figures["gaps"]), gaps
-    faults = (figures["backward"] or 0) + (figures["repeated"] or 0)
-    yield (
-        "clock faults",
-        number(faults),
-        f"{number(figures['backward'])} backward, {number(figures['repeated'])} repeated",
-    )
-
-
-def check_cards(report: Judged) -> Iterator[tuple[str, str, str]]:
-    """How many checks hold, where there are any."""
-    if report.verdicts:
-        held = sum(verdict.holds for verdict in report.verdicts)
-        failed = len(report.verdicts) - held
-        seen = ", on part of the data" if report.problems else ""
-        words = f"{f'{failed} failed' if failed else 'all hold'}{seen}"
-        yield "checks", f"{held} of {len(report.verdicts)}", words
-
-
-def _damage_cards(report: Report) -> Iterator[tuple[str, str, str]]:
-    damage = report.summary.figures["damage"]
-    if damage:
-        yield "damage", number(damage), f"part{'s' if damage != 1 else ''} of the logs not read"
-
-
-def _compared(report: Report) -> Iterator[tuple[str, str, str, str]]:
-    if report.comparison is None:
-        return
-    here, there, delta = report.summary.figures, report.comparison.baseline.figures, report.comparison.figures
-    yield from compared_rows(here, there, delta)
-
-
-BUDGET = 2_200_000
-"""Most characters of packed sweeps: with the charts the file stays below 3 MB."""
-STREAMS_SHOWN = 40
-"""Most streams that the viewer shows."""
-PER_SWEEP, PER_OBJECT = 20, 19
-"""Bytes of one sweep and one object, ranges aside …"""
-PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
-"""… and what poses and tracks add to them."""
-LOST = 65_535
-"""Stands for a beam without a range."""
-NOT_KNOWN, SURE = 255, 254
-"""How likely something is a thing, as a byte: not known, and certain."""
-SPEED = 0.005
-"""Velocities as whole numbers of this [m/s]."""
-ANGLE = 32_767 / (3 * np.pi)
-"""Angles as whole numbers; theta_f may pass π."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,8 @@ import numpy as np
 from lidarcli._version import __version__
 from lidarcli.reports.compare import Comparison
 from lidarcli.reports.distributions import Density, Histogram
-from lidarcli.reports.report import Judged, Report
+from lidarcli.reports.document import Document
+from lidarcli.reports.report import Report
 from lidarcli.reports.runs import RunsReport
 from lidarcli.reports.streams import Standing, Stream, Timeline
 from lidarcli.reports.summary import Summary
@@ -44,7 +45,7 @@ def as_dict(report: Report) -> dict[str, Any]:
     }
 
 
-def _beginning(report: Judged, schema: str) -> dict[str, Any]:
+def _beginning(report: Document, schema: str) -> dict[str, Any]:
     """What reports of every kind begin with."""
     return {
         "schema": schema,

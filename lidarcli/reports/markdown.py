@@ -2,243 +2,104 @@
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 
-from lidarcli.reports.bars import resample, spark
-from lidarcli.reports.report import Judged, Report
-from lidarcli.reports.streams import KINDS
-from lidarcli.reports.summary import Summary
-from lidarcli.reports.text import STREAMS
-from lidarcli.reports.text_tracks import SHOWN_OF_TRACK, TRACKS
-from lidarcli.reports.wording import (
-    SHOWN_STATISTICS,
-    beams_by_set,
-    compared_rows,
-    kind_counts,
-    number,
-    origin,
-    quantity,
-    rate,
-    settings,
-    share,
-    spreads,
-    stamp,
-    track_cells,
-    track_kinds,
-    track_spreads,
-    tracked_words,
-    visible,
+from lidarcli.reports.document import (
+    MARKDOWN,
+    Block,
+    Code,
+    Document,
+    Drawing,
+    Facts,
+    Listing,
+    Notes,
+    Shares,
+    Table,
 )
+from lidarcli.reports.wording import share, visible
 
-SPARK = 60
 
-
-def render(report: Report) -> str:
-    """The verdict and the key figures in sight, the rest folded."""
-    summary = report.summary
-    lines = [*beginning(report), *_comparison(report), *_overview(summary), *_tracked(summary)]
-    lines += _standing(summary)
-    for title, part in (
-        ("Figures", _spreads(summary)),
-        ("Objects and beams by kind", _kinds(summary)),
-        ("Tracks", _tracks(summary)),
-        ("Over time", _courses(summary)),
-        ("Logs and parameters", _sources(summary)),
-    ):
-        body = [*part]
-        if body:
-            lines += ["<details>", f"<summary>{title}</summary>", "", *body, "</details>", ""]
+def render(report: Document) -> str:
+    """Return the verdict and the key figures in sight, the rest folded."""
+    lines = [*_beginning(report)]
+    sections = [section for section in report.sections().values() if MARKDOWN in section.formats]
+    for section in sections:
+        if not section.fold:
+            lines += [f"### {section.title}", ""] if section.title else []
+            lines += [line for block in section.blocks for line in _lines(block)]
+    for title, folded in groupby((one for one in sections if one.fold), lambda one: one.fold):
+        lines += ["<details>", f"<summary>{title}</summary>", ""]
+        lines += [line for section in folded for block in section.blocks for line in _lines(block)]
+        lines += ["</details>", ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def brief(report: Judged) -> str:
-    """The checks and what the report says in a line, of reports of every kind."""
-    lines = [*beginning(report), *(f"{text(line)}\n" for line in report.lines)]
+def brief(report: Document) -> str:
+    """Return the checks and the summary."""
+    lines = [*_beginning(report), *(f"{_text(line)}\n" for line in report.lines)]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def beginning(report: Judged) -> Iterator[str]:
-    """The heading, what could not be read, what to know before the figures are believed, the checks."""
-    yield f"## lidarcli report: {text(report.title)}"
+def _beginning(report: Document) -> Iterator[str]:
+    """Yield the heading, problems, warnings and checks."""
+    yield f"## lidarcli report: {_text(report.title)}"
     yield ""
-    for kind, problem in report.told_problems:
-        yield f"**{kind.capitalize()}:** {text(problem)}\n"
+    for kind, problem in report.named_problems:
+        yield f"**{kind.capitalize()}:** {_text(problem)}\n"
     for warning in report.warnings:
-        yield f"**Warning:** {text(warning)}\n"
-    yield from _checks(report)
+        yield f"**Warning:** {_text(warning)}\n"
+    if report.verdicts:
+        rows = [
+            ["passed" if one.holds else "**failed**", _text(Code(one.expression)), one.words]
+            for one in report.verdicts
+        ]
+        yield from (f"**{report.judgement}.**", "", *_table(["", "check", "found"], rows, (2,)))
 
 
-def text(value: object) -> str:
-    """Text of a log where Markdown and HTML could read commands: they are spelled out.
+def _lines(block: Block) -> Iterator[str]:
+    match block:
+        case Table():
+            yield from _table(block.head, [[*map(_text, row)] for row in block.rows], block.right)
+        case Facts():
+            yield from _table([name for name, _ in block.rows], [[_text(value) for _, value in block.rows]])
+        case Shares():
+            rows = [[kind, f"{count:,}", share(count, block.total)] for kind, count in block.counts.items()]
+            yield from _table([block.kind, block.unit, "share"], rows, (1, 2))
+        case Drawing():
+            yield from ("```", *block.lines, "```", "")
+        case Notes():
+            yield from (f"- {''.join(map(_text, parts))}" for parts in block.lines)
+            yield ""
+        case Listing():
+            for words, names in block.groups:
+                yield f"- {_text(words)}"
+                yield from (f"  - {_text(name)}" for name in names)
+    if isinstance(block, Table) and block.more:
+        yield from (block.more, "")
+    if isinstance(block, Listing):
+        yield from ([f"- {block.more}"] if block.more else [])
+        yield ""
 
-    >>> text("a|b <script> `x`")
-    'a\\\\|b &lt;script&gt; \\\\`x\\\\`'
+
+def _text(value: object) -> str:
+    """Return text of a log with escapes where Markdown and HTML could read commands; `Code` as code.
+
+    >>> _text("a|b <script> `x`"), _text(Code("a|b"))
+    ('a\\\\|b &lt;script&gt; \\\\`x\\\\`', '`a\\\\|b`')
     """
-    plain = visible(" ".join(str(value).split()))
+    plain = visible(re.sub(r"\s+", " ", str(value)))
+    if isinstance(value, Code):
+        # A bar has to be escaped even in code, where a table is around it.
+        return "`" + plain.replace("`", "'").replace("|", "\\|") + "`"
     plain = plain.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     for mark in "\\`*_[]|~#@!":
         plain = plain.replace(mark, "\\" + mark)
     return plain
 
 
-def code(value: object) -> str:
-    """Text as code: in a table a bar has to be escaped even there."""
-    plain = visible(" ".join(str(value).split())).replace("`", "'")
-    return "`" + plain.replace("|", "\\|") + "`"
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], right: int | None = 1) -> list[str]:
-    """The lines of a table; columns from `right` on are flush right."""
-    marks = ["---:" if right is not None and index >= right else "---" for index in range(len(head))]
-    lines = [head, marks, *rows]
-    return [*("| " + " | ".join(line) + " |" for line in lines), ""]
-
-
-def _checks(report: Judged) -> list[str]:
-    if not report.verdicts:
-        return []
-    rows = [
-        ["passed" if one.holds else "**failed**", code(one.expression), one.words] for one in report.verdicts
-    ]
-    return [f"**{report.judgement}.**", "", *table(["", "check", "found"], rows, 2)]
-
-
-def _overview(summary: Summary) -> list[str]:
-    names = ("sweeps", "duration", "rate", "gaps", "objects", "objects_per_sweep.mean", "valid_share")
-    words = ("sweeps", "duration", "rate", "gaps", "objects", "objects per sweep", "beams with a range")
-    values = [rate(summary) if name == "rate" else quantity(name, summary.figures[name]) for name in names]
-    return table(words, [values], 0)
-
-
-def _comparison(report: Report) -> Iterator[str]:
-    comparison = report.comparison
-    if comparison is None:
-        return
-    here, there, delta = report.summary.figures, comparison.baseline.figures, comparison.figures
-    yield "### Compared with the baseline"
-    yield ""
-    yield from table(["figure", "baseline", "here", "difference"], [*compared_rows(here, there, delta)])
-    for name, mine, other in comparison.parameters:
-        yield f"- {text(name)}: {code(other)} in the baseline, {code(mine)} here"
-    yield f"- {comparison.words}"
-    yield ""
-    if comparison.changes:
-        rows = [
-            [text(one.log), text(one.topic), str(one.sweep), str(one.before), str(one.now)]
-            for one in comparison.changes
-        ]
-        yield from table(["log", "topic", "sweep", "before", "now"], rows, 2)
-
-
-def _standing(summary: Summary) -> list[str]:
-    if not summary.standing:
-        return []
-    rows = [
-        [KINDS[one.kind], one.words, str(one.sweep), text(one.log), text(one.topic), stamp(one.stamp_ns)]
-        for one in summary.standing
-    ]
-    return [
-        "### Sweeps that stand out",
-        "",
-        *table(["", "value", "sweep", "log", "topic", "stamp"], rows, None),
-    ]
-
-
-def _spreads(summary: Summary) -> list[str]:
-    found = [*spreads(summary), *(track_spreads(summary.tracked) if summary.tracked is not None else [])]
-    rows = [[code(name), *cells] for name, cells in found]
-    return table(["", *SHOWN_STATISTICS], rows) if rows else []
-
-
-def _kinds(summary: Summary) -> Iterator[str]:
-    for name in ("shape", "visibility", "change"):
-        counts = kind_counts(summary, name)
-        if counts:
-            total = sum(counts.values())
-            rows = [[kind, f"{count:,}", share(count, total)] for kind, count in counts.items()]
-            yield from table([name, "objects", "share"], rows)
-    beams = sum(summary.status.values())
-    counts = {**summary.status, **beams_by_set(summary)}
-    rows = [[name.replace("_", " "), f"{count:,}", share(count, beams)] for name, count in counts.items()]
-    yield from table(["beams", "number", "share"], rows)
-
-
-def _tracked(summary: Summary) -> list[str]:
-    """The tracks in a line, and what bears a name of the catalogue."""
-    lines: list[str] = []
-    if summary.tracked is not None:
-        words = tracked_words(summary.tracked)
-        lines += table([*words], [[*words.values()]], None)
-    if summary.labels:
-        rows = [[text(one.name), number(one.tracks), number(one.objects)] for one in summary.labels]
-        lines += table(["label", "tracks", "objects"], rows)
-    return lines
-
-
-def _tracks(summary: Summary) -> Iterator[str]:
-    tracked = summary.tracked
-    if tracked is None:
-        return
-    for name in tracked.kinds:
-        counts = track_kinds(tracked, name)
-        if counts:
-            total = sum(counts.values())
-            rows = [[kind, f"{count:,}", share(count, total)] for kind, count in counts.items()]
-            yield from table([name.removeprefix("tracks."), "tracks", "share"], rows)
-    shown = [(one, track_cells(one)) for one in tracked.most(TRACKS)]
-    if shown:
-        rows = [
-            [text(one.log), text(one.topic), *(text(cells[name]) for name in SHOWN_OF_TRACK)]
-            for one, cells in shown
-        ]
-        yield from table(["log", "topic", *SHOWN_OF_TRACK], rows, None)
-        if more := int(tracked.figures["tracks"] or 0) - len(shown):
-            yield f"and {more:,} more tracks"
-            yield ""
-
-
-def _courses(summary: Summary) -> Iterator[str]:
-    streams = summary.streams.all
-    rows = [
-        [
-            text(one.name),
-            f"{one.sweeps:,}",
-            number(one.rate),
-            number(one.beams),
-            number(one.gaps),
-            number(one.backward),
-            code(spark(resample(one.course.objects_mean, SPARK))),
-            number(max((x for x in one.course.objects_mean.tolist() if math.isfinite(x)), default=None), 3),
-        ]
-        for one in streams[:STREAMS]
-    ]
-    if rows:
-        yield from table(
-            [
-                "log and topic",
-                "sweeps",
-                "rate [Hz]",
-                "beams",
-                "gaps",
-                "backward stamps",
-                "objects per sweep",
-                "most",
-            ],
-            rows,
-        )
-    if len(streams) > STREAMS:
-        yield f"and {len(streams) - STREAMS:,} more topics"
-        yield ""
-
-
-def _sources(summary: Summary) -> Iterator[str]:
-    rows = [[text(one.log), text(origin(one)), text(settings(one))] for one in summary.sources[:STREAMS]]
-    yield from table(["log", "format", "parameters"], rows, None)
-    if len(summary.sources) > STREAMS:
-        yield f"and {len(summary.sources) - STREAMS:,} more logs"
-        yield ""
-    for source in summary.sources:
-        for line in source.damage:
-            yield f"- damage in {text(source.log)}: {text(line)}"
-            yield ""
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
+    """Return the lines of a table; columns in `right` are flush right."""
+    marks = ["---:" if index in right else "---" for index in range(len(head))]
+    return [*("| " + " | ".join(line) + " |" for line in (head, marks, *rows)), ""]

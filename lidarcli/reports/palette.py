@@ -117,7 +117,7 @@ _NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()} | {
 }
 
 
-def style() -> str:
+def page_style() -> str:
     """The colours as properties of the page; on paper they are light, whatever the screen is. `.paper` always is."""
     light, dark = (
         "".join(f" --{name}: {pair[k]};" for name, pair in COLOURS.items()) + _shapes(k) for k in (0, 1)

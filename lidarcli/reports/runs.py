@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from lidarcli.reports.report import Case, Judged
-from lidarcli.reports.wording import counted, number, stamp
+from lidarcli.reports.document import (
+    MARKDOWN,
+    PAGE,
+    TEXT,
+    Card,
+    Case,
+    Document,
+    Facts,
+    Listing,
+    Section,
+    Share,
+    Table,
+)
+from lidarcli.reports.wording import counted, number, share, stamp
 from lidarcli.tabular.runs import DAMAGED, FAILED, OUTCOMES, Entry, newest
 
 BAD = {FAILED: "Failed logs", DAMAGED: "Damaged logs"}
@@ -26,7 +38,9 @@ FIGURES: dict[str, tuple[str, str]] = {
 }
 """The figures of a report on runs, each with its unit and meaning."""
 MESSAGES, LOGS = 20, 10
-"""Messages that formats for people show of each outcome, and logs of each message; the JSON holds all."""
+"""Most messages of an outcome, and most logs of a message, that text and Markdown show; the JSON holds all."""
+MESSAGES_OF_PAGE, LOGS_OF_PAGE = 200, 100
+"""Most of them that a page shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +84,7 @@ class RunsSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class RunsReport(Judged):
+class RunsReport(Document):
     """One report on runs, whatever its format."""
 
     summary: RunsSummary
@@ -93,6 +107,33 @@ class RunsReport(Judged):
             Case(log.url, "lidarcli.runs", _failure(log), log.outcome, log.seconds)
             for log in self.summary.logs
         )
+
+    def sections(self) -> dict[str, Section]:
+        """Return the sections by name, in their order."""
+        summary, facts = self.summary, _facts(self.summary)
+        figures, total = summary.figures, len(summary.logs)
+        shares = [(name, Share(int(figures[name] or 0), total)) for name in OUTCOMES]
+        names = ("logs", *OUTCOMES)
+        numbers = Table(names, [[number(figures[name]) for name in names]], range(len(names)))
+        sections = {
+            "text": Section(self.title.capitalize(), [Facts([*shares, *facts])], (TEXT,)),
+            "markdown": Section("", [numbers, Facts(facts)], (MARKDOWN,)),
+            "page": Section("Runs", [Facts(facts)], (PAGE,)),
+        }
+        for outcome, title in BAD.items():
+            if groups := summary.groups(outcome):
+                sections[outcome] = Section(title, [_listing(groups)], (TEXT, MARKDOWN))
+                sections[f"page of {outcome}"] = Section(title, [_table(groups)], (PAGE,))
+        return sections
+
+    def cards(self) -> list[Card]:
+        """Return the outcomes, and the checks."""
+        figures, total = self.summary.figures, len(self.summary.logs)
+        cards = [Card("logs", number(figures["logs"]), f"{number(figures['bytes'])} bytes")]
+        for name in OUTCOMES:
+            count = figures[name] or 0
+            cards.append(Card(name, number(count), share(count, total), alarming=name in BAD and count > 0))
+        return [*cards, *self.check_cards()]
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -128,10 +169,10 @@ def summarise_runs(rows: Iterable[Entry], runs: int) -> RunsSummary:
     return RunsSummary(figures, logs, tuple(sorted({log.version for log in logs})))
 
 
-def overview(summary: RunsSummary) -> dict[str, str]:
-    """What was done, by which version and when: name → words."""
+def _facts(summary: RunsSummary) -> list[tuple[str, str | Share]]:
+    """Return (name, words): the work that was done, by which versions and when."""
     figures, span = summary.figures, summary.span
-    words = {
+    facts = {
         "runs": number(figures["runs"]),
         "lidarcli": ", ".join(summary.versions),
         "from": stamp(span[0]) if span else "",
@@ -142,25 +183,31 @@ def overview(summary: RunsSummary) -> dict[str, str]:
         "work": f"{number(figures['seconds'])} s",
         "rate": f"{number(figures['sweeps_per_second'])} sweeps per second of work",
     }
-    return {name: text for name, text in words.items() if text}
+    return [(name, words) for name, words in facts.items() if words]
 
 
-def shown(
-    groups: list[Group], messages: int = MESSAGES, logs: int = LOGS
-) -> Iterator[tuple[Group, list[Entry], str]]:
-    """Groups that people are shown, the logs that are named of each, and how many more there are."""
-    for group in groups[:messages]:
-        named = [*group.logs[:logs]]
-        left = len(group.logs) - len(named)
-        yield group, named, f"and {left:,} more" if left else ""
+def _listing(groups: list[Group]) -> Listing:
+    shown = []
+    for group in groups[:MESSAGES]:
+        left = len(group.logs) - LOGS
+        more = [f"and {left:,} more"] if left > 0 else []
+        shown.append((group.words, [*(log.url for log in group.logs[:LOGS]), *more]))
+    return Listing(shown, _left_out(groups[MESSAGES:]))
 
 
-def left_out(groups: list[Group], messages: int = MESSAGES) -> str:
-    """What `shown` does not show; empty where it is all."""
-    rest = groups[messages:]
-    if not rest:
+def _table(groups: list[Group]) -> Table:
+    rows = []
+    for group in groups[:MESSAGES_OF_PAGE]:
+        left = len(group.logs) - LOGS_OF_PAGE
+        more = [f"and {left:,} more"] if left > 0 else []
+        for name in (*(log.url for log in group.logs[:LOGS_OF_PAGE]), *more):
+            rows.append((name, str(group.exit_code), group.message))
+    return Table(("log", "exit code", "message"), rows, (), _left_out(groups[MESSAGES_OF_PAGE:]))
+
+
+def _left_out(groups: list[Group]) -> str:
+    """Return the groups that are not shown, in words; empty without any."""
+    if not groups:
         return ""
-    logs = sum(len(group.logs) for group in rest)
-    return (
-        f"and {counted(logs, 'log')} more with {counted(len(rest), 'other message')}; --format json has all"
-    )
+    logs = counted(sum(len(group.logs) for group in groups), "log")
+    return f"and {logs} more with {counted(len(groups), 'other message')}; --format json has all"

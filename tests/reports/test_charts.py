@@ -11,7 +11,7 @@ import pytest
 from lidarcli.reports.charts import charts, constants
 from lidarcli.reports.compare import compare
 from lidarcli.reports.distributions import Density
-from lidarcli.reports.palette import COLOURS, HEAT, style, themed
+from lidarcli.reports.palette import COLOURS, HEAT, page_style, themed
 from lidarcli.reports.report import Report
 from lidarcli.reports.summary import summarise
 from tests.reports.runs import crossing, run_of, sweep, thing
@@ -98,7 +98,7 @@ def test_beams_are_two_bars_of_a_whole_each() -> None:
 
 def test_colours_of_charts_are_those_of_the_page() -> None:
     found = [*charts(report_of(**crossing()))]
-    known = style()
+    known = page_style()
     for chart in found:
         names = re.findall(r"var\(--([a-z0-9-]+)\)", chart.svg)
         assert names, chart.title

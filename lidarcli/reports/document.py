@@ -1,0 +1,222 @@
+"""A report as a document: verdicts of checks, and sections of tables, facts, shares, lines and notes.
+
+Whoever renders a document walks its sections and knows nothing of the figures in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from lidarcli.errors import UnreadableError
+from lidarcli.reports.checks import Verdict
+
+CHECK_FAILED = 1
+TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
+"""Formats for people: the terminal, Markdown and HTML."""
+
+
+class Code(str):
+    """Text that is set as code: the name of a figure, a value of a parameter, a command, a course in blocks."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A part of a whole, drawn as a bar."""
+
+    part: int
+    whole: int
+
+
+Line = tuple[str, ...]
+"""A line of running text in parts, some of which are `Code`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table with a heading for each column."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    right: Sequence[int] = ()
+    """Columns that are flush right."""
+    more: str = ""
+    """Rows that are left out, in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Names and what is known of each."""
+
+    rows: Sequence[tuple[str, str | Share]]
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """Parts of a whole by kind."""
+
+    kind: str
+    """Heading of the kinds."""
+    unit: str
+    """Heading of the counts."""
+    counts: Mapping[str, int]
+    total: int
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """Lines of block characters, which keep their blanks."""
+
+    lines: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Notes:
+    """Lines of running text."""
+
+    lines: Sequence[Line]
+    alarming: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Listing:
+    """Groups of names, each below what they have in common."""
+
+    groups: Sequence[tuple[str, Sequence[str]]]
+    more: str = ""
+    """Groups that are left out, in words."""
+
+
+Block = Table | Facts | Shares | Drawing | Notes | Listing
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a document."""
+
+    title: str
+    """Heading; empty without one."""
+    blocks: Sequence[Block]
+    formats: Sequence[str] = (TEXT, MARKDOWN, PAGE)
+    """Formats that have the section."""
+    fold: str = ""
+    """Title of the fold in which Markdown puts the section; empty where it stays in sight."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A test case of JUnit."""
+
+    name: str
+    classname: str = "lidarcli.report"
+    failure: str | None = None
+    """The reason of a failure; None where the case passed."""
+    kind: str = "check"
+    """Kind of failure."""
+    seconds: float | None = None
+    """Duration of the case; None where it is unknown."""
+
+
+class Card(NamedTuple):
+    """A key figure at the top of a page."""
+
+    name: str
+    value: str
+    detail: str
+    alarming: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Document:
+    """A report of any kind."""
+
+    verdicts: tuple[Verdict, ...] = ()
+    unread: tuple[str, ...] = ()
+    """Tables and folders that could not be read, one line each."""
+    unseen: tuple[str, ...] = ()
+    """Data that the checks did not see although all tables could be read, one line each."""
+
+    @property
+    def title(self) -> str:
+        """Subject of the report in a few words."""
+        raise NotImplementedError
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Summary in a line or two."""
+        raise NotImplementedError
+
+    @property
+    def figures(self) -> Mapping[str, float | None]:
+        """Figures by name; None where there is nothing to measure."""
+        raise NotImplementedError
+
+    def sections(self) -> dict[str, Section]:
+        """Return the sections by name, in their order."""
+        raise NotImplementedError
+
+    def cards(self) -> list[Card]:
+        """Return the key figures."""
+        raise NotImplementedError
+
+    @property
+    def cases(self) -> tuple[Case, ...]:
+        """Test cases beside the checks."""
+        return ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Reasons to doubt the figures, one line each."""
+        return ()
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Everything that could not be read, now or when the tables were made, one line each."""
+        return (*self.unread, *self.unseen)
+
+    @property
+    def named_problems(self) -> tuple[tuple[str, str], ...]:
+        """(kind, line) of each problem, for people."""
+        return (
+            *(("not read", line) for line in self.unread),
+            *(("incomplete", line) for line in self.unseen),
+        )
+
+    @property
+    def judgement(self) -> str:
+        """Number of checks that failed, and whether they saw all data, in words; empty without checks."""
+        failed = sum(not verdict.holds for verdict in self.verdicts)
+        total = len(self.verdicts)
+        if not total:
+            return ""
+        return f"Checks: {failed or total} of {total} {'failed' if failed else 'passed'}{self._seen}"
+
+    def check_cards(self) -> list[Card]:
+        """Return the card of the checks; none without checks."""
+        if not self.verdicts:
+            return []
+        failed = sum(not verdict.holds for verdict in self.verdicts)
+        words = f"{f'{failed} failed' if failed else 'all hold'}{self._seen}"
+        held = f"{len(self.verdicts) - failed} of {len(self.verdicts)}"
+        return [Card("checks", held, words, alarming=not self.holds)]
+
+    @property
+    def _seen(self) -> str:
+        return ", on part of the data" if self.problems else ""
+
+    @property
+    def holds(self) -> bool:
+        """Whether every check holds and all of the data could be read."""
+        return not self.exit_code
+
+    @property
+    def exit_code(self) -> int:
+        """3 if tables could not be read, 1 if a check does not hold, 3 if checks did not see all data, else 0."""
+        if self.unread:
+            return UnreadableError.exit_code
+        if not all(verdict.holds for verdict in self.verdicts):
+            return CHECK_FAILED
+        return UnreadableError.exit_code if self.unseen else 0
