@@ -37,16 +37,16 @@ KILLER = """
 import os
 
 def dask_setup(worker):
-    from lidarcli.pipeline import detecting
+    from lidarcli.pipeline.reading import one_log
 
-    real = detecting.open_source
+    real = one_log.open_source
 
     def open_source(source, csv=None):
         if source.name == "killer":
             os.kill(os.getpid(), 9)
         return real(source, csv)
 
-    detecting.open_source = open_source
+    one_log.open_source = open_source
 """
 """What the workers of the first measurement load."""
 

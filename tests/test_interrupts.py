@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 from lidarcli.newfiles import NewFiles
-from lidarcli.tabular.writing import ROWS_PER_GROUP, TableFile
+from lidarcli.tabular.writing import ROWS_PER_GROUP, ParquetSink
 from tests.waiting import HANG
 
 IMPORTED = """
@@ -160,7 +160,11 @@ def test_no_thread_is_at_a_table_that_is_given_up(tmp_path: Path, monkeypatch: p
     working: list[bool] = []
     monkeypatch.setattr("lidarcli.tabular.writing.ParquetSink._write", lambda *_: working.append(True))
     path = tmp_path / "x.parquet"
-    with pytest.raises(KeyboardInterrupt), NewFiles([path]) as new, TableFile(new.part(path), schema) as file:
+    with (
+        pytest.raises(KeyboardInterrupt),
+        NewFiles([path]) as new,
+        ParquetSink(new.part(path), schema) as file,
+    ):
         file.write(rows)
     time.sleep(0.05)
     assert working == []

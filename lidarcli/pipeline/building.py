@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,10 +17,10 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import refuse, write_whole
 from lidarcli.pipeline.inputs.search import SUFFIXES, files_of
-from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
-from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, reading_as_dict
+from lidarcli.pipeline.inputs.sources import Nothing, Source
+from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
-from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, outcome_of
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, over_logs
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.background import read_background, write_background
@@ -57,10 +57,7 @@ class Building:
     def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
         """Learn from the sweeps of one log."""
         options = self._options
-        with (
-            open_source(source, options.opening) as log,
-            Reading(log, options.read, options.poses) as reading,
-        ):
+        with read_log(source, options) as reading:
             for batch in reading.batches(progress):
                 self._take(batch)
             summary = reading.close()
@@ -72,8 +69,7 @@ class Building:
         self, sources: Sequence[Source | Nothing], report: LogProgress | None = None
     ) -> Iterator[Outcome]:
         """Learn from one log after the other; a bad one does not stop the rest."""
-        for source in sources:
-            yield outcome_of(source, lambda log: self.add(log, _progress(log, report)))
+        return over_logs(sources, self.add, report)
 
     def sensors(self) -> list[Background]:
         """The background of every sensor so far, by topic and frame."""
@@ -101,10 +97,8 @@ class Building:
         return write_background(path, sensors, metadata, overwrite)
 
     def _take(self, batch: SweepBatch) -> None:
-        for code in np.unique(batch.frame).tolist():
-            rows = np.flatnonzero(batch.frame == code)
-            mine = batch if len(rows) == len(batch) else batch.rows(rows)
-            key = batch.topic, batch.frame_ids[code]
+        for frame, _, mine in batch.by_frame():
+            key = batch.topic, frame
             if key not in self._learning:
                 options = self._options
                 grid = Grid.of(mine, 0)
@@ -160,10 +154,6 @@ def draw_background(path: Place, sensors: Sequence[Background], overwrite: bool)
     from lidarcli.reports.background_figure import draw
 
     return write_whole(path, draw(sensors, path.suffix.lower()), overwrite)
-
-
-def _progress(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
-    return None if report is None else lambda position: report(source, position)
 
 
 def refuse_nothing(sensors: Sequence[Background]) -> None:

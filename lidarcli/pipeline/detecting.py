@@ -14,16 +14,16 @@ from lidarcli.errors import LidarcliError, warn
 from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.catalogue import Catalogue, names_in
 from lidarcli.newfiles import new_files, refuse
-from lidarcli.pipeline.inputs.sources import Nothing, Source, open_source
+from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows_of
 from lidarcli.pipeline.objects.options import DetectOptions
-from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
-from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
 from lidarcli.tabular.schemas import OBJECTS, SCHEMAS
 from lidarcli.tabular.stream import FORMATS, CountingOutput
-from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrders, table_metadata
+from lidarcli.tabular.writing import BY_DATE, RowSink, TableFiles, TopicOrder, table_metadata
 
 if TYPE_CHECKING:
     from lidarcli.pipeline.objects.following import TrackOptions
@@ -37,8 +37,7 @@ def detect_to_files(
     if known_before:
         refuse(options.outputs(source, folder).values(), options.overwrite, options.inputs([source]))
     with (
-        open_source(source, options.opening) as log,
-        options.reading(log) as reading,
+        read_log(source, options, options.purpose) as reading,
         ExitStack() as stack,
     ):
 
@@ -71,13 +70,14 @@ def detect_to_sinks(
 ) -> tuple[RunSummary, dict[str, Any]]:
     """Pass the rows of one log to the sink of their table, in its order; also the description of the source."""
     with (
-        open_source(source, options.opening) as log,
-        options.reading(log) as reading,
-        TopicOrders(sinks, reading.first) as orders,
+        read_log(source, options, options.purpose) as reading,
+        TopicOrder(sinks, reading.first) as order,
         Splitting(reading, options.recipe(source, tuple(sinks)), options.threads) as work,
     ):
-        orders.write(_rows(source, reading, work, options, progress))
-        orders.drain()
+        for table, topic, rows in _rows(source, reading, work, options, progress):
+            order.write(table, topic, rows)
+        for table in sinks:
+            order.drain(table)
         return reading.summary, reading.describe(source)
 
 
@@ -112,23 +112,10 @@ def detect_files(
     report: LogProgress | None = None,
 ) -> Iterator[Outcome]:
     """Write the tables of every log below `folder`, one after the other or several at the same time."""
-    jobs = options.jobs or options.cores
-    at_once = logs_at_once(sources, jobs)
-    if at_once < 2:
-        for source in sources:
-            yield outcome_of(
-                source, lambda log: detect_to_files(log, folder, options, progress_of(log, report))
-            )
-        return
-    # Most runs need no process, nor wait for this import.
-    from lidarcli.pipeline.runs.processes import side_by_side
-
-    each = replace(options, jobs=options.jobs // at_once, cores=options.cores // at_once)
-    work = partial(detect_to_files, folder=folder, options=each)
-    for source, outcome in zip(sources, side_by_side(sources, work, at_once), strict=True):
-        if report is not None and isinstance(source, Source):
-            report(source, source.size)
-        yield outcome
+    at_once = logs_at_once(sources, options.jobs or options.cores)
+    if at_once > 1:
+        options = replace(options, jobs=options.jobs // at_once, cores=options.cores // at_once)
+    return over_logs(sources, partial(detect_to_files, folder=folder, options=options), report, at_once)
 
 
 def detect_stream(
@@ -150,15 +137,14 @@ def detect_stream(
     try:
         stream = FORMATS[kind](guard, OBJECTS, table_metadata(parameters))
 
-        def work(log: Source) -> RunSummary:
-            summary, origin = detect_to_sinks(log, {"objects": stream}, options, progress_of(log, report))
+        def work(log: Source, *, progress: Progress | None = None) -> RunSummary:
+            summary, origin = detect_to_sinks(log, {"objects": stream}, options, progress)
             described.append(origin)
             damage.extend(summary.damage)
             summary.notes += stream.notes()
             return summary
 
-        for source in sources:
-            yield outcome_of(source, work)
+        yield from over_logs(sources, work, report)
         origin = described[0] if len(described) == 1 else described
         stream.finish(table_metadata(parameters, origin, damage))
     except BaseException:
@@ -260,18 +246,21 @@ def _follow(
     from lidarcli.pipeline.objects.following import Following
 
     tables = [table for table in sinks if table != "tracks"]
-    logs: dict[str, tuple[Following, TopicOrders]] = {}
+    logs: dict[str, tuple[Following, TopicOrder]] = {}
     with ExitStack() as stack:
         for batch, detection in found:
             if batch.log not in logs:
-                orders = stack.enter_context(TopicOrders(sinks, None))
-                logs[batch.log] = Following(batch.log, tracking, parameters, catalogue), orders
-            following, orders = logs[batch.log]
+                order = stack.enter_context(TopicOrder(sinks, None))
+                logs[batch.log] = Following(batch.log, tracking, parameters, catalogue), order
+            following, order = logs[batch.log]
             made = Made(rows_of(batch.log, tables, batch, detection), (batch, detection))
-            orders.write(following.take([made]))
-        for following, orders in logs.values():
-            orders.write(following.finish())
-            orders.drain()
+            for table, topic, rows in following.take([made]):
+                order.write(table, topic, rows)
+        for following, order in logs.values():
+            for table, topic, rows in following.finish():
+                order.write(table, topic, rows)
+            for table in sinks:
+                order.drain(table)
 
 
 def _table(name: str, collected: _Collected, metadata: dict[bytes, bytes]) -> pa.Table:

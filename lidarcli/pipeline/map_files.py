@@ -25,7 +25,7 @@ from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 from lidarcli.pipeline.reading.pose_sources import of_one_run
-from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, outcome_of, progress_of
+from lidarcli.pipeline.runs.over_logs import LogProgress, Outcome, logs_at_once, over_logs
 from lidarcli.stores.url import Place, Url
 from lidarcli.tabular.writing import table_metadata
 
@@ -98,23 +98,15 @@ class MapRun:
         # The points of a cloud have their order.
         at_once = 1 if self._clouds else logs_at_once(self._sources, jobs)
         if at_once < 2:
-            for source in self._sources:
-                yield _whole(outcome_of(source, lambda log: self.add(log, progress_of(log, report))))
+            yield from map(_whole, over_logs(self._sources, self.add, report))
             return
-        # Most runs need no process, nor wait for this import.
-        from lidarcli.pipeline.runs.processes import side_by_side
-
         with scratch_folder(Path(tempfile.gettempdir())) as scratch:
             work = partial(_map_apart, options=self._options, sets=self._mapping.sets, scratch=str(scratch))
-            for source, outcome in zip(
-                self._sources, side_by_side(self._sources, work, at_once), strict=True
-            ):
-                if outcome.summary is not None and isinstance(source, Source):
+            for outcome in over_logs(self._sources, work, report, at_once):
+                if outcome.summary is not None:
                     part = Path(outcome.summary.outputs.pop())
                     self._mapping.merge(pickle.loads(part.read_bytes()))
                     part.unlink()
-                    if report is not None:
-                        report(source, source.size)
                 yield _whole(outcome)
 
     def add(self, source: Source, progress: Progress | None = None) -> RunSummary:
@@ -265,10 +257,12 @@ def _whole(outcome: Outcome) -> Outcome:
     return outcome
 
 
-def _map_apart(source: Source, options: MapOptions, sets: bool, scratch: str) -> RunSummary:
+def _map_apart(
+    source: Source, options: MapOptions, sets: bool, scratch: str, progress: Progress | None = None
+) -> RunSummary:
     """Take one log in a process of its own, and leave what it has given in a file, the summary's output."""
     mapping = Mapping(options, sets)
-    summary = mapping.add(source)
+    summary = mapping.add(source, progress=progress)
     mapping.counts.close()
     with tempfile.NamedTemporaryFile(dir=scratch, delete=False) as file:
         pickle.dump(mapping, file, pickle.HIGHEST_PROTOCOL)

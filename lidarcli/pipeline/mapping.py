@@ -21,8 +21,8 @@ from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, CloudWriter, VoxelFilter
-from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, reading_as_dict
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.one_log import Progress, RunSummary, read_log, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import MAP, NONE, PoseOptions
 from lidarcli.sweeps import Float64, Int64, Status, SweepBatch, SweepPoses, UInt8
 
@@ -131,10 +131,7 @@ class Mapping:
             The ground that it saw is larger than a map may be.
         """
         options = self.options
-        with (
-            open_source(source, options.opening) as log,
-            Reading(log, options.read, options.poses, MAP) as reading,
-        ):
+        with read_log(source, options, MAP) as reading:
             taken = _Taken(options.min_move, bool(options.read.topics))
             for batch, sets in self._with_sets(reading.batches(progress)):
                 for frame, rows, mine in batch.by_frame():

@@ -22,7 +22,7 @@ from lidarcli.pipeline.inputs.sources import Source, open_source
 from lidarcli.pipeline.inputs.tables import one_pair, read_table
 from lidarcli.pipeline.mapping import MapOptions, Mapping
 from lidarcli.pipeline.objects.subtracting import BackgroundOptions, Subtracting
-from lidarcli.pipeline.reading.one_log import Reading, damage_lines
+from lidarcli.pipeline.reading.one_log import damage_lines, read_log
 from lidarcli.pipeline.reading.pose_sources import MAP, NO_POSES, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules
@@ -421,10 +421,7 @@ def _snapshots(source: Source, options: MapOptions, sweeps: Sequence[int]) -> di
     """Some sweeps in the world, by their index; of several topics, those of the first that has them."""
     wanted = np.array(sorted(set(sweeps)))
     found: dict[int, Snapshot] = {}
-    with (
-        open_source(source, options.opening) as log,
-        Reading(log, options.read, options.poses, MAP) as reading,
-    ):
+    with read_log(source, options, MAP) as reading:
         for batch in reading.batches(None):
             for row in np.flatnonzero(np.isin(batch.sweep, wanted)).tolist():
                 one = batch.rows(np.array([row]))

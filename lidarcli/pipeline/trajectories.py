@@ -15,8 +15,8 @@ from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.newfiles import new_files, refuse, unwritable
 from lidarcli.pipeline.inputs.search import files_of
-from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, reading_as_dict
+from lidarcli.pipeline.inputs.sources import Source
+from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary, read_log, reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import SweepBatch
@@ -73,8 +73,7 @@ def write_path(
     """
     is_table = path.suffix.lower() == PARQUET
     with (
-        open_source(source, options.opening) as log,
-        Reading(log, options.read, options.poses) as reading,
+        read_log(source, options) as reading,
         new_files([path], options.overwrite) as new,
     ):
         written = _Written(is_table, options.poses.source == MATCH)

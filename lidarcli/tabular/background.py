@@ -18,7 +18,7 @@ from lidarcli.sweeps import Float64, SweepPoses
 from lidarcli.tabular.arrays import codes, floats, plain
 from lidarcli.tabular.reading import GREATEST_VALUE, notes_of, parsed, read_columns
 from lidarcli.tabular.schemas import BACKGROUND
-from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, TableFile
+from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, ParquetSink
 
 GEOMETRY = "lidarcli.geometry"
 """Metadata key: what the columns do not hold of each sensor, as JSON."""
@@ -39,7 +39,7 @@ def write_background(
 ) -> list[str]:
     """Write the stations of all sensors; the file appears when it is whole. Notes as of `NewFiles.publish`."""
     geometry = json.dumps([_geometry(sensor) for sensor in sensors], sort_keys=True, ensure_ascii=False)
-    with new_files([path], overwrite) as new, TableFile(new.part(path), BACKGROUND, path) as file:
+    with new_files([path], overwrite) as new, ParquetSink(new.part(path), BACKGROUND, path) as file:
         for sensor in sensors:
             file.write(background_rows(sensor))
         file.finish({**metadata, GEOMETRY.encode(): geometry.encode(errors="replace")})

@@ -7,8 +7,8 @@ import contextlib
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Protocol, Self
@@ -32,6 +32,27 @@ VERSION, PARAMETERS, SOURCE, DAMAGE = (
     "lidarcli.source",
     "lidarcli.damage",
 )
+"""Keys of the schema metadata."""
+
+ROWS_PER_GROUP = 50_000
+"""Rows of a row group: small ones take three times as long to write, and longer to read; large ones take memory."""
+WORTH_A_THREAD = 20_000
+"""Rows left over in the end from which on a thread encodes them."""
+ORDERED = ("log", "topic", "station", "sweep", "stamp")
+"""Columns with statistics: rows are in their order, so that readers may skip row groups."""
+MOST_PARTS = 500
+"""Batches that wait as they came: thousands of tiny ones would take far more memory than their rows."""
+MOST_BYTES = 32 << 20
+"""Bytes of rows that wait in memory for the rows of an earlier topic; more are put on disk."""
+BATCH_BYTES = 6 << 10
+"""Bytes that a batch takes beside its rows: its columns, each with a type, buffers and a dictionary."""
+
+BY_TABLE, BY_DATE = "table", "date"
+"""Layouts beside that of files with the name of their log: a folder for each table, and in it one for each day."""
+NO_DATE = "__HIVE_DEFAULT_PARTITION__"
+"""Day of a log without a sweep, as readers of partitioned folders call it."""
+
+_SPILLED = pa.ipc.IpcWriteOptions(compression="lz4")
 
 
 def table_metadata(
@@ -57,55 +78,60 @@ def _json(value: object) -> str:
     return json.dumps(value, sort_keys=True, ensure_ascii=False)
 
 
-ROWS_PER_GROUP = 50_000
-"""Small row groups cost a factor of three in writing time and more in reading; larger ones memory, two at a time."""
-WORTH_A_THREAD = 20_000
-"""Rows that are left over in the end."""
-ORDERED = ("log", "topic", "station", "sweep", "stamp")
-"""Columns by which rows are in order, so that statistics help readers to skip row groups; others are all over the place."""
-MOST_PARTS = 500
-"""Batches that wait as they came: thousands of tiny ones would take far more memory than their rows."""
-
-
 class Output(Protocol):
-    """What a stream of bytes must offer; it need not be able to seek."""
+    """A stream of bytes to write; it need not be able to seek."""
 
     def write(self, data: Any, /) -> int: ...
 
     def flush(self) -> None: ...
 
 
+class RowSink(Protocol):
+    """Takes rows of one table: a Parquet file or a stream."""
+
+    def write(self, rows: pa.RecordBatch) -> None: ...
+
+
 class ParquetSink:
-    """A Parquet stream that takes record batches of any size and writes row groups of equal size.
+    """A Parquet table that takes record batches of any size and writes row groups of equal size.
 
     Row groups are encoded and written by a thread of their own, one at a time, while the caller computes the next one; what
     is left over in the end, too, if it is much. The schema metadata is given at the end, because only then is it known
     whether the source was damaged.
+
+    Parameters
+    ----------
+    out : stream that is open, which stays open; or path of a file, which `open` creates and leaving the context closes
+    schema : of the table
+    shown : name of the file in an `OutputError`, by default its path; errors of a stream pass as they are
     """
 
-    def __init__(self, out: Output | pa.NativeFile, schema: pa.Schema) -> None:
+    def __init__(
+        self, out: Output | pa.NativeFile | Path, schema: pa.Schema, shown: Place | None = None
+    ) -> None:
+        self._out = out
         self._schema = schema
+        self._shown = out if shown is None and isinstance(out, Path) else shown
+        self._file: pa.OSFile | None = None
+        self._writer: pq.ParquetWriter | None = None
         self._pending: list[pa.RecordBatch] = []
         self._rows = 0
         self._thread: Beside | None = None
         self._written: list[Future[None]] = []
-        floats, texts = _leaves(schema)
-        # Bearings repeat from row to row, byte by byte: split into streams they would lose that.
-        self._writer = pq.ParquetWriter(
-            out if isinstance(out, pa.NativeFile) else pa.PythonFile(out, mode="w"),
-            schema,
-            compression="zstd",
-            compression_level=-1,
-            use_dictionary=texts,
-            use_byte_stream_split=[path for path in floats if "theta" not in path],
-            write_statistics=[name for name in ORDERED if name in schema.names],
-            write_batch_size=1 << 16,
-            # Written by `finish`, which knows the metadata: readers take the schema's own over the footer's.
-            store_schema=False,
-        )
+        if not isinstance(out, Path):
+            self._begin(out)
+
+    def open(self) -> None:
+        """Create the file of a path. The caller has seen to `abandon` before, because an interrupt may come any time."""
+        assert isinstance(self._out, Path)
+        with self._named():
+            # Arrow's own file: the writing thread need not wait for the interpreter.
+            self._file = pa.OSFile(os.fsencode(self._out), mode="wb")
+            # Its first four bytes may be too many already.
+            self._begin(self._file)
 
     def write(self, rows: pa.RecordBatch) -> None:
-        """Take rows; whole row groups are on their way at once, the rest waits. May raise what befell the last one."""
+        """Take rows; whole row groups are written at once, the rest waits. May raise the error of an earlier row group."""
         if not rows.num_rows:
             return
         self._pending.append(rows)
@@ -119,28 +145,71 @@ class ParquetSink:
             self._hand_over(table)
 
     def hand_over(self) -> None:
-        """Have what waits written beside, where that is much: no more rows will come."""
+        """Let the thread write what waits, where that is much: no more rows will come."""
         if self._rows >= WORTH_A_THREAD:
             self._hand_over(self._take(self._rows))
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
-        """Write what waits, then the schema and its metadata."""
+        """Write what waits, then the schema and its metadata; a file of a path is whole afterwards."""
+        assert self._writer is not None
         self._settle()
-        if self._rows:
-            self._write(self._take(self._rows))
-        full = self._schema.with_metadata(metadata)
-        encoded = base64.b64encode(full.serialize().to_pybytes()).decode()
-        footer = {key.decode(): value.decode() for key, value in metadata.items()}
-        self._writer.add_key_value_metadata({**footer, "ARROW:schema": encoded})
-        self._writer.close()
-        self._stop()
+        with self._named():
+            if self._rows:
+                self._write(self._take(self._rows))
+            full = self._schema.with_metadata(metadata)
+            encoded = base64.b64encode(full.serialize().to_pybytes()).decode()
+            footer = {key.decode(): value.decode() for key, value in metadata.items()}
+            self._writer.add_key_value_metadata({**footer, "ARROW:schema": encoded})
+            self._writer.close()
+            self._stop()
+            if self._file is not None:
+                self._file.close()
 
     def abandon(self) -> None:
-        """Let go of the stream without making it whole."""
+        """Let go of the table, whole or not."""
         self._pending.clear()
         self._stop()
-        with contextlib.suppress(OSError, ValueError, pa.ArrowException):
-            self._writer.close()
+        for each in (self._writer, self._file):
+            if each is not None:
+                with contextlib.suppress(OSError, ValueError, pa.ArrowException):
+                    each.close()
+
+    def __enter__(self) -> Self:
+        try:
+            self.open()
+        except BaseException:
+            self.abandon()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.abandon()
+
+    def _begin(self, out: Output | pa.NativeFile) -> None:
+        floats, texts = _leaves(self._schema)
+        # Bearings repeat from row to row, byte by byte: split into streams they would lose that.
+        self._writer = pq.ParquetWriter(
+            out if isinstance(out, pa.NativeFile) else pa.PythonFile(out, mode="w"),
+            self._schema,
+            compression="zstd",
+            compression_level=-1,
+            use_dictionary=texts,
+            use_byte_stream_split=[path for path in floats if "theta" not in path],
+            write_statistics=[name for name in ORDERED if name in self._schema.names],
+            write_batch_size=1 << 16,
+            # Written by `finish`, which knows the metadata: readers take the schema's own over the footer's.
+            store_schema=False,
+        )
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Name the file in errors of the system, where it has a name."""
+        try:
+            yield
+        except OSError as err:
+            if self._shown is None:
+                raise
+            raise unwritable(self._shown, err) from err
 
     def _hand_over(self, table: pa.Table) -> None:
         if self._thread is None:
@@ -151,7 +220,7 @@ class ParquetSink:
         return pa.Table.from_batches(self._pending, self._schema).unify_dictionaries()
 
     def _take(self, rows: int) -> pa.Table:
-        """The first `rows` of what waits."""
+        """Remove the first `rows` of what waits and return them."""
         table = self._joined()
         # A copy, so that the rest does not keep the memory of the rows that are written.
         rest = table.slice(rows).combine_chunks()
@@ -160,84 +229,19 @@ class ParquetSink:
         return table.slice(0, rows)
 
     def _write(self, table: pa.Table) -> None:
+        assert self._writer is not None
         self._writer.write_table(table, row_group_size=ROWS_PER_GROUP)
 
     def _settle(self) -> None:
-        """Wait for the row groups that are being written; their errors are raised here."""
-        while self._written:
-            self._written.pop(0).result()
+        """Wait for the row groups that are being written, and raise their errors here."""
+        with self._named():
+            while self._written:
+                self._written.pop(0).result()
 
     def _stop(self) -> None:
-        """End the writing thread; what it is at comes to its end first."""
+        """End the writing thread, once it is done with its row group."""
         if self._thread is not None:
             self._thread.close()
-
-
-class TableFile:
-    """A table as a Parquet file.
-
-    Parameters
-    ----------
-    path : where it is written
-    schema : of the table
-    shown : how errors call it; by default its path
-    """
-
-    def __init__(self, path: Path, schema: pa.Schema, shown: Place | None = None) -> None:
-        self._path = path
-        self._schema = schema
-        self._shown = shown or path
-        self._file: pa.OSFile | None = None
-        self._sink: ParquetSink | None = None
-
-    def open(self) -> None:
-        """Create the file. Whoever calls this has seen to `__exit__` before, for an interrupt comes any time."""
-        try:
-            # Arrow's own file: the writing thread need not wait for the interpreter.
-            self._file = pa.OSFile(os.fsencode(self._path), mode="wb")
-            # Its first four bytes may be too many already.
-            self._sink = ParquetSink(self._file, self._schema)
-        except OSError as err:
-            raise unwritable(self._shown, err) from err
-
-    def write(self, rows: pa.RecordBatch) -> None:
-        """Take rows of the table."""
-        assert self._sink is not None
-        try:
-            self._sink.write(rows)
-        except OSError as err:
-            raise unwritable(self._shown, err) from err
-
-    def hand_over(self) -> None:
-        """No more rows will come: see `ParquetSink.hand_over`."""
-        assert self._sink is not None
-        self._sink.hand_over()
-
-    def finish(self, metadata: dict[bytes, bytes]) -> None:
-        """Make the file whole."""
-        assert self._sink is not None
-        assert self._file is not None
-        try:
-            self._sink.finish(metadata)
-            self._file.close()
-        except OSError as err:
-            raise unwritable(self._shown, err) from err
-
-    def __enter__(self) -> Self:
-        try:
-            self.open()
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        """Let go of the file, whatever happened."""
-        if self._sink is not None:
-            self._sink.abandon()
-        if self._file is not None:
-            with contextlib.suppress(OSError):
-                self._file.close()
 
 
 def _leaves(schema: pa.Schema) -> tuple[list[str], list[str]]:
@@ -261,73 +265,68 @@ def _leaves(schema: pa.Schema) -> tuple[list[str], list[str]]:
     return floats, texts
 
 
-MOST_BYTES = 32 << 20
-"""Rows that wait in memory before they are put on disk: thousands of topics with a few rows each never are."""
-BATCH_BYTES = 6 << 10
-"""What a batch takes beside its rows: its columns, each with a type, buffers and a dictionary."""
-
-_OPTIONS = pa.ipc.IpcWriteOptions(compression="lz4")
-
-
-class RowSink(Protocol):
-    """Where rows go: a Parquet file or a stream."""
-
-    def write(self, rows: pa.RecordBatch) -> None: ...
-
-
 class TopicOrder:
-    """Passes the rows of the first topic on at once and keeps those of the others until `drain`.
+    """Passes the rows of the first topic on at once and keeps those of other topics until `drain`.
 
-    `first` is the topic that sorts first where that is known; without it every topic waits. What is more than `MOST_BYTES`
-    waits in one file, which has no name, so that nothing is left behind whatever happens to the process.
+    Logs interleave their topics, and tables are in the order of topics. What is more than `MOST_BYTES` waits in one file,
+    which has no name, so that nothing is left behind whatever happens to the process.
+
+    Parameters
+    ----------
+    sinks : name of a table → where its rows go, in the declared schema; rows of other tables are left out
+    first : topic that sorts first, where that is known; without it every topic waits
+    folder : folder of the file for rows that wait, by default that of temporary files
     """
 
-    def __init__(self, sink: RowSink, schema: pa.Schema, first: str | None, folder: Path | None) -> None:
-        self._sink = sink
-        self._schema = schema
+    def __init__(self, sinks: Mapping[str, RowSink], first: str | None, folder: Path | None = None) -> None:
+        self._sinks = sinks
         self._first = first
         self._folder = folder
         self._file: IO[bytes] | None = None
-        self._waiting: dict[str, list[pa.RecordBatch]] = {}
+        self._waiting: dict[tuple[str, str], list[pa.RecordBatch]] = {}
+        """Table and topic → rows in memory."""
         self._size = 0
-        self._places: dict[str, list[int]] = {}
-        """Where in the file the rows of a topic are, each part an Arrow stream of its own."""
+        self._places: dict[tuple[str, str], list[int]] = {}
+        """Table and topic → places of its rows in the file, each part an Arrow stream of its own."""
 
-    def write(self, topic: str, rows: pa.RecordBatch) -> None:
-        """Take rows of one topic, in the order in which they have to come out."""
-        if topic == self._first:
-            self._sink.write(rows)
+    def write(self, table: str, topic: str, rows: pa.RecordBatch) -> None:
+        """Take rows of one table and topic, in the order in which they have to come out."""
+        if table not in self._sinks:
             return
-        self._waiting.setdefault(topic, []).append(rows)
+        if topic == self._first:
+            self._sinks[table].write(rows)
+            return
+        self._waiting.setdefault((table, topic), []).append(rows)
         self._size += rows.nbytes + BATCH_BYTES
         if self._size > MOST_BYTES:
             self._put_away()
 
-    def drain(self) -> None:
-        """Pass on the rows that wait, by the name of their topic."""
+    def drain(self, table: str) -> None:
+        """Pass on the rows of a table that wait, by the name of their topic."""
         try:
             if self._file is not None:
                 self._file.flush()
         except OSError as err:
             raise self._full(err) from err
-        for topic in sorted({*self._places, *self._waiting}):
-            for place in self._places.pop(topic, ()):
+        for key in sorted({*self._places, *self._waiting}):
+            if key[0] != table:
+                continue
+            for place in self._places.pop(key, ()):
                 assert self._file is not None
                 self._file.seek(place)
                 for rows in pa.ipc.open_stream(self._file):
-                    self._sink.write(rows)
-            for rows in self._waiting.pop(topic, ()):
-                self._sink.write(rows)
-        self._size = 0
+                    self._sinks[table].write(rows)
+            for rows in self._waiting.pop(key, ()):
+                self._sinks[table].write(rows)
 
     def _put_away(self) -> None:
         """Write what waits in memory to the file."""
         try:
             if self._file is None:
                 self._file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 (closed by __exit__)
-            for topic, parts in self._waiting.items():
-                self._places.setdefault(topic, []).append(self._file.tell())
-                with pa.ipc.new_stream(self._file, self._schema, options=_OPTIONS) as stream:
+            for key, parts in self._waiting.items():
+                self._places.setdefault(key, []).append(self._file.tell())
+                with pa.ipc.new_stream(self._file, SCHEMAS[key[0]], options=_SPILLED) as stream:
                     for rows in parts:
                         stream.write_batch(rows)
         except OSError as err:
@@ -346,37 +345,6 @@ class TopicOrder:
             # What is still in its buffer may not fit on the disk, and is wanted no more.
             with contextlib.suppress(OSError):
                 self._file.close()
-
-
-class TopicOrders:
-    """The same for the rows of several tables, each with the sink of its name; rows of other tables are left out."""
-
-    def __init__(self, sinks: Mapping[str, RowSink], first: str | None) -> None:
-        self._orders = {table: TopicOrder(sink, SCHEMAS[table], first, None) for table, sink in sinks.items()}
-
-    def write(self, rows: Iterable[tuple[str, str, pa.RecordBatch]]) -> None:
-        """Take (table, topic, rows), those of a table and topic in their order."""
-        for table, topic, some in rows:
-            if table in self._orders:
-                self._orders[table].write(topic, some)
-
-    def drain(self) -> None:
-        """Pass on the rows that wait."""
-        for order in self._orders.values():
-            order.drain()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        for order in self._orders.values():
-            order.__exit__(None, None, None)
-
-
-BY_TABLE, BY_DATE = "table", "date"
-"""Layouts beside that of files with the name of their log: a folder for each table, and in it one for each day."""
-NO_DATE = "__HIVE_DEFAULT_PARTITION__"
-"""What readers of partitioned folders call the day of a log without a sweep."""
 
 
 def table_suffix(table: str) -> str:
@@ -406,12 +374,12 @@ def table_paths(
 
 
 class TableFiles:
-    """Writers of the named tables of one log; leaving without `publish` leaves no file.
+    """The tables of one log as files that appear together, when all of them are whole; without `publish` none appears.
 
     Parameters
     ----------
-    paths : table → where it belongs
-    first_topic : the topic that sorts first, where that is known
+    paths : table → its file
+    first_topic : topic that sorts first, where that is known
     overwrite : whether files that are there may be replaced
     """
 
@@ -420,35 +388,31 @@ class TableFiles:
         self.sizes: list[int] = []
         """Bytes of each file, once it is published."""
         self._new: dict[Place, WholeFiles] = {}
-        self._files: list[TableFile] = []
-        self._orders: dict[str, TopicOrder] = {}
+        self._sinks: dict[str, ParquetSink] = {}
         with ExitStack() as stack:
-            for folder in dict.fromkeys(path.parent for path in paths.values()):
-                new = new_files([path for path in paths.values() if path.parent == folder], overwrite)
+            for folder in dict.fromkeys(path.parent for path in self.paths):
+                new = new_files([path for path in self.paths if path.parent == folder], overwrite)
                 stack.callback(new.close)
                 new.open()
                 self._new[folder] = new
             for table, path in paths.items():
-                file = TableFile(self._new[path.parent].part(path), SCHEMAS[table], path)
-                stack.push(file)
-                file.open()
-                spill = path.parent if isinstance(path, Path) else None
-                order = TopicOrder(file, SCHEMAS[table], first_topic, spill)
-                self._files.append(file)
-                self._orders[table] = stack.enter_context(order)
+                sink = ParquetSink(self._new[path.parent].part(path), SCHEMAS[table], path)
+                stack.push(sink)
+                sink.open()
+                self._sinks[table] = sink
+            spill = self.paths[0].parent
+            self._order = TopicOrder(self._sinks, first_topic, spill if isinstance(spill, Path) else None)
+            stack.push(self._order)
+            self.write = self._order.write
             self._stack = stack.pop_all()
-
-    def write(self, table: str, topic: str, rows: pa.RecordBatch) -> None:
-        """Take rows of one topic for one table."""
-        self._orders[table].write(topic, rows)
 
     def publish(self, metadata: dict[bytes, bytes]) -> list[str]:
         """Make every table whole, then give all of them their names; notes as of `NewFiles.publish`."""
-        for order, file in zip(self._orders.values(), self._files, strict=True):
-            order.drain()
-            file.hand_over()
-        for file in self._files:
-            file.finish(metadata)
+        for table, sink in self._sinks.items():
+            self._order.drain(table)
+            sink.hand_over()
+        for sink in self._sinks.values():
+            sink.finish(metadata)
         self.sizes = [self._new[path.parent].part(path).stat().st_size for path in self.paths]
         return [note for new in self._new.values() for note in new.publish()]
 

@@ -8,10 +8,10 @@ import pytest
 
 from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import OpenOptions
-from lidarcli.pipeline import detecting
 from lidarcli.pipeline.detecting import detect_files
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.options import DetectOptions
+from lidarcli.pipeline.reading import one_log
 from lidarcli.pipeline.runs.over_logs import Outcome, exit_code, outcome_of
 from tests.fake_log import FakeLog
 from tests.pipeline.in_memory import SCAN, SOURCE, block
@@ -25,7 +25,7 @@ def test_one_bad_log_does_not_stop_the_rest(tmp_path: Path, monkeypatch: pytest.
             raise ZeroDivisionError("oops")
         return FakeLog([block()], [SCAN])
 
-    monkeypatch.setattr(detecting, "open_source", opens)
+    monkeypatch.setattr(one_log, "open_source", opens)
     sources = [Source(name, name) for name in ("bad", "bug", "good")]
     absent = Nothing("absent", UnreadableError("no such file or folder"))
     outcomes = list(detect_files([*sources, absent], tmp_path, DetectOptions(jobs=1)))
@@ -40,14 +40,14 @@ def test_one_bad_log_does_not_stop_the_rest(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_system_errors_while_reading_are_no_bugs() -> None:
-    def fails(source: Source) -> detecting.RunSummary:
+    def fails(source: Source) -> one_log.RunSummary:
         raise OSError(5, "Input/output error")
 
     assert outcome_of(SOURCE, fails) == Outcome("run.fake", 3, error="Input/output error")
 
 
 def test_a_closed_pipe_is_not_the_fault_of_a_log() -> None:
-    def fails(source: Source) -> detecting.RunSummary:
+    def fails(source: Source) -> one_log.RunSummary:
         raise BrokenPipeError
 
     with pytest.raises(BrokenPipeError):

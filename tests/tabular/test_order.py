@@ -12,7 +12,6 @@ import pytest
 
 from lidarcli.formalism import Detection
 from lidarcli.sweeps import SweepBatch
-from lidarcli.tabular import OBJECTS
 from lidarcli.tabular.rows import objects_rows, sweeps_rows
 from lidarcli.tabular.writing import TableFiles, TopicOrder, table_paths
 from tests.tabular.writing import METADATA, write_files
@@ -44,8 +43,8 @@ def test_waiting_topics_leave_no_file_behind(tmp_path: Path, batch: SweepBatch, 
         def write(self, rows: pa.RecordBatch) -> None:
             raise AssertionError("nothing may come out before drain")
 
-    with TopicOrder(Nowhere(), OBJECTS, None, tmp_path) as order:
-        order.write("/scan", objects_rows("run", batch, detection))
+    with TopicOrder({"objects": Nowhere()}, None, tmp_path) as order:
+        order.write("objects", "/scan", objects_rows("run", batch, detection))
         assert list(tmp_path.iterdir()) == []
 
 

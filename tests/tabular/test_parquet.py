@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.newfiles import NewFiles
-from lidarcli.tabular.writing import ROWS_PER_GROUP, ParquetSink, TableFile
+from lidarcli.tabular.writing import ROWS_PER_GROUP, ParquetSink
 
 
 def test_row_groups_have_equal_size() -> None:
@@ -65,14 +65,14 @@ from pathlib import Path
 import numpy as np, pyarrow as pa
 from lidarcli.errors import OutputError
 from lidarcli.newfiles import NewFiles
-from lidarcli.tabular.writing import TableFile
+from lidarcli.tabular.writing import ParquetSink
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, 1 << 20))
 schema = pa.schema([pa.field("x", pa.float64())])
 rows = pa.record_batch([pa.array(np.random.default_rng(1).random({ROWS_PER_GROUP}))], schema=schema)
 try:
     path = Path(sys.argv[1])
-    with NewFiles([path]) as new, TableFile(new.part(path), schema, path) as file:
+    with NewFiles([path]) as new, ParquetSink(new.part(path), schema, path) as file:
         for _ in range(5):
             file.write(rows)
         file.finish({{}})
@@ -93,7 +93,7 @@ def test_leaving_while_a_row_group_is_written(tmp_path: Path) -> None:
 
     def interrupted() -> None:
         path = tmp_path / "x.parquet"
-        with NewFiles([path]) as new, TableFile(new.part(path), schema) as file:
+        with NewFiles([path]) as new, ParquetSink(new.part(path), schema) as file:
             file.write(rows)
             raise KeyboardInterrupt
 

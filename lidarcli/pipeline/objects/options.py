@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from lidarcli.formalism import Parameters
-from lidarcli.logs.base import Log, OpenOptions
+from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.machine import cores
 from lidarcli.pipeline.inputs.search import files_of
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Recipe
-from lidarcli.pipeline.reading.one_log import Reading, reading_as_dict
+from lidarcli.pipeline.reading.one_log import reading_as_dict
 from lidarcli.pipeline.reading.pose_sources import TRACKS, PoseOptions
 from lidarcli.stores.url import Place
 from lidarcli.tabular.writing import table_paths
@@ -70,9 +70,10 @@ class DetectOptions:
         options = [each.path for each in (self.background, self.catalogue) if each is not None]
         return [*files_of(sources), *(path for path in (*options, self.poses.file) if path)]
 
-    def reading(self, log: Log) -> Reading:
-        """The sweeps of a log with their poses."""
-        return Reading(log, self.read, self.poses, TRACKS if self.tracking is not None else "")
+    @property
+    def purpose(self) -> str:
+        """Purpose of poses at another delay, as of `Reading`."""
+        return TRACKS if self.tracking is not None else ""
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
         """What is to be made of every batch of a log."""

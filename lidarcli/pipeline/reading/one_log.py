@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
@@ -18,12 +19,11 @@ from lidarcli.logs.base import MAX_BEAMS, Log, OpenOptions, ReadReport, Slice
 from lidarcli.logs.batches import ReadOptions, read_batches
 from lidarcli.logs.options import TopicChoice, nothing_read
 from lidarcli.machine import Beside
-from lidarcli.pipeline.inputs.sources import Source, made_of_clouds
+from lidarcli.pipeline.inputs.sources import Source, made_of_clouds, open_source
 from lidarcli.pipeline.reading.pose_sources import PoseOptions, first_delays
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import NO_RETURN_WORDS, RangeRules, count_statuses
 from lidarcli.sweeps import STATUSES, Int64, SweepBatch
-from lidarcli.tabular.reading import GREATEST_VALUE
 from lidarcli.times import Instant
 
 if TYPE_CHECKING:
@@ -306,6 +306,29 @@ class Reading:
         self.summary.missing_topics = self._choice.missing
 
 
+class ReadingOptions(Protocol):
+    """Options of a command that reads logs."""
+
+    @property
+    def read(self) -> ReadOptions: ...
+
+    @property
+    def opening(self) -> OpenOptions: ...
+
+    @property
+    def poses(self) -> PoseOptions: ...
+
+
+@contextmanager
+def read_log(source: Source, options: ReadingOptions, purpose: str = "") -> Iterator[Reading]:
+    """Open a log for its sweeps; `purpose` as of `Reading`."""
+    with (
+        open_source(source, options.opening) as log,
+        Reading(log, options.read, options.poses, purpose) as reading,
+    ):
+        yield reading
+
+
 def rules_of(parameters: dict[str, Any]) -> RangeRules:
     """How the run has judged ranges."""
     limits = parameters.get("range")
@@ -337,5 +360,7 @@ def opening_of(parameters: dict[str, Any]) -> OpenOptions:
 
 
 def _is_number(value: object) -> bool:
-    """Whether a value of the metadata, which anybody may have written, is a number to compute with."""
+    """Tell whether a value of the metadata, which anybody may have written, is a number to compute with."""
+    from lidarcli.tabular.reading import GREATEST_VALUE
+
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= GREATEST_VALUE

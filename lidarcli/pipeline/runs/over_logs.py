@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from lidarcli.errors import OUT_OF_MEMORY, LidarcliError, UnreadableError, is_short_of_memory
 from lidarcli.pipeline.inputs.sources import Nothing, Source
-from lidarcli.pipeline.reading.one_log import RunSummary
+from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 
 INTERNAL_ERROR = 70
 WORTH_A_PROCESS = 16 << 20
@@ -23,6 +23,12 @@ LogProgress = Callable[[Source, int], None]
 
 Work = Callable[[Source], RunSummary]
 T = TypeVar("T")
+
+
+class LogWork(Protocol):
+    """Work on one log that tells its progress."""
+
+    def __call__(self, source: Source, /, *, progress: Progress | None = None) -> RunSummary: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +83,38 @@ def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
     if isinstance(result, Failure):
         return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace, source=source)
     return Outcome(source.label, result.exit_code, summary=result, source=source)
+
+
+def over_logs(
+    sources: Sequence[Source | Nothing],
+    work: LogWork,
+    report: LogProgress | None = None,
+    at_once: int = 1,
+) -> Iterator[Outcome]:
+    """Do the work for one log after the other, or for several at the same time in worker processes.
+
+    Parameters
+    ----------
+    sources : inputs of the run
+    work : what to do with a log; for worker processes a function of a module, or a `partial` of one
+    report : hears of the progress of each log, of one in a worker process when it is done
+    at_once : logs at the same time, as of `logs_at_once`
+
+    Returns
+    -------
+    The outcome of each input, in their order.
+    """
+    if at_once < 2:
+        for source in sources:
+            yield outcome_of(source, lambda log: work(log, progress=progress_of(log, report)))
+        return
+    # Most runs need no process and should not wait for this import.
+    from lidarcli.pipeline.runs.processes import side_by_side
+
+    for source, outcome in zip(sources, side_by_side(sources, work, at_once), strict=True):
+        if report is not None and isinstance(source, Source):
+            report(source, source.size)
+        yield outcome
 
 
 def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
