@@ -22,7 +22,7 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.objects.following import TrackOptions
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlaying import OverlayOptions, write_overlay
-from lidarcli.ros.definitions import ROS2
+from lidarcli.ros.messages import ROS2
 from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import OBJECTS
 

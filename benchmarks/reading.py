@@ -19,7 +19,7 @@ from benchmarks.overlaying import least
 from lidarcli.logs.base import POINTCLOUD2, OpenOptions, ReadReport, Slice
 from lidarcli.machine import keep_freed_memory
 from lidarcli.pipeline.inputs.sources import Source, open_source
-from lidarcli.ros.definitions import ROS2, ros2_definition
+from lidarcli.ros.messages import ROS2, ros2_definition
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
 

@@ -169,7 +169,7 @@ class StoreFiles(WholeFiles):
 
     def _put(self) -> None:
         # Who puts nothing into a store does not wait for this import.
-        from lidarcli.stores.store import put
+        from lidarcli.stores.url import put
 
         for path in self.paths:
             put(self.part(path), path)

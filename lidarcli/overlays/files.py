@@ -10,10 +10,8 @@ from typing import Any
 
 from lidarcli.maps.mapserver import TYPE as MAP_TYPE
 from lidarcli.overlays.markers import TYPE as MARKER_TYPE
-from lidarcli.ros.bag_file import bag_writer
-from lidarcli.ros.definitions import ROS1, SCAN, TF, ros2_definition
 from lidarcli.ros.mcap_file import ALL, add_channel, offered, start_ros2
-from lidarcli.ros.outgoing import Outgoing
+from lidarcli.ros.messages import ROS1, SCAN, TF, Outgoing, bag_writer, ros2_definition
 
 OBJECTS, MAP = "/lidarcli/objects", "/lidarcli/map"
 FRAME = "laser"

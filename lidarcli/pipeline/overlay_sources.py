@@ -17,10 +17,8 @@ from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, POSE_TYPES, SCAN_TYPES, Lo
 from lidarcli.overlays.files import topic_name
 from lidarcli.overlays.objects import COLUMNS, Poses
 from lidarcli.pipeline.inputs.tables import Pair
-from lidarcli.poses.rows import TRANSFORMS
-from lidarcli.ros.definitions import ROS2, SCAN, TF
-from lidarcli.ros.outgoing import Outgoing
-from lidarcli.ros.scans import cdr_scans, ros1_scans
+from lidarcli.poses.messages import TRANSFORMS
+from lidarcli.ros.messages import ROS2, SCAN, TF, Outgoing, cdr_scans, ros1_scans
 from lidarcli.stores.url import Place
 from lidarcli.sweeps import Bool, Int64, RawSweeps
 from lidarcli.tabular.reading import read_columns, read_pieces

@@ -40,8 +40,7 @@ from lidarcli.pipeline.overlay_sources import (
 )
 from lidarcli.pipeline.reading.one_log import Progress, RunSummary, damage_lines, opening_of
 from lidarcli.reports.palette import SHAPE_COLOURS, TRACK_COLOURS
-from lidarcli.ros.definitions import ROS2, TF
-from lidarcli.ros.outgoing import Outgoing
+from lidarcli.ros.messages import ROS2, TF, Outgoing
 from lidarcli.stores.url import Place
 from lidarcli.tabular.reading import file_metadata, parsed
 from lidarcli.tabular.writing import PARAMETERS, SOURCE

@@ -26,7 +26,7 @@ from lidarcli.tabular.schemas import POSES, STAMP
 from lidarcli.tabular.writing import ParquetSink, table_metadata
 
 if TYPE_CHECKING:
-    from lidarcli.poses.motion import Motion
+    from lidarcli.poses.tracks import Motion
 
 TUM, PARQUET = ".tum", ".parquet"
 SUFFIXES = (TUM, ".txt", PARQUET)
@@ -115,14 +115,13 @@ class _Part:
 
     def lines(self) -> bytes:
         """As TUM text."""
-        from lidarcli.poses.trajectory import trajectory_lines
+        from lidarcli.poses.tracks import trajectory_lines
 
         return trajectory_lines(self.batch.stamp_ns, self.motion).encode()
 
     def rows(self, log: str) -> pa.RecordBatch:
         """As rows of the poses table."""
-        from lidarcli.poses.motion import planar
-        from lidarcli.poses.trajectory import upright
+        from lidarcli.poses.tracks import planar, upright
 
         count = len(self.batch)
         position, rotation = self.motion.position, upright(self.motion.rotation)

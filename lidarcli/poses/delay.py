@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lidarcli.poses.motion import planar
 from lidarcli.poses.sources import Way
+from lidarcli.poses.tracks import planar
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.sweeps import Bool, Float64, Int64, RawSweeps, Status, SweepBatch, SweepPoses
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lidarcli.poses.motion import Motion, planar
-from lidarcli.poses.rows import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
-from lidarcli.poses.tracks import Track
+from lidarcli.poses.messages import ODOMETRY, TRANSFORMS, WITH_COVARIANCE, frame_name
+from lidarcli.poses.tracks import Motion, Track, planar
 from lidarcli.poses.tree import FrameTree, Step, along
 from lidarcli.sweeps import TURN, Float64, Int64, SweepPoses
 

@@ -1,19 +1,123 @@
-"""Gathers the pose messages of a log into tracks: one per topic and pair of frames, as sorted arrays."""
+"""Poses over time: rigid motions as arrays, the tracks that pose messages make, and trajectories as TUM text."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+from typing import NamedTuple, TextIO
 
 import numpy as np
 
+from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import Message
 from lidarcli.logs.planar import ENCODING as PLANAR
-from lidarcli.poses import foxglove, planar, rosbytes
-from lidarcli.poses.motion import Motion, interpolate
-from lidarcli.poses.rows import TRANSFORMS, PoseRows
-from lidarcli.sweeps import Bool, Float64, Int64
+from lidarcli.poses.messages import TRANSFORMS, PoseRows, decode_foxglove, decode_planar, decode_ros
+from lidarcli.sweeps import Bool, Float64, Int64, SweepPoses
+
+SMALL_TURN = 1e-4
+"""Below this angle [rad] the arc between two rotations is as good as the straight line."""
+
+_STAMPS = np.iinfo(np.int64)
+
+
+class Motion(NamedTuple):
+    """N poses of one frame in another; NaN where unknown."""
+
+    position: Float64
+    """(N, 3) metres."""
+    rotation: Float64
+    """(N, 4) unit quaternions x, y, z, w."""
+
+
+def compose(outer: Motion, inner: Motion) -> Motion:
+    """The pose of c in a from that of b in a and that of c in b."""
+    return Motion(
+        outer.position + rotate(outer.rotation, inner.position), multiply(outer.rotation, inner.rotation)
+    )
+
+
+def inverse(motion: Motion) -> Motion:
+    """The pose of a in b from that of b in a."""
+    back = motion.rotation * np.array([-1.0, -1.0, -1.0, 1.0])
+    return Motion(-rotate(back, motion.position), back)
+
+
+def multiply(first: Float64, second: Float64) -> Float64:
+    """(N, 4) products of quaternions: the second rotation, then the first."""
+    a, b = first[:, :3], second[:, :3]
+    v, w = first[:, 3:], second[:, 3:]
+    vector = v * b + w * a + np.cross(a, b)
+    scalar = v * w - np.sum(a * b, axis=1, keepdims=True)
+    return np.concatenate([vector, scalar], axis=1)
+
+
+def rotate(rotation: Float64, vectors: Float64) -> Float64:
+    """(N, 3) vectors turned by (N, 4) quaternions."""
+    axis = rotation[:, :3]
+    twice = 2.0 * np.cross(axis, vectors)
+    turned: Float64 = vectors + rotation[:, 3:] * twice + np.cross(axis, twice)
+    return turned
+
+
+def interpolate(at_ns: Int64, stamp_ns: Int64, motion: Motion, hold_ns: int = 0) -> Motion:
+    """Poses at the times `at_ns` (S,) between those at `stamp_ns` (N, increasing), NaN outside their span.
+
+    The first and the last pose hold for `hold_ns` before and after it: what stands there is no motion made up.
+
+    Positions go along the straight line, rotations along the shortest arc at constant rate: in the plane that is linear
+    in x, y and, by the shorter way round, in yaw.
+    """
+    if not len(stamp_ns):
+        return Motion(np.full((len(at_ns), 3), np.nan), np.full((len(at_ns), 4), np.nan))
+    first, last = int(stamp_ns[0]), int(stamp_ns[-1])
+    # A stamp may be as great as its type allows.
+    earliest, latest = max(first - hold_ns, _STAMPS.min), min(last + hold_ns, _STAMPS.max)
+    held = (at_ns >= earliest) & (at_ns <= latest)
+    at_ns = np.where(held, np.clip(at_ns, first, last), at_ns)
+    before = np.clip(np.searchsorted(stamp_ns, at_ns, side="right") - 1, 0, max(len(stamp_ns) - 2, 0))
+    after = np.minimum(before + 1, len(stamp_ns) - 1)
+    step = np.maximum(stamp_ns[after] - stamp_ns[before], 1)
+    share = ((at_ns - stamp_ns[before]) / step)[:, None]
+    share[(at_ns < first) | (at_ns > last)] = np.nan
+    position = motion.position[before] * (1.0 - share) + motion.position[after] * share
+    return Motion(position, _arc(motion.rotation[before], motion.rotation[after], share))
+
+
+def _arc(start: Float64, end: Float64, share: Float64) -> Float64:
+    """(N, 4) rotations a share (N, 1) of the way from start to end."""
+    cosine = np.sum(start * end, axis=1, keepdims=True)
+    # A quaternion and its negative are one rotation; the nearer of the two is the shorter way.
+    end = np.where(cosine < 0, -end, end)
+    angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+    wide = angle > SMALL_TURN
+    sine = np.where(wide, np.sin(angle), 1.0)
+    first = np.where(wide, np.sin((1.0 - share) * angle) / sine, 1.0 - share)
+    second = np.where(wide, np.sin(share * angle) / sine, share)
+    between = first * start + second * end
+    turned: Float64 = between / np.linalg.norm(between, axis=1, keepdims=True)
+    return turned
+
+
+def planar(motion: Motion) -> SweepPoses:
+    """The poses seen from above: the direction of the frame's x axis is the yaw."""
+    x, y, z, w = motion.rotation.T
+    up = 1.0 - 2.0 * (x * x + y * y)
+    yaw = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    return SweepPoses(
+        x=motion.position[:, 0].copy(), y=motion.position[:, 1].copy(), yaw=yaw, upside_down=up < 0.0
+    )
+
+
+def tilt(motion: Motion) -> float:
+    """Largest angle between the frame's plane and the ground, upside down or not [rad]; 0 without a pose."""
+    x, y = motion.rotation[:, 0], motion.rotation[:, 1]
+    flat = np.abs(1.0 - 2.0 * (x * x + y * y))
+    known = flat[~np.isnan(flat)]
+    return float(np.arccos(np.clip(known.min(), 0.0, 1.0))) if len(known) else 0.0
+
 
 MAX_POSES = 2_000_000
 """Most poses of one log that are kept, 64 bytes each; those after them are left out."""
@@ -258,11 +362,11 @@ def _with_units(numbers: Float64) -> Float64:
 
 def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[str]) -> Iterable[PoseRows]:
     if encoding in ("cdr", "ros1") and not kind.startswith("foxglove."):
-        return rosbytes.decode(kind, encoding, data, refused)
+        return decode_ros(kind, encoding, data, refused)
     if encoding in ("json", "protobuf") and kind.startswith("foxglove."):
-        return foxglove.decode(kind, encoding, data, refused)
+        return decode_foxglove(kind, encoding, data, refused)
     if encoding == PLANAR:
-        return planar.decode(data)
+        return decode_planar(data)
     refused[ENCODING] += len(data)
     return ()
 
@@ -277,3 +381,111 @@ def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
             refused[cause] += int(np.count_nonzero(bad))
     usable: Bool = finite & turns
     return usable
+
+
+TUM = "tum"
+"""What a trajectory's type is called."""
+WORLD = "world"
+"""The frame of a trajectory, which its file does not name."""
+COLUMNS = 8
+LONGEST_LINE = 1000
+"""Characters of a line that can be a pose."""
+MOST_NS = 1 << 62
+"""No stamp is farther from 1970 [ns]: 146 years, so that differences of two still fit."""
+MOST_DIGITS = 11
+"""Digits of such a stamp before the point."""
+
+
+def read_trajectory(path: Path) -> Track:
+    """The path of a sensor from a file of TUM lines; empty lines and those that begin with `#` are left out.
+
+    Raises
+    ------
+    UnreadableError
+        The file cannot be read, a line is no pose, or there is none.
+    """
+    stamps: list[int] = []
+    numbers: list[list[float]] = []
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            for number, line in _lines(file):
+                if not (text := line.strip()) or text.startswith("#"):
+                    continue
+                if len(stamps) == MAX_POSES:
+                    raise UnreadableError(f"{path}: more than {MAX_POSES:,} poses")
+                stamp, values = _pose(path, number, text)
+                stamps.append(stamp)
+                numbers.append(values)
+    except OSError as err:
+        raise UnreadableError(f"{path}: {err.strerror or err}") from err
+    if not stamps:
+        raise UnreadableError(f"{path}: holds no pose; lines are timestamp x y z qx qy qz qw")
+    at, poses = np.array(stamps, np.int64), np.array(numbers, np.float64)
+    refused: Counter[str] = Counter()
+    track = gathered((path.name, TUM, WORLD, ""), at, poses, at, refused)
+    if track is None or refused:
+        cause, count = next(iter(refused.items()))
+        raise UnreadableError(f"{path}: {count:,} of {len(stamps):,} poses cannot be used: {cause}")
+    return track
+
+
+def _lines(file: TextIO) -> Iterator[tuple[int, str]]:
+    """The lines of a file by their numbers; of one that is too long only its beginning."""
+    number = 0
+    while line := file.readline(LONGEST_LINE):
+        number += 1
+        yield number, line
+        while line and not line.endswith("\n"):
+            line = file.readline(LONGEST_LINE)
+
+
+def _pose(path: Path, number: int, text: str) -> tuple[int, list[float]]:
+    """Stamp [ns], and x, y, z [m] and quaternion x, y, z, w of a line."""
+    words = text.replace(",", " ").split()
+    try:
+        if len(words) != COLUMNS:
+            raise ValueError
+        # Seconds since 1970 with nine decimals are more than a float holds.
+        seconds = Decimal(words[0])
+        if not seconds.is_finite() or seconds.adjusted() > MOST_DIGITS:
+            raise ValueError
+        stamp = int((seconds * SECOND_NS).to_integral_value())
+        if abs(stamp) > MOST_NS:
+            raise ValueError
+        return stamp, [float(word) for word in words[1:]]
+    except (ValueError, ArithmeticError):
+        shown = text if len(text) <= 60 else f"{text[:57]}..."
+        raise UnreadableError(
+            f"{path}: line {number}: '{shown}' is no pose; lines are timestamp x y z qx qy qz qw"
+        ) from None
+
+
+def trajectory_lines(stamp_ns: Int64, motion: Motion) -> str:
+    """The lines of N poses; those that are not known are left out."""
+    known = ~np.isnan(motion.position).any(axis=1)
+    rows = zip(
+        stamp_ns[known].tolist(),
+        motion.position[known].tolist(),
+        upright(motion.rotation[known]).tolist(),
+        strict=True,
+    )
+    return "".join(
+        f"{_seconds(stamp)} {_numbers(position, 6)} {_numbers(turn, 9)}\n" for stamp, position, turn in rows
+    )
+
+
+def _seconds(stamp_ns: int) -> str:
+    sign = "-" if stamp_ns < 0 else ""
+    whole, rest = divmod(abs(stamp_ns), SECOND_NS)
+    return f"{sign}{whole}.{rest:09d}"
+
+
+def _numbers(values: list[float], decimals: int) -> str:
+    # What is rounded to 0 has no sign.
+    return " ".join(f"{round(value, decimals) + 0.0:.{decimals}f}" for value in values)
+
+
+def upright(rotation: Float64) -> Float64:
+    """Of the two quaternions of a rotation the one whose last number is not negative."""
+    turned: Float64 = np.where(rotation[:, 3:] < 0, -rotation, rotation)
+    return turned

@@ -12,8 +12,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from lidarcli.errors import OutputError
-from lidarcli.ros.bag_file import bag_writer
-from lidarcli.ros.definitions import ROS1, ROS2
+from lidarcli.ros.messages import ROS1, ROS2, bag_writer
 from lidarcli.simulate.clouds import as_clouds
 from lidarcli.simulate.messages import CDR, ROS1_BYTES
 from lidarcli.simulate.odometry import SimulatedPoses

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lidarcli import foxglove
-from lidarcli.ros.definitions import ROS1, ROS2
+from lidarcli.ros.messages import ROS1, ROS2
 from lidarcli.simulate.foxglove import JSON, json_bytes, protobuf_bytes, stamp_of, standing
 from lidarcli.simulate.messages import CDR, ROS1_BYTES, Encoding
 from lidarcli.sweeps import RawSweeps

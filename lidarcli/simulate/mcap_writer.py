@@ -9,7 +9,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
 from lidarcli.foxglove import descriptors, json_schema
-from lidarcli.ros.definitions import SCAN, ros1_definition, ros2_definition
+from lidarcli.ros.messages import SCAN, ros1_definition, ros2_definition
 from lidarcli.simulate import foxglove
 from lidarcli.simulate.clouds import as_clouds
 from lidarcli.simulate.definitions import LASERSCAN_IDL

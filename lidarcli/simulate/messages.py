@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.ros.definitions import ODOMETRY, ROS1, ROS2, SCAN, TF
-from lidarcli.ros.scans import cdr_scans, ros1_scans
+from lidarcli.ros.messages import ODOMETRY, ROS1, ROS2, SCAN, TF, cdr_scans, ros1_scans
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from lidarcli.ros.outgoing import Outgoing
+from lidarcli.ros.messages import Outgoing
 from lidarcli.simulate.messages import Encoding
 from lidarcli.simulate.odometry import SimulatedPoses
 from lidarcli.sweeps import RawSweeps

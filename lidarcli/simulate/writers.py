@@ -7,7 +7,7 @@ from pathlib import Path
 
 from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.ros import bag_file
+from lidarcli.ros.messages import BAG_COMPRESSIONS
 from lidarcli.simulate.aria_writer import write_aria
 from lidarcli.simulate.bag_writers import (
     FOLDER_COMPRESSIONS,
@@ -120,7 +120,7 @@ def _writer(
             clouds=clouds,
         )
     if container == "bag":
-        packed = one_of("compression", compression, tuple(bag_file.COMPRESSIONS), "none")
+        packed = one_of("compression", compression, tuple(BAG_COMPRESSIONS), "none")
         return lambda target, blocks: write_bag(
             target, blocks, compression=packed, poses=poses, clouds=clouds
         )

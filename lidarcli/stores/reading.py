@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from lidarcli.machine import Beside
-from lidarcli.stores.store import PIECE, open_object
-from lidarcli.stores.url import Url
+from lidarcli.stores.url import PIECE, Url, open_object
 
 if TYPE_CHECKING:
     from concurrent.futures import Future

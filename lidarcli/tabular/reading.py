@@ -174,7 +174,7 @@ def _begins_as_parquet(path: Place) -> bool:
 def _file(path: Place) -> pa.NativeFile:
     """The open file, of which parts are read."""
     if isinstance(path, Url):
-        from lidarcli.stores.store import open_object
+        from lidarcli.stores.url import open_object
 
         return open_object(path)
     # A name need not be UTF-8, and Arrow takes such a one as bytes alone.

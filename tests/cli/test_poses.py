@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lidarcli.poses.trajectory import read_trajectory
+from lidarcli.poses.tracks import read_trajectory
 from lidarcli.simulate.writers import write_log
 from lidarcli.tabular.schemas import POSES
 from tests.places import SAMPLES

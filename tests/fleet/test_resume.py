@@ -316,7 +316,7 @@ def test_a_manifest_is_believed_of_the_tables_of_the_log_alone(
     def asked(*_: object) -> None:
         raise AssertionError("a store is asked")
 
-    monkeypatch.setattr("lidarcli.stores.store.head", asked)
+    monkeypatch.setattr("lidarcli.stores.url.head", asked)
     ran = lidarcli("detect", log, "-o", out, "--resume")
     assert (ran.code, "done before" in ran.err) == (0, False)
     assert all("/etc" not in line and "://" not in line for line in ran.err.splitlines())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lidarcli.overlays.markers import LAST_SECOND, NAMESPACES, TYPE, Kind, Markers, marker_arrays, transforms
-from lidarcli.ros.definitions import ROS1, ROS2, TF
+from lidarcli.ros.messages import ROS1, ROS2, TF
 
 MESSAGES = 6
 STAMPS = 1_700_000_000_000_000_007 + 100_000_000 * np.arange(MESSAGES)

@@ -19,7 +19,7 @@ from lidarcli.pipeline.inputs.sources import Source
 from lidarcli.pipeline.inputs.tables import Pair
 from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.overlay_sources import Tables, frames_told, in_order
-from lidarcli.ros.outgoing import Outgoing
+from lidarcli.ros.messages import Outgoing
 from tests.places import SAMPLES
 
 

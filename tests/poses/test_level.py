@@ -7,9 +7,8 @@ import pytest
 
 from lidarcli.logs.base import Message
 from lidarcli.logs.slicing import Levelled
-from lidarcli.poses.level import TreeLevels
-from lidarcli.poses.motion import Motion, multiply, planar, rotate
-from lidarcli.poses.tracks import Tracks
+from lidarcli.poses.tracks import Motion, Tracks, multiply, planar, rotate
+from lidarcli.poses.tree import TreeLevels
 from lidarcli.sweeps import Float64
 from tests.poses.pose_messages import SECOND, Pose, tf
 

@@ -11,8 +11,7 @@ import pytest
 
 from lidarcli.errors import OptionError
 from lidarcli.poses.matched import PATIENCE, Matching
-from lidarcli.poses.motion import planar
-from lidarcli.poses.tracks import SECOND_NS, Track
+from lidarcli.poses.tracks import SECOND_NS, Track, planar
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import START_NS, simulate_blocks

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarcli.poses.motion import Motion, compose, interpolate, inverse, multiply, planar, rotate, tilt
+from lidarcli.poses.tracks import Motion, compose, interpolate, inverse, multiply, planar, rotate, tilt
 from lidarcli.sweeps import Float64
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from lidarcli.logs.base import Message
-from lidarcli.poses.motion import planar
 from lidarcli.poses.sources import PoseSources
-from lidarcli.poses.tracks import Tracks
+from lidarcli.poses.tracks import Tracks, planar
 from lidarcli.sweeps import Int64
 from tests.poses.pose_messages import Pose, odometry, pose_stamped, tf
 

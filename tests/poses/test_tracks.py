@@ -7,8 +7,7 @@ import pytest
 
 from lidarcli.logs.base import Message
 from lidarcli.poses import tracks
-from lidarcli.poses.motion import planar
-from lidarcli.poses.tracks import HOLD_NS, Track, Tracks
+from lidarcli.poses.tracks import HOLD_NS, Track, Tracks, planar
 from tests.poses.pose_messages import CDR, POSE, SECOND, TF, message, odometry, pose_stamped, tf
 
 

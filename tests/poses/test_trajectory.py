@@ -11,14 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarcli.errors import UnreadableError
-from lidarcli.poses import trajectory
-from lidarcli.poses.motion import Motion
-from lidarcli.poses.tracks import Track
-from lidarcli.poses.trajectory import read_trajectory, trajectory_lines
+from lidarcli.poses import tracks
+from lidarcli.poses.tracks import Motion, Track, read_trajectory, trajectory_lines
 
 HERE = "0 0 0 0 0 0 1"
 S = 1_000_000_000
-MOST = trajectory.MOST_NS
+MOST = tracks.MOST_NS
 
 
 def read(folder: Path, text: str | bytes) -> Track:
@@ -164,7 +162,7 @@ class Unmultiplied(Decimal):
 
 
 def test_a_large_exponent_takes_no_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trajectory, "Decimal", Unmultiplied)
+    monkeypatch.setattr(tracks, "Decimal", Unmultiplied)
     with pytest.raises(UnreadableError, match="line 1: '1e200000 "):
         read(tmp_path, f"1e200000 {HERE}\n")
     with pytest.raises(AssertionError, match="multiplied"):
@@ -173,7 +171,7 @@ def test_a_large_exponent_takes_no_time(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("rest", ["more words", f"7 {HERE}"])
 def test_a_long_comment(tmp_path: Path, rest: str) -> None:
-    comment = f"# {'x' * (trajectory.LONGEST_LINE - 2)}{rest}"
+    comment = f"# {'x' * (tracks.LONGEST_LINE - 2)}{rest}"
     track = read(tmp_path, f"{comment}\n1 {HERE}\n")
     assert stamps(track) == [S]
 
@@ -191,7 +189,7 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
 
 
 def test_too_many_poses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trajectory, "MAX_POSES", 3)
+    monkeypatch.setattr(tracks, "MAX_POSES", 3)
     lines = [f"{k} {HERE}\n" for k in range(4)]
     assert len(read(tmp_path, "".join(lines[:3])).stamp_ns) >= 2
     with pytest.raises(UnreadableError, match=r": more than 3 poses$"):

@@ -17,8 +17,8 @@ import pytest
 
 from lidarcli.cli import run
 from lidarcli.logs.rosbag1.records import CODECS, MAGIC, Op, parse
-from lidarcli.ros import bag_file
-from lidarcli.ros.definitions import ROS1
+from lidarcli.ros import messages
+from lidarcli.ros.messages import ROS1
 from lidarcli.simulate.writers import write_log
 from tests.overlays.reading import read_back
 from tests.places import SAMPLES
@@ -85,7 +85,7 @@ def test_every_chunk_is_packed_as_rosbag_unpacks_it(bags: dict[str, Path], kind:
     assert_rosbag_unpacks(bags[kind], {"plain": "none", "bz2": "bz2"}.get(kind, "lz4"))
 
 
-@pytest.mark.parametrize("packed", bag_file.COMPRESSIONS)
+@pytest.mark.parametrize("packed", messages.BAG_COMPRESSIONS)
 def test_sweeps_are_packed_as_rosbag_unpacks_them(tmp_path: Path, packed: str) -> None:
     write_log(tmp_path / "run.bag", [room_sweeps()], compression=packed)
     assert_rosbag_unpacks(tmp_path / "run.bag", packed)

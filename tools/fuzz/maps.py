@@ -18,7 +18,7 @@ from lidarcli.errors import UnreadableError
 from lidarcli.formalism.mapping.comparison import UnlikeError, compare
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.maps.mapserver import pgm_bytes, read_map, yaml_bytes
-from lidarcli.poses.trajectory import read_trajectory, trajectory_lines
+from lidarcli.poses.tracks import read_trajectory, trajectory_lines
 from tools.fuzz.commands import judge_commands
 from tools.fuzz.logs import LONGEST, odd_lines
 from tools.fuzz.mutate import mutate

@@ -179,7 +179,7 @@ def fixed_part(pattern: str) -> str:
 def all_files(folder: Place, suffix: str) -> list[Place]:
     """The files of a folder, by name; none where there is no such folder, `UnreadableError` where nobody may look."""
     if isinstance(folder, Url):
-        from lidarcli.stores.store import listing
+        from lidarcli.stores.url import listing
 
         return [found for found, _ in listing(folder) if found.name.endswith(suffix)]
     try:
@@ -194,7 +194,7 @@ def read_file(name: str) -> bytes:
     """A file as a whole; `UnreadableError` where it cannot be read."""
     where = place(name)
     if isinstance(where, Url):
-        from lidarcli.stores.store import read_object
+        from lidarcli.stores.url import read_object
 
         return read_object(where)
     try:
@@ -205,7 +205,7 @@ def read_file(name: str) -> bytes:
 
 def _stored(url: Url) -> tuple[Named, list[Place], list[UnreadableError]]:
     from lidarcli.pipeline.inputs.search import objects_matching
-    from lidarcli.stores.store import has_bucket, listing
+    from lidarcli.stores.url import has_bucket, listing
 
     if url.has_magic():
         return Named.PATTERN, [*objects_matching(url)], []

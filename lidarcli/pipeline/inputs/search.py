@@ -251,7 +251,7 @@ def find_stored(text: str) -> list[Source | Nothing]:
 
     In a pattern `*` and `?` stop at a slash and `**/` stands for any folders. Where listing fails, one `Nothing` says why.
     """
-    from lidarcli.stores.store import head, is_folder, listing
+    from lidarcli.stores.url import head, is_folder, listing
 
     url = place(text)
     assert isinstance(url, Url)
@@ -271,7 +271,7 @@ def find_stored(text: str) -> list[Source | Nothing]:
 
 
 def _why_none(url: Url, objects: Objects) -> str:
-    from lidarcli.stores.store import has_bucket
+    from lidarcli.stores.url import has_bucket
 
     if objects:
         return f"no log in this folder ({known_suffixes()})"
@@ -307,7 +307,7 @@ def _stored_below(base: Url, objects: Objects) -> list[Source | Nothing]:
 
 def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
     """The logs that a pattern names, by their places below its part without signs."""
-    from lidarcli.stores.store import has_bucket
+    from lidarcli.stores.url import has_bucket
 
     base, objects = _beside(pattern)
     matches = _matcher(pattern)
@@ -346,7 +346,7 @@ def objects_matching(pattern: Url) -> list[Url]:
 
 def _beside(pattern: Url) -> tuple[Url, Objects]:
     """The folder up to which a pattern says what it means, and all that is below it."""
-    from lidarcli.stores.store import listing
+    from lidarcli.stores.url import listing
 
     base = replace(pattern, key=fixed_part(pattern.key).strip("/"))
     return base, dict(listing(base))

@@ -18,8 +18,8 @@ from lidarcli.stores.url import State, Url, is_url, place
 from lidarcli.sweeps import RawSweeps
 
 if TYPE_CHECKING:
-    from lidarcli.poses.level import TreeLevels
     from lidarcli.poses.tracks import Track
+    from lidarcli.poses.tree import TreeLevels
 
 STDIN = "-"
 
@@ -208,7 +208,7 @@ def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
     """An object that is a log by itself."""
     from lidarcli.logs.registry import HEAD, MCAP, ROS1
     from lidarcli.stores.reading import StoreFile
-    from lidarcli.stores.store import PIECE
+    from lidarcli.stores.url import PIECE
 
     file = stack.enter_context(StoreFile(url))
     stream = cast(BinaryIO, file)
@@ -407,7 +407,7 @@ class SlicedLog(ChangedLog):
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
         from lidarcli.logs.slicing import Slicer
-        from lidarcli.poses.level import TreeLevels
+        from lidarcli.poses.tree import TreeLevels
 
         if self._levels is None:
             self._levels = TreeLevels(self.poses().tracks if self.size is not None else ())

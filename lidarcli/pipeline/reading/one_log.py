@@ -28,7 +28,7 @@ from lidarcli.times import Instant
 
 if TYPE_CHECKING:
     from lidarcli.formalism.tracking.results import Followed
-    from lidarcli.poses.motion import Motion
+    from lidarcli.poses.tracks import Motion
 
 
 @dataclass(slots=True)

@@ -234,7 +234,7 @@ def find_poses(
         return None
     if options.file is not None:
         from lidarcli.poses.sources import Told
-        from lidarcli.poses.trajectory import read_trajectory
+        from lidarcli.poses.tracks import read_trajectory
 
         return FoundPoses(Told((read_trajectory(Path(options.file)),)))
     if options.source == MATCH:

@@ -25,8 +25,8 @@ from lidarcli.range_rules import RangeRules
 from lidarcli.sweeps import Int64, SweepBatch, SweepPoses
 
 if TYPE_CHECKING:
-    from lidarcli.poses.motion import Motion
     from lidarcli.poses.sources import PoseSources, Told, Way
+    from lidarcli.poses.tracks import Motion
 
 TILTED = np.deg2rad(10.0)
 """A sensor that leans more than this is worth a note."""
@@ -120,7 +120,7 @@ class Posing:
         """The batch with its poses, if the log has some for its sensor: what nothing tells of is taken as standing."""
         if self.found is None or not len(batch):
             return batch
-        from lidarcli.poses.motion import planar, tilt
+        from lidarcli.poses.tracks import planar, tilt
 
         better: list[tuple[Int64, SweepPoses]] = []
         some = False

@@ -51,7 +51,7 @@ def state_of(name: str) -> State | None:
     """What is known of a file; None where there is none."""
     where = place(name)
     if isinstance(where, Url):
-        from lidarcli.stores.store import head
+        from lidarcli.stores.url import head
 
         return head(where)
     return Source(name, "").state()
@@ -61,7 +61,7 @@ def remove_file(name: str) -> None:
     """Remove a file; `OutputError` where it cannot be removed."""
     where = place(name)
     if isinstance(where, Url):
-        from lidarcli.stores.store import remove
+        from lidarcli.stores.url import remove
 
         remove(where)
         return
@@ -92,7 +92,7 @@ class There:
         self._states: dict[str, State] | None = None
         self._dated: dict[str, str] = {}
         if isinstance(folder, Url):
-            from lidarcli.stores.store import listing
+            from lidarcli.stores.url import listing
 
             self._states = {str(url): state for url, state in listing(folder)}
             self._dated = {_DAY.sub("/", name): name for name in self._states}
@@ -167,7 +167,7 @@ class Manifest:
 def refuse_folder(folder: Place) -> None:
     """Refuse a folder of tables that cannot have manifests, before any log is read (`OutputError`)."""
     if isinstance(folder, Url):
-        from lidarcli.stores.store import has_bucket
+        from lidarcli.stores.url import has_bucket
 
         try:
             there = has_bucket(folder)

@@ -1,13 +1,38 @@
-"""LaserScan messages of ROS 1 and ROS 2 as bytes, built in bulk."""
+"""Messages of ROS as they are written: definitions, LaserScan as bytes built in bulk, and bags of ROS 1."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from lz4.frame import compress
+from rosbags import rosbag1
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from lidarcli.sweeps import RawSweeps
+
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+ROS2 = get_typestore(Stores.ROS2_HUMBLE)
+
+SCAN = "sensor_msgs/msg/LaserScan"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TF = "tf2_msgs/msg/TFMessage"
+
+# The ROS 1 store knows the transforms, but not the message of tf2 that carries them.
+ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
+
+
+def ros2_definition(name: str) -> str:
+    """The ROS 2 .msg text of a type with everything it contains."""
+    return ROS2.generate_msgdef(name, ros_version=2)[0]
+
+
+def ros1_definition(name: str) -> str:
+    """The same as ROS 1 writes it: its Header has a `seq`."""
+    return ROS1.generate_msgdef(name, ros_version=1)[0]
+
 
 _GEOMETRY = (
     "angle_min",
@@ -87,3 +112,39 @@ def _bulk(
         for place, row in enumerate(rows.tolist()):
             out[row] = data[place * size : (place + 1) * size]
     return out
+
+
+class Outgoing(NamedTuple):
+    """One message on its way into a file."""
+
+    topic: str
+    type: str
+    record_ns: int
+    stamp_ns: int
+    """Where the message has one, else as `record_ns`."""
+    data: bytes
+
+
+BAG_COMPRESSIONS = {
+    "none": None,
+    "bz2": rosbag1.Writer.CompressionFormat.BZ2,
+    "lz4": rosbag1.Writer.CompressionFormat.LZ4,
+}
+
+
+def bag_writer(path: Path, compression: str) -> rosbag1.Writer:
+    """A writer of a new bag, packed by one of `BAG_COMPRESSIONS`; it is still to be opened."""
+    writer = rosbag1.Writer(path)
+    if (form := BAG_COMPRESSIONS[compression]) is not None:
+        writer.set_compression(form)
+    if compression == "lz4":
+        writer.compressor = _lz4_frame
+    return writer
+
+
+def _lz4_frame(data: bytes) -> bytes:
+    """A frame of independent blocks, a checksum at its end and no size at its start: roslz4 reads no other."""
+    frame: bytes = compress(
+        data, compression_level=0, block_linked=False, content_checksum=True, store_size=False
+    )
+    return frame
