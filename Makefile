@@ -115,7 +115,7 @@ $(VENV)/installed: pyproject.toml setup.py | $(BIN)/python
 	$(call install,.)
 	@touch $@
 
-$(VENV)/compiled: lidarcli/native.pxd $(CORE) $(CORE:.pxd=.py) | $(VENV)/installed
+$(VENV)/compiled: lidarcli/native.pxd lidarcli/formalism/detection.py $(CORE) $(CORE:.pxd=.py) | $(VENV)/installed
 	@if [ -n "$$(find $^ -newer $(VENV)/installed)" ]; then echo "Compiling what has changed ..."; \
 		$(BIN)/python -m tools.requirements build-system > build/needs.txt && $(PIP) install -r build/needs.txt \
 		&& $(BIN)/python setup.py --quiet build_ext --inplace; fi

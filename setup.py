@@ -6,6 +6,7 @@ With `LIDARCLI_BUILD=required`, as for wheels, a build without it fails.
 
 from __future__ import annotations
 
+import ast
 import os
 import sys
 import sysconfig
@@ -28,14 +29,53 @@ FLAGS = (
 STABLE = not sysconfig.get_config_var("Py_GIL_DISABLED")
 MACROS = [("Py_LIMITED_API", "0x030B0000"), ("CYTHON_LIMITED_API", "1")] if STABLE else []
 
+KINDS = {
+    "Int8": "signed char",
+    "UInt8": "unsigned char",
+    "Int32": "int",
+    "Int64": "long long",
+    "Float32": "float",
+    "Float64": "double",
+}
+"""Type of the arrays in a field of a record → the type of a number in C."""
+
+
+def pointers() -> str:
+    """Return what the loops see of a `Detection`: a struct with a pointer for each array, and what fills it.
+
+    Only the source is read: numpy is not there when the package is built.
+    """
+    source = Path("lidarcli/formalism/detection.py").read_text(encoding="utf-8")
+    [record] = [
+        node for node in ast.parse(source).body if isinstance(node, ast.ClassDef) and node.name == "Detection"
+    ]
+    fields = {
+        ast.unparse(node.target): KINDS[ast.unparse(node.annotation).removesuffix(" | None")]
+        for node in record.body
+        if isinstance(node, ast.AnnAssign)
+    }
+    lines = ["ctypedef struct Pointers:"]
+    lines += [f"    {kind}* {name}" for name, kind in fields.items()]
+    lines += ["", "cdef inline Pointers pointers(dict arrays) except *:", "    cdef Pointers found"]
+    for name, kind in fields.items():
+        start = f"<{kind}*> start(arrays['{name}'], sizeof({kind}))"
+        lines.append(f"    found.{name} = {start} if '{name}' in arrays else NULL")
+    return "\n".join([*lines, "    return found", ""])
+
+
+include = Path("build", "pointers.pxi")
+if not include.exists() or include.read_text(encoding="utf-8") != pointers():
+    include.parent.mkdir(exist_ok=True)
+    include.write_text(pointers(), encoding="utf-8")
+
 sources = [
     path.with_suffix(".py") for path in sorted(Path("lidarcli").rglob("*.pxd")) if path.stem != "native"
 ]
-# A module knows the sizes of the classes of those it stands on, however far below: where a .pxd file has changed, all are
-# translated again.
+# A module knows the sizes of the classes of those it stands on, however far below: where a .pxd file or the struct has
+# changed, all are translated again.
 written = [Path("build", path).with_suffix(".c") for path in sources]
 generated = [path.stat().st_mtime for path in written if path.exists()]
-changed = max((path.stat().st_mtime for path in Path("lidarcli").rglob("*.pxd")), default=0.0)
+changed = max(path.stat().st_mtime for path in (include, *Path("lidarcli").rglob("*.pxd")))
 modules = cythonize(
     [
         Extension(
@@ -48,6 +88,7 @@ modules = cythonize(
         for path in sources
     ],
     build_dir="build",
+    include_path=["build"],
     force=changed > min(generated, default=0.0),
     language_level=3,
     compiler_directives={

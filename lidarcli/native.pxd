@@ -67,3 +67,7 @@ cdef inline PyThreadState* release() noexcept:
 
 cdef inline void resume(PyThreadState* state) noexcept:
     PyEval_RestoreThread(state)
+
+
+# The struct `Pointers`, and `pointers`, which fills it: setup.py writes them from the fields of `Detection`.
+include "pointers.pxi"

@@ -1,4 +1,4 @@
-"""What the compiled core and the same files as plain Python do differently: memory, and the interpreter lock.
+"""Memory and the interpreter lock, which the compiled core and the same files as plain Python handle differently.
 
 The steps of the formalism, from `segmentation` to `description`, are plain Python: loops over the beams of one sweep, in
 the order of the paper's definitions. The `.pxd` file beside each tells Cython the C types of its fields, arguments and
@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import os
 from array import array
-from collections.abc import MutableSequence
+from collections.abc import Mapping, MutableSequence
+from types import SimpleNamespace
 from typing import Any, cast
 
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ class _Checked:
 
 
 def _checked(values: Any) -> Any:
-    """The same numbers; with bounds checked on both sides where `LIDARCLI_BOUNDS` asks for it."""
+    """Return the numbers, with bounds checked on both sides where `LIDARCLI_BOUNDS` asks for it."""
     return _Checked(values) if _BOUNDS else values
 
 
@@ -42,34 +43,43 @@ _BOUNDS = bool(os.environ.get("LIDARCLI_BOUNDS"))
 
 
 def doubles(owner: list[Any], count: int) -> MutableSequence[float]:
-    """Room for so many float64, 0 at first; as long as `owner` lives."""
+    """Return room for so many float64, 0 at first, which lives as long as `owner`."""
     return cast("MutableSequence[float]", _checked([0.0] * count))
 
 
 def integers(owner: list[Any], count: int) -> MutableSequence[int]:
-    """Room for so many indices, 0 at first."""
+    """Return room for so many indices, 0 at first."""
     return cast("MutableSequence[int]", _checked([0] * count))
 
 
 def singles(owner: list[Any], count: int) -> MutableSequence[float]:
-    """Room for so many float32, to which storing rounds."""
+    """Return room for so many float32, to which storing rounds."""
     return cast("MutableSequence[float]", _checked(array("f", bytes(4 * count))))
 
 
 def at_doubles(values: NDArray[Any]) -> MutableSequence[float]:
-    """The numbers of a contiguous array of float64, which has to be kept as long as they are used."""
-    return cast("MutableSequence[float]", _checked(memoryview(values.reshape(-1).data)))
+    """Return the numbers of a contiguous array of float64, which has to be kept as long as they are used."""
+    return cast("MutableSequence[float]", _numbers(values))
 
 
 def at_ints(values: NDArray[Any]) -> MutableSequence[int]:
-    """The same of int32."""
-    return cast("MutableSequence[int]", _checked(memoryview(values.reshape(-1).data)))
+    """Return those of an array of int32."""
+    return cast("MutableSequence[int]", _numbers(values))
 
 
 at_singles = at_doubles
-"""The same of float32."""
+"""Of float32."""
 at_longs = at_bytes = at_ints
-"""The same of int64, and of one byte."""
+"""Of int64, and of one byte."""
+
+
+def pointers(arrays: Mapping[str, NDArray[Any]]) -> Any:
+    """Return the numbers of some arrays of a `Detection` by the names of its fields: `pointers(arrays).r_min[k]`."""
+    return SimpleNamespace(**{name: _numbers(values) for name, values in arrays.items()})
+
+
+def _numbers(values: NDArray[Any]) -> Any:
+    return _checked(memoryview(values.reshape(-1).data))
 
 
 def release() -> object:

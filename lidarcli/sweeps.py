@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar, dataclass_transform
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarcli.columns import column
 from lidarcli.display import Facts, counted, moment, shown, span
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ TURN = 2.0 * np.pi
 T = TypeVar("T")
 
 
-@dataclass_transform(frozen_default=True, eq_default=False)
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(column,))
 def record(cls: type[T]) -> type[T]:
     """A dataclass whose fields are arrays: they stay what they are, as the type checker sees to.
 

@@ -12,12 +12,13 @@ import lidarcli
 PACKAGE = Path(lidarcli.__file__).parent
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob("*.py") if path.name != "__main__.py")
 
-GROUND = {"_version", "choices", "errors", "native"}
+GROUND = {"_version", "choices", "columns", "errors", "native"}
 CORE = GROUND | {"display", "range_rules", "sweeps", "times"}
 MAY_IMPORT = {
     "errors": set[str](),
     "_version": set[str](),
     "choices": set[str](),
+    "columns": set[str](),
     "interrupts": set[str](),
     "newfiles": {"errors", "machine", "stores"},
     "stores": {"errors", "machine"},
@@ -29,7 +30,7 @@ MAY_IMPORT = {
     "native": set[str](),
     "ranges": {"native"},
     "display": set[str](),
-    "sweeps": {"display"},
+    "sweeps": {"columns", "display"},
     "range_rules": {"errors", "ranges", "sweeps"},
     "logs": CORE | {"foxglove", "ros"},
     "poses": CORE | {"foxglove", "logs", "ros"},

@@ -124,15 +124,12 @@ def detect_row(core: Core, columns: Columns, row: int) -> None:
     if columns.explained and core.robust and not core.scans.has_within:
         _explain(core, columns)
     near = segmentation.nearest(core.points)
-    columns.nearest[row] = core.points.r[near] if near >= 0 else NAN
-    columns.nearest_theta[row] = segmentation.bearing(core.points, near) if near >= 0 else NAN
-    columns.d_mean[row], columns.sweep_d_th[row], columns.noise[row] = (
-        d_mean,
-        core.points.d_th,
-        core.points.sigma,
-    )
+    columns.out.nearest[row] = core.points.r[near] if near >= 0 else NAN
+    columns.out.nearest_theta[row] = segmentation.bearing(core.points, near) if near >= 0 else NAN
+    columns.out.d_mean[row], columns.out.sweep_d_th[row] = d_mean, core.points.d_th
+    columns.out.noise[row] = core.points.sigma
     if columns.per_beam:
-        write_differences(core.points, core.scans, columns.beam_s)
+        write_differences(core.points, core.scans, columns.out.beam_s)
 
 
 def _as_printed(core: Core) -> None:
@@ -217,4 +214,4 @@ def _explain(core: Core, columns: Columns) -> None:
         body = core.features.body[core.description.parts.segment[core.description.parts.begin[k]]]
         for i in range(features.COUNT):
             value = core.features.values[body * features.COUNT + i] if body >= 0 else NAN
-            columns.features[(begin + k) * features.COUNT + i] = value
+            columns.out.features[(begin + k) * features.COUNT + i] = value

@@ -1,8 +1,8 @@
-"""What is known of each object of a sweep once its segments are chosen, and the columns that it is written to.
+"""Description of the objects of a sweep, whose segments are chosen: vertices, faces, shape and box.
 
-Definitions 6 and 7 give the vertices of an object, and the faces between them. Of each part that is its first point, the
-points between its faces, and its last point; a segment of a single point has one vertex. An inner vertex is where its
-faces meet, which noise moves less than the point. And a thing ends somewhere between the last beam that hits it and the
+Definitions 6 and 7 give the vertices of an object, and the faces between them. The vertices of a part are its first point,
+the points between its faces, and its last point; a segment of a single point has one vertex. An inner vertex lies where
+its faces meet, which noise moves less than the point. A thing ends somewhere between the last beam that hits it and the
 next one, which passes it.
 """
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli import native
@@ -27,27 +26,12 @@ FULL, START_HIDDEN, END_HIDDEN = detection.FULL, detection.START_HIDDEN, detecti
 BOTH_HIDDEN, CUT = detection.BOTH_HIDDEN, detection.CUT
 START, END, CORNER, EXTREMUM = detection.START, detection.END, detection.CORNER, detection.EXTREMUM
 
-_WHOLE: dict[str, Any] = {"row": np.int64, "object": np.int32, "set": np.uint8, "shape": np.uint8}
-_WHOLE |= {"visibility": np.uint8, "beam_i": np.int32, "beam_f": np.int32, "beams": np.int32}
-_MEASURED = (
-    *("theta_i", "theta_f", "r_i", "r_f", "s_i", "s_f", "d_th", "theta_min", "r_min", "x", "y", "width"),
-    *("box_x", "box_y", "box_length", "box_width", "box_yaw", "thing"),
-)
-OBJECT_COLUMNS: dict[str, Any] = _WHOLE | dict.fromkeys(_MEASURED, np.float64)
-OFFSET_COLUMNS: dict[str, Any] = {"vertex_offsets": np.int32, "face_offsets": np.int32}
-VERTEX_COLUMNS: dict[str, Any] = {"vertex_theta": np.float64, "vertex_r": np.float64, "vertex_kind": np.uint8}
-FACE_COLUMNS: dict[str, Any] = dict.fromkeys(
-    ("face_theta_i", "face_theta_f", "face_length", "face_rms"), np.float64
-)
-SWEEP_COLUMNS: dict[str, Any] = dict.fromkeys(
-    ("nearest", "nearest_theta", "d_mean", "sweep_d_th", "noise"), np.float64
-)
-SWEEP_COLUMNS |= dict.fromkeys(("objects", "object_beams"), np.int32)
-BEAM_COLUMNS: dict[str, Any] = {"beam_object": np.int32, "beam_s": np.float64}
-
 
 class Columns:
-    """Columns of a `Detection`, of which `objects`, `vertices` and `faces` entries are filled."""
+    """The arrays of a `Detection`, of which `objects`, `vertices` and `faces` entries are filled.
+
+    `out` has a pointer for each of its fields, of the type that is declared there (setup.py).
+    """
 
     def __init__(self) -> None:
         self.objects = 0
@@ -61,64 +45,18 @@ class Columns:
         self.beam_width = 0
 
     def attach(self, arrays: dict[str, NDArray[Any]], per_beam: bool) -> None:
-        """Write to these arrays from now on, which are to be kept as long."""
+        """Write to these arrays from now on (field of a `Detection` → array); keep them as long."""
         self.room_objects = len(arrays["row"])
         self.room_vertices = len(arrays["vertex_r"])
         self.room_faces = len(arrays["face_rms"])
         self.per_beam = per_beam
-        self.row = native.at_longs(arrays["row"])
-        self.object = native.at_ints(arrays["object"])
-        self.set = native.at_bytes(arrays["set"])
-        self.shape = native.at_bytes(arrays["shape"])
-        self.visibility = native.at_bytes(arrays["visibility"])
-        self.beam_i = native.at_ints(arrays["beam_i"])
-        self.beam_f = native.at_ints(arrays["beam_f"])
-        self.beams = native.at_ints(arrays["beams"])
-        self.theta_i = native.at_doubles(arrays["theta_i"])
-        self.theta_f = native.at_doubles(arrays["theta_f"])
-        self.r_i = native.at_doubles(arrays["r_i"])
-        self.r_f = native.at_doubles(arrays["r_f"])
-        self.s_i = native.at_doubles(arrays["s_i"])
-        self.s_f = native.at_doubles(arrays["s_f"])
-        self.d_th = native.at_doubles(arrays["d_th"])
-        self.theta_min = native.at_doubles(arrays["theta_min"])
-        self.r_min = native.at_doubles(arrays["r_min"])
-        self.x = native.at_doubles(arrays["x"])
-        self.y = native.at_doubles(arrays["y"])
-        self.width = native.at_doubles(arrays["width"])
-        self.box_x = native.at_doubles(arrays["box_x"])
-        self.box_y = native.at_doubles(arrays["box_y"])
-        self.box_length = native.at_doubles(arrays["box_length"])
-        self.box_width = native.at_doubles(arrays["box_width"])
-        self.box_yaw = native.at_doubles(arrays["box_yaw"])
-        self.thing = native.at_doubles(arrays["thing"])
-        self.vertex_offsets = native.at_ints(arrays["vertex_offsets"])
-        self.vertex_theta = native.at_doubles(arrays["vertex_theta"])
-        self.vertex_r = native.at_doubles(arrays["vertex_r"])
-        self.vertex_kind = native.at_bytes(arrays["vertex_kind"])
-        self.face_offsets = native.at_ints(arrays["face_offsets"])
-        self.face_theta_i = native.at_doubles(arrays["face_theta_i"])
-        self.face_theta_f = native.at_doubles(arrays["face_theta_f"])
-        self.face_length = native.at_doubles(arrays["face_length"])
-        self.face_rms = native.at_doubles(arrays["face_rms"])
-        self.nearest = native.at_doubles(arrays["nearest"])
-        self.nearest_theta = native.at_doubles(arrays["nearest_theta"])
-        self.d_mean = native.at_doubles(arrays["d_mean"])
-        self.sweep_d_th = native.at_doubles(arrays["sweep_d_th"])
-        self.noise = native.at_doubles(arrays["noise"])
-        self.sweep_objects = native.at_ints(arrays["objects"])
-        self.object_beams = native.at_ints(arrays["object_beams"])
         self.explained = "features" in arrays
-        if self.explained:
-            self.features = native.at_doubles(arrays["features"])
-        if per_beam:
-            self.beam_object = native.at_ints(arrays["beam_object"])
-            self.beam_s = native.at_doubles(arrays["beam_s"])
-            self.beam_width = arrays["beam_s"].shape[1]
+        self.beam_width = arrays["beam_s"].shape[1] if per_beam else 0
+        self.out = native.pointers(arrays)
 
 
 def has_room(columns: Columns, beams: int) -> bool:
-    """Whether all objects of another sweep of so many beams can be added, however many there are."""
+    """Tell if all objects of another sweep of so many beams can be added, however many there are."""
     return (
         columns.objects + beams <= columns.room_objects
         and columns.vertices + 2 * beams <= columns.room_vertices
@@ -127,23 +65,23 @@ def has_room(columns: Columns, beams: int) -> bool:
 
 
 class Outline:
-    """The vertices of one object and its faces, as the shape and the box see them."""
+    """The outline of one object: its vertices and faces, from which shape and box are made."""
 
     def __init__(self, most: int, located: bool) -> None:
         """
         Parameters
         ----------
         most : room for sweeps of so many beams
-        located : whether vertices are where faces meet and edges are, not at their points
+        located : put vertices where faces meet and edges are, not at their points
         """
         self.owner: list[Any] = []
         self.located = located
         self.n = 0
         self.x = native.doubles(self.owner, 2 * most)
-        """The vertices, on the lines of their faces: forward [m]."""
+        """(x, y) of the vertices, on the lines of their faces [m]."""
         self.y = native.doubles(self.owner, 2 * most)
         self.extremum = native.integers(self.owner, 2 * most)
-        """Of each point of the sweep, whether it is an inner vertex at an extremum of r rather than at a corner."""
+        """1 for a point of the sweep that is an inner vertex at an extremum of r rather than at a corner."""
 
 
 def trace(
@@ -161,8 +99,8 @@ def trace(
     begin = columns.vertices
     for i in range(parts.begin[k], parts.begin[k + 1]):
         _trace_part(outline, columns, points, segments, survey, faces, parts, parts.segment[i])
-    columns.vertex_kind[columns.vertices - 1] = END
-    columns.vertex_kind[begin] = START
+    columns.out.vertex_kind[columns.vertices - 1] = END
+    columns.out.vertex_kind[begin] = START
 
 
 def _trace_part(
@@ -196,8 +134,8 @@ def _trace_part(
                     x, y = meet_x, meet_y
                     r = math.sqrt(x * x + y * y)
                     outline.x[n], outline.y[n] = x, y
-        columns.vertex_theta[v], columns.vertex_r[v] = theta, r
-        columns.vertex_kind[v] = EXTREMUM if outline.extremum[at] else CORNER
+        columns.out.vertex_theta[v], columns.out.vertex_r[v] = theta, r
+        columns.out.vertex_kind[v] = EXTREMUM if outline.extremum[at] else CORNER
         if f >= low:
             _add_face(
                 columns, faces, f, v, math.sqrt((x - last_x) * (x - last_x) + (y - last_y) * (y - last_y))
@@ -205,13 +143,13 @@ def _trace_part(
         last_x, last_y = x, y
         outline.n += 1
         columns.vertices += 1
-    columns.vertex_kind[first_vertex] = columns.vertex_kind[columns.vertices - 1] = CORNER
+    columns.out.vertex_kind[first_vertex] = columns.out.vertex_kind[columns.vertices - 1] = CORNER
     if outline.located and high > low:
         _extend(outline, columns, points, segments, faces, j, begin, first_face)
 
 
 def _on_line(faces: Faces, f: int, x: float, y: float) -> tuple[float, float]:
-    """The point of the line of a face that is nearest to x, y [m]."""
+    """Return the point of the line of a face that is nearest to x, y [m]."""
     direction_x, direction_y = faces.direction_x[f], faces.direction_y[f]
     along = (x - faces.middle_x[f]) * direction_x + (y - faces.middle_y[f]) * direction_y
     return faces.middle_x[f] + along * direction_x, faces.middle_y[f] + along * direction_y
@@ -220,8 +158,9 @@ def _on_line(faces: Faces, f: int, x: float, y: float) -> tuple[float, float]:
 def _add_face(columns: Columns, faces: Faces, f: int, v: int, length: float) -> None:
     """Write a face of so many metres, which ends at a vertex that is written already."""
     at = columns.faces
-    columns.face_theta_i[at], columns.face_theta_f[at] = columns.vertex_theta[v - 1], columns.vertex_theta[v]
-    columns.face_length[at], columns.face_rms[at] = length, faces.rms[f]
+    columns.out.face_theta_i[at] = columns.out.vertex_theta[v - 1]
+    columns.out.face_theta_f[at] = columns.out.vertex_theta[v]
+    columns.out.face_length[at], columns.out.face_rms[at] = length, faces.rms[f]
     columns.faces += 1
 
 
@@ -235,9 +174,9 @@ def _extend(
     begin: int,
     first_face: int,
 ) -> None:
-    """Let a part go on past its first and its last point, half a beam on average, where the thing ends there.
+    """Extend a part past its first and its last point, by half a beam on average, if the thing ends there.
 
-    What is hidden may go on for longer; nobody knows.
+    A part whose end is hidden stays as it is: how far it goes on is unknown.
 
     Parameters
     ----------
@@ -247,21 +186,22 @@ def _extend(
     if surfaces.is_end(segments.start_edge[j]):
         f = faces.offset[j]
         way = _overhang(points, faces, f, first, first + 1, -1.0)
-        columns.face_length[first_face] += way
+        columns.out.face_length[first_face] += way
         outline.x[begin] -= way * faces.direction_x[f]
         outline.y[begin] -= way * faces.direction_y[f]
     if surfaces.is_end(segments.end_edge[j]):
         f = faces.offset[j + 1] - 1
         way = _overhang(points, faces, f, last, last - 1, 1.0)
-        columns.face_length[columns.faces - 1] += way
+        columns.out.face_length[columns.faces - 1] += way
         outline.x[outline.n - 1] += way * faces.direction_x[f]
         outline.y[outline.n - 1] += way * faces.direction_y[f]
 
 
 def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: float) -> float:
-    """Way along a face from its last point to the bearing half a step past it [m]; `inner` is the point before.
+    """Return the way along a face from its last point to the bearing half a step past it [m]; `inner` is the point before.
 
-    Seen at a grazing angle, the line of a face may meet that bearing anywhere: not further than its last two points.
+    At a grazing angle the line of a face may meet that bearing anywhere: the way is at most the distance of the last two
+    points.
     """
     x, y, along_x, along_y = points.x[at], points.y[at], faces.direction_x[f], faces.direction_y[f]
     cos, sin = points.cos_half, side * points.sin_half
@@ -273,23 +213,23 @@ def _overhang(points: Points, faces: Faces, f: int, at: int, inner: int, side: f
 
 
 STRAY = 2
-"""So many points at an end of an object may be off its surface …"""
+"""Most points at an end of an object that may be left out as off its surface."""
 LEFT = 3
-"""… if so many are left."""
+"""Fewest points that have to be left then."""
 HALF = 0.5
-"""They are left out if the box of the others has less than this share of its area."""
+"""Stray points are left out if the box of the others has less than this share of the area of the whole box."""
 
 
 class Description:
-    """Everything about the object at hand."""
+    """Memory for describing one object after the other."""
 
     def __init__(self, most: int, robust: bool, adaptive: bool) -> None:
         """
         Parameters
         ----------
         most : room for sweeps of so many beams
-        robust : whether vertices are where faces meet and edges are, not at their points
-        adaptive : whether the threshold grows with range
+        robust : put vertices where faces meet and edges are, not at their points
+        adaptive : the threshold grows with range
         """
         self.robust = robust
         self.adaptive = adaptive
@@ -315,8 +255,8 @@ def describe(
         at = columns.objects
         _describe_points(columns, points, segments, bodies, description.parts, description.circle, k)
         if description.adaptive:
-            columns.d_th[at] = segmentation.adaptive_threshold(
-                points, points.d_th, columns.r_i[at], columns.s_i[at]
+            columns.out.d_th[at] = segmentation.adaptive_threshold(
+                points, points.d_th, columns.out.r_i[at], columns.out.s_i[at]
             )
         trace(description.outline, columns, points, segments, survey, faces, description.parts, k)
         shape.examine(description.look, faces, description.parts, k, False, False)
@@ -335,26 +275,27 @@ def describe(
             description.box,
             description.parts.begin[k + 1] - description.parts.begin[k],
         )
-        columns.thing[at] = survey.thing[description.parts.segment[description.parts.begin[k]]]
+        columns.out.thing[at] = survey.thing[description.parts.segment[description.parts.begin[k]]]
         if survey.is_object[description.parts.segment[description.parts.begin[k]]]:
-            columns.set[at] = OBJECT
+            columns.out.set[at] = OBJECT
         else:
-            columns.set[at], columns.shape[at] = NOISE, WALL
-        columns.object[at] = k + 1
+            columns.out.set[at], columns.out.shape[at] = NOISE, WALL
+        columns.out.object[at] = k + 1
         columns.objects += 1
-        columns.vertex_offsets[at + 1], columns.face_offsets[at + 1] = columns.vertices, columns.faces
-        if columns.set[at] == OBJECT:
+        columns.out.vertex_offsets[at + 1] = columns.vertices
+        columns.out.face_offsets[at + 1] = columns.faces
+        if columns.out.set[at] == OBJECT:
             objects += 1
-            beams += columns.beams[at]
+            beams += columns.out.beams[at]
         if columns.per_beam:
             _mark_beams(columns, points, segments, description.parts, k)
-    columns.sweep_objects[row], columns.object_beams[row] = objects, beams
+    columns.out.objects[row], columns.out.object_beams[row] = objects, beams
 
 
 def _describe_points(
     columns: Columns, points: Points, segments: Segments, bodies: Bodies, parts: Parts, circle: Circle, k: int
 ) -> None:
-    """Join the points of an object, and write what they say without its faces."""
+    """Join the points of an object, and write all that follows from points without faces."""
     at = columns.objects
     first_part, last_part = parts.segment[parts.begin[k]], parts.segment[parts.begin[k + 1] - 1]
     first, last = segments.first[first_part], segmentation.last_point(segments, last_part)
@@ -372,24 +313,24 @@ def _describe_points(
             if points.r[p] < points.r[nearest]:
                 nearest, past = p, parts.past[j]
     circle.n = n
-    columns.row[at], columns.beams[at] = points.row, n
-    columns.shape[at] = LEGGED if several else 0
-    columns.visibility[at] = _visibility(segments.start_edge[first_part], segments.end_edge[last_part])
+    columns.out.row[at], columns.out.beams[at] = points.row, n
+    columns.out.shape[at] = LEGGED if several else 0
+    columns.out.visibility[at] = _visibility(segments.start_edge[first_part], segments.end_edge[last_part])
     before = segmentation.beam_at(points, points.position[first])
     after = segmentation.beam_at(points, points.position[last])
-    columns.beam_i[at], columns.beam_f[at] = (after, before) if points.reverse else (before, after)
-    columns.theta_i[at], columns.theta_f[at] = parts.theta_i[first_part], parts.theta_f[last_part]
-    columns.theta_min[at] = segmentation.bearing(points, nearest) + past
-    columns.r_i[at], columns.r_f[at] = points.r[first], points.r[last]
-    columns.r_min[at] = points.r[nearest]
-    columns.s_i[at], columns.s_f[at] = segments.s_start[first_part], segments.s_end[last_part]
-    columns.d_th[at] = points.d_th
-    columns.x[at], columns.y[at] = sum_x / n, sum_y / n
-    columns.width[at] = segmentation.distance(points, first, last)
+    columns.out.beam_i[at], columns.out.beam_f[at] = (after, before) if points.reverse else (before, after)
+    columns.out.theta_i[at], columns.out.theta_f[at] = parts.theta_i[first_part], parts.theta_f[last_part]
+    columns.out.theta_min[at] = segmentation.bearing(points, nearest) + past
+    columns.out.r_i[at], columns.out.r_f[at] = points.r[first], points.r[last]
+    columns.out.r_min[at] = points.r[nearest]
+    columns.out.s_i[at], columns.out.s_f[at] = segments.s_start[first_part], segments.s_end[last_part]
+    columns.out.d_th[at] = points.d_th
+    columns.out.x[at], columns.out.y[at] = sum_x / n, sum_y / n
+    columns.out.width[at] = segmentation.distance(points, first, last)
 
 
 def _visibility(start_edge: int, end_edge: int) -> int:
-    """What the two edges of an object say together."""
+    """Return the visibility of an object by its two edges."""
     if start_edge == segmentation.VIEW or end_edge == segmentation.VIEW:
         return CUT
     if _is_hidden(start_edge):
@@ -398,14 +339,14 @@ def _visibility(start_edge: int, end_edge: int) -> int:
 
 
 def _is_hidden(edge: int) -> bool:
-    """Whether more of a body may lie past an edge."""
+    """Tell if more of a body may lie past an edge."""
     return edge == segmentation.HIDDEN or edge == segmentation.FLICKERING
 
 
 def _drop_stray(faces: Faces, parts: Parts, circle: Circle, look: Look, outline: Outline, k: int) -> None:
-    """Leave out the few points at an end of an object that are off its surface, if without them its box is half as large.
+    """Leave out the few points at an end of an object that are off its surface, if its box is less than half as large then.
 
-    Where a beam meets the edge of a thing and what is behind, its range lies between the two.
+    The range of a beam that meets both the edge of a thing and something behind lies between the two.
     """
     if parts.begin[k + 1] - parts.begin[k] > 1 or look.count < 2:
         return
@@ -442,7 +383,13 @@ def _describe_shape(
     """Write the shape of an object of so many parts, whose outline is traced, and its box."""
     at = columns.objects
     kind = shape.classify(
-        look, circle, points.sigma, columns.width[at], columns.x[at], columns.y[at], survey.max_width
+        look,
+        circle,
+        points.sigma,
+        columns.out.width[at],
+        columns.out.x[at],
+        columns.out.y[at],
+        survey.max_width,
     )
     if kind == shape.ROUND:
         shape.around_circle(box, circle.centre_x, circle.centre_y, circle.radius)
@@ -451,18 +398,18 @@ def _describe_shape(
         shape.around_points(box, look, faces, outline.x, outline.y, outline.n)
     else:
         shape.around_points(box, look, faces, circle.x, circle.y, circle.n)
-    columns.box_x[at], columns.box_y[at], columns.box_yaw[at] = box.x, box.y, box.yaw
-    columns.box_length[at], columns.box_width[at] = box.length, box.width
-    if columns.shape[at] != LEGGED:
-        columns.shape[at] = kind
+    columns.out.box_x[at], columns.out.box_y[at], columns.out.box_yaw[at] = box.x, box.y, box.yaw
+    columns.out.box_length[at], columns.out.box_width[at] = box.length, box.width
+    if columns.out.shape[at] != LEGGED:
+        columns.out.shape[at] = kind
 
 
 def _mark_beams(columns: Columns, points: Points, segments: Segments, parts: Parts, k: int) -> None:
     """Give every beam of an object its number."""
-    if columns.set[columns.objects - 1] != OBJECT:
+    if columns.out.set[columns.objects - 1] != OBJECT:
         return
     row = points.row * columns.beam_width
     for i in range(parts.begin[k], parts.begin[k + 1]):
         j = parts.segment[i]
         for p in range(segments.first[j], segments.first[j] + segments.size[j]):
-            columns.beam_object[row + segmentation.beam_at(points, points.position[p])] = k + 1
+            columns.out.beam_object[row + segmentation.beam_at(points, points.position[p])] = k + 1

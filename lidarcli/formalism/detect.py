@@ -12,16 +12,8 @@ from numpy.typing import NDArray
 from lidarcli.formalism import features
 from lidarcli.formalism.checks import check
 from lidarcli.formalism.core import Core
-from lidarcli.formalism.description import (
-    BEAM_COLUMNS,
-    FACE_COLUMNS,
-    OBJECT_COLUMNS,
-    OFFSET_COLUMNS,
-    SWEEP_COLUMNS,
-    VERTEX_COLUMNS,
-    Columns,
-)
-from lidarcli.formalism.detection import NOISE, OBJECT, Detection
+from lidarcli.formalism.description import Columns
+from lidarcli.formalism.detection import COLUMNS, NOISE, OBJECT, REQUIRED, Detection
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
@@ -39,7 +31,7 @@ def detect(
     within: Bool | None = None,
     sigma: Float64 | None = None,
 ) -> Detection:
-    """Objects of every sweep of a batch (Definitions 2 to 7).
+    """Find the objects of every sweep of a batch (Definitions 2 to 7).
 
     Parameters
     ----------
@@ -47,8 +39,8 @@ def detect(
     parameters : Parameters, by default those of profile `robust`
     per_beam : also fill `beam_set`, `beam_object` and `beam_s`
     explain : also fill `features`
-    within : (S, B) beams that are known to belong to objects, all others not: §3's difference from a background tells.
-        Objects begin and end with them, too, whatever their edges and whatever line they are on
+    within : (S, B) beams that belong to objects, as the difference from a background (§3) tells; all others do not.
+        Objects begin and end with them, whatever their edges and whatever line they are on
     sigma : (S,) noise of the ranges [m], where that is known already
 
     Returns
@@ -58,7 +50,7 @@ def detect(
     Raises
     ------
     ValueError
-        What `check` refuses: arrays of another shape, bearings that are no numbers, ranges that are none.
+        Arrays of another shape, bearings or ranges that are no numbers (`check`).
 
     Examples
     --------
@@ -74,27 +66,22 @@ def detect(
     while (row := core.detect(columns, row)) < len(batch):
         _enlarge(arrays, columns, len(batch) / max(row, 1))
         columns.attach(arrays, per_beam)
-    _shorten(arrays, columns)
-    more: dict[str, Any] = {}
+    _resize(arrays, columns.objects, columns.vertices, columns.faces)
+    arrays["agents"][:] = arrays["agent_beams"][:] = 0
+    arrays["noise_beams"][:] = batch.beams - arrays["object_beams"]
     if per_beam:
-        more["beam_set"] = np.where(arrays["beam_object"] > 0, OBJECT, NOISE).astype(np.uint8)
-    found = Detection(
-        agents=np.zeros(len(batch), np.int32),
-        agent_beams=np.zeros(len(batch), np.int32),
-        noise_beams=batch.beams - arrays["object_beams"],
-        **arrays,
-        **more,
-    )
+        arrays["beam_set"] = np.where(arrays["beam_object"] > 0, OBJECT, NOISE).astype(np.uint8)
+    found = Detection(**arrays)
     if batch.intensities is None:
         return found
-    # Who has no intensities does not wait for this import.
+    # Imported here, as most logs have no intensities.
     from lidarcli.formalism.intensity import object_intensities
 
     return replace(found, intensity=object_intensities(batch, found))
 
 
 def noise(batch: SweepBatch) -> Float64:
-    """The noise of every sweep, which Definition 3's adaptive threshold needs: from the median of second differences.
+    """Estimate the noise of every sweep, which Definition 3's adaptive threshold needs, from its second differences.
 
     Parameters
     ----------
@@ -107,7 +94,7 @@ def noise(batch: SweepBatch) -> Float64:
     Raises
     ------
     ValueError
-        What `check` refuses.
+        Arrays of another shape, bearings or ranges that are no numbers (`check`).
 
     Examples
     --------
@@ -121,7 +108,7 @@ def noise(batch: SweepBatch) -> Float64:
 
 
 def difference(batch: SweepBatch) -> Float64:
-    """The difference function s of every beam (Def. 2), in the log's own beam order.
+    """Compute the difference function s of every beam (Def. 2), in the log's own beam order.
 
     Parameters
     ----------
@@ -136,7 +123,7 @@ def difference(batch: SweepBatch) -> Float64:
     Raises
     ------
     ValueError
-        What `check` refuses.
+        Arrays of another shape, bearings or ranges that are no numbers (`check`).
 
     Examples
     --------
@@ -151,13 +138,13 @@ def difference(batch: SweepBatch) -> Float64:
 
 
 def scans(batch: SweepBatch, within: Bool | None = None, sigma: Float64 | None = None) -> Scans:
-    """The columns of a batch as the loops over one sweep read them, checked."""
+    """Check a batch, and return it as the loops over one sweep read it."""
     check(batch, within, sigma)
     return Scans(batch, _directions(batch), within, sigma)
 
 
 def _directions(batch: SweepBatch) -> tuple[Float64, Float64, Int64]:
-    """cos θ and sin θ by increasing bearing, once per distinct geometry of the batch, (D, B); which of them, (S,)."""
+    """Return cos θ and sin θ by increasing bearing, (D, B), of the D geometries of a batch, and which one each row has."""
     shared = batch.closure == Closure.SHARED.value
     last = np.where(batch.angle_increment < 0, batch.beams - shared - 1, 0)
     rows = np.stack([batch.angle_min, batch.angle_increment, last], axis=1)
@@ -174,7 +161,7 @@ def _directions(batch: SweepBatch) -> tuple[Float64, Float64, Int64]:
 
 @lru_cache(maxsize=64)
 def _row_directions(start: float, increment: float, last: float, width: int) -> tuple[Float64, Float64]:
-    """cos θ and sin θ of one sweep. Sensors seldom have more geometries than these, batch after batch."""
+    """Return cos θ and sin θ of one sweep. Sensors seldom have more geometries than the cache holds."""
     position = np.arange(width)
     theta = start + increment * (last - position if increment < 0 else position)
     cos, sin = np.cos(theta), np.sin(theta)
@@ -183,49 +170,35 @@ def _row_directions(start: float, increment: float, last: float, width: int) -> 
 
 
 def _room(batch: SweepBatch, per_beam: bool, explain: bool) -> dict[str, NDArray[Any]]:
-    """Columns for as many objects as sweeps mostly have."""
+    """Return arrays for as many objects as sweeps mostly have: field of a `Detection` → array."""
     rows, width = batch.ranges.shape
     objects = OBJECTS_AT_FIRST * rows + width
-    sizes = (
-        (OBJECT_COLUMNS, objects),
-        (OFFSET_COLUMNS, objects + 1),
-        (VERTEX_COLUMNS, VERTICES_AT_FIRST * objects + 2 * width),
-        (FACE_COLUMNS, VERTICES_AT_FIRST * objects + width),
-        (SWEEP_COLUMNS, rows),
-    )
-    arrays = {name: np.empty(size, kind) for group, size in sizes for name, kind in group.items()}
+    sizes = {
+        "object": objects,
+        "offset": objects + 1,
+        "vertex": VERTICES_AT_FIRST * objects + 2 * width,
+        "face": VERTICES_AT_FIRST * objects + width,
+        "sweep": rows,
+    }
+    arrays = {name: np.empty(sizes[COLUMNS[name].per], COLUMNS[name].dtype) for name in REQUIRED}
     arrays["vertex_offsets"][0] = arrays["face_offsets"][0] = 0
     if explain:
         arrays["features"] = np.empty((objects, len(features.NAMES)))
     if per_beam:
-        arrays |= {name: np.zeros((rows, width), kind) for name, kind in BEAM_COLUMNS.items()}
+        arrays |= {name: np.zeros((rows, width), COLUMNS[name].dtype) for name in ("beam_object", "beam_s")}
     return arrays
 
 
 def _enlarge(arrays: dict[str, NDArray[Any]], columns: Columns, more: float) -> None:
-    """Make the columns so many times as long, but at least twice and at most four times."""
-    for group in (OBJECT_COLUMNS, OFFSET_COLUMNS, VERTEX_COLUMNS, FACE_COLUMNS):
-        for name in group:
-            _resize(arrays[name], int(min(max(more, 2.0), 4.0) * len(arrays[name])) + 1)
-    if columns.explained:
-        _resize(arrays["features"], len(arrays["row"]))
+    """Make the arrays so many times as long, but at least twice and at most four times."""
+    times = min(max(more, 2.0), 4.0)
+    rooms = columns.room_objects, columns.room_vertices, columns.room_faces
+    _resize(arrays, *(int(times * room) + 1 for room in rooms))
 
 
-def _shorten(arrays: dict[str, NDArray[Any]], columns: Columns) -> None:
-    """Keep of the columns what is filled."""
-    sizes = (
-        (OBJECT_COLUMNS, columns.objects),
-        (OFFSET_COLUMNS, columns.objects + 1),
-        (VERTEX_COLUMNS, columns.vertices),
-        (FACE_COLUMNS, columns.faces),
-    )
-    for group, size in sizes:
-        for name in group:
-            _resize(arrays[name], size)
-    if columns.explained:
-        _resize(arrays["features"], columns.objects)
-
-
-def _resize(array: NDArray[Any], rows: int) -> None:
-    """Make an array longer or shorter, in place."""
-    array.resize((rows, *array.shape[1:]), refcheck=False)
+def _resize(arrays: dict[str, NDArray[Any]], objects: int, vertices: int, faces: int) -> None:
+    """Make the arrays longer or shorter, in place."""
+    sizes = {"object": objects, "offset": objects + 1, "vertex": vertices, "face": faces}
+    for name, array in arrays.items():
+        if (per := COLUMNS[name].per) in sizes:
+            array.resize((sizes[per], *array.shape[1:]), refcheck=False)

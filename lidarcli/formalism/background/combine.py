@@ -3,32 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.background.ragged import offsets_of, spans
-from lidarcli.formalism.description import BEAM_COLUMNS, FACE_COLUMNS, SWEEP_COLUMNS, VERTEX_COLUMNS
-from lidarcli.formalism.detection import WALL, Detection
+from lidarcli.formalism.detection import WALL, Detection, fields_per
 from lidarcli.sweeps import Bool, Int32, Int64
 
-_SWEEP_FIELDS = {
-    *(*SWEEP_COLUMNS, "agents", "agent_beams", "noise_beams", "station"),
-    *(*BEAM_COLUMNS, "beam_set", "beam_difference"),
-}
 _LATER_FIELDS = ("label", "label_score", "features")
-"""What is made of a detection when it is whole, or of none with a background."""
-_OBJECT_FIELDS = [
-    field.name
-    for field in fields(Detection)
-    if field.name
-    not in {
-        *(*_SWEEP_FIELDS, *VERTEX_COLUMNS, *FACE_COLUMNS, *_LATER_FIELDS),
-        *("object", "vertex_offsets", "face_offsets"),
-    }
-]
+"""Fields that are filled when a detection is whole, or never with a background."""
+_OBJECT_FIELDS = [name for name in fields_per("object") if name not in ("object", *_LATER_FIELDS)]
+_LISTS = {"vertex_offsets": fields_per("vertex"), "face_offsets": fields_per("face")}
+"""Offsets of the lists of objects → fields of their elements."""
 
 
 def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
@@ -49,8 +38,8 @@ def combine(first: Detection, second: Detection, rows: Int64) -> Detection:
     values = {name: _joined(first, second, name)[order] for name in known}
     counts = np.bincount(values["row"], minlength=len(first.objects))
     number = np.arange(len(order)) - offsets_of(counts)[values["row"]] + 1
-    values |= _lists(first, second, "vertex_offsets", VERTEX_COLUMNS, order)
-    values |= _lists(first, second, "face_offsets", FACE_COLUMNS, order)
+    for offsets, names in _LISTS.items():
+        values |= _lists(first, second, offsets, names, order)
     result = replace(first, **values, object=number.astype(np.int32))
     if first.beam_object is None:
         return result
@@ -66,7 +55,7 @@ def select(found: Detection, chosen: Bool) -> Detection:
         name: None if getattr(found, name) is None else getattr(found, name)[index]
         for name in (*_OBJECT_FIELDS, "object")
     }
-    for offsets, names in (("vertex_offsets", VERTEX_COLUMNS), ("face_offsets", FACE_COLUMNS)):
+    for offsets, names in _LISTS.items():
         starts = getattr(found, offsets).astype(np.int64)
         item, _, joined = spans(starts[index], np.diff(starts)[index])
         values |= {offsets: joined.astype(np.int32)} | {name: getattr(found, name)[item] for name in names}

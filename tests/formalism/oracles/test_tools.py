@@ -12,6 +12,7 @@ import pytest
 from lidarcli import native
 from lidarcli.formalism import SHAPES, Detection, Parameters, description, shape
 from lidarcli.formalism.detect import detect
+from lidarcli.formalism.detection import COLUMNS, REQUIRED
 from lidarcli.formalism.segmentation import Points
 from lidarcli.formalism.surfaces import Faces
 from tests.formalism.oracles import descriptions, surfaces
@@ -139,14 +140,12 @@ def test_how_far_a_face_goes_on_past_its_last_beam() -> None:
 
 
 def test_columns_have_the_names_of_a_detection() -> None:
-    kinds = ("OBJECT", "OFFSET", "VERTEX", "FACE", "SWEEP", "BEAM")
-    groups = [getattr(description, f"{kind}_COLUMNS") for kind in kinds]
-    names = {name for group in groups for name in group}
-    assert names <= {field.name for field in fields(Detection)}
-    found = detect(random_batches()[0], Parameters(), per_beam=True)
-    for group in groups:
-        for name, kind in group.items():
-            assert getattr(found, name).dtype == kind
+    assert list(COLUMNS) == [field.name for field in fields(Detection)]
+    found = detect(random_batches()[0], Parameters(), per_beam=True, explain=True)
+    there = [name for name in COLUMNS if getattr(found, name) is not None]
+    assert {*there} >= {*REQUIRED, "beam_set", "beam_object", "beam_s", "features"}
+    for name in there:
+        assert getattr(found, name).dtype == COLUMNS[name].dtype, name
 
 
 def test_columns_take_a_sweep_only_if_they_have_room_for_any() -> None:

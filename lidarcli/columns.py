@@ -1,0 +1,74 @@
+"""Columns of tables: name, type, unit and meaning of each stand once, on the field of the record that holds its array."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, field, fields
+from typing import Any, Literal, NamedTuple
+
+Unit = Literal["", "1", "m", "rad", "s", "ns", "m/s", "rad/s", "Hz", "byte"]
+"""Units as tables and reports spell them: `1` for a count, an index or a share, empty for text, yes and no."""
+Per = Literal["object", "vertex", "face", "offset", "sweep", "beam", "track"]
+"""Entries of an array: one per object, vertex, face, sweep, beam (S, B) or track; offsets have one more than objects."""
+
+
+class Column(NamedTuple):
+    """Declaration of a column, which schemas, compiled loops, checks and docs follow."""
+
+    name: str
+    kind: Any
+    """Type in the table: of numpy (`float64`), `text` (a dictionary), `string`, `stamp`, `bool`, or a type of Arrow."""
+    unit: Unit
+    meaning: str
+    """One line for readers of the table."""
+    words: tuple[str, ...] = ()
+    """Names that the array has codes for."""
+    nullable: bool = False
+    """True for a column that may be null. Columns of floating point all may, where nothing was measured."""
+    later: bool = False
+    """True for a column that tables of earlier versions do not have; it is read as null."""
+    infinite: bool = False
+    """True for a column that may be infinite."""
+    per: Per | Literal[""] = ""
+    """Entries of the array in the record; empty for a column that is not of a record."""
+    field: str = ""
+    """Name of the array in the record."""
+    dtype: str = ""
+    """Type of the array; codes stand for words, for instance."""
+
+
+def column(
+    unit: Unit,
+    meaning: str,
+    *,
+    per: Per = "object",
+    name: str = "",
+    kind: str = "",
+    words: tuple[str, ...] = (),
+    nullable: bool = False,
+    later: bool = False,
+    default: Any = MISSING,
+) -> Any:
+    """Declare the column of a field of a record. Name and type are by default those of the field.
+
+    The default name drops what the entries and the unit say already: `vertex_theta` is `theta`, `first_stamp_ns` is
+    `first_stamp`.
+    """
+    kind = kind or ("text" if words else "stamp" if unit == "ns" else "")
+    known = Column(name, kind, unit, meaning, words, nullable, later, per=per)
+    # mypy takes `default` for a value of the field.
+    return field(default=default, metadata={"column": known})
+
+
+def columns_of(cls: type) -> dict[str, Column]:
+    """Return the columns that a record declares: name of the field → column."""
+    found = {}
+    for each in fields(cls):
+        known: Column | None = each.metadata.get("column")
+        if known is not None:
+            name = known.name or each.name.removeprefix(f"{known.per}_").removesuffix("_ns")
+            # The annotation is text: `Float32 | None` is an array of float32.
+            dtype = str(each.type).removesuffix(" | None").lower()
+            found[each.name] = known._replace(
+                name=name, kind=known.kind or dtype, field=each.name, dtype=dtype
+            )
+    return found
