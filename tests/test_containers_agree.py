@@ -16,8 +16,7 @@ from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.csv_writer import LAYOUTS
 from lidarcli.simulate.generate import simulate_blocks
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.mcap_writer import COMPRESSIONS, ENCODINGS
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulate.writers import ENCODINGS, MCAP_COMPRESSIONS, write_log
 from lidarcli.sweeps import RawSweeps, SweepBatch
 from tests.places import SAMPLES
 
@@ -53,7 +52,7 @@ def cases() -> list[Case]:
     found = [
         Case("run.mcap", {"encoding": encoding, "compression": compression}, encoding not in INEXACT)
         for encoding in ENCODINGS
-        for compression in COMPRESSIONS
+        for compression in MCAP_COMPRESSIONS
     ]
     found += [Case("run.bag", {"compression": compression}) for compression in ("none", "bz2", "lz4")]
     found += [Case("run", {"compression": packed}) for packed in ("none", "zstd", "zstd-message")]

@@ -18,10 +18,9 @@ from lidarcli.cli import run
 from lidarcli.formalism import Parameters, detect
 from lidarcli.formalism.mapping.comparison import compare
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_blocks
+from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.odometry import simulate_odometry
-from lidarcli.simulate.true_map import true_map
+from lidarcli.simulate.truth import true_map
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import Float64, SweepBatch, concatenate
 from tests.formalism.tracking.following import Told, follow

@@ -13,10 +13,9 @@ from lidarcli.formalism.mapping.counts import Beams, placed
 from lidarcli.formalism.mapping.motion_filter import MotionFilter
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED, Occupancy
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.generate import simulate_blocks
-from lidarcli.simulate.odometry import simulate_odometry
+from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulate.scene import Scene
-from lidarcli.simulate.true_map import true_map
+from lidarcli.simulate.truth import true_map
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import Bool, Float64, Int32, Int64, RawSweeps, Status, SweepPoses, concatenate, record
 

@@ -15,8 +15,7 @@ from benchmarks.scenes.random import draw_thing, walls_with_openings
 from benchmarks.scenes.stage import Rng, Stage, reach, timed
 from lidarcli.errors import OptionError
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.gait import STEPS
-from lidarcli.simulate.route import Route, plan_route
+from lidarcli.simulate.route import STEPS, Route, plan_route
 from lidarcli.simulate.scene import Course, Entity, Motion, Scene, Sensor, super_ellipse
 from lidarcli.sweeps import TURN, Float64
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarcli.errors import OptionError
-from lidarcli.simulate.decimals import (
+from lidarcli.simulate.text_logs import (
     intensity_texts,
     number_or_word,
     only_topic,

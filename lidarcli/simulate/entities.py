@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidarcli.simulate.gait import STEPS
+from lidarcli.simulate.route import STEPS
 from lidarcli.simulate.scene import STILL, Entity, Motion
 from lidarcli.sweeps import TURN, Float64
 

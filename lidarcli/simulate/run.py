@@ -65,8 +65,7 @@ def simulate(
     for the formats. `progress` is called with the number of sweeps that are done, and of all.
     """
     # The writers bring half a second of imports along, which `import lidarcli.simulate` need not pay.
-    from lidarcli.simulate.generate import simulate_blocks
-    from lidarcli.simulate.odometry import simulate_odometry
+    from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
     from lidarcli.simulate.truth import TruthWriter
     from lidarcli.simulate.writers import check_options, write_log
 
@@ -168,7 +167,7 @@ def _map_files(path: Path, others: Sequence[Path]) -> tuple[Path, Path]:
 def _map_data(scene: Scene, sweeps: int, resolution: float, image: str) -> tuple[bytes, bytes]:
     """The true map as YAML and PGM."""
     from lidarcli.maps.mapserver import pgm_bytes, yaml_bytes
-    from lidarcli.simulate.true_map import true_map
+    from lidarcli.simulate.truth import true_map
 
     grid = true_map(scene, sweeps, resolution)
     return yaml_bytes(grid, image), pgm_bytes(grid)

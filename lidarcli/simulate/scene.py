@@ -11,8 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from lidarcli.simulate.gait import feet
-from lidarcli.simulate.route import Route
+from lidarcli.simulate.route import Route, feet
 from lidarcli.sweeps import TURN, Bool, Float64
 
 LostAs = Literal["inf", "nan", "mixed", "zero", "max"]

@@ -9,8 +9,7 @@ from benchmarks.scenes.clearance import distance
 from benchmarks.scenes.moving import DRIVEN, FASTEST_TURN, KINDS, moving_scene
 from benchmarks.scenes.random import SENSORS
 from lidarcli.errors import OptionError
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.raycast import place
+from lidarcli.simulate.generate import place, simulate_sweep_arrays
 from lidarcli.simulate.scene import Entity
 from lidarcli.sweeps import TURN, Float64
 

@@ -14,7 +14,7 @@ from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, UN
 from lidarcli.formalism.evidence import evidence_of, rectangle
 from lidarcli.formalism.shares import SEEN_AS
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.raycast import cast, place
+from lidarcli.simulate.generate import cast, place
 from lidarcli.simulate.scene import Entity
 from lidarcli.sweeps import Float64
 from tests.formalism.backgrounds import learned

@@ -14,8 +14,7 @@ import lidarcli
 from lidarcli.logs import open_log
 from lidarcli.logs.base import ReadReport
 from lidarcli.simulate.csv_writer import LAYOUTS
-from lidarcli.simulate.mcap_writer import ENCODINGS
-from lidarcli.simulate.writers import write_log
+from lidarcli.simulate.writers import ENCODINGS, write_log
 from lidarcli.sweeps import RawSweeps, concatenate
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps

@@ -17,7 +17,7 @@ from lidarcli.cli import run
 from lidarcli.logs import open_log
 from lidarcli.logs.base import MAX_BEAMS, POSE_TYPES, Damage, OpenOptions, ReadReport
 from lidarcli.simulate import simulate
-from lidarcli.simulate.jsonlines_writer import write_jsonlines
+from lidarcli.simulate.text_logs import write_jsonlines
 from lidarcli.sweeps import RawSweeps
 from tests.places import SAMPLES
 from tests.sweeping import raw_sweeps

@@ -36,9 +36,8 @@ from lidarcli.pipeline.reading.pose_sources import (
     first_delays,
 )
 from lidarcli.range_rules import RangeRules
-from lidarcli.simulate.generate import simulate_blocks
+from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.scene import Odometry, Scene, Sensor
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses

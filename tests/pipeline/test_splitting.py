@@ -34,9 +34,8 @@ from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 from lidarcli.pipeline.reading.one_log import RunSummary
 from lidarcli.pipeline.reading.pose_sources import NO_POSES
 from lidarcli.pipeline.runs import over_logs, processes
-from lidarcli.simulate.generate import simulate_blocks
+from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import SweepBatch
 from tests.descendants import descendants, gone

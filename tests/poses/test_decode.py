@@ -12,8 +12,8 @@ import pytest
 from lidarcli.poses import messages
 from lidarcli.poses.messages import PoseRows
 from lidarcli.ros import cursor
-from lidarcli.simulate.foxglove import JSON, PROTOBUF
-from lidarcli.simulate.odometry import SimulatedPoses
+from lidarcli.simulate.generate import SimulatedPoses
+from lidarcli.simulate.messages import JSON, PROTOBUF
 from lidarcli.simulate.scene import Odometry
 from tests.poses.pose_messages import ODOMETRY, OLD_TF, POSE, TF, WITH_COVARIANCE, Maker, numbers
 

@@ -23,9 +23,8 @@ from lidarcli.pipeline.reading import pose_sources
 from lidarcli.pipeline.reading.pose_sources import MOST_DELAY, find_poses
 from lidarcli.poses import delay as module
 from lidarcli.poses.delay import LEAST_SWEEPS, SWEEPS, DelaySample
-from lidarcli.simulate.generate import simulate_blocks
+from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.odometry import simulate_odometry
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import Float64
 from tests.places import REAL_LOGS, ROOT, SAMPLES, needs_real_logs

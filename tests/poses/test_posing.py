@@ -25,9 +25,8 @@ from lidarcli.pipeline.objects.options import DetectOptions
 from lidarcli.pipeline.reading.pose_sources import NO_POSES, Delay, PoseOptions
 from lidarcli.pipeline.reading.posing import Posing
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.generate import simulate_blocks
+from lidarcli.simulate.generate import SimulatedPoses, simulate_blocks, simulate_odometry
 from lidarcli.simulate.load import load_scene
-from lidarcli.simulate.odometry import SimulatedPoses, simulate_odometry
 from lidarcli.simulate.scene import Scene
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps, SweepBatch, SweepPoses

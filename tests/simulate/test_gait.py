@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.gait import AHEAD, feet, step_length
-from lidarcli.simulate.raycast import place
-from lidarcli.simulate.route import Waypoint, plan_route
+from lidarcli.simulate.generate import place
+from lidarcli.simulate.route import AHEAD, Waypoint, feet, plan_route, step_length
 from lidarcli.simulate.scene import Motion
 from tests.simulate.test_route import random_route
 

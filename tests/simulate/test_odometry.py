@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import START_NS, simulate_sweep_arrays
-from lidarcli.simulate.odometry import simulate_odometry
+from lidarcli.simulate.generate import START_NS, simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulate.route import Waypoint, plan_route
 from lidarcli.simulate.scene import Mount, Odometry, Scene, Sensor
 

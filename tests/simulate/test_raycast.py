@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_sweep_arrays
-from lidarcli.simulate.raycast import cast, place
+from lidarcli.simulate.generate import cast, place, simulate_sweep_arrays
 from lidarcli.simulate.scene import Course, Motion, Scene, Sensor, super_ellipse
 
 STILL = np.zeros(1)

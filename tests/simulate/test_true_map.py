@@ -15,12 +15,11 @@ from lidarcli.errors import OptionError, OutputError
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
 from lidarcli.maps.mapserver import read_map
 from lidarcli.simulate import entities as make
-from lidarcli.simulate import simulate
-from lidarcli.simulate import true_map as module
+from lidarcli.simulate import simulate, truth
 from lidarcli.simulate.load import load_scene
 from lidarcli.simulate.route import Waypoint, plan_route
 from lidarcli.simulate.scene import Course, Entity, Mount, Odometry, Scene, Sensor
-from lidarcli.simulate.true_map import true_map
+from lidarcli.simulate.truth import true_map
 
 CELL = 0.05
 SENSOR = Sensor(beams=2880, angle_min=-np.pi, angle_increment=np.pi / 1440, range_max=30.0)
@@ -242,7 +241,7 @@ def test_a_beam_without_a_return_says_nothing() -> None:
 def test_blocks_make_no_difference(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     scene = load_scene(scene_file(tmp_path))
     whole = true_map(scene, 9, CELL)
-    monkeypatch.setattr(module, "_BLOCK_BEAMS", 1)
+    monkeypatch.setattr(truth, "_BLOCK_BEAMS", 1)
     assert np.array_equal(true_map(scene, 9, CELL).cells, whole.cells)
 
 
@@ -279,7 +278,7 @@ def test_what_is_refused(
         2,
         "Error: --map-resolution is that of --map: name its file, too",
     )
-    monkeypatch.setattr(module, "MOST_BEAMS", 720)
+    monkeypatch.setattr(truth, "MOST_BEAMS", 720)
     with pytest.raises(OptionError, match="--map: 1,440 beams that take time are more than"):
         simulate(scene, tmp_path / "log", sweeps=2, map_file=tmp_path / "a.yaml")
     assert list(tmp_path.iterdir()) == [scene]

@@ -6,8 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_blocks, simulate_sweep_arrays
-from lidarcli.simulate.odometry import simulate_odometry
+from lidarcli.simulate.generate import simulate_blocks, simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulate.route import Waypoint, plan_route
 from lidarcli.simulate.scene import Course, Motion, Odometry, Scene, Sensor
 from lidarcli.simulate.truth import TRUTH, TRUTH_BEAMS, TruthWriter, truth_rows

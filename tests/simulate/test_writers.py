@@ -17,8 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from lidarcli.errors import OptionError, OutputError
 from lidarcli.simulate import entities as make
-from lidarcli.simulate.generate import simulate_blocks, simulate_sweep_arrays
-from lidarcli.simulate.odometry import simulate_odometry
+from lidarcli.simulate.generate import simulate_blocks, simulate_odometry, simulate_sweep_arrays
 from lidarcli.simulate.scene import Course, Odometry, Scene, Sensor
 from lidarcli.simulate.writers import container_of, write_log
 from lidarcli.sweeps import concatenate

@@ -18,7 +18,7 @@ import numpy as np
 import zstandard
 
 from lidarcli.simulate.csv_writer import LAYOUTS
-from lidarcli.simulate.odometry import SimulatedPoses
+from lidarcli.simulate.generate import SimulatedPoses
 from lidarcli.simulate.scene import Odometry
 from lidarcli.simulate.writers import write_log
 from lidarcli.sweeps import RawSweeps
