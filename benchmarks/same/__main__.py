@@ -1,8 +1,9 @@
-"""Do two checkouts find the same? `lidarcli detect` of another commit and of the work tree, table by table.
+"""Compare what another commit and the work tree write: `detect`, `track`, `map` and backgrounds, file by file.
 
-Both run on the same logs: the samples, random scenes, sweeps that no sensor gives, and the logs that are named. What is
-counted or named has to be equal, numbers within 1e-9, directions of lines within half a turn. The logs and the results
-of the other commit are kept, so that the next comparison with it runs the work tree alone.
+Both run on the same logs: the samples, random scenes, sweeps that no sensor gives, and the logs that are named. Files
+with the same bytes are the same. In other tables what is counted or named has to be equal, numbers within 1e-9,
+directions of lines within half a turn; with --exact the bytes have to be equal. The logs and the results of the other
+commit are kept, so that the next comparison with it runs the work tree alone.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pathlib import Path
 from shutil import rmtree
 
 from benchmarks.bench import HERE
-from benchmarks.same.cases import Case, cases_of, tables_in
+from benchmarks.same.cases import Case, cases_of, outputs_in
 from benchmarks.same.differences import Difference, compare_files
 from benchmarks.same.logs import given_logs, odd_sweep_logs, sample_logs, scene_logs
 from benchmarks.same.sides import Answer, Side, checkout
@@ -50,7 +51,7 @@ def compare(case: Case, one: Answer, other: Answer) -> Compared:
     if (one.codes, one.said) != (other.codes, other.said):
         told = f"{one.in_short} -> {other.in_short}"
         compared.differences["run"] = [Difference("exit code, words", 1, 0, 0.0, told)]
-    tables = [tables_in(answer.folder) for answer in (one, other)]
+    tables = [outputs_in(answer.folder) for answer in (one, other)]
     for kind in sorted(tables[0].keys() | tables[1].keys()):
         compared.tables += 1
         paths = [table.get(kind) for table in tables]
@@ -116,6 +117,7 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--scenes", type=int, default=1000, help="random scenes (default: %(default)s)")
     parser.add_argument("--odd", type=int, default=2000, help="odd sweeps of a log (default: %(default)s)")
     parser.add_argument("--thorough", action="store_true", help="all options on the logs that are named, too")
+    parser.add_argument("--exact", action="store_true", help="rounding, too, is a difference")
     parser.add_argument("--only", metavar="TEXT", help="runs whose options contain this")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="(default: %(default)s)")
     parser.add_argument(
@@ -164,7 +166,7 @@ def main() -> None:
         here.close()
     print(f"{time.perf_counter() - started:.0f} s; {known} of {len(cases)} runs of the base were known")
     print("\n".join([*summary(done), *columns(done)]))
-    different = sum(compared.differs for compared in done)
+    different = sum(compared.differs or (arguments.exact and bool(compared.differences)) for compared in done)
     print(f"\n{different} of {len(done)} runs differ" if different else "\nno run differs")
     sys.exit(bool(different))
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from benchmarks.same.logs import SAMPLES, NamedLog, digest_of
 
+DONE = "done.json"
+"""File beside the results of a case that has ended."""
 OUT = "{out}"
 """Stands for the folder of the results."""
 PROFILES = ("robust", "paper")
@@ -26,6 +28,22 @@ VARIANTS: tuple[tuple[str, ...], ...] = (
 )
 BACKGROUND = f"{OUT}/background.parquet"
 SUBTRACTED = ("--background", BACKGROUND, "--removed", "--beams")
+TRACKED: tuple[tuple[str, ...], ...] = (
+    (),
+    ("--walls", "--beams", "--explain"),
+    ("--profile", "paper"),
+    ("--no-memory", "--significance", "0.01"),
+    ("--group-gap", "0.4", "--every", "2"),
+    ("--pose", "none"),
+    ("--no-deskew", "--pose-delay", "0.05"),
+)
+MAPPED: tuple[tuple[str, ...], ...] = (
+    (),
+    ("--min-move", "0", "--path"),
+    ("--without-agents", "--voxel", "0.1", "--free-no-return", "3"),
+    ("--pose", "match"),
+)
+MAPS = tuple(f"{OUT}/map.{suffix}" for suffix in ("yaml", "png", "ply", "pcd", "parquet", "mcap"))
 BACKGROUNDS = {"room.mcap": "room_empty.mcap"}
 """Sample → the sample that shows the scene without objects; every other log is its own background."""
 
@@ -50,12 +68,28 @@ def cases_of(logs: Iterable[NamedLog], thorough: bool) -> Iterator[Case]:
             if thorough or log.group != "given":
                 for variant in VARIANTS:
                     yield _detect(log, "--profile", profile, *variant)
+        yield from (
+            _track(log, *variant)
+            for variant in (TRACKED if thorough or log.group != "given" else TRACKED[:1])
+        )
         if log.group in ("samples", "given"):
             yield _subtract(log)
+            yield from (_map(log, *variant) for variant in (MAPPED if log.group == "samples" else MAPPED[:1]))
 
 
 def _detect(log: NamedLog, *options: str) -> Case:
     return _case(log, " ".join(options), [_command(log, *options)])
+
+
+def _track(log: NamedLog, *options: str) -> Case:
+    return _case(log, " ".join(("track", *options)), [_command(log, *options, name="track")])
+
+
+def _map(log: NamedLog, *options: str) -> Case:
+    """Make a map in every format; where nothing tells the poses, the refusal is the result."""
+    outputs = (word for path in MAPS for word in ("-o", path))
+    command = ("-q", "map", str(log.path), *outputs, "--jobs", "1", "--overwrite", *options)
+    return _case(log, " ".join(("map", *options)), [command])
 
 
 def _subtract(log: NamedLog) -> Case:
@@ -68,8 +102,8 @@ def _subtract(log: NamedLog) -> Case:
     return _case(log, label, [learn, _command(log, *SUBTRACTED)], empty)
 
 
-def _command(log: NamedLog, *options: str) -> tuple[str, ...]:
-    return "-q", "detect", str(log.path), "-o", OUT, "--jobs", "1", "--overwrite", *options
+def _command(log: NamedLog, *options: str, name: str = "detect") -> tuple[str, ...]:
+    return "-q", name, str(log.path), "-o", OUT, "--jobs", "1", "--overwrite", *options
 
 
 def _case(log: NamedLog, label: str, commands: list[tuple[str, ...]], *others: NamedLog) -> Case:
@@ -82,6 +116,11 @@ def _case(log: NamedLog, label: str, commands: list[tuple[str, ...]], *others: N
     return Case(log, label, tuple(commands), digest)
 
 
-def tables_in(folder: Path) -> dict[str, Path]:
-    """The tables of a case by their kind: objects, sweeps, beams, background."""
-    return {path.name.split(".")[-2]: path for path in sorted(folder.glob("*.parquet"))}
+def outputs_in(folder: Path) -> dict[str, Path]:
+    """Return what a case wrote by its kind: objects, sweeps, tracks, beams, background, map.png ..."""
+    paths = sorted(path for path in folder.iterdir() if path.name != DONE)
+    return {path.name.split(".")[-2] if _is_table_of_log(path) else path.name: path for path in paths}
+
+
+def _is_table_of_log(path: Path) -> bool:
+    return path.suffix == ".parquet" and path.name != "map.parquet"

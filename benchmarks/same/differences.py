@@ -19,7 +19,7 @@ TOLERANCE = 1e-9
 """Numbers that differ by no more are the same [m], [rad]."""
 UNDIRECTED = ("box_yaw", "world_yaw")
 """Directions of lines, which are the same after half a turn."""
-KEYS = {"background": ["topic", "frame_id", "station"]}
+KEYS = {"background": ["topic", "frame_id", "station"], "tracks": ["topic", "track"]}
 """Columns whose rows belong together; by default those of a sweep."""
 SWEEP = ["topic", "sweep"]
 
@@ -44,9 +44,29 @@ class Difference:
 
 
 def compare_files(kind: str, one: Path, other: Path) -> Iterator[Difference]:
-    """The differences of two Parquet files of a kind of table; none where they are the same bytes."""
-    if one.read_bytes() != other.read_bytes():
-        yield from compare_tables(pq.read_table(one), pq.read_table(other), KEYS.get(kind, SWEEP))
+    """Yield the differences of two files of a kind; none where they are the same bytes.
+
+    Of tables whose bytes differ, columns and metadata are compared, and at the end the bytes count as rounding.
+    """
+    before, after = one.read_bytes(), other.read_bytes()
+    if before == after:
+        return
+    if one.suffix != ".parquet":
+        yield Difference("(bytes)", 1, 0, 0.0, f"{len(before)} -> {len(after)} bytes")
+        return
+    tables = pq.read_table(one), pq.read_table(other)
+    yield from compare_metadata(*(table.schema.metadata or {} for table in tables))
+    yield from compare_tables(*tables, KEYS.get(kind, SWEEP))
+    yield Difference("(bytes)", 0, 0, 0.0)
+
+
+def compare_metadata(one: dict[bytes, bytes], other: dict[bytes, bytes]) -> Iterator[Difference]:
+    """Yield each entry of the metadata that differs."""
+    for key in sorted(one.keys() | other.keys()):
+        values = one.get(key), other.get(key)
+        if values[0] != values[1]:
+            example = " -> ".join("none" if value is None else value.decode() for value in values)
+            yield Difference(f"({key.decode()})", 1, 0, 0.0, example)
 
 
 Place = Callable[[int], str]

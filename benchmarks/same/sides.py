@@ -15,13 +15,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 from benchmarks.compare import check_out
-from benchmarks.same.cases import OUT, Case
+from benchmarks.same.cases import DONE, OUT, Case
 from benchmarks.same.logs import digest_of
 
 WORKER = Path(__file__).with_name("worker.py")
 SOURCES = (".py", ".pyx", ".pxd")
 BUILT = (".so", ".pyd")
-DONE = "done.json"
 PATIENCE = 300.0
 """Seconds after which a run is taken for one that never ends."""
 
