@@ -3,18 +3,28 @@
 A fenced block whose info string names a file (` ```toml room.toml `) is that file. A `console` block holds
 commands after `$ ` (and `> `) and what they print, where `...` stands for any text. A `sh` block holds commands to
 run, output aside.
+
+Lines that only call `lidarcli` or `python` run in this process, which has imported what they need; all others run in a
+shell.
 """
 
 from __future__ import annotations
 
+import contextlib
 import doctest
 import os
 import re
+import runpy
+import shlex
 import subprocess
 import sys
+import tempfile
+import time
+import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 FENCE = re.compile(
     r"^```(?P<language>[a-z]+)(?: (?P<file>\S+))?\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL
@@ -23,6 +33,10 @@ COMMAND = re.compile(
     r"^\$ (?P<command>[^\n]*(?:\n> [^\n]*)*)\n(?P<output>(?:(?!\$ )[^\n]*\n)*)", re.MULTILINE
 )
 ENVIRONMENT = {"COLUMNS": "80", "LC_ALL": "C.UTF-8", "TZ": "UTC"}
+FIRST = re.compile(r"(?P<call>lidarcli .*?)(?P<joint> 2>&1 \| | \| |; )(?P<rest>.*)", re.DOTALL)
+"""A call of lidarcli before something that needs a shell: what it prints, or its exit code, goes on there."""
+STOPPING = "set -e\n"
+"""Lets a shell stop at the first command that fails."""
 SECONDS = 120
 VOLATILE = re.compile(r"(?<=, )[\d,]+(?= sweeps/s)|(?<=  size        )[\d,]+(?= bytes)")
 """What differs from machine to machine: pages have `...` there."""
@@ -64,27 +78,131 @@ def examples(markdown: str) -> Iterator[Example | tuple[str, str]]:
                 span = start + match.start("output"), start + match.end("output")
                 yield Example(match["command"].replace("\n> ", "\n"), match["output"], span)
         elif fence["language"] == "sh":
-            yield Example("set -e\n" + body, None, fence.span())
+            yield Example(STOPPING + body, None, fence.span())
 
 
 def run(markdown: str, folder: Path) -> Iterator[Done]:
-    """Run the examples of a page in `folder`."""
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    """Run the examples of a page in `folder`, as a shell there would."""
     for item in examples(markdown):
         if isinstance(item, tuple):
             (folder / item[0]).write_text(item[1], encoding="utf-8")
             continue
-        done = subprocess.run(
-            ["bash", "-c", item.command],
-            cwd=folder,
-            env={**os.environ, **ENVIRONMENT, "PATH": path},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            timeout=SECONDS,
-            check=False,
-        )
-        yield Done(item, done.returncode, done.stdout)
+        yield Done(item, *outcome(item.command, folder))
+
+
+def outcome(command: str, folder: Path) -> tuple[int, str]:
+    """Return the exit code of a command and what it prints."""
+    if (calls := plain_calls(command)) is not None:
+        return _here(calls, folder)[:2]
+    first = FIRST.fullmatch(command)
+    # What reads `-o -` may end before the table does: that takes a process.
+    calls = plain_calls(first["call"]) if first and " -o - " not in command else None
+    if first is None or calls is None:
+        return in_shell(command, folder)
+    code, printed, complained = _here(calls, folder, apart=first["joint"] == " | ")
+    if first["joint"] == "; ":
+        code, more = in_shell(f"(exit {code}); {first['rest']}", folder)
+        return code, printed + more
+    code, more = in_shell(first["rest"], folder, printed)
+    return code, complained + more
+
+
+def plain_calls(command: str) -> list[list[str]] | None:
+    """Return the words of each line where all lines only call `lidarcli` or `python`; None where one needs a shell."""
+    unquoted = re.sub(r"'[^']*'|\"[^\"$`\\]*\"|(?<=\s)#.*|\\\n", "", command.removeprefix(STOPPING))
+    if re.search(r"[^\w\s./:,=+@%-]", unquoted):
+        return None
+    lines, line = [], ""
+    for part in command.removeprefix(STOPPING).splitlines():
+        line += part.removesuffix("\\")
+        try:
+            words = shlex.split(line, comments=True)
+        except ValueError:  # the quotation goes on in the next line
+            line += "\n"
+            continue
+        if not part.endswith("\\"):
+            lines += [words] if words else []
+            line = ""
+    return lines if lines and all(words[0] in ("lidarcli", "python") for words in lines) else None
+
+
+def in_shell(command: str, folder: Path, given: str = "") -> tuple[int, str]:
+    """Run a command in a shell, with `given` as its input; return its exit code and what it prints."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", command],
+        cwd=folder,
+        env={**os.environ, **ENVIRONMENT, "PATH": path},
+        input=given,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=SECONDS,
+        check=False,
+    )
+    return done.returncode, done.stdout
+
+
+def _here(calls: list[list[str]], folder: Path, apart: bool = False) -> tuple[int, str, str]:
+    """Run calls until one fails; return its exit code and what all have printed, with errors `apart` or among it."""
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    code = 0
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors, contextlib.chdir(folder):
+        os.environ.update(ENVIRONMENT)
+        time.tzset()
+        try:
+            for words in calls:
+                with _printing_to(output.fileno(), (errors if apart else output).fileno()):
+                    code = _call(words)
+                if code:
+                    break
+        finally:
+            for name, value in before.items():
+                os.environ.pop(name) if value is None else os.environ.__setitem__(name, value)
+            time.tzset()
+        return code, _text(output), _text(errors)
+
+
+def _text(file: IO[bytes]) -> str:
+    file.seek(0)
+    return file.read().decode()
+
+
+@contextlib.contextmanager
+def _printing_to(*files: int) -> Iterator[None]:
+    """Let standard output and error lead to files, in the order in which a process of its own would print."""
+    kept = os.dup(1), os.dup(2)
+    for number, file in enumerate(files, 1):
+        os.dup2(file, number)
+    try:
+        with (
+            open(1, "w", encoding="utf-8", closefd=False) as out,
+            open(2, "w", 1, encoding="utf-8", closefd=False) as err,
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+        ):
+            yield
+    finally:
+        for number, file in enumerate(kept, 1):
+            os.dup2(file, number)
+            os.close(file)
+
+
+def _call(words: list[str]) -> int:
+    program, *arguments = words
+    if program == "lidarcli":
+        from lidarcli.cli import run as lidarcli
+
+        return lidarcli(arguments)
+    try:
+        if arguments[0] == "-c":
+            exec(compile(arguments[1], "-c", "exec"), {"__name__": "__main__"})
+        else:
+            runpy.run_path(arguments[0], run_name="__main__")
+    except Exception:
+        traceback.print_exc()
+        return 1
+    return 0
 
 
 def renewed(markdown: str, folder: Path) -> str:

@@ -1,13 +1,11 @@
-"""The pictures of docs/reports.md are those that its commands draw today.
+"""The commands of docs/reports.md do what the page says, and draw its pictures.
 
 `python -m tests.docs.test_reports_page` writes them anew.
 """
 
 from __future__ import annotations
 
-import os
 import re
-import shlex
 import tempfile
 from pathlib import Path
 
@@ -15,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lidarcli.cli import run
+from tests.docs.running import run_page
 from tests.docs.test_paper_page import LIKENESS, reduced
-from tests.places import ROOT, SAMPLES
+from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "reports.md").read_text(encoding="utf-8")
 IMAGES = ROOT / "docs" / "images" / "plot"
@@ -25,13 +23,8 @@ SHOWN = re.findall(r"!\[[^\]]+\]\(images/plot/([\w-]+\.(?:png|gif))\)", PAGE)
 MOST_BYTES = 400_000
 
 
-def make(folder: Path) -> None:
-    """Run the commands that make the pictures, in this folder."""
-    (folder / "samples").symlink_to(SAMPLES)
-    lines = re.findall(r"^lidarcli (track .* -o walked|plot .*)$", PAGE, re.MULTILINE)
-    for line in lines:
-        if line.startswith("track") or line.rpartition(" ")[2] in SHOWN:
-            assert run(["-q", *shlex.split(line)]) == 0, line
+def reduce_pictures(folder: Path) -> None:
+    """Reduce the PNG files that the page shows to the colours that it shows them with."""
     for name in SHOWN:
         if name.endswith(".png"):
             (folder / name).write_bytes(reduced(folder / name))
@@ -54,9 +47,9 @@ def test_every_picture_is_there_and_small() -> None:
 
 
 @pytest.mark.slow
-def test_the_commands_make_the_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    make(tmp_path)
+def test_the_commands_do_what_they_say_and_make_the_pictures(tmp_path: Path) -> None:
+    assert run_page("docs/reports.md", tmp_path) >= 3
+    reduce_pictures(tmp_path)
     for name in SHOWN:
         today, shown = frames(tmp_path / name), frames(IMAGES / name)
         assert today.shape == shown.shape, f"{name}: run `python -m tests.docs.test_reports_page`"
@@ -67,8 +60,8 @@ def test_the_commands_make_the_pictures(tmp_path: Path, monkeypatch: pytest.Monk
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
-        os.chdir(name)
-        make(Path(name))
+        run_page("docs/reports.md", Path(name))
+        reduce_pictures(Path(name))
         IMAGES.mkdir(exist_ok=True)
         for shown in SHOWN:
             (IMAGES / shown).write_bytes((Path(name) / shown).read_bytes())
