@@ -3,6 +3,7 @@
 VENV ?= .venv
 BIN := $(VENV)/bin
 CORE := $(filter-out %/native.pxd,$(wildcard lidarcli/*.pxd lidarcli/formalism/*.pxd lidarcli/formalism/*/*.pxd))
+PYTEST := $(BIN)/pytest -n auto --dist worksteal
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # What pip installs, with one line for each module that is compiled; all it says when it fails.
 define install
@@ -17,7 +18,7 @@ PYTHON ?= $(shell for name in python3 python3.14 python3.13 python3.12 python3.1
 	"$$name" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo "$$name"; break; }; done)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check quick format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps overlay reading fuzz bounds clean
+.PHONY: help demo test test-all check quick lint types format samples golden docs site bench bench-full bench-compare same accuracy trees tracking fleet maps overlay reading fuzz bounds clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -36,16 +37,21 @@ demo: $(VENV)/compiled ## install, follow the people of a sample log, show the t
 
 test: check ## install what the tests need, then check
 
-check: $(VENV)/installed-dev ## lint, format, types and tests
-	$(BIN)/ruff check
-	$(BIN)/ruff format --check
-	$(BIN)/mypy
-	$(BIN)/pytest -n auto
+check: lint types ## lint, format, types and tests
+	$(PYTEST) -m "not whole"
 
-quick: $(VENV)/installed-dev ## lint, format and the tests that take no time, for between two edits
+test-all: lint types ## the same with all tests, also those that are marked whole (CONTRIBUTING.md lists them)
+	$(PYTEST)
+
+quick: lint ## lint, format and the tests that take no time, for between two edits
+	$(PYTEST) -q -m "not slow and not whole"
+
+lint: $(VENV)/installed-dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/pytest -n auto -q -m "not slow"
+
+types: $(VENV)/installed-dev
+	$(BIN)/mypy
 
 format: $(VENV)/installed-dev ## sort imports and format the code
 	$(BIN)/ruff check --select I --fix

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Generator
 from pathlib import Path
+
+import pytest
 
 from lidarcli import compiled
 
@@ -29,3 +32,26 @@ if compiled.is_there() and compiled.is_wanted():
 else:
     # Where it could not be compiled, what commands say about that is nothing that their tests expect.
     os.environ.setdefault("LIDARCLI_COMPILED", "no")
+
+
+class OfSource(pytest.File):
+    """A file of tests that is named beside others: the compiled core, which they need, does not show what it tests."""
+
+    def collect(self) -> list[pytest.Item]:
+        """Skip the file."""
+        pytest.skip("its steps are compiled: name it alone, or set LIDARCLI_COMPILED=no")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(
+    file_path: Path, parent: pytest.Collector
+) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Skip tests of steps where the core is compiled."""
+    found = yield
+    if (
+        found
+        and os.environ.get("LIDARCLI_COMPILED") != "no"
+        and any(map(file_path.is_relative_to, OF_SOURCE))
+    ):
+        return [OfSource.from_parent(parent, path=file_path)] if file_path.name.startswith("test_") else []
+    return found

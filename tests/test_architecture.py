@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 import lidarcli
 
@@ -98,6 +97,7 @@ def room(path: Path) -> str:
     return path.parts[0].removesuffix(".py")
 
 
+@cache
 def imported(path: Path) -> set[str]:
     """Full names of the modules that a file imports, wherever it does so."""
     names: set[str] = set()
@@ -110,26 +110,38 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_imports_run_one_way(path: Path) -> None:
-    here = room(path)
-    own = {name.split(".")[1] for name in imported(path) if name.startswith("lidarcli.")} - {here}
-    assert own <= MAY_IMPORT.get(here, CORE), f"{here} may not import {own - MAY_IMPORT.get(here, CORE)}"
-    for name in {name.split(".")[0] for name in imported(path)} & set(ROOMS_OF):
-        assert here in ROOMS_OF[name], f"{name} belongs to {ROOMS_OF[name]}"
+def test_imports_run_one_way() -> None:
+    wrong = []
+    for path in MODULES:
+        here, names = room(path), imported(path)
+        own = {name.split(".")[1] for name in names if name.startswith("lidarcli.")} - {here}
+        wrong += [f"{path} may not import {name}" for name in sorted(own - MAY_IMPORT.get(here, CORE))]
+    assert wrong == []
 
 
-@pytest.mark.parametrize(
-    ("outer", "name"), [(outer, name) for outer, names in ROOMS.items() for name in names]
-)
-def test_inner_rooms_stand_on_each_other(outer: str, name: str) -> None:
-    names = ROOMS[outer]
-    below = {*names[: names.index(name) + 1], *SHARED}
-    mine = [path for path in MODULES if path.parts[0] == outer and path.parts[1].removesuffix(".py") == name]
-    assert mine
-    for path in mine:
-        own = {full.split(".")[2] for full in imported(path) if full.startswith(f"lidarcli.{outer}.")}
-        assert own <= below, path
+def test_libraries_stay_in_their_rooms() -> None:
+    wrong = []
+    for path in MODULES:
+        libraries = {name.split(".")[0] for name in imported(path)} & set(ROOMS_OF)
+        wrong += [
+            f"{path} may not import {name}, which belongs to {ROOMS_OF[name]}"
+            for name in sorted(libraries)
+            if room(path) not in ROOMS_OF[name]
+        ]
+    assert wrong == []
+
+
+def test_inner_rooms_stand_on_each_other() -> None:
+    wrong = []
+    for outer, names in ROOMS.items():
+        for number, name in enumerate(names):
+            below = {*names[: number + 1], *SHARED}
+            mine = [path for path in MODULES if path.parts[:2] in ((outer, name), (outer, f"{name}.py"))]
+            assert mine, f"there is no room {outer}/{name}"
+            for path in mine:
+                own = {full.split(".")[2] for full in imported(path) if full.startswith(f"lidarcli.{outer}.")}
+                wrong += [f"{path} may not import {outer}.{other}" for other in sorted(own - below)]
+    assert wrong == []
 
 
 def test_formalism_imports_numpy_alone() -> None:

@@ -14,7 +14,7 @@ from benchmarks.accuracy.page import BEGIN, END, KEPT, NEVER, table
 from tests.places import ROOT
 from tests.waiting import HANG
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.whole
 
 
 def accuracy(*arguments: str, folder: str | None = None) -> subprocess.CompletedProcess[str]:

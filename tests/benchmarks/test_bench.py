@@ -17,7 +17,7 @@ from tests.waiting import HANG
 BENCH = ROOT / "benchmarks" / "bench.py"
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_benchmark_runs(tmp_path: Path) -> None:
     target = tmp_path / "bench.json"
     arguments = ["--sweeps", "50", "--repeats", "1", "--json", str(target)]
@@ -48,7 +48,7 @@ def test_a_pinned_process_has_one_core() -> None:
     assert run(*command).output == f"{len(os.sched_getaffinity(0))}\n"
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_full_benchmark_runs(tmp_path: Path) -> None:
     target = tmp_path / "full.json"
     arguments = ["--sweeps", "50", "--repeats", "1", "--longest", "0", "--json", str(target)]

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks import fleet
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.whole
 
 
 def test_a_store_a_killed_worker_and_a_log_that_kills(tmp_path: Path) -> None:

@@ -166,7 +166,7 @@ def test_the_page_in_the_repository_is_of_this_code() -> None:
         assert 1_000 < (PAGE.parent / image).stat().st_size < 80_000
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", KINDS)
 def test_drives_are_what_the_page_says(kind: str) -> None:
     scene = drive(kind, TUNING)  # type: ignore[arg-type]
@@ -192,7 +192,7 @@ def test_drives_are_what_the_page_says(kind: str) -> None:
     assert fast.path.speeds(seconds).max() == pytest.approx(1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_rule_of_the_program_is_that_of_its_counts(tmp_path: Path) -> None:
     driven = record_drive(drive("rooms", TUNING), TUNING)
     write_drive(driven, tmp_path / "drive.mcap")
@@ -203,7 +203,7 @@ def test_the_rule_of_the_program_is_that_of_its_counts(tmp_path: Path) -> None:
     assert (grid.x, grid.y) == (mine.x, mine.y)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_a_drive_is_measured(tmp_path: Path) -> None:
     way, made, matched, _ = measure_way("rooms", TUNING, tmp_path)
     assert (way.name, way.sweeps, way.people) == ("rooms 0", 1200, 16)
@@ -217,7 +217,7 @@ def test_a_drive_is_measured(tmp_path: Path) -> None:
     assert matched.score.f1 > 0.97
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_nonsense_is_refused() -> None:
     command = [sys.executable, "-m", "benchmarks.maps", "--seeds", "0"]
     done = subprocess.run(
@@ -229,7 +229,7 @@ def test_nonsense_is_refused() -> None:
 
 
 @needs_real_logs
-@pytest.mark.slow
+@pytest.mark.whole
 def test_real_recordings() -> None:
     found = {one.log: one for one in measure_recordings(REAL_LOGS)}
     assert {"comprobo24/test-bag", "datmo/overtake_ego", "my_gazebo_tutorials/20_53_49"} <= set(found)

@@ -34,7 +34,7 @@ def movers(scene):
     return [entity for entity in scene.entities if entity.motion.route]
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.parametrize(("kind", "driving"), CELLS)
 def test_nothing_meets_anything_else(kind, driving):
     scene = made(kind, driving, seed=3)
@@ -48,7 +48,7 @@ def test_nothing_meets_anything_else(kind, driving):
                 assert other == number or min(map(distance, shapes[number], theirs)) > 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.parametrize(("kind", "driving"), CELLS)
 def test_what_moves_and_how(kind, driving):
     moving = []
@@ -74,7 +74,7 @@ def test_what_moves_and_how(kind, driving):
     assert 0.3 < np.mean(moving) < 0.95
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_people_are_four_to_eight_walkers():
     for seed in range(4):
         walkers = movers(made("people", False, seed))

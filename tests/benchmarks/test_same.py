@@ -86,6 +86,7 @@ def test_odd_logs_repeat() -> None:
         assert one.angle_increment.tobytes() == other.angle_increment.tobytes()
 
 
+@pytest.mark.whole
 def test_a_tree_finds_what_it_has_found_and_tells_what_it_has_not(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "benchmarks.same", str(ROOT), "--cache", str(tmp_path)]
     command += ["--scenes", "1", "--odd", "8", "--only", "--profile robust --max-width 0.5"]

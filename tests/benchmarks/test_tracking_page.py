@@ -68,7 +68,7 @@ def test_means_are_of_logs_and_the_worst_of_cells() -> None:
     assert (one.speed_median, one.microseconds) == (pytest.approx(0.85), pytest.approx(100.0))
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_page_has_every_method_and_part(figures: Figures) -> None:
     text = page(figures, "")
     for heading in ("Rigid bodies", "Persons", "Condition by condition", "Cost", "Real recordings", "Limits"):
@@ -80,7 +80,7 @@ def test_the_page_has_every_method_and_part(figures: Figures) -> None:
     assert "{" not in text
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_truth_is_best(figures: Figures) -> None:
     rooms = figures.of(rigid)
     best = summarise(rooms, ORACLE).hota
@@ -90,7 +90,7 @@ def test_the_truth_is_best(figures: Figures) -> None:
     assert rooms == figures.logs[:1]
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_figures_of_real_recordings_are_kept(figures: Figures) -> None:
     before = f"outdated\n{BEGIN}\n\nfigures of real recordings\n\n{END}\noutdated\n"
     text = page(figures, before)
@@ -98,7 +98,7 @@ def test_figures_of_real_recordings_are_kept(figures: Figures) -> None:
     assert "outdated" not in text
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_terminal_says_the_same(figures: Figures) -> None:
     shown, text = summary(figures), page(figures, "")
     lines = [line for line in shown.splitlines() if line.startswith("| ")]
@@ -106,7 +106,7 @@ def test_the_terminal_says_the_same(figures: Figures) -> None:
     assert set(lines) <= set(text.splitlines())
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_json_holds_every_cell(figures: Figures) -> None:
     cells = json.loads(as_json(figures))["cells"]
     assert len(cells) == 2 * len(NAMES)
@@ -114,7 +114,7 @@ def test_the_json_holds_every_cell(figures: Figures) -> None:
     assert all(0 <= cell["hota"] <= 1 for cell in cells)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_image_is_small_and_the_same_again(figures: Figures, tmp_path: Path) -> None:
     write(figures, tmp_path / "tracking.md")
     image = tmp_path / "images" / "tracking.png"
@@ -124,7 +124,7 @@ def test_the_image_is_small_and_the_same_again(figures: Figures, tmp_path: Path)
     assert image.read_bytes() == first
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_nonsense_is_refused() -> None:
     command = [sys.executable, "-m", "benchmarks.tracking", "--seeds", "0"]
     done = subprocess.run(
@@ -135,7 +135,7 @@ def test_nonsense_is_refused() -> None:
 
 
 @needs_real_logs
-@pytest.mark.slow
+@pytest.mark.whole
 def test_real_recordings() -> None:
     cars = [car for car in measure_cars(REAL_LOGS) if car.method == "datmo"]
     assert [car.log for car in cars] == ["overtake_ego.bag", "parallel.bag"]

@@ -128,7 +128,7 @@ def test_tuning_and_reporting_have_no_seed_in_common() -> None:
     assert len(set(CELLS)) == len(CELLS)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_a_cell_asks_for_its_faults() -> None:
     sensor = scene_of(Cell("room", "361", 0.03, "parked", flicker=0.2, rolling=True), 3).sensor
     assert (sensor.beams, sensor.noise, sensor.flicker) == (361, 0.03, 0.2)

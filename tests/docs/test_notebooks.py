@@ -63,7 +63,7 @@ def test_they_are_kept_without_outputs(path: Path) -> None:
     assert notebook.cells[0].source.startswith("# ")
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_first_look_shows_what_it_says(ran: dict[str, list[Any]]) -> None:
     cells = ran["first-look"]
     assert "'sweeps': 100" in outputs(cells[1])
@@ -75,7 +75,7 @@ def test_the_first_look_shows_what_it_says(ran: dict[str, list[Any]]) -> None:
     assert len(outputs(cells[5]).splitlines()) == 6
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_people_are_those_of_the_truth(ran: dict[str, list[Any]]) -> None:
     cells = ran["people"]
     assert outputs(cells[2]) == "3"

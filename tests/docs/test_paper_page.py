@@ -86,7 +86,7 @@ def test_every_picture_is_there_and_small() -> None:
     assert sum(sizes) < MOST_BYTES_TOGETHER
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_commands_make_the_pictures(folder: Path) -> None:
     assert {path.name for path in folder.glob("*.png")} == set(SHOWN)
     for name in SHOWN:

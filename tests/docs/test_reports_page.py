@@ -46,7 +46,7 @@ def test_every_picture_is_there_and_small() -> None:
     assert max((IMAGES / name).stat().st_size for name in SHOWN) < MOST_BYTES
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_commands_do_what_they_say_and_make_the_pictures(tmp_path: Path) -> None:
     assert run_page("docs/reports.md", tmp_path) >= 3
     reduce_pictures(tmp_path)

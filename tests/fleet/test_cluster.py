@@ -35,7 +35,7 @@ from tests.waiting import HANG, wait_until
 
 distributed = pytest.importorskip("distributed")
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.whole,
     pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc"),
 ]
 

@@ -29,7 +29,7 @@ from tools.fuzz.run import Case, Plan, fuzz
 from tools.fuzz.target import Random, Target
 from tools.fuzz.targets import TARGETS
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.whole
 
 GROUPS: dict[str, tuple[tuple[str, ...], int]] = {
     **{

@@ -153,7 +153,7 @@ def test_thousands_of_scans_in_one_table() -> None:
     assert all((block.angle_min == -0.5).all() and (block.range_max == 12).all() for block in blocks)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("begin", ["time,", "time,ranges", "angle,range,"])
 def test_a_header_of_a_megabyte_is_looked_at_quickly(begin: str, unit: str) -> None:

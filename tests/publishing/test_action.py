@@ -107,7 +107,7 @@ def test_the_example_of_the_docs_has_inputs_that_are_there() -> None:
 
 
 @needs_bash
-@pytest.mark.slow
+@pytest.mark.whole
 def test_a_run_whose_checks_hold(runner: Runner) -> None:
     runner.inputs |= {
         "checks": "sweeps == 20\n\nobjects_per_sweep.mean between 4 and 6\n",
@@ -128,7 +128,7 @@ def test_a_run_whose_checks_hold(runner: Runner) -> None:
 
 
 @needs_bash
-@pytest.mark.slow
+@pytest.mark.whole
 def test_a_check_that_does_not_hold_fails_the_last_step(runner: Runner) -> None:
     runner.inputs |= {"command": "track", "checks": "sweeps >= 100\nobjects where width > 0.5 == 0\n"}
     assert [runner.run(name) for name in ("objects", "report", "verdict")] == [0, 0, 1]
@@ -139,7 +139,7 @@ def test_a_check_that_does_not_hold_fails_the_last_step(runner: Runner) -> None:
 
 
 @needs_bash
-@pytest.mark.slow
+@pytest.mark.whole
 def test_a_damaged_log_is_reported_and_fails_unless_accepted(runner: Runner) -> None:
     data = (SAMPLES / "people.csv.gz").read_bytes()
     (runner.folder / "cut.csv.gz").write_bytes(data[: len(data) // 2])

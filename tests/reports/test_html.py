@@ -278,6 +278,7 @@ PICTURE = "['scene', 'range', 'difference'].map(id => document.getElementById(id
 WORDS = "document.getElementById('words').textContent"
 
 
+@pytest.mark.whole
 def test_the_viewer_in_a_browser(page: Page, room: Path) -> None:
     for width in (1280, 400):
         page.open(room, width)
@@ -315,6 +316,7 @@ VERMILION = """(() => {
 })()"""
 
 
+@pytest.mark.whole
 def test_tracks_in_a_browser(page: Page, lidarcli: Run, tmp_path: Path) -> None:
     one = crossing()
     one["objects"][0] |= {"label": EVIL}
@@ -333,6 +335,7 @@ def test_tracks_in_a_browser(page: Page, lidarcli: Run, tmp_path: Path) -> None:
     page.complaints.clear()
 
 
+@pytest.mark.whole
 def test_play_runs_to_the_end(page: Page, room: Path) -> None:
     page.open(room, 1280)
     page.evaluate("document.dispatchEvent(new KeyboardEvent('keydown', {key: 'End'}))")

@@ -16,7 +16,7 @@ from tests.reports.browser import CHROMIUM, Page, browser
 from tests.reports.runs import START, crossing, sweep, thing, write_run
 from tests.waiting import wait_until
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+pytestmark = [pytest.mark.whole, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
 
 WORDS = "document.getElementById('words').textContent"
 DETAILS = """Object.fromEntries(

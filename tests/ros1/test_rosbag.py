@@ -113,7 +113,7 @@ def alike(ours: list[Any], theirs: list[Any]) -> bool:
 
 
 @needs_rosbag
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", KINDS)
 def test_rosbag_finds_nothing_wrong(bags: dict[str, Path], kind: str) -> None:
     done = subprocess.run(["rosbag", "check", str(bags[kind])], capture_output=True, text=True, check=False)
@@ -121,7 +121,7 @@ def test_rosbag_finds_nothing_wrong(bags: dict[str, Path], kind: str) -> None:
 
 
 @needs_rosbag
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", KINDS)
 def test_rosbag_reads_the_same_values(bags: dict[str, Path], kind: str) -> None:
     command = [PYTHON, str(HERE / "values.py"), str(bags[kind])]
@@ -169,7 +169,7 @@ def played(*played_bags: Path) -> list[tuple[str, str]]:
 
 
 @needs_master
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.parametrize("kind", ["lz4", "with-map", "sample"])
 def test_rosbag_plays_every_message(bags: dict[str, Path], kind: str) -> None:
     assert Counter(played(bags[kind])) == Counter(
@@ -178,7 +178,7 @@ def test_rosbag_plays_every_message(bags: dict[str, Path], kind: str) -> None:
 
 
 @needs_master
-@pytest.mark.slow
+@pytest.mark.whole
 def test_rosbag_plays_an_overlay_beside_its_log(bags: dict[str, Path], tmp_path: Path) -> None:
     log, overlay = bags["lz4"], tmp_path / "lz4.overlay.bag"
     assert run(["-q", "overlay", str(log), "-o", str(overlay)]) == 0

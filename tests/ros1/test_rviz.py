@@ -84,7 +84,7 @@ def has_scene(shown: UInt8) -> bool:
 
 @needs_master
 @needs_rviz
-@pytest.mark.slow
+@pytest.mark.whole
 def test_rviz_shows_beams_map_and_objects(tmp_path: Path) -> None:
     grid, shown = tmp_path / "room.yaml", tmp_path / "drive.bag"
     assert run(["-q", "map", str(DRIVE), "-o", str(grid)]) == 0

@@ -63,7 +63,7 @@ def written(store: Store) -> list[str]:
     return [key for key in store.keys("tables") if "_lidarcli" not in key]
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_commands_and_the_query_of_the_page(folder: Path) -> None:
     done = list(examples.run(PAGE, folder))
     assert len(done) >= 9
@@ -77,7 +77,7 @@ def test_the_commands_and_the_query_of_the_page(folder: Path) -> None:
     assert logs == 3
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_array_of_slurm(folder: Path, store: Store) -> None:
     script = folder / "lidarcli.sbatch"
     script.write_text(file("lidarcli.sbatch"))
@@ -91,7 +91,7 @@ def test_the_array_of_slurm(folder: Path, store: Store) -> None:
     assert written(store) == sorted(TABLES)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_job_of_kubernetes(folder: Path, store: Store) -> None:
     job: Any = YAML(typ="safe").load(file("job.yaml"))
     container = job["spec"]["template"]["spec"]["containers"][0]
@@ -100,7 +100,7 @@ def test_the_job_of_kubernetes(folder: Path, store: Store) -> None:
     assert written(store) == sorted(TABLES)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_rule_of_snakemake(folder: Path) -> None:
     (command,) = re.findall(r'shell: "([^"]+)"', file("Snakefile"))
     outputs = re.findall(r'"(tables/[^"]+)"', file("Snakefile").partition("rule detect")[2])
@@ -110,7 +110,7 @@ def test_the_rule_of_snakemake(folder: Path) -> None:
     assert all((folder / output.replace("{log}", "trip/room")).exists() for output in outputs)
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_the_task_of_airflow(folder: Path, store: Store) -> None:
     tree = ast.parse(file("dag.py"))
     (command,) = [

@@ -392,7 +392,7 @@ READ = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 @pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind in READ for name in sorted(READ[kind])])
 def test_any_change_of_a_column_ends_with_a_documented_code(
     original: Path,
@@ -458,7 +458,7 @@ VALUES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_any_geometry_ends_with_a_documented_code(
     original: Path, tables: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -479,7 +479,7 @@ def test_any_geometry_ends_with_a_documented_code(
             survive(commands[:2], capfd, f"{key}: {value[:200]}")
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_any_metadata_of_a_run_ends_with_a_documented_code(
     original: Path, tables: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

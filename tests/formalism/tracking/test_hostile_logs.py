@@ -63,19 +63,19 @@ def test_some_hostile_logs_are_followed_and_definition_4_sums() -> None:
     assert tracks > 50
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_many_hostile_logs_are_followed_and_definition_4_sums() -> None:
     for log, parameters in hostile_logs(2000, seed=7):
         assert_sums(follow(log, parameters), detect(joined(log), parameters))
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_hostile_logs_touch_nothing_outside_of_their_arrays() -> None:
     done = run("tests.formalism.tracking.digests", "300", LIDARCLI_COMPILED="no", LIDARCLI_BOUNDS="1")
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.whole
 def test_hostile_logs_are_told_alike_however_they_are_cut() -> None:
     for log, parameters in hostile_logs(1500):
         whole = joined(log)
