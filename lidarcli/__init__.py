@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from lidarcli import formalism
     from lidarcli.errors import LidarcliError, NoScanError, OptionError, OutputError, UnreadableError
     from lidarcli.formalism.background.model import Background
-    from lidarcli.formalism.catalogue import Catalogue
     from lidarcli.formalism.mapping.occupancy import Occupancy
+    from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.formalism.parameters import Parameters
     from lidarcli.pipeline.api.finding import detect, track
     from lidarcli.pipeline.api.inspecting import info
@@ -50,7 +50,7 @@ _HOMES = {
         "UnreadableError",
     ),
     "lidarcli.formalism.background.model": ("Background",),
-    "lidarcli.formalism.catalogue": ("Catalogue",),
+    "lidarcli.formalism.matching.catalogue": ("Catalogue",),
     "lidarcli.formalism.mapping.occupancy": ("Occupancy",),
     "lidarcli.formalism.parameters": ("Parameters",),
     "lidarcli.pipeline.api.finding": ("detect", "track"),

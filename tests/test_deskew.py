@@ -16,7 +16,7 @@ import pytest
 import lidarcli
 from lidarcli.cli import run
 from lidarcli.formalism import Parameters, detect
-from lidarcli.formalism.mapping.comparison import compare
+from lidarcli.formalism.mapping.occupancy import compare
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_blocks, simulate_odometry
 from lidarcli.simulate.load import load_scene

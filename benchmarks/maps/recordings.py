@@ -9,8 +9,7 @@ import numpy as np
 
 from benchmarks.maps.scenes import walkers
 from lidarcli.choices import MAP_RESOLUTION
-from lidarcli.formalism.mapping.counts import Beams, placed
-from lidarcli.formalism.mapping.motion_filter import MotionFilter
+from lidarcli.formalism.mapping.counts import Beams, MotionFilter, placed
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED, Occupancy
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_blocks, simulate_odometry

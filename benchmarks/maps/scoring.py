@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarcli.formalism.mapping.comparison import TOLERANCE, compare
-from lidarcli.formalism.mapping.occupancy import OCCUPIED, Occupancy
+from lidarcli.formalism.mapping.occupancy import OCCUPIED, TOLERANCE, Occupancy, compare
 from lidarcli.sweeps import Float64, Int64
 
 GHOST = 0.3

@@ -26,7 +26,7 @@ from lidarcli.cli.options import METRES, Number, Selection, opening_options, ran
 from lidarcli.stores.url import place
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.mapping.comparison import Comparison
+    from lidarcli.formalism.mapping.occupancy import Comparison
     from lidarcli.logs.base import OpenOptions
     from lidarcli.pipeline.map_files import Mapped
     from lidarcli.pipeline.reading.pose_sources import PoseOptions

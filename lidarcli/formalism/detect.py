@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism import features
-from lidarcli.formalism.checks import check
 from lidarcli.formalism.core import Core
 from lidarcli.formalism.description import Columns
 from lidarcli.formalism.detection import COLUMNS, NOISE, OBJECT, REQUIRED, Detection
-from lidarcli.formalism.parameters import Parameters
+from lidarcli.formalism.parameters import Parameters, check
 from lidarcli.formalism.segmentation import Scans
 from lidarcli.sweeps import Bool, Closure, Float64, Int64, SweepBatch
 

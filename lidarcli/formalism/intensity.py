@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.formalism.background.ragged import spans
 from lidarcli.formalism.detection import Detection
-from lidarcli.formalism.medians import grouped_medians
+from lidarcli.formalism.ragged import grouped_medians, spans
 from lidarcli.sweeps import TURN, Closure, Float32, Float64, Int64, Status, SweepBatch
 
 MOST_INTENSITY = 1e9

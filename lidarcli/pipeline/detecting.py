@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from lidarcli.errors import LidarcliError, warn
 from lidarcli.formalism import Detection, Parameters
-from lidarcli.formalism.catalogue import Catalogue, names_in
+from lidarcli.formalism.matching.catalogue import Catalogue, names_in
 from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.inputs.sources import Nothing, Source
 from lidarcli.pipeline.objects.making import Made, Rows, Splitting, finder, rows_of

@@ -14,8 +14,7 @@ from typing import BinaryIO
 
 from lidarcli.choices import CLOUDS
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.formalism.mapping.comparison import Comparison, UnlikeError, compare, refuse_unlike
-from lidarcli.formalism.mapping.occupancy import Occupancy
+from lidarcli.formalism.mapping.occupancy import Comparison, Occupancy, UnlikeError, compare, refuse_unlike
 from lidarcli.machine import cores
 from lidarcli.maps.clouds import CloudWriter, ParquetWriter, PcdWriter, PlyWriter
 from lidarcli.maps.mapserver import image_of, pgm_bytes, read_map, write_occupancy_mcap, yaml_bytes

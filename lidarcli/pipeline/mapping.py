@@ -15,8 +15,7 @@ from lidarcli.choices import MAP_RESOLUTION, MATCH, MAX_MAP_KM2, MIN_MOVE, OCCUP
 from lidarcli.errors import OptionError, UnreadableError
 from lidarcli.formalism import Parameters
 from lidarcli.formalism.detection import AGENT, Detection
-from lidarcli.formalism.mapping.counts import Counts, TooLargeError, placed
-from lidarcli.formalism.mapping.motion_filter import MIN_TURN, PAUSE_NS, MotionFilter
+from lidarcli.formalism.mapping.counts import MIN_TURN, PAUSE_NS, Counts, MotionFilter, TooLargeError, placed
 from lidarcli.formalism.mapping.occupancy import CLEAR, HIT, SKIPPED, Occupancy
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions

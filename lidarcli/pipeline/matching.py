@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from lidarcli.choices import MATCH_BY
 from lidarcli.errors import OptionError
-from lidarcli.formalism.constellation import align
-from lidarcli.formalism.matching import HERE, Matched, Motion, Standing, Things
+from lidarcli.formalism.matching.runs import HERE, Matched, Motion, Standing, Things, align
 from lidarcli.newfiles import new_files, refuse
 from lidarcli.pipeline.inputs.tables import TracksTable, find_tracks, read_tracks_table
 from lidarcli.pipeline.reading.pose_sources import of_one_run

@@ -16,8 +16,7 @@ import pytest
 from mcap.reader import make_reader
 from PIL import Image
 
-from lidarcli.formalism.mapping.comparison import FARTHEST, compare
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.occupancy import FARTHEST_CELLS, FREE, OCCUPIED, UNKNOWN, Occupancy, compare
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.maps.clouds import CloudPoints, PlyWriter
 from lidarcli.maps.mapserver import read_map
@@ -319,7 +318,7 @@ def slow_compare(found: Occupancy, true: Occupancy) -> dict[str, float]:
     apart = np.abs(mine[:, None] - theirs)
     touching = apart.max(axis=2) <= 1
     precision, recall = float(touching.any(axis=1).mean()), float(touching.any(axis=0).mean())
-    distance = np.minimum(np.hypot(*np.moveaxis(apart, 2, 0)).min(axis=0), FARTHEST)
+    distance = np.minimum(np.hypot(*np.moveaxis(apart, 2, 0)).min(axis=0), FARTHEST_CELLS)
     return {
         "cells": len(mine),
         "true_cells": len(theirs),

@@ -9,7 +9,7 @@ from tests.docs.constants import constants
 from tests.places import ROOT
 
 PAGE = (ROOT / "docs" / "background.md").read_text(encoding="utf-8")
-MODULES = ("alignment", "model", "cells", "grid", "learning", "stations", "subtraction")
+MODULES = ("model", "learning", "stations", "subtraction")
 
 
 def test_every_constant_is_documented_with_its_value() -> None:

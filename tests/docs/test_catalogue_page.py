@@ -10,7 +10,7 @@ from tests.docs.constants import constants
 from tests.places import ROOT, SAMPLES
 
 PAGE = (ROOT / "docs" / "catalogue.md").read_text(encoding="utf-8")
-MODULES = ("catalogue", "evidence", "tracking.naming", "fits", "matching", "constellation")
+MODULES = ("matching.catalogue", "matching.evidence", "tracking.naming", "matching.runs")
 
 
 def test_every_constant_is_documented_with_its_value() -> None:
@@ -21,10 +21,10 @@ def test_every_constant_is_documented_with_its_value() -> None:
 
 
 NUMERICAL = {
-    "evidence.SMALLEST",
-    "fits.TINY",
-    "matching.MOST_EXPONENT",
-    "constellation.CHUNK",
+    "evidence.LEAST_LENGTH",
+    "catalogue.LEAST_DENSITY",
+    "runs.MOST_EXPONENT",
+    "runs.PROPOSALS_AT_ONCE",
     "naming.SIZES",
 }
 """These keep numbers finite and arrays small, and decide nothing."""

@@ -11,9 +11,9 @@ from benchmarks.accuracy.cells import WALL, Truth, judged
 from benchmarks.accuracy.scoring import assign
 from lidarcli.formalism import Detection, Parameters, sweep
 from lidarcli.formalism.background.changes import changes
-from lidarcli.formalism.background.grid import Grid
 from lidarcli.formalism.background.learning import Learning
 from lidarcli.formalism.background.model import Background
+from lidarcli.formalism.background.stations import Grid
 from lidarcli.formalism.background.subtraction import Subtraction, Tolerance
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarcli.formalism.background.cells import BIN, UNIT, Estimate, count_ranges, estimate, merge
+from lidarcli.formalism.background.learning import BIN_UNITS, UNIT, Estimate, count_ranges, estimate, merge
 from lidarcli.sweeps import Float64
 
 Observed = st.lists(st.tuples(st.integers(0, 3), st.floats(0.02, 30.0)), max_size=60)
@@ -33,10 +33,10 @@ def test_counting_agrees_with_a_dictionary(observed: list[tuple[int, float]]) ->
     expected: dict[tuple[int, int], list[int]] = {}
     for beam, value in observed:
         unit = round(value / UNIT)
-        entry = expected.setdefault((beam, unit // BIN * BIN), [0, 0, 0])
+        entry = expected.setdefault((beam, unit // BIN_UNITS * BIN_UNITS), [0, 0, 0])
         entry[0] += 1
-        entry[1] += unit % BIN
-        entry[2] += (unit % BIN) ** 2
+        entry[1] += unit % BIN_UNITS
+        entry[2] += (unit % BIN_UNITS) ** 2
     cells = count_ranges(
         np.array([beam for beam, _ in observed], np.int64), np.array([r for _, r in observed])
     )

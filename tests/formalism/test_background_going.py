@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import noise
-from lidarcli.formalism.background.alignment import align, lines
-from lidarcli.formalism.background.grid import Grid, expected, project
 from lidarcli.formalism.background.learning import Learning
 from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.background.stations import Shift, shift
+from lidarcli.formalism.background.stations import Grid, Shift, align, expected, lines, project, shift
 from lidarcli.formalism.background.subtraction import Subtraction
 from lidarcli.simulate import entities as make
 from lidarcli.sweeps import Float64, SweepBatch

@@ -11,11 +11,20 @@ from numpy.typing import NDArray
 from benchmarks.scenes.random import KINDS, SENSORS, random_scene, sensor_with
 from lidarcli.formalism import sweep
 from lidarcli.formalism.background import learning as module
-from lidarcli.formalism.background.alignment import align, lines
-from lidarcli.formalism.background.cells import Estimate
-from lidarcli.formalism.background.grid import Grid, beam_at, expected, project
+from lidarcli.formalism.background.learning import Estimate
 from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.background.stations import Shift, gather, nearest, shift
+from lidarcli.formalism.background.stations import (
+    Grid,
+    Shift,
+    align,
+    beam_at,
+    expected,
+    gather,
+    lines,
+    nearest,
+    project,
+    shift,
+)
 from lidarcli.sweeps import TURN, SweepBatch, SweepPoses
 from tests.formalism.backgrounds import STEP, learned, learning, partial, simulated, with_poses
 
@@ -175,7 +184,7 @@ def test_memory_is_bounded(monkeypatch: pytest.MonkeyPatch, drive: SweepBatch) -
     assert state.left_out > 10
     assert state.background().sweeps.sum() + state.left_out == 40
     monkeypatch.setattr(module, "MOST_CELLS", 2000)
-    monkeypatch.setattr(module, "PENDING", 10)
+    monkeypatch.setattr(module, "MOST_PENDING", 10)
     crowded = room(400, seed=2)
     rng = np.random.default_rng(0)
     crowded = replace(crowded, ranges=rng.uniform(1, 9, crowded.ranges.shape).astype(np.float32))

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from lidarcli.formalism import Detection, Parameters, detect, sweep
-from lidarcli.formalism.background.changes import changes
-from lidarcli.formalism.background.combine import combine, select
+from lidarcli.formalism.background.changes import changes, combine, select
 from lidarcli.formalism.background.model import surroundings
-from lidarcli.formalism.background.subtraction import WEAK, Difference, Subtraction, Tolerance, _runs
+from lidarcli.formalism.background.subtraction import BESIDE_SHARE, Difference, Subtraction, Tolerance, _runs
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import APPEARED, REMOVED, SHAPES, VISIBILITIES
 from lidarcli.sweeps import TURN, Status, SweepBatch
@@ -456,7 +455,7 @@ def runs_one_by_one(
     result = np.zeros(own.shape, bool)
     for row in range(len(own)):
         candidate = [
-            bool(own[row, n] > np.float32(WEAK) * np.float32(threshold) or lost[row, n])
+            bool(own[row, n] > np.float32(BESIDE_SHARE) * np.float32(threshold) or lost[row, n])
             for n in range(own.shape[1])
         ]
         n = 0

@@ -8,10 +8,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.formalism.catalogue import AS_BRIGHT, KINDS, Catalogue, Evidence, Thing, compare, name, possible
-from lidarcli.formalism.fits import LARGEST, SMALLEST, at_least, below, measured
+from lidarcli.formalism.matching.catalogue import (
+    INTENSITY_SHARE,
+    KINDS,
+    LARGEST_SIZE,
+    SMALLEST_SIZE,
+    Catalogue,
+    Evidence,
+    Thing,
+    at_least,
+    below,
+    compare,
+    measured,
+    name,
+    possible,
+)
 
-RANGE = LARGEST - SMALLEST
+RANGE = LARGEST_SIZE - SMALLEST_SIZE
 PALLET = Thing("pallet", "prismatic", length=1.2, width=0.8, tolerance=0.05)
 POLE = Thing("pole", "round", diameter=0.3, tolerance=0.01)
 CHAIR = Thing("chair", "legged", legs=4, spacing=(0.4, 0.35), tolerance=0.02)
@@ -81,7 +94,7 @@ def test_probability_is_that_of_the_formula() -> None:
 
 def test_a_least_length_tells_large_from_small() -> None:
     fit = at_least(np.array([1.0, 1.0]), np.array([0.01, 0.01]), 1.2)
-    assert fit.ratio == pytest.approx([math.log(RANGE / (LARGEST - 1.0))] * 2)
+    assert fit.ratio == pytest.approx([math.log(RANGE / (LARGEST_SIZE - 1.0))] * 2)
     assert at_least(np.array([1.0]), np.array([0.01]), 0.9).ratio[0] < -30
 
 
@@ -225,4 +238,4 @@ def test_an_intensity_alone_is_enough_where_it_is_rare() -> None:
     lit = seen(intensity=[999.9, 1000.0, 4000.0, 4000.1, np.nan])
     assert names(lit, BRIGHT) == [None, "bright", "bright", None, None]
     _, score = name(lit, Catalogue((BRIGHT,)))
-    np.testing.assert_allclose(score[1:3], 1 / (1 + AS_BRIGHT))
+    np.testing.assert_allclose(score[1:3], 1 / (1 + INTENSITY_SHARE))

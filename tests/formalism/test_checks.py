@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lidarcli.formalism import detect, difference, noise, sweep
-from lidarcli.formalism.checks import check
+from lidarcli.formalism.parameters import check
 from lidarcli.range_rules import RangeRules as Rules
 from lidarcli.range_rules import count_statuses, normalise
 from lidarcli.sweeps import SweepBatch

@@ -9,10 +9,9 @@ import pytest
 
 import lidarcli
 from lidarcli import formalism
-from lidarcli.formalism.catalogue import KINDS, Catalogue, Evidence, Thing
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, UNKNOWN, WALL, Detection
-from lidarcli.formalism.evidence import evidence_of, rectangle
-from lidarcli.formalism.shares import SEEN_AS
+from lidarcli.formalism.matching.catalogue import KINDS, Catalogue, Evidence, Thing
+from lidarcli.formalism.matching.evidence import SEEN_AS, evidence_of, rectangle
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import cast, place
 from lidarcli.simulate.scene import Entity

@@ -36,7 +36,7 @@ BACKGROUND = {path.stem for path in (Path(formalism.__file__).parent / "backgrou
 """The subtraction of a background has a page of its own, docs/background.md."""
 MAPS = {path.stem for path in (Path(formalism.__file__).parent / "mapping").glob("*.py")}
 """So have maps, docs/map.md."""
-THINGS = {"catalogue", "constellation", "evidence", "fits", "matching", "naming", "pairing", "shares"}
+THINGS = {"catalogue", "evidence", "runs", "naming"}
 """And things of interest, docs/catalogue.md."""
 
 

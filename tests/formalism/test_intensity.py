@@ -17,7 +17,7 @@ from lidarcli.formalism.background.subtraction import Difference
 from lidarcli.formalism.detect import noise
 from lidarcli.formalism.detection import REMOVED, WALL
 from lidarcli.formalism.intensity import MOST_INTENSITY
-from lidarcli.formalism.medians import grouped_medians
+from lidarcli.formalism.ragged import grouped_medians
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.load import load_scene

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from lidarcli.formalism.constellation import align
-from lidarcli.formalism.matching import HERE, Matched, Motion, Standing, Things, alike, gains
+from lidarcli.formalism.matching.runs import HERE, Matched, Motion, Standing, Things, align, alike, gains
 
 Row = tuple[float, float, float, float]
 ROOM: tuple[Row, ...] = (

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarcli.formalism.catalogue import Catalogue, Thing
 from lidarcli.formalism.detection import LEGGED, ROUND
+from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.formalism.tracking import naming
 from lidarcli.formalism.tracking.naming import LEAST_SIZE_SD, SHARED_SD_SHARE, Looks, Naming
 from lidarcli.formalism.tracking.results import BOX, DISC

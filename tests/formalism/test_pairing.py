@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from lidarcli.formalism.pairing import assign
+from lidarcli.formalism.matching.runs import assign
 
 
 def greatest(gain: np.ndarray) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import lidarcli
-from lidarcli.formalism.catalogue import Catalogue, Thing
+from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import simulate_sweep_arrays

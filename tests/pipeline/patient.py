@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.formalism.detection import AGENT, OBJECT, SETS, SHAPES, Detection
+from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import ENDS, Followed, Tracks
 from lidarcli.sweeps import SweepBatch

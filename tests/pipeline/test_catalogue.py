@@ -13,7 +13,7 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import LidarcliError, OptionError, UnreadableError
-from lidarcli.formalism.catalogue import Catalogue, Thing
+from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.pipeline.inputs.catalogue import read_catalogue
 from tests.places import SAMPLES
 

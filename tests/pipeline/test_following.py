@@ -16,7 +16,7 @@ import pytest
 
 import lidarcli
 from lidarcli.errors import OptionError, OutputError
-from lidarcli.formalism.catalogue import Catalogue, Thing
+from lidarcli.formalism.matching.catalogue import Catalogue, Thing
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.logs.batches import ReadOptions
 from lidarcli.pipeline.detecting import detect_to_files

@@ -15,8 +15,7 @@ import numpy as np
 from PIL import Image
 
 from lidarcli.errors import UnreadableError
-from lidarcli.formalism.mapping.comparison import UnlikeError, compare
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy, UnlikeError, compare
 from lidarcli.maps.mapserver import pgm_bytes, read_map, yaml_bytes
 from lidarcli.poses.tracks import read_trajectory, trajectory_lines
 from tools.fuzz.commands import judge_commands

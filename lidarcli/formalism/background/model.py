@@ -6,7 +6,7 @@ import numpy as np
 
 from lidarcli.choices import STATION_ANGLE, STATION_DISTANCE
 from lidarcli.display import Facts, counted, shown, span
-from lidarcli.formalism.background.grid import Grid
+from lidarcli.formalism.background.stations import Grid
 from lidarcli.sweeps import Bool, Float32, Float64, Int64, SweepBatch, SweepPoses, record
 
 KNOWN_GAP = 0.05

@@ -1,13 +1,32 @@
-"""§3: "a map linking each LASER sweep to a certain position": the places where sweeps were taken."""
+"""§3: "a map linking each LASER sweep to a certain position": stations, their bearings, and sweeps as seen from them.
+
+A station is a place and heading of the sensor. Sweeps with other bearings, or taken beside a station, are projected onto
+its bearings. Because odometry alone is not exact enough, such sweeps are first aligned with what the station has seen.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from lidarcli.sweeps import TURN, Bool, Float64, Int64, SweepPoses, record
+from lidarcli.range_rules import NEAREST
+from lidarcli.sweeps import TURN, Bool, Closure, Float64, Int32, Int64, SweepBatch, SweepPoses, record
 
-STILL, STILL_ANGLE = 1e-3, 1e-4
+STILL_DISTANCE, STILL_ANGLE = 1e-3, 1e-4
 """[m], [rad] A smaller shift is none: the sensor is parked."""
+SAME_BEAM = 0.05
+"""Bearings that differ by less than this share of a step are the same."""
+LINE_WINDOW = 0.035
+"""[rad] Lines are fitted to the beams this far to either side of each: 2°."""
+STRAIGHT_RMS = 0.05
+"""[m] rms of a line that is one."""
+ALIGNED_POINTS = 180
+"""Points of a sweep that are looked at."""
+LINE_REACHES = (0.4, 0.4, 0.3, 0.2, 0.15, 0.1, 0.1)
+"""[m] How far a point may be from its line, round by round."""
+POINT_ERROR = 0.03
+"""[m] of a point across its line."""
+POSE_ERROR, HEADING_ERROR = 0.1, 0.05
+"""[m], [rad] What odometry is trusted with where the lines do not tell: along a corridor."""
 
 
 def joined(parts: list[SweepPoses]) -> SweepPoses:
@@ -20,9 +39,9 @@ def joined(parts: list[SweepPoses]) -> SweepPoses:
     )
 
 
-NOWHERE = SweepPoses(np.empty(0), np.empty(0), np.empty(0), np.empty(0, bool))
+NO_PLACES = SweepPoses(np.empty(0), np.empty(0), np.empty(0), np.empty(0, bool))
 """No place at all."""
-UNKNOWN = SweepPoses(np.full(1, np.nan), np.full(1, np.nan), np.full(1, np.nan), np.zeros(1, bool))
+UNKNOWN_PLACE = SweepPoses(np.full(1, np.nan), np.full(1, np.nan), np.full(1, np.nan), np.zeros(1, bool))
 """One place that nobody knows."""
 
 
@@ -40,9 +59,9 @@ class Shift:
     @property
     def none(self) -> Bool:
         """(S,) sensors that are where the station is, and stay there."""
-        still: Bool = (np.hypot(self.x, self.y) <= STILL) & (np.abs(self.yaw) <= STILL_ANGLE)
+        still: Bool = (np.hypot(self.x, self.y) <= STILL_DISTANCE) & (np.abs(self.yaw) <= STILL_ANGLE)
         if self.way is not None:
-            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL) & (
+            still &= (np.hypot(self.way[:, 0], self.way[:, 1]) <= STILL_DISTANCE) & (
                 np.abs(self.way[:, 2]) <= STILL_ANGLE
             )
         return still
@@ -150,3 +169,242 @@ def gather(
         best[closer] = cost[closer - first]
         opened.append(first)
     return station, joined([places, poses.rows(np.array(opened, np.int64))])
+
+
+def beam_at(
+    angle_min: float | Float64,
+    angle_increment: float | Float64,
+    beams: int | Int32,
+    period: int | Int32,
+    bearing: Float64,
+) -> Int32:
+    """The beam of a geometry whose bearing is nearest; -1 where the bearing is out of view. Any shape.
+
+    >>> beam_at(0.0, np.pi / 2, 4, 4, np.array([0.1, -0.1, 3 * np.pi])).tolist()
+    [0, 0, 2]
+    >>> beam_at(0.0, -0.1, 4, 0, np.array([-0.31, -0.4, 0.04, -0.1 + TURN])).tolist()
+    [3, -1, 0, 1]
+    """
+    offset = (bearing - angle_min) / angle_increment
+    turn = np.abs(TURN / angle_increment)
+    # Half a step before the first beam still belongs to it.
+    beam = np.rint(offset - turn * np.floor((offset + 0.5) / turn)).astype(np.int32)
+    beyond = np.where(np.asarray(period) > 0, beam % np.maximum(period, 1), -1)
+    limit = np.where(np.asarray(period) > 0, period, beams)
+    return np.where(beam < limit, beam, beyond).astype(np.int32)
+
+
+@record
+class Grid:
+    """The bearings of a background: those of the sweeps it was made of, or of the first of them."""
+
+    angle_min: float
+    angle_increment: float
+    beams: int
+    period: int
+    """Number of distinct bearings of a full turn, 0 for a partial view."""
+
+    def bearings(self) -> Float64:
+        """(B,) bearings [rad]."""
+        bearings: Float64 = self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
+        return bearings
+
+    def beam(self, bearing: Float64) -> Int32:
+        """The beam whose bearing is nearest; -1 where the bearing is out of view. Any shape."""
+        return beam_at(self.angle_min, self.angle_increment, self.beams, self.period, bearing)
+
+    def fits(self, batch: SweepBatch) -> Bool:
+        """(S,) sweeps with the same bearings, beam by beam."""
+        first = batch.angle_min - self.angle_min
+        last = first + (self.beams - 1) * (batch.angle_increment - self.angle_increment)
+        slack = SAME_BEAM * abs(self.angle_increment)
+        result: Bool = (batch.beams == self.beams) & (np.abs(first) < slack) & (np.abs(last) < slack)
+        return result
+
+    @staticmethod
+    def of(batch: SweepBatch, row: int) -> Grid:
+        """The bearings of a sweep."""
+        beams, kind = int(batch.beams[row]), batch.closure[row]
+        period = 0 if kind == Closure.OPEN else beams - int(kind == Closure.SHARED)
+        return Grid(float(batch.angle_min[row]), float(batch.angle_increment[row]), beams, period)
+
+
+def project(batch: SweepBatch, grid: Grid, moved: Shift | None) -> tuple[Int32, Float64]:
+    """The beams of sweeps as a station sees their ends.
+
+    Parameters
+    ----------
+    batch : S sweeps of up to B beams
+    grid : bearings at the station
+    moved : (S,) where the sensor was, seen from the station; None: there, or nobody knows
+
+    Returns
+    -------
+    beam : (S, B) beam of the station; -1 out of its view and for padding. A beam without a range keeps its direction
+    range : (S, B) distance from the station [m], NaN without a range
+    """
+    bearing = batch.bearings()
+    ranges = batch.ranges.astype(np.float64)
+    if moved is not None:
+        valid = ~np.isnan(ranges)
+        # From where the sensor was at each beam to where it was at the first, and from there to the station.
+        ahead, left, turn = moved.during(batch.all_shares())
+        own = bearing + turn
+        x, y = ranges * np.cos(own) + ahead, ranges * np.sin(own) + left
+        cos, sin = np.cos(moved.yaw)[:, None], np.sin(moved.yaw)[:, None]
+        x, y = cos * x - sin * y + moved.x[:, None], sin * x + cos * y + moved.y[:, None]
+        bearing = np.where(valid, np.arctan2(y, x), own + moved.yaw[:, None])
+        ranges = np.hypot(x, y)
+    beam = grid.beam(bearing)
+    beam[np.arange(batch.width) >= batch.beams[:, None]] = -1
+    return beam, ranges
+
+
+def expected(batch: SweepBatch, grid: Grid, ranges: Float64, moved: Shift) -> Float64:
+    """What sensors would see that stand beside a station, of what the station sees.
+
+    Parameters
+    ----------
+    batch : S sweeps of up to B beams
+    grid : C bearings at the station
+    ranges : (S, C) what the station of each sweep sees [m]; inf: nothing, NaN: not known
+    moved : (S,) where the sensor was, seen from the station
+
+    Returns
+    -------
+    (S, B) ranges [m]: the nearest where several fall on one beam, NaN where none does
+    """
+    bearing = np.broadcast_to(grid.bearings(), ranges.shape)
+    finite = np.isfinite(ranges)
+    distance = np.where(finite, ranges, 0.0)
+    x = distance * np.cos(bearing) - moved.x[:, None]
+    y = distance * np.sin(bearing) - moved.y[:, None]
+    turned = np.where(finite, np.arctan2(y, x), bearing) - moved.yaw[:, None]
+    beam = _beam_of(batch, turned)
+    if moved.way is not None:
+        # The beam that looked there was taken later, from elsewhere.
+        ahead, left, turn = moved.during(batch.shares(np.arange(len(batch))[:, None], beam))
+        cos, sin = np.cos(moved.yaw)[:, None], np.sin(moved.yaw)[:, None]
+        x, y = cos * x + sin * y - ahead, cos * y - sin * x - left
+        turned = np.where(finite, np.arctan2(y, x), bearing - moved.yaw[:, None]) - turn
+        beam = np.where(beam < 0, -1, _beam_of(batch, turned))
+    seen = np.full((len(batch), batch.width), np.inf)
+    known = np.zeros(seen.shape, bool)
+    row, column = np.nonzero((beam >= 0) & ~np.isnan(ranges))
+    known[row, beam[row, column]] = True
+    row, column = np.nonzero((beam >= 0) & finite)
+    np.minimum.at(seen, (row, beam[row, column]), np.maximum(np.hypot(x, y), NEAREST)[row, column])
+    return np.where(known, seen, np.nan)
+
+
+def _beam_of(batch: SweepBatch, bearing: Float64) -> Int32:
+    """(S, C) the beams of sweeps that look along bearings (S, C) of their own [rad], -1 for none."""
+    bearings = batch.beams - (batch.closure == Closure.SHARED)
+    return beam_at(
+        batch.angle_min[:, None],
+        batch.angle_increment[:, None],
+        batch.beams[:, None],
+        np.where(batch.closure == Closure.OPEN, 0, bearings)[:, None],
+        bearing,
+    )
+
+
+@record
+class Lines:
+    """The straight surface at each beam of K stations, n · q = d; NaN where there is none. (K, B) each."""
+
+    normal_x: Float64
+    normal_y: Float64
+    offset: Float64
+    """d [m]"""
+
+
+def lines(grid: Grid, ranges: Float64) -> Lines:
+    """Fit a line to the neighbourhood of every beam; u = 1/r of a line is a sinusoid, nearly linear over a few degrees.
+
+    Parameters
+    ----------
+    grid : B bearings
+    ranges : (K, B) metres, NaN or inf without a range
+    """
+    step = grid.angle_increment
+    reach = max(2, round(LINE_WINDOW / abs(step)))
+    known = np.isfinite(ranges) & (ranges > 0)
+    u = 1.0 / np.where(known, ranges, 1.0)
+    offset = np.arange(-reach, reach + 1)
+    beam = np.arange(grid.beams)[:, None] + offset
+    beam = beam % grid.period if grid.period else np.clip(beam, 0, grid.beams - 1)
+    count = len(offset)
+    mean, slope, square = (np.zeros_like(u) for _ in range(3))
+    whole = np.ones(u.shape, bool)
+    for column, k in enumerate(offset.tolist()):
+        beside = u[:, beam[:, column]]
+        mean += beside
+        slope += k * beside
+        square += beside * beside
+        whole &= known[:, beam[:, column]]
+    mean /= count
+    moment = float(np.square(offset).sum())
+    slope /= moment
+    rms = np.sqrt(np.maximum(square / count - mean * mean - slope * slope * moment / count, 0.0))
+    straight = whole & (rms < STRAIGHT_RMS * mean * mean)
+    if not grid.period:
+        straight[:, :reach] = False
+        straight[:, grid.beams - reach :] = False
+    tilt = slope / step
+    direction = grid.bearings() + np.arctan2(tilt, mean)
+    return Lines(
+        np.where(straight, np.cos(direction), np.nan),
+        np.where(straight, np.sin(direction), np.nan),
+        np.where(straight, 1.0 / np.hypot(mean, tilt), np.nan),
+    )
+
+
+def align(batch: SweepBatch, grid: Grid, known: Lines, station: Int64, start: Shift) -> Shift:
+    """Where the sensor was, as seen from a station, by laying each sweep onto the lines of its station.
+
+    Points look for the line in their direction; their distances are made small by robust least squares. Where the lines
+    leave a direction open, as in a corridor, `start` decides. People and new things are too far from any line to count.
+
+    Parameters
+    ----------
+    batch : S sweeps, all of which have a pose
+    grid, known : bearings and lines of K stations
+    station : (S,) station of each sweep
+    start : (S,) what the poses say
+    """
+    # The same columns whatever the widest sweep of the batch is, so that sums do not depend on it.
+    column = np.arange(0, grid.beams, max(1, -(-grid.beams // ALIGNED_POINTS)))
+    bearing = batch.angle_min[:, None] + batch.angle_increment[:, None] * column
+    there = np.minimum(column, max(batch.width - 1, 0))
+    ranges = batch.ranges[:, there].astype(np.float64)
+    valid = ~np.isnan(ranges) & (column < batch.beams[:, None])
+    ranges = np.where(valid, ranges, 0.0)
+    ahead, left, turn = start.during(batch.shares(np.arange(len(batch))[:, None], column))
+    x, y = ranges * np.cos(bearing + turn) + ahead, ranges * np.sin(bearing + turn) + left
+    pose = np.stack([start.x, start.y, start.yaw], axis=1)
+    guess = pose.copy()
+    prior = np.diag(1.0 / np.square([POSE_ERROR, POSE_ERROR, HEADING_ERROR]))
+    row = station[:, None]
+    for reach in LINE_REACHES:
+        cos, sin = np.cos(pose[:, 2:]), np.sin(pose[:, 2:])
+        turned_x, turned_y = cos * x - sin * y, sin * x + cos * y
+        at_x, at_y = turned_x + pose[:, :1], turned_y + pose[:, 1:2]
+        beam = grid.beam(np.arctan2(at_y, at_x))
+        normal_x, normal_y = known.normal_x[row, beam], known.normal_y[row, beam]
+        away = normal_x * at_x + normal_y * at_y - known.offset[row, beam]
+        with np.errstate(invalid="ignore"):
+            near = valid & (beam >= 0) & (np.abs(away) < reach)
+        away = np.where(near, away, 0.0)
+        weight = np.where(near, np.square(1.0 - np.square(away / reach)), 0.0) / POINT_ERROR**2
+        lever = np.where(near, normal_y * turned_x - normal_x * turned_y, 0.0)
+        parts = (np.where(near, normal_x, 0.0), np.where(near, normal_y, 0.0), lever)
+        weighted = [weight * part for part in parts]
+        normal = np.empty((len(batch), 3, 3))
+        for i in range(3):
+            for j in range(i, 3):
+                normal[:, i, j] = normal[:, j, i] = np.einsum("sm,sm->s", weighted[i], parts[j])
+        right = np.stack([np.einsum("sm,sm->s", part, away) for part in weighted], axis=1)
+        right += (pose - guess) @ prior
+        pose = pose - np.linalg.solve(normal + prior, right[:, :, None])[:, :, 0]
+    return Shift(pose[:, 0], pose[:, 1], pose[:, 2], start.way)

@@ -6,31 +6,38 @@ from dataclasses import replace
 
 import numpy as np
 
-from lidarcli.formalism.background.alignment import Lines, align, lines
-from lidarcli.formalism.background.grid import expected, project
 from lidarcli.formalism.background.model import Background, Surroundings, greatest_range, surroundings
-from lidarcli.formalism.background.stations import Shift, nearest, shift
+from lidarcli.formalism.background.stations import (
+    Lines,
+    Shift,
+    align,
+    expected,
+    lines,
+    nearest,
+    project,
+    shift,
+)
 from lidarcli.sweeps import Bool, Closure, Float32, Float64, Int64, Status, SweepBatch, record
 
-NOISE_GAIN = 4.0
+THRESHOLD_SDS = 4.0
 """A range leaves the background where it is so many standard deviations away from it …"""
-FLOOR = 0.08
+LEAST_THRESHOLD = 0.08
 """… and this far [m]: what a surface's reflectivity and the sensor's temperature make of a range."""
-WEAK = 0.6
+BESIDE_SHARE = 0.6
 """Beside beams that leave the background this share of the threshold is enough."""
-ALIGNED = 0.015
+ALIGNED_ERROR = 0.015
 """Error [m] of ranges that are seen from a station where the sensor was not."""
-BEHIND = 0.3
+SEEN_THROUGH = 0.3
 """[m] Ranges this far behind r_e see through where the background was: people cannot do that."""
-APART = 0.5
+MOST_DIFFERING = 0.5
 """Share of the ranges that differ from the background, before or behind it, from which on a note tells of it: in busy
 halls it is up to a fifth, with the background of another place or of a parked sensor that moves 0.6 and more."""
 
-SWEEP_APART = 0.4
+MOST_SWEEP_DIFFERING = 0.4
 """Share of the ranges of a sweep that differ, above which it is far from the background: somebody has moved the sensor."""
-MOST_APART = 0.05
+MOST_SWEEPS_DIFFERING = 0.05
 """Share of the sweeps that are, above which a note tells of them …"""
-LEAST_APART = 10
+LEAST_SWEEPS_DIFFERING = 10
 """… and no fewer than this number."""
 
 
@@ -168,7 +175,7 @@ class Subtraction:
             near[row, column], far[row, column] = around.nearest[place], around.far[place]
             r_e[row, column], spread[row, column] = around.r_e[place], around.spread[place]
             returns[row, column] = around.returns[place]
-        threshold = self._threshold(spread, sigma, 0.0 if moved is None else ALIGNED)
+        threshold = self._threshold(spread, sigma, 0.0 if moved is None else ALIGNED_ERROR)
         found = self._judge(batch, ranges.astype(np.float32), near, far, r_e, returns, threshold)
         if moved is None or not self.tolerance.removed:
             return found
@@ -189,9 +196,9 @@ class Subtraction:
         if self.tolerance.threshold is not None:
             return np.full((1, 1), self.tolerance.threshold, np.float32)
         noisy = np.maximum(spread, sigma.astype(np.float32)[:, None])
-        noisy *= np.float32(NOISE_GAIN)
+        noisy *= np.float32(THRESHOLD_SDS)
         noisy += np.float32(error)
-        threshold: Float32 = np.maximum(noisy, np.float32(FLOOR), out=noisy)
+        threshold: Float32 = np.maximum(noisy, np.float32(LEAST_THRESHOLD), out=noisy)
         return threshold
 
     def _judge(
@@ -285,7 +292,7 @@ def _runs(
     ----------
     own : (S, B) how far each beam is beyond its own r_e [m]; NaN where that is not known
     beyond : (S, B) how far it is beyond all of r_e around it [m]
-    threshold : (S, B) or (1, 1) metres; beside a beam beyond it `WEAK` of it is enough
+    threshold : (S, B) or (1, 1) metres; beside a beam beyond it `BESIDE_SHARE` of it is enough
     lost : (S, B) beams without a return where there should be one
     most_lost : more of these in a row are no accident
 
@@ -293,7 +300,7 @@ def _runs(
     -------
     (S, B) a single beam between two runs joins them if it is on their side of the background at all
     """
-    candidate = own > np.float32(WEAK) * threshold
+    candidate = own > np.float32(BESIDE_SHARE) * threshold
     if lost is not None:
         candidate |= lost
     elif not candidate.any():

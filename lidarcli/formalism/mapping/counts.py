@@ -1,7 +1,11 @@
-"""Fig. 7b: how many sweeps have hit and passed each cell of the ground. Counts add up in any order."""
+"""Fig. 7b: the number of sweeps that have hit and passed each cell of the ground, and the choice of the sweeps that count.
+
+Counts add up in any order. Sweeps of a sensor that waits are left out, because people who wait beside it are no wall.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,18 +13,22 @@ from numpy.typing import NDArray
 
 from lidarcli.formalism.mapping import rays
 from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Int8, Occupancy
-from lidarcli.sweeps import Float32, Float64, Int32, SweepBatch, SweepPoses, UInt8, record
+from lidarcli.sweeps import TURN, Float32, Float64, Int32, Int64, SweepBatch, SweepPoses, UInt8, record
 
 BLOCK = 256
 """Cells by which the counted part of the ground grows at least, on each side."""
 CELL_BYTES = 12
 """Memory of a cell that was seen: hits, passes, and the last sweep that counted."""
-MARGIN = 1
+MAP_MARGIN = 1
 """Unknown cells around all that is known: walls on the edge of a map are lost in some programs."""
 
 
-FARTHEST = 1 << 32
+FARTHEST_CELL = 1 << 32
 """No cell is so many cells from the origin of the world: 215,000 km at 5 cm."""
+MIN_TURN = math.radians(10.0)
+"""A sensor that has turned by so much sees something new, too …"""
+PAUSE_NS = 5_000_000_000
+"""… and so does one that has waited for so long: things go."""
 
 
 class TooLargeError(ValueError):
@@ -157,8 +165,8 @@ class Counts:
         """
         rows, columns = (_known(self.hits, self.passes, axis) for axis in (1, 0))
         hits, passes = self.hits[rows, columns], self.passes[rows, columns]
-        cells = np.full((hits.shape[0] + 2 * MARGIN, hits.shape[1] + 2 * MARGIN), UNKNOWN, np.int8)
-        inner: Int8 = cells[MARGIN:-MARGIN, MARGIN:-MARGIN]
+        cells = np.full((hits.shape[0] + 2 * MAP_MARGIN, hits.shape[1] + 2 * MAP_MARGIN), UNKNOWN, np.int8)
+        inner: Int8 = cells[MAP_MARGIN:-MAP_MARGIN, MAP_MARGIN:-MAP_MARGIN]
         # A large map need not be in memory several times.
         for begin in range(0, len(inner), BLOCK):
             part = slice(begin, begin + BLOCK)
@@ -168,8 +176,8 @@ class Counts:
         return Occupancy(
             self.resolution,
             # Without the digits that only binary numbers have: 0.15, not 0.15000000000000002.
-            round((self.column + columns.start - MARGIN) * self.resolution, 9),
-            round((self.row + rows.start - MARGIN) * self.resolution, 9),
+            round((self.column + columns.start - MAP_MARGIN) * self.resolution, 9),
+            round((self.row + rows.start - MAP_MARGIN) * self.resolution, 9),
             cells,
             frame_id,
         )
@@ -220,7 +228,7 @@ def _bounds(beams: Beams, resolution: float) -> tuple[int, int, int, int]:
             min(low, float((begin + beams.way[:, axis]).min())),
             max(high, float((begin + beams.way[:, axis]).max())),
         )
-        if not max(-low, high) < FARTHEST * resolution:
+        if not max(-low, high) < FARTHEST_CELL * resolution:
             raise TooLargeError(f"{max(-low, high):,.0f} m from the origin of its world")
         limits.append((int(np.floor(low / resolution)) - 1, int(np.floor(high / resolution)) + 2))
     (left, right), (low_row, high_row) = limits
@@ -232,3 +240,50 @@ def _known(hits: NDArray[np.int32], passes: NDArray[np.int32], axis: int) -> sli
     some = np.flatnonzero(hits.any(axis=axis) | passes.any(axis=axis))
     # Where nothing is known the margin alone is left: an image has to have some pixels.
     return slice(int(some[0]), int(some[-1]) + 1) if len(some) else slice(0, 0)
+
+
+@dataclass(slots=True)
+class MotionFilter:
+    """A fold over the sweeps of a sensor, in the order of the log.
+
+    Parameters
+    ----------
+    min_move : how far it has to go from one sweep that counts to the next [m]; 0: every sweep counts
+    """
+
+    min_move: float
+    unplaced: int = 0
+    """Sweeps without a pose, which never count."""
+    _last: tuple[float, float, float, int] | None = None
+    """x, y, yaw, stamp of the last sweep that counts."""
+
+    def take(self, poses: SweepPoses, stamp_ns: Int64) -> Int64:
+        """The sweeps (of S) that count."""
+        known = np.flatnonzero(np.isfinite(poses.x) & np.isfinite(poses.y) & np.isfinite(poses.yaw))
+        self.unplaced += len(stamp_ns) - len(known)
+        if self.min_move <= 0.0:
+            return known
+        taken = []
+        places = zip(
+            known.tolist(),
+            poses.x[known].tolist(),
+            poses.y[known].tolist(),
+            poses.yaw[known].tolist(),
+            stamp_ns[known].tolist(),
+            strict=True,
+        )
+        for row, *here in places:
+            if self._is_new(*here):
+                self._last = (here[0], here[1], here[2], here[3])
+                taken.append(row)
+        return np.array(taken, np.int64)
+
+    def _is_new(self, x: float, y: float, yaw: float, stamp_ns: int) -> bool:
+        if self._last is None:
+            return True
+        turned = abs((yaw - self._last[2] + 0.5 * TURN) % TURN - 0.5 * TURN)
+        return (
+            math.hypot(x - self._last[0], y - self._last[1]) >= self.min_move
+            or turned >= MIN_TURN
+            or abs(stamp_ns - self._last[3]) >= PAUSE_NS
+        )

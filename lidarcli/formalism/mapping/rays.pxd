@@ -5,7 +5,7 @@ from lidarcli cimport native
 
 cdef int HIT, SKIPPED
 cdef Py_ssize_t ORIGIN
-cdef double NAN, FAR
+cdef double NAN, ORIGIN_CELLS
 
 
 @cython.locals(rows=Py_ssize_t, width=Py_ssize_t, row=Py_ssize_t, k=Py_ssize_t, at=Py_ssize_t, last=Py_ssize_t)

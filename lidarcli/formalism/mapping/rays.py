@@ -14,7 +14,7 @@ from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED
 NAN = float("nan")
 ORIGIN = 1 << 33
 """Column and row of the origin of the world, in cells from a corner far outside."""
-FAR = float(ORIGIN)
+ORIGIN_CELLS = float(ORIGIN)
 
 
 def place(
@@ -90,7 +90,10 @@ def trace(
         begin = sweep * width
         for k in range(begin, begin + width):
             if says[k] == HIT and ends[k] == ends[k]:
-                along, line = int(ends[k] * cells + FAR), int(ends[sweeps * width + k] * cells + FAR)
+                along, line = (
+                    int(ends[k] * cells + ORIGIN_CELLS),
+                    int(ends[sweeps * width + k] * cells + ORIGIN_CELLS),
+                )
                 cell = (line - row) * across + along - column
                 if seen[cell] != stamp + sweep:
                     seen[cell] = stamp + sweep
@@ -101,9 +104,9 @@ def trace(
             if says[at] == SKIPPED or ends[at] != ends[at]:
                 continue
             share = k / (1.0 * last)
-            x = (pose[4 * sweep] + share * going[3 * sweep]) * cells + FAR
-            y = (pose[4 * sweep + 1] + share * going[3 * sweep + 1]) * cells + FAR
-            to_x, to_y = ends[at] * cells + FAR, ends[sweeps * width + at] * cells + FAR
+            x = (pose[4 * sweep] + share * going[3 * sweep]) * cells + ORIGIN_CELLS
+            y = (pose[4 * sweep + 1] + share * going[3 * sweep + 1]) * cells + ORIGIN_CELLS
+            to_x, to_y = ends[at] * cells + ORIGIN_CELLS, ends[sweeps * width + at] * cells + ORIGIN_CELLS
             _pass(passed, seen, stamp + sweep, across, row * across + column, x, y, to_x, to_y)
     native.resume(lock)
 

@@ -35,7 +35,7 @@ FARTHEST_VIEW = 1.5
 """[m] Greatest distance of a view from where it is expected, however uncertain the body is."""
 PART_MARGIN = 0.1
 """[m] Greatest distance of a further part of a body outside of it."""
-LEG_WIDTH = 0.3
+WALKING_LEG_WIDTH = 0.3
 """[m] Greatest width of a leg that walks."""
 LEGS_WIDTH = 0.65
 """[m] Greatest width of a view of two legs."""
@@ -386,7 +386,7 @@ def _without_leg(bodies: Bodies, views: Views, k: int) -> int:
 
 def _is_leg(bodies: Bodies, b: int) -> bool:
     """Whether a body is slim enough."""
-    return bodies.kind[b] == estimation.DISC and bodies.h[2 * b] + bodies.h[2 * b + 1] <= LEG_WIDTH
+    return bodies.kind[b] == estimation.DISC and bodies.h[2 * b] + bodies.h[2 * b + 1] <= WALKING_LEG_WIDTH
 
 
 def _pair_persons(persons: Persons, bodies: Bodies, views: Views, owner: Any) -> None:
@@ -434,7 +434,7 @@ def _assign_view(persons: Persons, bodies: Bodies, views: Views, b: int, k: int)
     """Let a person have a view, if it is free and there is a leg left."""
     if persons.taken[k] != 0 or bodies.settled[b] >= 2:
         return
-    legs = 2 if views.chord[k] > LEG_WIDTH else 1
+    legs = 2 if views.chord[k] > WALKING_LEG_WIDTH else 1
     if legs == 2 and bodies.settled[b] > 0:
         return
     persons.taken[k] = b + 1
@@ -459,7 +459,7 @@ def _update_person(
             x += views.middle_x[k]
             y += views.middle_y[k]
             number += 1.0
-            wide = wide or views.chord[k] > LEG_WIDTH
+            wide = wide or views.chord[k] > WALKING_LEG_WIDTH
             if owner[k] >= 0:
                 _join_leg(bodies, owner[k], b)
             _rename_sighting(persons, bodies, log, b, k)

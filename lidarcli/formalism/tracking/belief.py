@@ -71,7 +71,7 @@ DUPLICATE_SWEEPS = 8
 """Sweeps unseen inside an older body that is seen after which both are the same."""
 BEAM_VOTE = 0.05
 """Weight of each beam of a view in the vote on its shape; a view has at most one vote."""
-STANDING_LEG_WIDTH = 0.15
+SLIM_LEG_WIDTH = 0.15
 """[m] Greatest width of a leg of furniture."""
 LEGS_FARTHEST = 0.75
 """[m] Greatest distance between two legs of one thing."""
@@ -333,7 +333,7 @@ def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> Non
     """Remember the slim things around a slim body that stands, of which beams tell too little to be objects."""
     if (
         bodies.moved[b] != 0
-        or views.length[k] > STANDING_LEG_WIDTH
+        or views.length[k] > SLIM_LEG_WIDTH
         or views.step < observation.LEAST_STEP
         or views.near[k] <= LEGS_FARTHEST
     ):

@@ -27,7 +27,7 @@ DUPLICATE_MARGIN = 0.1
 """[m] Greatest distance of the centre of a body outside of another one from which it was split."""
 PACE_SIGHTINGS = 12
 """Sightings that give the velocity of a piece at its end."""
-LONGEST_GAP = 15.0
+LONGEST_STITCH_GAP = 15.0
 """[s] Longest gap between two pieces of a track."""
 STITCH_DISTANCE = 0.35
 """[m] Greatest distance of a piece from where it is expected, without a gap."""
@@ -120,7 +120,7 @@ def _stitch(seen: Any, new: list[Body], bodies: dict[int, Body]) -> None:
         for earlier in ends:
             gap = later.time - earlier.time
             if (
-                not 0.0 < gap <= LONGEST_GAP
+                not 0.0 < gap <= LONGEST_STITCH_GAP
                 or _differ(earlier.body, later.body)
                 or not _is_over(earlier, later)
             ):

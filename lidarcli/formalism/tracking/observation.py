@@ -39,7 +39,7 @@ SWEEPS_APART = 0.3
 """[s] Least time between two sweeps that are remembered."""
 FLICKER_WEIGHT = 0.02
 """Weight of one sweep in the mean number of beams that flicker."""
-MOST_FLICKER = 0.2
+MOST_FLICKER_SHARE = 0.2
 """Share of the beams without a return that may have one a sweep later. Above it no such beam proves free space."""
 HIT_MARGIN = 0.08
 """[m] A beam has hit a point that is this close to its end, with twice the noise on top."""
@@ -472,7 +472,7 @@ def count_flicker(memory: Memory, views: Views, scans: Scans) -> None:
 
 def is_steady(memory: Memory) -> bool:
     """Whether a beam without a return has met nothing."""
-    return memory.changes <= MOST_FLICKER * memory.lost
+    return memory.changes <= MOST_FLICKER_SHARE * memory.lost
 
 
 def range_at(views: Views, scans: Scans, position: int) -> float:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarcli.formalism.catalogue import Catalogue
 from lidarcli.formalism.detect import scans
 from lidarcli.formalism.detection import AGENT, LEGGED, NOISE, OBJECT, REMOVED, WALL, Detection
+from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.estimation import Bodies, sighting_arrays
 from lidarcli.formalism.tracking.fold import Correction, Fold
@@ -25,7 +25,7 @@ from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, SweepBatch
 
 WINDOW = 256
 """Number of sweeps of a window. Its rows are settled once the next window has been seen."""
-BODIES_AT_FIRST, OBJECTS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
+BODIES_AT_FIRST, VIEWS_AT_FIRST, SIGHTINGS_AT_FIRST = 64, 32, 2048
 """Room for so many bodies, objects of a sweep, and sightings before it grows."""
 SAME_RANGE, SAME_RANGE_GROWTH = 0.03, 0.01
 """[m], [m/m] Greatest change of a range that is the same, and its growth with the range."""
@@ -87,7 +87,7 @@ class Tracker:
         self._fold = Fold(
             -math.log(self.parameters.significance),
             Bodies(BODIES_AT_FIRST),
-            Views(OBJECTS_AT_FIRST, 1),
+            Views(VIEWS_AT_FIRST, 1),
             Memory(1),
         )
         self._log = sighting_arrays(SIGHTINGS_AT_FIRST)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.formalism.detection import AGENT, LEGGED, OBJECT, PRISMATIC, UNKNOWN
-from lidarcli.formalism.evidence import rectangle
-from lidarcli.formalism.shares import shape_likelihood
+from lidarcli.formalism.matching.evidence import rectangle, shape_likelihood
 from lidarcli.formalism.tracking.results import BOX, END_OF_LOG, ENDED, MOST_LEGS, PERSON, Tracks
 
 VERDICT_MARGIN = 0.5

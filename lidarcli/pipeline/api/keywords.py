@@ -26,7 +26,7 @@ from lidarcli.choices import (
     STATION_DISTANCE,
 )
 from lidarcli.formalism.background.model import Background
-from lidarcli.formalism.catalogue import Catalogue
+from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import Profile
 
 AnyPath = str | PathLike[str]

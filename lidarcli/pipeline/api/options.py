@@ -8,7 +8,7 @@ from os import PathLike, fspath
 from typing import Any
 
 from lidarcli.errors import OptionError
-from lidarcli.formalism.catalogue import Catalogue
+from lidarcli.formalism.matching.catalogue import Catalogue
 from lidarcli.formalism.parameters import Parameters
 from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.batches import ReadOptions

@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow as pa
 
 from lidarcli.formalism import Parameters
-from lidarcli.formalism.catalogue import Catalogue, names_in
 from lidarcli.formalism.detection import AGENT
+from lidarcli.formalism.matching.catalogue import Catalogue, names_in
 from lidarcli.formalism.parameters import TrackParameters
 from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.formalism.tracking.tracker import Tracker

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 import pyarrow as pa
 
 from lidarcli.formalism import Detection, Parameters, detect
-from lidarcli.formalism.catalogue import Catalogue, name, names_in
+from lidarcli.formalism.matching.catalogue import Catalogue, name, names_in
 from lidarcli.machine import Beside
 from lidarcli.pipeline.reading.one_log import Progress, Reading, RunSummary
 from lidarcli.sweeps import SweepBatch
@@ -85,7 +85,7 @@ class Naming:
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
         """The objects of a batch."""
-        from lidarcli.formalism.evidence import evidence_of
+        from lidarcli.formalism.matching.evidence import evidence_of
 
         found = self._find(batch, per_beam)
         label, score = name(evidence_of(batch, found), self._catalogue)

@@ -19,7 +19,7 @@ from lidarcli.stores.url import Place
 from lidarcli.tabular.writing import table_paths
 
 if TYPE_CHECKING:
-    from lidarcli.formalism.catalogue import Catalogue
+    from lidarcli.formalism.matching.catalogue import Catalogue
     from lidarcli.pipeline.objects.following import TrackOptions
     from lidarcli.pipeline.objects.subtracting import BackgroundOptions
 

@@ -15,11 +15,11 @@ from lidarcli.formalism import Detection, Parameters
 from lidarcli.formalism.background.changes import changes
 from lidarcli.formalism.background.model import Background
 from lidarcli.formalism.background.subtraction import (
-    APART,
-    BEHIND,
-    LEAST_APART,
-    MOST_APART,
-    SWEEP_APART,
+    LEAST_SWEEPS_DIFFERING,
+    MOST_DIFFERING,
+    MOST_SWEEP_DIFFERING,
+    MOST_SWEEPS_DIFFERING,
+    SEEN_THROUGH,
     Difference,
     Subtraction,
     Tolerance,
@@ -81,7 +81,7 @@ class _Seen:
     without_background: int = 0
     """Ranges in directions of which the background knows nothing."""
     differing: int = 0
-    """Ranges before the background, and behind it by `BEHIND`."""
+    """Ranges before the background, and behind it by `SEEN_THROUGH`."""
     apart: int = 0
     """Sweeps that are far from the background …"""
     first_apart: float = np.inf
@@ -174,15 +174,15 @@ class Subtracting:
                     f"of frame {name}: they look where it does not"
                 )
             compared = seen.ranges - seen.without_background
-            if seen.differing > APART * compared:
+            if seen.differing > MOST_DIFFERING * compared:
                 lines.append(
                     f"{seen.differing / compared:.0%} of the ranges of frame {name} differ from {self._options.name}: "
                     "it is of another place, or the sensor moved"
                 )
-            elif seen.apart > max(MOST_APART * seen.sweeps, LEAST_APART - 1):
+            elif seen.apart > max(MOST_SWEEPS_DIFFERING * seen.sweeps, LEAST_SWEEPS_DIFFERING - 1):
                 lines.append(
                     f"{seen.apart:,} of {seen.sweeps:,} sweeps of frame {name}, from sweep {seen.first_apart:.0f} on, "
-                    f"differ from {self._options.name} in more than {SWEEP_APART:.0%} of their ranges: the sensor "
+                    f"differ from {self._options.name} in more than {MOST_SWEEP_DIFFERING:.0%} of their ranges: the sensor "
                     "seems to have moved; compare what comes after it with a background of its own (--start, --end)"
                 )
         return lines
@@ -200,10 +200,10 @@ class Subtracting:
         lost = part.station < 0
         valid = (batch.status == Status.VALID) & ~lost[:, None]
         with np.errstate(invalid="ignore"):
-            behind = np.isfinite(part.r_e) & (part.difference > BEHIND)
+            behind = np.isfinite(part.r_e) & (part.difference > SEEN_THROUGH)
         differing = valid & part.known & (part.appeared | behind)
         compared = np.count_nonzero(valid & part.known, axis=1)
-        apart = np.flatnonzero(np.count_nonzero(differing, axis=1) > SWEEP_APART * compared)
+        apart = np.flatnonzero(np.count_nonzero(differing, axis=1) > MOST_SWEEP_DIFFERING * compared)
         seen = _Seen(
             sweeps=len(batch),
             without_station=int(np.count_nonzero(lost)),

@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from lidarcli.formalism.mapping.comparison import FARTHEST, TOLERANCE, Comparison, UnlikeError, compare
-from lidarcli.formalism.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
+from lidarcli.formalism.mapping.occupancy import (
+    FARTHEST_CELLS,
+    FREE,
+    OCCUPIED,
+    TOLERANCE,
+    UNKNOWN,
+    Comparison,
+    Occupancy,
+    UnlikeError,
+    compare,
+)
 
 CELL = 0.05
 
@@ -47,7 +56,7 @@ def by_pairs(found: Occupancy, true: Occupancy) -> Comparison:
 
     precision = sum(right(cell, theirs) for cell in mine) / len(mine)
     recall = sum(right(cell, mine) for cell in theirs) / len(theirs)
-    away = [min(min(math.dist(cell, other) for other in mine), FARTHEST) for cell in theirs]
+    away = [min(min(math.dist(cell, other) for other in mine), FARTHEST_CELLS) for cell in theirs]
     return Comparison(
         len(mine),
         len(theirs),
@@ -107,9 +116,9 @@ def test_it_agrees_with_every_pair(seed: int, share: float) -> None:
 
 
 def test_what_is_too_far_counts_as_the_farthest() -> None:
-    for apart in (FARTHEST - 1, FARTHEST, FARTHEST + 1, 5000):
+    for apart in (FARTHEST_CELLS - 1, FARTHEST_CELLS, FARTHEST_CELLS + 1, 5000):
         told = compare(grid([[OCCUPIED]], apart), grid([[OCCUPIED]]))
-        assert told.mean_distance == pytest.approx(CELL * min(apart, FARTHEST))
+        assert told.mean_distance == pytest.approx(CELL * min(apart, FARTHEST_CELLS))
         assert (told.precision, told.recall, told.f1) == (0.0, 0.0, 0.0)
 
 
@@ -145,6 +154,6 @@ def test_empty_maps() -> None:
     nan = float("nan")
     nothing = (grid(np.zeros((0, 0))), grid([[FREE, UNKNOWN]]))
     for none in nothing:
-        assert_alike(compare(none, marked((3, 3))), Comparison(0, 1, nan, 0.0, nan, CELL * FARTHEST))
+        assert_alike(compare(none, marked((3, 3))), Comparison(0, 1, nan, 0.0, nan, CELL * FARTHEST_CELLS))
         assert_alike(compare(marked((3, 3)), none), Comparison(1, 0, 0.0, nan, nan, nan))
         assert_alike(compare(none, none), Comparison(0, 0, nan, nan, nan, nan))

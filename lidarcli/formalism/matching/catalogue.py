@@ -1,33 +1,42 @@
-"""Things of interest (§3, matching): which entry of a catalogue explains what was seen of a thing.
+"""Things of interest (§3, matching): the entry of a catalogue that explains what was seen of a thing.
 
-Only what was seen may contradict: of a half-hidden pallet one face of 1.2 m or 0.8 m is enough to be possible, two to be
-certain. Every entry is compared with "none of them", a thing of any size, and a name is given where one entry is both
-probable (beside the others and none) and a fit (by chi-square).
+Only what was seen may contradict an entry: one face of 1.2 m or 0.8 m makes a pallet possible, two faces make it certain.
+Every entry is compared with "none of them", a thing of any size between `SMALLEST_SIZE` and `LARGEST_SIZE`. A name is given
+where one entry is probable beside the others and none, and also a good fit by chi-square.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from lidarcli.formalism.detection import IRREGULAR, LEGGED, PRISMATIC, ROUND, SHAPES
-from lidarcli.formalism.fits import any_way, at_least, either, measured
 from lidarcli.sweeps import Bool, Float64, Int32, record
 
 KINDS = tuple(SHAPES[code] for code in (PRISMATIC, ROUND, LEGGED, IRREGULAR))
 """Shapes of things, in the order of `Evidence.shape`."""
-PROBABLE = 0.95
+LEAST_PROBABILITY = 0.95
 """A name is given from this probability on, ..."""
-FITTING = 0.01
+LEAST_FIT = 0.01
 """... if what was seen is no less likely than this where the name is right."""
-ALL_LEGS = 0.5
+ALL_LEGS_SEEN = 0.5
 """How often all legs of a legged thing are seen at once."""
-MOST_LEGS = 8
+MOST_UNKNOWN_LEGS = 8
 """An unknown thing of several parts has up to so many."""
-AS_BRIGHT = 0.03
+INTENSITY_SHARE = 0.03
 """Share of the unknown things whose intensity is within the limits of an entry: these are set for what stands out."""
+SMALLEST_SIZE, LARGEST_SIZE = 0.05, 2.0
+"""[m] A thing that is not in the catalogue may have any size between these."""
+LEAST_FIT_SD = 0.001
+"""[m] No size is known better than this."""
+LEAST_LARGER_SHARE = 0.05
+"""Share of the unknown things that may be as large as anything that was seen."""
+LEAST_DENSITY = 1e-300
+"""Least density: its logarithm is finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +157,7 @@ def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
     """
     compared = compare(evidence, catalogue)
     probability = _probability(compared.ratio)
-    good = (probability >= PROBABLE) & (compared.fit >= FITTING) & compared.certain
+    good = (probability >= LEAST_PROBABILITY) & (compared.fit >= LEAST_FIT) & compared.certain
     # Probabilities sum to one: no more than one entry can be good.
     found = good.any(axis=1)
     best = np.argmax(good, axis=1) if catalogue.things else np.zeros(len(evidence), np.intp)
@@ -161,7 +170,7 @@ def name(evidence: Evidence, catalogue: Catalogue) -> tuple[Int32, Float64]:
 def possible(evidence: Evidence, catalogue: Catalogue) -> Bool:
     """Which entries nothing that was seen contradicts: (M, E)."""
     compared = compare(evidence, catalogue)
-    contradicted: Bool = (compared.fit < FITTING) | np.isneginf(compared.ratio)
+    contradicted: Bool = (compared.fit < LEAST_FIT) | np.isneginf(compared.ratio)
     return ~contradicted
 
 
@@ -208,7 +217,7 @@ def _compare(evidence: Evidence, thing: Thing, shape: Float64) -> tuple[Float64,
         ratio = np.where(evidence.moved, -np.inf, ratio)
     if thing.intensity_min is not None or thing.intensity_max is not None:
         known, within = _within_limits(evidence, thing)
-        ratio = np.where(within, ratio - np.log(AS_BRIGHT), np.where(known, -np.inf, ratio))
+        ratio = np.where(within, ratio - np.log(INTENSITY_SHARE), np.where(known, -np.inf, ratio))
         certain = certain & known
     return ratio, fit, certain
 
@@ -268,9 +277,100 @@ def _by_legs(evidence: Evidence, thing: Thing) -> tuple[Float64, Float64, Bool]:
             ratio, fit = any_way([one.plus(across), other.plus(along)])
         certain = seen & np.isfinite(evidence.span_1) & (two | np.isfinite(evidence.span_2))
     if thing.legs:
-        hidden = (1.0 - ALL_LEGS) / max(thing.legs - 1, 1)
-        chance = np.log(np.where(evidence.legs == thing.legs, ALL_LEGS, hidden) * MOST_LEGS)
+        hidden = (1.0 - ALL_LEGS_SEEN) / max(thing.legs - 1, 1)
+        chance = np.log(np.where(evidence.legs == thing.legs, ALL_LEGS_SEEN, hidden) * MOST_UNKNOWN_LEGS)
         too_many = evidence.legs > thing.legs
         ratio = np.where(too_many, -np.inf, ratio + np.where(seen, chance, 0.0))
         fit = np.where(too_many, 0.0, fit)
     return ratio, fit, certain
+
+
+@record
+class Fit:
+    """How sizes fit, (M,) each."""
+
+    ratio: Float64
+    """Log-likelihood less that under a thing of any size."""
+    chi: Float64
+    """Sum of squares of what was seen, in standard deviations, ..."""
+    freedom: Float64
+    """... and the number of them: 0, 1 or 2."""
+
+    def plus(self, other: Fit) -> Fit:
+        """Both sizes together."""
+        return Fit(self.ratio + other.ratio, self.chi + other.chi, self.freedom + other.freedom)
+
+    def likely(self) -> Float64:
+        """How likely it is to see no better a fit where the size is right, 0 to 1."""
+        one = 2.0 * below(-np.sqrt(self.chi))
+        two = np.exp(-0.5 * self.chi)
+        result: Float64 = np.where(self.freedom == 0, 1.0, np.where(self.freedom == 1, one, two))
+        return result
+
+
+def measured(value: Float64, sd: Float64, low: float, high: float) -> Fit:
+    """Sizes that were measured, beside one that lies anywhere between `low` and `high`; NaN tells nothing.
+
+    Parameters
+    ----------
+    value, sd : (M,) the size and its standard deviation, with the tolerance in it [m]
+    low, high : [m]; the same for a size that is known
+    """
+    seen = np.isfinite(value)
+    value, spread = np.where(seen, value, low), np.where(seen, np.hypot(sd, LEAST_FIT_SD), 1.0)
+    off = np.maximum(np.maximum(low - value, value - high), 0.0) / spread
+    if high - low > LEAST_FIT_SD:
+        density = (below((value - low) / spread) - below((value - high) / spread)) / (high - low)
+        log_density = np.log(np.maximum(density, LEAST_DENSITY))
+    else:
+        log_density = -0.5 * off**2 - np.log(spread * math.sqrt(2.0 * math.pi))
+    ratio = log_density + math.log(LARGEST_SIZE - SMALLEST_SIZE)
+    return Fit(np.where(seen, ratio, 0.0), np.where(seen, off**2, 0.0), seen.astype(np.float64))
+
+
+def at_least(least: Float64, sd: Float64, size: float) -> Fit:
+    """Things that are at least so long, beside a size: only a shorter one is contradicted; NaN tells nothing.
+
+    Parameters
+    ----------
+    least, sd : (M,) the length and its standard deviation, with the tolerance in it [m]
+    size : [m]
+    """
+    seen = np.isfinite(least)
+    least, spread = np.where(seen, least, 0.0), np.where(seen, np.hypot(sd, LEAST_FIT_SD), 1.0)
+    off = (least - size) / spread
+    longer = np.clip((LARGEST_SIZE - least) / (LARGEST_SIZE - SMALLEST_SIZE), LEAST_LARGER_SHARE, 1.0)
+    ratio = np.log(np.maximum(below(-off), LEAST_DENSITY)) - np.log(longer)
+    exceeds = seen & (off > 0.0)
+    return Fit(np.where(seen, ratio, 0.0), np.where(exceeds, off**2, 0.0), exceeds.astype(np.float64))
+
+
+def either(known: Bool, one: Fit, other: Fit) -> Fit:
+    """The one fit where something is known, elsewhere the other."""
+    return Fit(
+        np.where(known, one.ratio, other.ratio),
+        np.where(known, one.chi, other.chi),
+        np.where(known, one.freedom, other.freedom),
+    )
+
+
+def any_way(ways: Sequence[Fit]) -> tuple[Float64, Float64]:
+    """Log-likelihood ratio where each way is as likely as the others, and the fit of the best: (M,) each."""
+    ratio: Float64 = np.logaddexp.reduce([way.ratio for way in ways]) - math.log(len(ways))
+    fit: Float64 = np.max([way.likely() for way in ways], axis=0)
+    return ratio, fit
+
+
+def below(z: Float64) -> Float64:
+    """Share of a normal distribution below so many standard deviations: 1e-7 exact (numpy has no error function).
+
+    Abramowitz and Stegun 1964, 26.2.17.
+
+    >>> below(np.array([0.0, 1.0, -3.0])).round(6).tolist()
+    [0.5, 0.841345, 0.00135]
+    """
+    t = 1.0 / (1.0 + 0.2316419 * np.abs(z))
+    sum_ = t * (0.319381530 + t * (-0.356563782 + t * (1.781477937 + t * (-1.821255978 + t * 1.330274429))))
+    tail = np.exp(-0.5 * np.square(z)) / math.sqrt(2.0 * math.pi) * sum_
+    result: Float64 = np.where(z > 0, 1.0 - tail, tail)
+    return result

@@ -1,0 +1,1 @@
+"""Matching (§3): things of interest, and the same things in several runs."""

@@ -1,0 +1,448 @@
+"""The same standing things in several runs (§3, matching), by their places and by what they are.
+
+Every pair of a known thing and a thing of the next run is weighed: how much likelier are the measurements of both if they
+are one thing than if they are two? A thing that stands where it stood is recognised by its place, one that was moved by its
+size, shape and label. The pairs with the greatest sum win.
+
+Where the coordinates of a run are unknown, they follow from the constellation of its things. Every two things of the run,
+beside two known ones of similar sizes and the same distance, propose a turn and a shift. The proposal under which most
+things fall into place wins, and its probability beside the others is its chance.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lidarcli.formalism.matching.catalogue import LARGEST_SIZE, SMALLEST_SIZE
+from lidarcli.sweeps import Bool, Float64, Int32, Int64, record
+
+RUN_PLACE_SD = 0.1
+"""[m] Where a standing thing is found, from one run to the other."""
+RUN_SIZE_SD = 0.01
+"""[m] What sizes of the same thing differ by beside their standard deviations."""
+SIZE_RANGE = LARGEST_SIZE - SMALLEST_SIZE
+"""[m] Sizes of different things differ by as much: they may have any."""
+STAYS = 0.9
+"""How likely a thing stands where it stood."""
+NEARNESS = 0.05
+"""[1/m] Of several places that a thing may have been moved to, the nearest is a little likelier."""
+LEAST_GAIN = 2.9
+"""A pair has to be likelier than this by its logarithm: 18 to 1."""
+SAME_SHAPE, OTHER_SHAPE = 0.7, -2.0
+"""Log-likelihood ratio of two shapes that are known: the same, or another."""
+SAME_LABEL, OTHER_LABEL = 2.0, -20.0
+"""Of two labels."""
+MOST_EXPONENT = 100.0
+LEAST_AREA = 10.0
+"""[m²] Things stand anywhere in a place at least so large."""
+MOST_THINGS = 40
+"""So many things of each side propose: those whose sizes are known, the largest first."""
+MOST_PROPOSALS = 3000
+"""So many proposals are looked at, those of the most alike pairs first."""
+MOST_REFINED = 24
+"""So many of them that differ are refined."""
+LEAST_QUALITY = 0.4
+"""A proposal that explains less than this share of what the best one does is none."""
+MOTION_REFINEMENTS = 6
+"""Steps from the things in place to the motion that fits them best, and on."""
+PAIR_TOLERANCE = 0.3
+"""[m] Distances of pairs that differ by more are not those of the same things."""
+LEAST_ALIKE = -3.0
+"""Things whose sizes, shapes and labels are less alike than this are not the same."""
+SHORTEST_PAIR = 0.3
+"""[m] Things closer together do not tell a direction."""
+LEAST_IN_PLACE = 3
+"""Fewer things in place do not tell a turn and a shift: two pairs of the same distance there are always. Where the
+frames are the same, two are enough."""
+MOTION_PRIOR = 12.0
+"""A turn and a shift have to explain this much more, by its logarithm, than that the sensor's frames are the same."""
+IN_PLACE_SDS = 4.0
+"""Standard deviations within which a thing is in its place."""
+PROPOSALS_AT_ONCE = 256
+
+
+@record
+class Standing:
+    """N things that stand somewhere in one run, (N,) each; lengths in metres, NaN where they are not known."""
+
+    x: Float64
+    y: Float64
+    length: Float64
+    width: Float64
+    length_sd: Float64
+    width_sd: Float64
+    shape: Int32
+    """A code that is the same in all runs, -1 where it is not known."""
+    label: Int32
+    """The same of names, -1 for none."""
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A turn, then a shift: from the coordinates of a run to those of the first one."""
+
+    angle: float = 0.0
+    x: float = 0.0
+    y: float = 0.0
+
+    def of(self, x: Float64, y: Float64) -> tuple[Float64, Float64]:
+        """Where places are."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return self.x + cos * x - sin * y, self.y + sin * x + cos * y
+
+
+HERE = Motion()
+"""Coordinates that are those of the first run already."""
+
+
+@record
+class Matched:
+    """What became of the N things of a run, (N,) each."""
+
+    thing: Int64
+    """Number of the thing, 1, 2, ... by first sight."""
+    x: Float64
+    """Where it stands, in the coordinates of the first run."""
+    y: Float64
+    moved: Float64
+    """How far from where it was last [m]; NaN for what is new."""
+    score: Float64
+    """How likely it is that thing and no other, 0 to 1; NaN for what is new."""
+
+
+class Things:
+    """The things of the runs so far."""
+
+    def __init__(self) -> None:
+        nothing, none = np.empty(0), np.empty(0, np.int32)
+        self.known = Standing(nothing, nothing, nothing, nothing, nothing, nothing, none, none)
+        """Where each was last, and all that is known of it; without those of runs of which nobody knows where they lie."""
+        self._numbers = np.empty(0, np.int64)
+        """The number of each, from 1."""
+        self._count = 0
+
+    def take(self, run: Standing, motion: Motion | None, chance: float = 1.0) -> Matched:
+        """Find the things of a run among those of earlier ones; what is not found is a new thing.
+
+        Parameters
+        ----------
+        run : things of a run that was not taken yet
+        motion : from its coordinates to those of the first run; None where nobody knows: then all are new
+        chance : how likely that motion is the right one
+        """
+        x, y = (motion or HERE).of(run.x, run.y)
+        placed = placed_at(run, x, y)
+        count, known = len(run), len(self.known)
+        pair = np.full(count, -1)
+        score, moved = np.full(count, np.nan), np.full(count, np.nan)
+        if motion is not None and known and count:
+            gain = gains(self.known, placed)
+            pair = assign(gain.T - LEAST_GAIN)
+            found = np.flatnonzero(pair >= 0)
+            score[found] = chance * _score(gain, pair[found], found)
+            moved[found] = np.hypot(
+                x[found] - self.known.x[pair[found]], y[found] - self.known.y[pair[found]]
+            )
+        new = pair < 0
+        number = self._count + 1 + np.arange(np.count_nonzero(new))
+        self._count += len(number)
+        thing = np.empty(count, np.int64)
+        thing[new], thing[~new] = number, self._numbers[pair[~new]]
+        if motion is not None or not known:
+            # Coordinates that nobody can compare are no place to look for things again.
+            pair[new] = known + np.arange(len(number))
+            self._numbers = np.concatenate([self._numbers, number])
+            self._learn(placed, pair)
+        return Matched(thing=thing, x=x, y=y, moved=moved, score=score)
+
+    def _learn(self, run: Standing, pair: Int64) -> None:
+        """Keep where things are now, and join what is known of their sizes."""
+        old, count = self.known, max(len(self.known), int(pair.max(initial=-1)) + 1)
+        grown = {}
+        for name in ("x", "y", "length", "width", "length_sd", "width_sd", "shape", "label"):
+            before, now = getattr(old, name), getattr(run, name)
+            empty = np.nan if now.dtype.kind == "f" else -1
+            grown[name] = np.full(count, empty, now.dtype)
+            grown[name][: len(before)] = before
+        for size in ("length", "width"):
+            value, sd = _joined(
+                grown[size][pair],
+                grown[f"{size}_sd"][pair],
+                getattr(run, size),
+                getattr(run, f"{size}_sd"),
+            )
+            grown[size][pair], grown[f"{size}_sd"][pair] = value, sd
+        for name in ("x", "y"):
+            grown[name][pair] = getattr(run, name)
+        for name in ("shape", "label"):
+            now = getattr(run, name)
+            grown[name][pair] = np.where(now < 0, grown[name][pair], now)
+        self.known = Standing(**grown)
+
+
+def gains(known: Standing, run: Standing) -> Float64:
+    """(T, N) log-likelihood ratio of each pair being one thing and not two, be it in its place or moved."""
+    return np.maximum(in_place(known, run), _moved(known, run))
+
+
+def in_place(known: Standing, run: Standing) -> Float64:
+    """(T, N) of each pair being one thing that still stands there."""
+    return alike(known, run) + near(_distance(known, run), area(known, run))
+
+
+def near(distance: Float64, room: float) -> Float64:
+    """What a place tells: log-likelihood ratio of standing that far apart [m], in a room of so many square metres."""
+    result: Float64 = (
+        math.log(STAYS * max(room, LEAST_AREA) / (4.0 * math.pi * RUN_PLACE_SD**2))
+        - 0.25 * (distance / RUN_PLACE_SD) ** 2
+    )
+    return result
+
+
+def area(known: Standing, run: Standing) -> float:
+    """Of the place in which the things stand [m²]."""
+    sides = []
+    for one, other in ((known.x, run.x), (known.y, run.y)):
+        both = np.concatenate([one, other])
+        sides.append(float(np.ptp(both)) + 1.0 if len(both) else 1.0)
+    return max(sides[0] * sides[1], LEAST_AREA)
+
+
+def alike(known: Standing, run: Standing) -> Float64:
+    """(T, N) what size, shape and label tell: log-likelihood ratio of being one thing, 0 where nothing is known."""
+    total = np.zeros((len(known), len(run)))
+    for size in ("length", "width"):
+        apart = getattr(known, size)[:, None] - getattr(run, size)
+        sd = np.hypot(getattr(known, f"{size}_sd")[:, None], getattr(run, f"{size}_sd"))
+        sd = np.hypot(np.nan_to_num(sd), RUN_SIZE_SD)
+        ratio = math.log(SIZE_RANGE / math.sqrt(2.0 * math.pi)) - np.log(sd) - 0.5 * (apart / sd) ** 2
+        total += np.where(np.isfinite(apart), ratio, 0.0)
+    total += _codes(known.shape, run.shape, SAME_SHAPE, OTHER_SHAPE)
+    return total + _codes(known.label, run.label, SAME_LABEL, OTHER_LABEL)
+
+
+def _codes(known: Int32, run: Int32, same: float, other: float) -> Float64:
+    there = (known >= 0)[:, None] & (run >= 0)
+    return np.where(there, np.where(known[:, None] == run, same, other), 0.0)
+
+
+def _moved(known: Standing, run: Standing) -> Float64:
+    """(T, N) of each pair being one thing that was moved, which only what has a size can show."""
+    sized: Bool = np.isfinite(known.length + known.width)[:, None] & np.isfinite(run.length + run.width)
+    ratio = alike(known, run) + math.log(1.0 - STAYS) - NEARNESS * _distance(known, run)
+    return np.where(sized, ratio, -np.inf)
+
+
+def _distance(known: Standing, run: Standing) -> Float64:
+    result: Float64 = np.hypot(known.x[:, None] - run.x, known.y[:, None] - run.y)
+    return result
+
+
+def _score(gain: Float64, thing: Int64, one: Int64) -> Float64:
+    """How likely pairs are beside all others that each of their two could make, and beside none."""
+    chosen = gain[thing, one]
+    rows = np.exp(np.minimum(gain[thing] - chosen[:, None], MOST_EXPONENT)).sum(axis=1)
+    columns = np.exp(np.minimum(gain[:, one] - chosen, MOST_EXPONENT)).sum(axis=0)
+    # Both sums hold the pair itself.
+    result: Float64 = 1.0 / (rows + columns - 1.0 + np.exp(LEAST_GAIN - chosen))
+    return result
+
+
+def _joined(known: Float64, known_sd: Float64, now: Float64, now_sd: Float64) -> tuple[Float64, Float64]:
+    """What was known of sizes and what is measured now, each as heavy as it is sure, and its sd; NaN is nothing."""
+    seen, was = np.isfinite(now), np.isfinite(known)
+    weight = np.where(seen, 1.0 / (np.nan_to_num(now_sd) ** 2 + RUN_SIZE_SD**2), 0.0)
+    old = np.where(was, 1.0 / np.where(was, known_sd, 1.0) ** 2, 0.0)
+    total = weight + old
+    some = total > 0.0
+    share = np.divide(weight, total, out=np.zeros(len(total)), where=some)
+    mean = np.where(was, known, 0.0) * (1.0 - share) + np.where(seen, now, 0.0) * share
+    spread = 1.0 / np.sqrt(np.where(some, total, 1.0))
+    return np.where(some, mean, np.nan), np.where(some, spread, np.nan)
+
+
+def placed_at(run: Standing, x: Float64, y: Float64) -> Standing:
+    """The same things elsewhere."""
+    return replace(run, x=x, y=y)
+
+
+def assign(gain: Float64) -> Int64:
+    """The pairs with the greatest sum of gains, found by shortest augmenting paths; none with a gain of 0 or less.
+
+    Of equal sums it takes the same whenever asked.
+
+    Parameters
+    ----------
+    gain : (N, M) of pairing row and column, -inf where they may not be paired
+
+    Returns
+    -------
+    (N,) column of each row, -1 for none
+
+    >>> assign(np.array([[3.0, 2.0], [2.0, -1.0]])).tolist()
+    [1, 0]
+    """
+    rows, columns = gain.shape
+    # Every row has a column of its own behind the others, where it gains nothing.
+    cost = np.full((rows, columns + rows), np.inf)
+    cost[:, :columns] = np.where(gain > 0.0, -gain, np.inf)
+    cost[np.arange(rows), columns + np.arange(rows)] = 0.0
+    row_of = np.full(columns + rows, -1)
+    column_of = np.full(rows, -1)
+    price = np.zeros(columns + rows)
+    for row in range(rows):
+        _augment(cost, row, price, row_of, column_of)
+    result: Int64 = np.where(column_of < columns, column_of, -1)
+    return result
+
+
+def _augment(cost: Float64, start: int, price: Float64, row_of: Int64, column_of: Int64) -> None:
+    """Give the row a column, along the cheapest path on which others give up theirs for another."""
+    distance = np.full(cost.shape[1], np.inf)
+    before = np.full(cost.shape[1], start)
+    done = np.zeros(cost.shape[1], np.bool_)
+    row, way = start, 0.0
+    while True:
+        # Prices make what is paired cost nothing more along the path.
+        level = 0.0 if row == start else cost[row, column_of[row]] - price[column_of[row]]
+        through = way + cost[row] - price - level
+        shorter = ~done & (through < distance)
+        distance[shorter], before[shorter] = through[shorter], row
+        column = int(np.argmin(np.where(done, np.inf, distance)))
+        way = float(distance[column])
+        done[column] = True
+        if row_of[column] < 0:
+            break
+        row = int(row_of[column])
+    price[done] += distance[done] - way
+    while True:
+        row = int(before[column])
+        row_of[column] = row
+        column_of[row], column = column, int(column_of[row])
+        if row == start:
+            return
+
+
+def align(known: Standing, run: Standing) -> tuple[Motion | None, float]:
+    """The motion from the coordinates of a run to those of the known things, and how likely it is; None where none fits.
+
+    Parameters
+    ----------
+    known, run : the things of the runs so far, and of another one
+    """
+    if not len(known) or not len(run):
+        return None, 0.0
+    found: dict[bytes, tuple[float, Motion]] = {}
+    for motion in [HERE, *_best(known, run)]:
+        refined = motion if motion == HERE else _refine(known, run, motion)
+        placed = placed_at(run, *refined.of(run.x, run.y))
+        gain = gains(known, placed)
+        pair = assign(gain.T - LEAST_GAIN)
+        one = np.flatnonzero(pair >= 0)
+        standing = int(
+            np.count_nonzero(_distance(known, placed)[pair[one], one] < IN_PLACE_SDS * RUN_PLACE_SD)
+        )
+        if standing < (min(2, len(known), len(run)) if refined == HERE else LEAST_IN_PLACE):
+            continue
+        total = float((gain[pair[one], one] - LEAST_GAIN).sum()) - (0.0 if refined == HERE else MOTION_PRIOR)
+        key = pair.tobytes()
+        if key not in found or total > found[key][0]:
+            found[key] = total, refined
+    if not found:
+        return None, 0.0
+    # Of equals the first: as the frames are, then in the order of the proposals.
+    best, motion = max(found.values(), key=lambda each: each[0])
+    if best <= 0.0:
+        return None, 0.0
+    return motion, 1.0 / sum(math.exp(total - best) for total, _ in found.values())
+
+
+def _best(known: Standing, run: Standing) -> list[Motion]:
+    """The proposals under which most falls into its place."""
+    ours, theirs = _chosen(known), _chosen(run)
+    like = alike(known, run)[np.ix_(ours, theirs)]
+    x0, y0, x1, y1 = known.x[ours], known.y[ours], run.x[theirs], run.y[theirs]
+    a, b = (part.ravel() for part in np.nonzero(~np.eye(len(ours), dtype=bool)))
+    i, j = np.triu_indices(len(theirs), 1)
+    there, here = np.hypot(x0[b] - x0[a], y0[b] - y0[a]), np.hypot(x1[j] - x1[i], y1[j] - y1[i])
+    first, second = like[a][:, i], like[b][:, j]
+    fits = np.abs(there[:, None] - here) < PAIR_TOLERANCE
+    fits &= (
+        (first > LEAST_ALIKE)
+        & (second > LEAST_ALIKE)
+        & (there[:, None] > SHORTEST_PAIR)
+        & (here > SHORTEST_PAIR)
+    )
+    p, q = np.nonzero(fits)
+    weight = (first + second)[p, q] - ((there[p] - here[q]) / (2.0 * RUN_PLACE_SD)) ** 2
+    order = np.lexsort((-there[p], -weight))[:MOST_PROPOSALS]
+    a, b, i, j = a[p[order]], b[p[order]], i[q[order]], j[q[order]]
+    angle = np.arctan2(y0[b] - y0[a], x0[b] - x0[a]) - np.arctan2(y1[j] - y1[i], x1[j] - x1[i])
+    cos, sin = np.cos(angle), np.sin(angle)
+    middle_x, middle_y = 0.5 * (x1[i] + x1[j]), 0.5 * (y1[i] + y1[j])
+    shift_x = 0.5 * (x0[a] + x0[b]) - cos * middle_x + sin * middle_y
+    shift_y = 0.5 * (y0[a] + y0[b]) - sin * middle_x - cos * middle_y
+    room, quality = area(known, run), np.empty(len(order))
+    for begin in range(0, len(order), PROPOSALS_AT_ONCE):
+        at = slice(begin, begin + PROPOSALS_AT_ONCE)
+        c, s = cos[at, None], sin[at, None]
+        x = shift_x[at, None] + c * x1 - s * y1
+        y = shift_y[at, None] + s * x1 + c * y1
+        away = np.hypot(x[:, None, :] - x0[:, None], y[:, None, :] - y0[:, None])
+        gain = np.maximum(like + near(away, room) - LEAST_GAIN, 0.0)
+        quality[at] = np.minimum(gain.max(axis=2).sum(axis=1), gain.max(axis=1).sum(axis=1))
+    best: list[Motion] = []
+    for k in np.argsort(-quality, kind="stable").tolist():
+        motion = Motion(float(angle[k]), float(shift_x[k]), float(shift_y[k]))
+        if not any(_same(motion, other, x1, y1) for other in best):
+            best.append(motion)
+        if len(best) == MOST_REFINED or quality[k] < LEAST_QUALITY * quality.max():
+            break
+    return best
+
+
+def _same(one: Motion, other: Motion, x: Float64, y: Float64) -> bool:
+    """Whether two motions bring all things to the same places."""
+    (x0, y0), (x1, y1) = one.of(x, y), other.of(x, y)
+    return bool(np.hypot(x1 - x0, y1 - y0).max() < IN_PLACE_SDS * RUN_PLACE_SD)
+
+
+def _chosen(things: Standing) -> Int64:
+    """The things that propose."""
+    size = np.nan_to_num(things.length, nan=-1.0)
+    return np.sort(np.argsort(-size, kind="stable")[:MOST_THINGS]).astype(np.int64)
+
+
+def _refine(known: Standing, run: Standing, motion: Motion) -> Motion:
+    """The motion that fits those things best that fall into their places."""
+    like = alike(known, run)
+    for _ in range(MOTION_REFINEMENTS):
+        placed = placed_at(run, *motion.of(run.x, run.y))
+        away = _distance(known, placed)
+        gain = np.where(
+            away < IN_PLACE_SDS * RUN_PLACE_SD, like + near(away, area(known, placed)) - LEAST_GAIN, -np.inf
+        )
+        pair = assign(gain.T)
+        one = np.flatnonzero(pair >= 0)
+        if len(one) < 2:
+            return motion
+        moved = _fit(run.x[one], run.y[one], known.x[pair[one]], known.y[pair[one]])
+        if moved == motion:
+            break
+        motion = moved
+    return motion
+
+
+def _fit(x: Float64, y: Float64, to_x: Float64, to_y: Float64) -> Motion:
+    """The turn and shift of least squares from points to points."""
+    mean_x, mean_y, mean_u, mean_v = (float(each.mean()) for each in (x, y, to_x, to_y))
+    dx, dy, du, dv = x - mean_x, y - mean_y, to_x - mean_u, to_y - mean_v
+    angle = math.atan2(float((dx * dv - dy * du).sum()), float((dx * du + dy * dv).sum()))
+    cos, sin = math.cos(angle), math.sin(angle)
+    return Motion(angle, mean_u - cos * mean_x + sin * mean_y, mean_v - sin * mean_x - cos * mean_y)
