@@ -1,18 +1,17 @@
-"""CSV as a log: whatever its layout, it is read in blocks of lines and decoded by column.
+"""CSV as a log: recognised by its first lines, read in blocks of lines, decoded by column.
 
-`recognise` says from the first lines what a file is; `wide_form`, `list_form` and `long_form` decode it.
+Layouts are found in `rplidar`, `named` and `nameless`; `row_forms` and `long_form` decode them.
 """
 
 from __future__ import annotations
 
 import os
 import re
-import stat
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 import numpy as np
 
@@ -20,55 +19,43 @@ from lidarcli.errors import UnreadableError
 from lidarcli.logs.base import LASERSCAN, Message, OpenOptions, ReadReport, Topic
 from lidarcli.logs.csv import rplidar
 from lidarcli.logs.csv.dialect import other_format
-from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout
+from lidarcli.logs.csv.layouts import PER_SWEEP, RPLIDAR, Layout, read_head
 from lidarcli.logs.csv.long_form import LongDecoder
-from lidarcli.logs.csv.named import recognise
-from lidarcli.logs.csv.row_forms import ListDecoder, WideDecoder
-from lidarcli.logs.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextSource
+from lidarcli.logs.csv.named import with_header
+from lidarcli.logs.csv.nameless import without_header
+from lidarcli.logs.csv.row_forms import Decoder, ListDecoder, WideDecoder
+from lidarcli.logs.text import FIRST_BLOCK, MAX_LINE, TextBlock, TextLog
 from lidarcli.logs.times import time_notes, time_unit, to_ns
 from lidarcli.sweeps import RawSweeps, concatenate
+
+_SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xy", ".scan", ".gz")
+"""Files of a folder that are read; others (a README.md) are skipped."""
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+_BLOCK_SWEEPS = 256
+_BLOCK_VALUES = 1 << 20
 
 Paths = Sequence[str | os.PathLike[str]]
 
 
-class Decoder(Protocol):
-    """Lines in, sweeps out."""
-
-    def feed(self, block: TextBlock) -> Iterator[RawSweeps]: ...
-
-    def finish(self) -> Iterator[RawSweeps]: ...
-
-
-class CsvLog:
+class CsvLog(TextLog):
     """A CSV file, a stream of CSV text, or many files with one sweep each (a folder, a list of paths)."""
 
     def __init__(
         self, source: str | os.PathLike[str] | Paths | BinaryIO, options: OpenOptions | None = None
     ) -> None:
-        self._options = options or OpenOptions()
-        self._files: list[Path] = []
-        self._stream: BinaryIO | None = None
-        self._once = False
-        self._used = False
         self._read = 0
-        if isinstance(source, (str, os.PathLike)):
-            self.path = os.fspath(source)
-            if Path(self.path).is_dir():
-                self._files = sweep_files(Path(self.path))
-        elif isinstance(source, Sequence):
-            self._files = in_order([Path(item) for item in source])
-            self.path = os.fspath(self._files[0].parent) if self._files else ""
+        if isinstance(source, Sequence) and not isinstance(source, str):
+            self._files = _in_order([Path(item) for item in source])
+            self._open_files(os.fspath(self._files[0].parent) if self._files else "", options)
+        elif isinstance(source, str | os.PathLike) and Path(source).is_dir():
+            self._files = _sweep_files(Path(source))
+            self._open_files(os.fspath(source), options)
         else:
-            self.path, self._stream, self._once = "-", source, True
-        if self._files:
-            self.size: int | None = sum(file.stat().st_size for file in self._files if file.is_file())
-            self._layout, self.compression = self._sniff_files()
-        else:
-            self._text, self.size = self._open()
-            self.compression = self._text.compression
-            self._blocks = self._text.blocks()
+            self._files = []
+            super().__init__(source, options)
+            self._rest = self._text.blocks()
             try:
-                self._head = _head(self._blocks)
+                self._head = _head(self._rest)
                 self._layout = self._recognise(self._head)
             except UnreadableError:
                 self.close()
@@ -78,23 +65,48 @@ class CsvLog:
         times = time_notes(unit for scan in self._layout.scans for unit in scan.units.values())
         self._note = "; ".join([f"CSV layout: {name}", *self._layout.notes, *times])
 
+    def _open_files(self, path: str, options: OpenOptions | None) -> None:
+        self.path = path
+        self._options = options or OpenOptions()
+        self._stream = None
+        self.size = sum(file.stat().st_size for file in self._files if file.is_file())
+        self._layout, self.compression = self._sniff_files()
+
     def topics(self) -> list[Topic] | None:
-        """The scans that the columns hold; none in a table without ranges."""
+        """Return the scans that the columns hold; none in a table without ranges."""
         return [Topic(scan.topic, LASERSCAN, "csv") for scan in self._layout.scans]
 
     @property
     def position(self) -> int:
-        """Where the last pass stands [bytes]."""
-        return self._read if self._files else self._text.position
+        """Bytes of the source that the last pass has read."""
+        return self._read if self._files else super().position
+
+    @property
+    def is_long(self) -> bool:
+        """True where rows are beams, not sweeps."""
+        return self._layout.angle >= 0
+
+    @property
+    def is_part(self) -> bool:
+        """True where the file may be one of many with one sweep each."""
+        return self.is_long and self._layout.name != RPLIDAR
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Blocks of sweeps in the order of the file."""
+        """Yield blocks of sweeps in the order of the file."""
         report.notes.append(self._note)
-        if self._files:
-            if topics is None or self._layout.scans[0].topic in topics:
-                yield from join_blocks(self._sweeps_of_files(report))
-            return
-        blocks = self._start_over(report)
+        if not self._files:
+            yield from super().scans(topics, report)
+        elif topics is None or self._layout.scans[0].topic in topics:
+            yield from _joined(self._sweeps_of_files(report))
+
+    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
+        """Return nothing: CSV holds sweeps alone."""
+        report.notes.append(self._note)
+        return iter(())
+
+    def _sweeps(
+        self, blocks: Iterator[TextBlock], topics: Collection[str] | None, report: ReadReport
+    ) -> Iterator[RawSweeps]:
         if not any(topics is None or scan.topic in topics for scan in self._layout.scans):
             return
         decoder = self._decoder(topics, report)
@@ -102,35 +114,8 @@ class CsvLog:
             yield from map(self._stamped, decoder.feed(block))
         yield from map(self._stamped, decoder.finish())
 
-    @property
-    def is_long(self) -> bool:
-        """Whether rows are beams, not sweeps."""
-        return self._layout.angle >= 0
-
-    @property
-    def is_part(self) -> bool:
-        """Whether it may be one of many files with one sweep each."""
-        return self.is_long and self._layout.name != RPLIDAR
-
-    def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """Nothing: CSV holds no other messages."""
-        report.notes.append(self._note)
-        return iter(())
-
-    def close(self) -> None:
-        """Release the file, if it is ours."""
-        if self._stream is not None and not self._once:
-            self._stream.close()
-            self._stream = None
-
-    def __enter__(self) -> CsvLog:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
     def _stamped(self, block: RawSweeps) -> RawSweeps:
-        """A sweep without a time is stamped by the name of its file."""
+        """Stamp a sweep without a time by the name of its file."""
         if PER_SWEEP not in self._layout.name or self._layout.scans[0].units or self.path == "-":
             return block
         stamp = np.full(len(block), stamp_of_name(Path(self.path).name), np.int64)
@@ -140,55 +125,36 @@ class CsvLog:
         layout, options = self._layout, self._options
         if layout.scale is not None:
             options = replace(options, range_scale=layout.scale)
-        if self.is_long:
-            return LongDecoder(layout, options, report)
-        if layout.listed:
-            return ListDecoder(layout, options, report, topics)
-        return WideDecoder(layout, options, report, topics)
+        form = LongDecoder if self.is_long else ListDecoder if layout.listed else WideDecoder
+        return form(layout, options, report, topics)
 
-    def _open(self) -> tuple[TextSource, int | None]:
-        size = None
-        try:
-            if self._stream is None:
-                self._stream = Path(self.path).open("rb")  # noqa: SIM115 (closed by close)
-                status = os.fstat(self._stream.fileno())
-                if stat.S_ISREG(status.st_mode):
-                    size = status.st_size
-                else:
-                    self._once = True
-            return TextSource(self._stream, size), size
-        except OSError as err:
-            raise UnreadableError(f"{self.path}: cannot be read: {err.strerror or err}") from err
-
-    def _start_over(self, report: ReadReport) -> Iterator[TextBlock]:
-        """The blocks from the first one on; a stream has them once."""
-        head, blocks = self._head, self._blocks
+    def _blocks(self, report: ReadReport) -> Iterator[TextBlock]:
+        """Start a pass: return all blocks, of the first pass those of recognition first."""
         if self._used:
-            if self._once:
-                raise UnreadableError(f"{self.path}: a stream can be read only once")
-            self.close()
-            self._text, _ = self._open()
-            head, blocks = [], self._text.blocks()
+            return super()._blocks(report)
         self._used = True
         self._text.report_to(report)
-        return chain(head, blocks)
+        return chain(self._head, self._rest)
 
     def _recognise(self, head: Sequence[TextBlock]) -> Layout:
+        """Return the layout by the first lines, never by the name of the file."""
         if not head:
             if self._text.report.damage:
                 raise UnreadableError(f"{self.path}: {self._text.report.damage[0].cause}")
             raise UnreadableError(f"{self.path}: empty file")
         text = b"".join(block.text for block in head)
-        if (layout := rplidar.recognise(text.split(b"\n")[:-1])) is not None:
+        lines = text.split(b"\n")[:-1]
+        if (layout := rplidar.recognise(lines)) is not None:
             return layout
         if (other := other_format(text)) is not None:
             raise UnreadableError(f"{self.path}: {other.refusal}")
         if _is_binary(text[:FIRST_BLOCK]):
             raise UnreadableError(f"{self.path}: neither a known container nor text: not a log")
-        return recognise(text.split(b"\n")[:-1], self._options, self.path)
+        table = read_head(lines, self._options, self.path)
+        return with_header(table) if table.names else without_header(table)
 
     def _sniff_files(self) -> tuple[Layout, str]:
-        """The layout of the first file that has one; that of a whole log is refused."""
+        """Return layout and compression of the first file that has a layout; that of a whole log is refused."""
         error: UnreadableError | None = None
         for file in self._files:
             try:
@@ -204,7 +170,7 @@ class CsvLog:
         raise error or UnreadableError(f"{self.path}: no file in it")
 
     def _sweeps_of_files(self, report: ReadReport) -> Iterator[RawSweeps]:
-        """The sweeps of file after file; a bad file is damage and no more."""
+        """Yield the sweeps of file after file; a bad file is damage and no more."""
         self._read = 0
         for file in self._files:
             met = ReadReport()
@@ -224,7 +190,7 @@ class CsvLog:
 
 
 def _head(blocks: Iterator[TextBlock]) -> list[TextBlock]:
-    """The first blocks: enough for three lines, or all there is."""
+    """Take the first blocks: enough for three lines, or all there is."""
     head: list[TextBlock] = []
     for block in blocks:
         head.append(block)
@@ -234,21 +200,13 @@ def _head(blocks: Iterator[TextBlock]) -> list[TextBlock]:
 
 
 def _is_binary(text: bytes) -> bool:
-    """Whether control characters say that this is no text; a few NUL bytes are damage, not a format."""
+    """Tell by control characters whether this is no text; a few NUL bytes are damage, not a format."""
     control = re.findall(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]", text)
     return len(control) > max(3, len(text) // 20) and b"\0" * len(control) not in text
 
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".xy", ".scan", ".gz")
-"""Files of a folder that are read; others (a README.md) are passed over."""
-
-_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
-_BLOCK_SWEEPS = 256
-_BLOCK_VALUES = 1 << 20
-
-
-def sweep_files(folder: Path) -> list[Path]:
-    """The files of a folder that may hold a sweep each, in order."""
+def _sweep_files(folder: Path) -> list[Path]:
+    """Return the files of a folder that may hold a sweep each, in order."""
     try:
         files = [item for item in folder.iterdir() if item.name[:1] != "." and item.is_file()]
     except OSError as err:
@@ -256,15 +214,15 @@ def sweep_files(folder: Path) -> list[Path]:
     files = [
         item
         for item in files
-        if item.suffix.lower() in SUFFIXES or not item.suffix.lower().strip(".0123456789")
+        if item.suffix.lower() in _SUFFIXES or not item.suffix.lower().strip(".0123456789")
     ]
     if not files:
-        raise UnreadableError(f"{folder}: no file in it that could hold a sweep ({' '.join(SUFFIXES)})")
-    return in_order(files)
+        raise UnreadableError(f"{folder}: no file in it that could hold a sweep ({' '.join(_SUFFIXES)})")
+    return _in_order(files)
 
 
-def in_order(files: Sequence[Path]) -> list[Path]:
-    """Files by the numbers in their names, so that `scan_9` comes before `scan_10`."""
+def _in_order(files: Sequence[Path]) -> list[Path]:
+    """Sort files by the numbers in their names, so that `scan_9` comes before `scan_10`."""
     stems = [_stem(file.name) for file in files]
     if all(_NUMBER.fullmatch(stem) for stem in stems):
         return [file for _, _, file in sorted(zip(map(_exact, stems), stems, files, strict=True))]
@@ -272,7 +230,7 @@ def in_order(files: Sequence[Path]) -> list[Path]:
 
 
 def stamp_of_name(name: str) -> int:
-    """A file's name as a time [ns] where it is a number, else 0.
+    """Return the time [ns] in the name of a file; 0 where it is no number.
 
     >>> stamp_of_name("1714555596.445048407.csv"), stamp_of_name("scan_7.csv")
     (1714555596445048407, 0)
@@ -282,7 +240,7 @@ def stamp_of_name(name: str) -> int:
     return 0 if unit is None else int(to_ns([stem.encode()], unit)[0][0])
 
 
-def join_blocks(blocks: Iterator[RawSweeps]) -> Iterator[RawSweeps]:
+def _joined(blocks: Iterator[RawSweeps]) -> Iterator[RawSweeps]:
     """Join small blocks of one topic into larger ones, without letting a wide sweep widen many narrow ones."""
     waiting: list[RawSweeps] = []
     rows = width = 0
@@ -299,14 +257,14 @@ def join_blocks(blocks: Iterator[RawSweeps]) -> Iterator[RawSweeps]:
 
 
 def _stem(name: str) -> str:
-    for suffix in (".gz", *SUFFIXES):
+    for suffix in (".gz", *_SUFFIXES):
         if name.lower().endswith(suffix):
             name = name[: -len(suffix)]
     return name
 
 
 def _exact(stem: str) -> tuple[int, str]:
-    """Numbers as written, in the order of their values: `-` aside, whole part then fraction."""
+    """Return whole part and fraction of a number, as written."""
     whole, _, fraction = stem.partition(".")
     return int(whole), fraction
 

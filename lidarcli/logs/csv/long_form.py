@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarcli.logs.base import MAX_BEAMS, OpenOptions, ReadReport
-from lidarcli.logs.blocks import TOO_MANY, keep_sound, pad, split_rows
+from lidarcli.logs.blocks import TOO_MANY, pad, split_rows
 from lidarcli.logs.csv.dialect import Lines, read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout
-from lidarcli.logs.csv.row_forms import NO_TIME, bad_cell, build, encode_frames, number_type, read_times
+from lidarcli.logs.csv.row_forms import NO_TIME, Decoder, read_frames, read_times
 from lidarcli.logs.csv.rplidar import read_rows
 from lidarcli.logs.numbers import Cells, parse_rows
 from lidarcli.logs.text import TextBlock
-from lidarcli.sweeps import TURN, Bool, Float64, Int32, Int64, RawSweeps
+from lidarcli.sweeps import TURN, Bool, Float64, Int64, RawSweeps
 
 CUT = "the file ends within this sweep: it is dropped"
 CUT_BEAM = "the file ends within this row: its beam is dropped"
@@ -36,14 +37,14 @@ class _Rows:
         return [distinct[code] for code in codes[at].tolist()]
 
 
-class LongDecoder:
-    """Blocks of lines → blocks of sweeps; the lines of the last sweep wait for the next block."""
+class LongDecoder(Decoder):
+    """Decodes one beam per row; the lines of the last sweep wait for the next block."""
 
-    def __init__(self, layout: Layout, options: OpenOptions, report: ReadReport) -> None:
-        self._layout = layout
+    def __init__(
+        self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
+    ) -> None:
+        super().__init__(layout, options, report, topics)
         self._scan: Columns = layout.scans[0]
-        self._options = options
-        self._report = report
         self._carry = b""
         self._carry_numbers = np.empty(0, np.int64)
         self._cut = False
@@ -84,7 +85,7 @@ class LongDecoder:
             self._keep(cells, whole[starts[-1] :], lines.numbers)
             starts, ends = starts[:-1], ends[:-1]
         elif self._is_cut(int(ends[-1] - starts[-1])):
-            self._report.add_damage(f"line {lines.numbers[whole[starts[-1]]]}", CUT)
+            self._damage(lines.numbers[whole[starts[-1]]], CUT)
             starts, ends = starts[:-1], ends[:-1]
         elif self._broken:
             cause = CUT_BEAM if self._layout.spelling else CUT_ROW
@@ -105,9 +106,10 @@ class LongDecoder:
                 if lines.cut and row == len(fits) - 1:
                     self._broken = True
                     continue
-                self._report.add_damage(
-                    f"line {lines.numbers[row]}",
-                    f"{cells.count[row]} cells where {self._layout.width} are usual: the row is dropped",
+                usual = self._layout.width
+                self._damage(
+                    lines.numbers[row],
+                    f"{cells.count[row]} cells where {usual} are usual: the row is dropped",
                 )
         return cells, np.flatnonzero(fits)
 
@@ -140,7 +142,7 @@ class LongDecoder:
         text = cells.text
         if len(whole) != len(cells.count):
             text = b"".join(line + b"\n" for line in cells.spans(whole, 0, layout.width))
-        number = pa.float32() if number_type(self._options) is np.float32 else pa.float64()
+        number = pa.float32() if self._number is np.float32 else pa.float64()
         kinds = {str(column): pa.dictionary(pa.int32(), pa.binary()) for column in wanted}
         kinds |= {str(layout.angle): pa.float64(), str(self._scan.first): number}
         table = csv.read_csv(
@@ -174,12 +176,9 @@ class LongDecoder:
         """The same where a cell is no number: its row is damage."""
         separator, ones = cells.separator, np.ones(len(whole), np.int64)
         angle = parse_rows(cells.column(whole, self._layout.angle), ones, separator, np.float64)
-        ranges = parse_rows(
-            cells.column(whole, self._scan.first), ones, separator, number_type(self._options)
-        )
+        ranges = parse_rows(cells.column(whole, self._scan.first), ones, separator, self._number)
         bad = angle.bad | ranges.bad
-        for row, cell in sorted(bad.items()):
-            bad_cell(self._report, int(numbers[whole[row]]), cell)
+        self._bad_cells(bad, numbers[whole])
         good = np.delete(np.arange(len(whole)), list(bad))
         texts = {}
         for column in wanted:
@@ -226,32 +225,26 @@ class LongDecoder:
                 self._report.refused[(self._scan.topic, cause)] += 1
         kept = np.array([not cause for cause in causes], np.bool_)
         starts = starts[kept]
-        stamp, record, untimed = read_times(self._scan, lambda index: rows.column(index, starts), len(starts))
-        good = np.ones(len(starts), np.bool_)
-        if untimed is not None:
-            good = ~untimed
-            for row in np.flatnonzero(untimed).tolist():
-                self._report.add_damage(f"line {numbers[starts[row]]}", NO_TIME)
-        frame: tuple[Int32, tuple[str, ...]] = np.zeros(len(starts), np.int32), ("",)
-        if "frame" in self._scan.fields:
-            frame = encode_frames(rows.column(self._scan.fields["frame"], starts))
+        column = partial(rows.column, at=starts)
+        stamp, record, untimed = read_times(self._scan, column, len(starts))
+        for line in numbers[starts[untimed]].tolist():
+            self._damage(line, NO_TIME)
+        codes, names = read_frames(self._scan, column, len(starts))
         offsets = np.append(0, np.cumsum(runs.lengths))
         for part in split_rows(runs.lengths):
             beams = runs.lengths[part]
             flat = runs.values[offsets[part.start] : offsets[part.start + len(beams)]]
-            known = {"angle_min": runs.first[part], "angle_increment": runs.step[part]}
-            block = build(
+            block = self._block(
                 self._scan,
                 (stamp[part], record[part]),
-                (frame[0][part], frame[1]),
-                known,
+                (codes[part], names),
+                {"angle_min": runs.first[part], "angle_increment": runs.step[part]},
                 beams,
                 pad(flat, beams, self._options.range_scale),
-                self._options,
+                ~untimed[part],
             )
-            sound = keep_sound(block, good[part], self._report)
-            if sound is not None:
-                yield sound
+            if block is not None:
+                yield block
 
 
 ONE_BEAM = "a sweep of one beam, whose increment nobody knows"

@@ -12,7 +12,6 @@ from string import whitespace
 import numpy as np
 
 from lidarcli.errors import UnreadableError
-from lidarcli.logs.base import OpenOptions
 from lidarcli.logs.csv.dialect import csv_cells, empty_lists
 from lidarcli.logs.csv.layouts import (
     BAGPY,
@@ -27,13 +26,12 @@ from lidarcli.logs.csv.layouts import (
     Layout,
     long_layout,
     need_geometry,
-    read_head,
     repeats,
     shown,
     units,
     unknown,
 )
-from lidarcli.logs.csv.nameless import refuse_numbered, without_header
+from lidarcli.logs.csv.nameless import refuse_numbered
 from lidarcli.logs.csv.rplidar import COUNTER_CLOCKWISE
 from lidarcli.logs.numbers import say
 from lidarcli.logs.times import time_unit
@@ -307,17 +305,6 @@ _SHOWN = 3
 """Values of a column that a message names."""
 _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
-
-
-def recognise(lines: Sequence[bytes], options: OpenOptions, path: str) -> Layout:
-    """The layout of a file that begins with `lines` (all of them, as they stand).
-
-    Raises UnreadableError where the text is no table, no layout that is known, or lacks its geometry.
-    """
-    head = read_head(lines, options, path)
-    if head.names:
-        return with_header(head)
-    return without_header(head)
 
 
 def with_header(head: Head) -> Layout:

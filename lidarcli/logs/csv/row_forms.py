@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -27,7 +29,7 @@ from lidarcli.logs.text import MAX_LINE, TextBlock
 from lidarcli.logs.times import seconds_and_nanoseconds, to_ns
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, RawSweeps
 
-GEOMETRY = (
+_GEOMETRY = (
     "angle_min",
     "angle_max",
     "angle_increment",
@@ -36,44 +38,150 @@ GEOMETRY = (
     "range_min",
     "range_max",
 )
+_LIST_GEOMETRY = ("angle_min", "angle_increment", "range_min", "range_max")
+_VIEW = ("angle_min", "angle_max", "angle_increment")
 NO_TIME = "the time cannot be read"
 
+_SECONDS = re.compile(r"\bsecs?['\"]?\s*[:=]\s*(-?\d+)")
+_NANOSECONDS = re.compile(r"\bn(?:ano)?secs?['\"]?\s*[:=]\s*(\d+)")
+_FRAME = re.compile(r"frame_id['\"]?\s*[:=]\s*(?:'([^']*)'|\"([^\"]*)\"|([^\s,'\"})]*))")
+_PARENTHESES = re.compile(rb'"\s*\(([^()]*)\)\s*"')
+_CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
+_MOST_LISTS = 64
+"""Most lists of one record; with more it is garbage."""
+_MOST_TEXT = 1 << 20
+"""Most bytes of a record outside its lists."""
+_MOST_LINES = 100_000
+"""Most lines of one record."""
 
-def bad_cell(report: ReadReport, line: int, cell: bytes) -> None:
-    """Record a row that is dropped for a cell that is no number; only what is kept is put into words."""
-    if len(report.damage) < ReadReport.MAX_DAMAGE:
-        report.add_damage(f"line {line}", not_a_number(cell))
-    else:
-        report.damage_more += 1
+Frames = tuple[Int32, tuple[str, ...]]
+"""Index of the frame of each sweep, and the names of the frames."""
+Column = Callable[[int], Sequence[bytes]]
+"""Returns the cells of a column."""
 
 
-def read_times(
-    scan: Columns, column: Callable[[int], Sequence[bytes]], rows: int
-) -> tuple[Int64, Int64, Bool | None]:
-    """Header stamp and record time [ns] of each row, and the rows whose times cannot be read (None: no such row).
+class Decoder(ABC):
+    """Turns blocks of lines into blocks of sweeps; a subclass for each form."""
+
+    def __init__(
+        self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
+    ) -> None:
+        self._layout = layout
+        self._options = options
+        self._report = report
+        self._scans = [scan for scan in layout.scans if topics is None or scan.topic in topics]
+
+    @abstractmethod
+    def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
+        """Yield the sweeps of a block of lines."""
+
+    def finish(self) -> Iterator[RawSweeps]:
+        """Yield the sweeps that are left at the end of the text."""
+        return iter(())
+
+    @property
+    def _number(self) -> type[np.floating]:
+        """Type of ranges: float32, or float64 where they are scaled before they are rounded."""
+        return np.float32 if self._options.range_scale == 1.0 else np.float64
+
+    def _damage(self, line: int, cause: str) -> None:
+        self._report.add_damage(f"line {line}", cause)
+
+    def _bad_cells(self, bad: dict[int, bytes], lines: Int64) -> None:
+        """Report rows of `lines` (R,) that are dropped for a cell that is no number."""
+        for row, cell in sorted(bad.items()):
+            # Only what is kept is put into words.
+            if len(self._report.damage) < ReadReport.MAX_DAMAGE:
+                self._damage(int(lines[row]), not_a_number(cell))
+            else:
+                self._report.damage_more += 1
+
+    def _block(
+        self,
+        scan: Columns,
+        times: tuple[Int64, Int64],
+        frames: Frames,
+        known: Mapping[str, Float64],
+        beams: Int64,
+        ranges: Float32,
+        good: Bool,
+        intensities: Float32 | None = None,
+    ) -> RawSweeps | None:
+        """Make a block of the `good` sweeps (S,).
+
+        Parameters
+        ----------
+        times : stamps and record times (S,) [ns]
+        known : geometry of the file, by field; the user's options fill in the rest
+        beams : (S,) ranges of each sweep
+        ranges, intensities : (S, B), padded with NaN
+        """
+        rows = len(beams)
+        if "angle_min" in known and "angle_increment" in known:
+            first, step = known["angle_min"], known["angle_increment"]
+        elif scan.to_last:
+            first = known["angle_min"]
+            step = (known["angle_max"] - first) / np.maximum(beams - 1, 1)
+        elif scan.geometry is not None:
+            first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
+        else:
+            first, step = given_geometries(self._options, beams)
+        least = known.get("range_min", np.full(rows, scan.nearest))
+        most = known.get("range_max", np.full(rows, np.inf))
+        range_min, range_max = limits_in_metres(least, most, self._options.range_scale)
+        if "range_max" not in known and self._options.range_max is not None:
+            range_max = as_singles(np.full(rows, self._options.range_max))
+        seconds = {name: as_singles(known[name]) for name in ("time_increment", "scan_time") if name in known}
+        block = RawSweeps(
+            topic=scan.topic,
+            frame_ids=frames[1],
+            frame=frames[0],
+            stamp_ns=times[0],
+            record_ns=times[1],
+            angle_min=first,
+            angle_increment=step,
+            range_min=range_min,
+            range_max=range_max,
+            beams=beams.astype(np.int32),
+            ranges=ranges,
+            time_increment=seconds.get("time_increment"),
+            scan_time=seconds.get("scan_time"),
+            intensities=intensities,
+            angle_max=known.get("angle_max"),
+        )
+        return keep_sound(block, good, self._report)
+
+
+def read_times(scan: Columns, column: Column, rows: int) -> tuple[Int64, Int64, Bool]:
+    """Return stamps and record times (R,) [ns] of rows, and (R,) True where they cannot be read.
 
     Where a file has only one of the two, it stands for both.
     """
     fields, units = scan.fields, scan.units
-    bad: Bool | None = None
+    bad = np.zeros(rows, np.bool_)
     found: dict[str, Int64] = {}
     if "seconds" in fields:
-        found["stamp"], bad = seconds_and_nanoseconds(
+        found["stamp"], wrong = seconds_and_nanoseconds(
             column(fields["seconds"]), column(fields["nanoseconds"])
         )
+        bad |= False if wrong is None else wrong
     for name in ("stamp", "record"):
-        if name not in units or name in found:
-            continue
-        found[name], wrong = to_ns(column(fields[name]), units[name])
-        if wrong is not None:
-            bad = wrong if bad is None else bad | wrong
-    none = np.zeros(rows, np.int64)
-    stamp = found.get("stamp", found.get("record", none))
+        if name in units and name not in found:
+            found[name], wrong = to_ns(column(fields[name]), units[name])
+            bad |= False if wrong is None else wrong
+    stamp = found.get("stamp", found.get("record", np.zeros(rows, np.int64)))
     return stamp, found.get("record", stamp), bad
 
 
-def encode_frames(names: Sequence[bytes]) -> tuple[Int32, tuple[str, ...]]:
-    """The frame of each row as an index, and the distinct frames."""
+def read_frames(scan: Columns, column: Column, rows: int) -> Frames:
+    """Return the frames of rows; one without a name where the file has none."""
+    if "frame" in scan.fields:
+        return encode_frames(column(scan.fields["frame"]))
+    return np.zeros(rows, np.int32), ("",)
+
+
+def encode_frames(names: Sequence[bytes]) -> Frames:
+    """Return the index of each name among the distinct ones, and these."""
     distinct = {name: code for code, name in enumerate(dict.fromkeys(names))}
     if len(distinct) == 1:
         codes = np.zeros(len(names), np.int32)
@@ -83,80 +191,13 @@ def encode_frames(names: Sequence[bytes]) -> tuple[Int32, tuple[str, ...]]:
     return codes, tuple(name.strip(b" \"'").decode("utf-8", "replace") for name in distinct)
 
 
-def fill_geometry(
-    scan: Columns, known: dict[str, Float64], beams: Int64, options: OpenOptions
-) -> tuple[Float64, Float64, Float32, Float32]:
-    """angle_min, angle_increment [rad], range_min and range_max [m] of each row: the file's, else the options'."""
-    rows = len(beams)
-    if "angle_min" in known and "angle_increment" in known:
-        first, step = known["angle_min"], known["angle_increment"]
-    elif scan.to_last:
-        first, step = known["angle_min"], (known["angle_max"] - known["angle_min"]) / np.maximum(beams - 1, 1)
-    elif scan.geometry is not None:
-        first, step = np.full(rows, scan.geometry[0]), np.full(rows, scan.geometry[1])
-    else:
-        first, step = given_geometries(options, beams)
-    far = np.inf if options.range_max is None else options.range_max
-    least = known.get("range_min", np.full(rows, scan.nearest))
-    most = known.get("range_max", np.full(rows, np.inf))
-    range_min, range_max = limits_in_metres(least, most, options.range_scale)
-    return first, step, range_min, range_max if "range_max" in known else as_singles(np.full(rows, far))
-
-
-def build(
-    scan: Columns,
-    times: tuple[Int64, Int64],
-    frame: tuple[Int32, tuple[str, ...]],
-    known: dict[str, Float64],
-    beams: Int64,
-    ranges: Float32,
-    options: OpenOptions,
-    intensities: Float32 | None = None,
-) -> RawSweeps:
-    """A block from its columns; `known` is the geometry that the file gives."""
-    first, step, range_min, range_max = fill_geometry(scan, known, beams, options)
-    return RawSweeps(
-        topic=scan.topic,
-        frame_ids=frame[1],
-        frame=frame[0],
-        stamp_ns=times[0],
-        record_ns=times[1],
-        angle_min=first,
-        angle_increment=step,
-        range_min=range_min,
-        range_max=range_max,
-        beams=beams.astype(np.int32),
-        ranges=ranges,
-        time_increment=_times(known, "time_increment"),
-        scan_time=_times(known, "scan_time"),
-        intensities=intensities,
-        angle_max=known.get("angle_max"),
-    )
-
-
-def _times(known: dict[str, Float64], name: str) -> Float32 | None:
-    """A column of seconds, where the file has it."""
-    return as_singles(known[name]) if name in known else None
-
-
-def number_type(options: OpenOptions) -> type[np.floating]:
-    """Ranges are parsed as float32, or as float64 where they are scaled before they are rounded."""
-    return np.float32 if options.range_scale == 1.0 else np.float64
-
-
-VIEW = ("angle_min", "angle_max", "angle_increment")
-
-
-class WideDecoder:
-    """Blocks of lines → blocks of sweeps, topic by topic; no state is kept but the usual number of cells."""
+class WideDecoder(Decoder):
+    """Decodes one sweep per row: rostopic, ros2 topic echo, PlotJuggler, bagpy, and plain wide tables."""
 
     def __init__(
         self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
     ) -> None:
-        self._layout = layout
-        self._options = options
-        self._report = report
-        self._scans = [scan for scan in layout.scans if topics is None or scan.topic in topics]
+        super().__init__(layout, options, report, topics)
         self._usual = layout.width
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
@@ -178,10 +219,6 @@ class WideDecoder:
         for scan in self._scans:
             yield from self._sweeps(scan, cells, rows, lines.numbers)
 
-    def finish(self) -> Iterator[RawSweeps]:
-        """Nothing is left over."""
-        return iter(())
-
     def _drop_cut(self, cells: Cells, rows: Int64, numbers: Int64) -> Int64:
         """Drop the last row where the file ends in the middle of it."""
         last = rows[-1:]
@@ -190,9 +227,7 @@ class WideDecoder:
         end = cells.column(last, count - 1)[0].strip()
         if count >= usual and end and end[-1:] not in b".-+eE":
             return rows
-        self._report.add_damage(
-            f"line {numbers[last[0]]}", f"the file ends within this row ({count} cells): its sweep is dropped"
-        )
+        self._damage(numbers[last[0]], f"the file ends within this row ({count} cells): its sweep is dropped")
         return rows[:-1]
 
     def _sweeps(self, scan: Columns, cells: Cells, rows: Int64, numbers: Int64) -> Iterator[RawSweeps]:
@@ -205,8 +240,8 @@ class WideDecoder:
             keep = np.delete(np.arange(len(rows)), list(odd))
             rows, known = rows[keep], {name: values[keep] for name, values in known.items()}
         view = np.full(len(rows), -1)
-        if set(VIEW) <= known.keys():
-            view = expected_beams(*(known[name] for name in VIEW))
+        if set(_VIEW) <= known.keys():
+            view = expected_beams(*(known[name] for name in _VIEW))
         beams = self._beams(scan, cells, rows, view)
         fits = beams >= 0
         if not fits.all():
@@ -233,18 +268,14 @@ class WideDecoder:
         given = beams
         ranges, beams, good, bad = self._ranges(scan, cells, rows, beams, view)
         intensities = _intensity_columns(scan, cells, rows, given, ranges.shape[1])
-        stamp, record, untimed = read_times(scan, lambda index: cells.column(rows, index), len(rows))
         self._bad_cells(bad, numbers[rows])
-        if untimed is not None:
-            for line in numbers[rows[untimed & good]].tolist():
-                self._report.add_damage(f"line {line}", NO_TIME)
-            good &= ~untimed
-        frame: tuple[Int32, tuple[str, ...]] = np.zeros(len(rows), np.int32), ("",)
-        if "frame" in scan.fields:
-            frame = encode_frames(cells.column(rows, scan.fields["frame"]))
-        times = (stamp, record)
-        block = build(scan, times, frame, known, beams, ranges, self._options, intensities)
-        return keep_sound(block, good, self._report)
+        *times, untimed = read_times(scan, partial(cells.column, rows), len(rows))
+        for line in numbers[rows[untimed & good]].tolist():
+            self._damage(line, NO_TIME)
+        frames = read_frames(scan, partial(cells.column, rows), len(rows))
+        return self._block(
+            scan, (times[0], times[1]), frames, known, beams, ranges, good & ~untimed, intensities
+        )
 
     def _ranges(
         self, scan: Columns, cells: Cells, rows: Int64, beams: Int64, view: Int64
@@ -255,7 +286,7 @@ class WideDecoder:
             first = int(scan.ranges.min())
             span = np.full(len(rows), int(scan.ranges.max()) + 1 - first)
             order = scan.ranges - first
-        found = cells.numbers(rows, first, span, number_type(self._options))
+        found = cells.numbers(rows, first, span, self._number)
         ranges = pad(found.values, span, self._options.range_scale)
         good = np.ones(len(rows), np.bool_)
         good[list(found.bad)] = False
@@ -285,7 +316,7 @@ class WideDecoder:
         self, scan: Columns, cells: Cells, rows: Int64
     ) -> tuple[dict[str, Float64], dict[int, bytes]]:
         """The geometry of each row, as exact as its message has it, and rows whose geometry is no number."""
-        columns = {name: scan.fields[name] for name in GEOMETRY if name in scan.fields}
+        columns = {name: scan.fields[name] for name in _GEOMETRY if name in scan.fields}
         number = np.float64 if scan.to_last else np.float32
         if not columns:
             return {}, {}
@@ -328,11 +359,7 @@ class WideDecoder:
     def _misfits(self, cells: Cells, rows: Int64, numbers: Int64) -> None:
         usual = f"{self._usual} are usual" if self._usual else "there should be more"
         for line, count in zip(numbers[rows].tolist(), cells.count[rows].tolist(), strict=True):
-            self._report.add_damage(f"line {line}", f"{count} cells where {usual}: the row is dropped")
-
-    def _bad_cells(self, bad: dict[int, bytes], numbers: Int64) -> None:
-        for row, cell in sorted(bad.items()):
-            bad_cell(self._report, int(numbers[row]), cell)
+            self._damage(line, f"{count} cells where {usual}: the row is dropped")
 
 
 def _intensity_columns(scan: Columns, cells: Cells, rows: Int64, beams: Int64, width: int) -> Float32 | None:
@@ -361,47 +388,34 @@ def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:
     return np.where((view >= filled) & (view < beams), view, beams)
 
 
-_SECONDS = re.compile(r"\bsecs?['\"]?\s*[:=]\s*(-?\d+)")
-_NANOSECONDS = re.compile(r"\bn(?:ano)?secs?['\"]?\s*[:=]\s*(\d+)")
-_FRAME = re.compile(r"frame_id['\"]?\s*[:=]\s*(?:'([^']*)'|\"([^\"]*)\"|([^\s,'\"})]*))")
-_PARENTHESES = re.compile(rb'"\s*\(([^()]*)\)\s*"')
-_CALLS = re.compile(rb"[A-Za-z_][\w.]*\(([^()]*)\)")
-_GEOMETRY = ("angle_min", "angle_increment", "range_min", "range_max")
-_MOST_LISTS = 64
-"""A record with more lists than this is garbage."""
-_MOST_TEXT = 1 << 20
-"""Most bytes of a record outside its lists."""
-_MOST_LINES = 100_000
-"""Most lines that one record may span."""
-
-
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """One record: its line, the text of its ranges and intensities, all other cells."""
+    """A sweep with its ranges in one cell."""
 
     line: int
     ranges: bytes
+    """Text of the list."""
     intensities: bytes
     cells: list[str]
+    """All cells, with the number of a list in place of each."""
 
 
-class ListDecoder:
-    """Blocks of lines → blocks of sweeps; a record whose quotes are open goes on in the next block."""
+class ListDecoder(Decoder):
+    """Decodes records with their ranges in one cell: `"[1.0, inf, nan]"`, `"array('f', [1.0])"`, `"(1.0, 2.0)"`.
+
+    A record whose quotes are open goes on in the next block.
+    """
 
     def __init__(
         self, layout: Layout, options: OpenOptions, report: ReadReport, topics: Collection[str] | None
     ) -> None:
-        self._layout = layout
-        self._options = options
-        self._report = report
-        scan = layout.scans[0]
-        self._scan = scan if topics is None or scan.topic in topics else None
+        super().__init__(layout, options, report, topics)
         self._open: list[bytes] = []
         self._open_line = self._open_size = 0
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
-        """The sweeps of one block."""
-        if self._scan is None:
+        """Yield the sweeps of a block of lines."""
+        if not self._scans:
             return
         lines = read_lines(block, None, self._layout.header, self._layout.start, self._report)
         records = []
@@ -410,12 +424,12 @@ class ListDecoder:
                 record = self._read(start, text)
                 if record is not None:
                     records.append(record)
-        yield from self._sweeps(self._scan, records)
+        yield from self._sweeps(self._scans[0], records)
 
     def finish(self) -> Iterator[RawSweeps]:
         """What is still open at the end is a record that was cut off."""
         if self._open:
-            self._report.add_damage(f"line {self._open_line}", "the file ends within this record")
+            self._damage(self._open_line, "the file ends within this record")
             self._open = []
         return iter(())
 
@@ -430,9 +444,7 @@ class ListDecoder:
             return
         if not odd and self._is_record(line):
             # The open quote was damage: do not let it swallow the records that follow.
-            self._report.add_damage(
-                f"line {self._open_line}", "a quote without its end: the record is dropped"
-            )
+            self._damage(self._open_line, "a quote without its end: the record is dropped")
             self._open = []
             yield number, line
             return
@@ -443,9 +455,7 @@ class ListDecoder:
             self._open = []
             yield start, text
         elif len(self._open) > _MOST_LINES or self._open_size > MAX_LINE:
-            self._report.add_damage(
-                f"line {self._open_line}", "a quote that never ends: its lines are dropped"
-            )
+            self._damage(self._open_line, "a quote that never ends: its lines are dropped")
             self._open = []
 
     def _is_record(self, line: bytes) -> bool:
@@ -486,13 +496,13 @@ class ListDecoder:
     def _read(self, line: int, text: bytes) -> _Record | None:
         found = self._split(text)
         if found is None:
-            self._report.add_damage(f"line {line}", "not a whole record: it is dropped")
+            self._damage(line, "not a whole record: it is dropped")
             return None
         lists, cells = found
         scan = self._layout.scans[0]
         ranges = _list_of(cells[scan.first], lists)
         if ranges is None:
-            self._report.add_damage(f"line {line}", f"{say(cells[scan.first].encode())} is no list of ranges")
+            self._damage(line, f"{say(cells[scan.first].encode())} is no list of ranges")
             return None
         beside = [_list_of(cells[column], lists) or b"" for column in scan.intensities.tolist()]
         return _Record(line, ranges, b"".join(beside), cells)
@@ -508,37 +518,34 @@ class ListDecoder:
     def _decode(
         self, scan: Columns, records: list[_Record], parts: list[bytes], counts: np.ndarray
     ) -> RawSweeps | None:
-        found = parse_rows(parts, counts, b",", number_type(self._options))
+        found = parse_rows(parts, counts, b",", self._number)
         causes = {row: not_a_number(cell) for row, cell in found.bad.items()}
         known: dict[str, np.ndarray] = {}
-        for name in _GEOMETRY:
+        for name in _LIST_GEOMETRY:
             if name in scan.fields:
-                values, wrong = _numbers([record.cells[scan.fields[name]] for record in records])
-                known[name] = values
+                known[name], wrong = _numbers([record.cells[scan.fields[name]] for record in records])
                 causes = dict.fromkeys(wrong, f"{name} is not a number") | causes
-        stamp, record_ns, untimed = read_times(
-            scan, lambda index: [record.cells[index].encode() for record in records], len(records)
-        )
-        frame: tuple[Int32, tuple[str, ...]] = np.zeros(len(records), np.int32), ("",)
-        if "frame" in scan.fields:
-            frame = encode_frames([record.cells[scan.fields["frame"]].encode() for record in records])
+
+        def column(index: int) -> list[bytes]:
+            return [record.cells[index].encode() for record in records]
+
+        stamp, record_ns, untimed = read_times(scan, column, len(records))
+        frames = read_frames(scan, column, len(records))
         if "header" in scan.fields:
             headers = [record.cells[scan.fields["header"]] for record in records]
             if "stamp" not in scan.units and "seconds" not in scan.fields:
                 stamp = _header_stamps(headers, stamp)
                 record_ns = record_ns if "record" in scan.units else stamp
             if "frame" not in scan.fields:
-                frame = encode_frames([_header_frame(header) for header in headers])
-        if untimed is not None:
-            causes = dict.fromkeys(np.flatnonzero(untimed).tolist(), NO_TIME) | causes
+                frames = encode_frames([_header_frame(header) for header in headers])
+        causes = dict.fromkeys(np.flatnonzero(untimed).tolist(), NO_TIME) | causes
         for row, cause in sorted(causes.items()):
-            self._report.add_damage(f"line {records[row].line}", cause)
+            self._damage(records[row].line, cause)
         good = np.ones(len(records), np.bool_)
         good[list(causes)] = False
         ranges = pad(found.values, counts, self._options.range_scale)
         intensities = _intensity_lists(records, ranges.shape[1])
-        block = build(scan, (stamp, record_ns), frame, known, counts, ranges, self._options, intensities)
-        return keep_sound(block, good, self._report)
+        return self._block(scan, (stamp, record_ns), frames, known, counts, ranges, good, intensities)
 
 
 def _list_of(cell: str, lists: list[bytes]) -> bytes | None:
