@@ -17,6 +17,8 @@ from lidarcli.tabular.schemas import CLOUD, STAMP, TEXT
 from lidarcli.tabular.writing import ParquetSink
 
 Bool = NDArray[np.bool_]
+_FARTHEST = float(1 << 31)
+_MOST_POINTS = 10**15 - 1
 
 
 @record
@@ -199,9 +201,6 @@ class VoxelFilter:
         self._known.append(key)
 
 
-_FARTHEST = float(1 << 31)
-
-
 class _HeaderOf(Protocol):
     def __call__(self, count: int, note: str) -> str: ...
 
@@ -234,9 +233,6 @@ class _Binary:
         shortest = self._header(self._count, "")
         room = len(self._header(_MOST_POINTS, "")) - len(shortest)
         return self._header(self._count, "." * room).encode()
-
-
-_MOST_POINTS = 10**15 - 1
 
 
 def _ply_header(count: int, note: str) -> str:

@@ -46,6 +46,8 @@ _PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*\.(?:pgm|png|bmp)")
 _SIDE = 2048
 """Images are converted in squares of this side [pixels]."""
 _SAVE_AGAIN = "save the map again"
+TYPE = "nav_msgs/msg/OccupancyGrid"
+_LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 
 
 def yaml_bytes(grid: Occupancy, image: str) -> bytes:
@@ -346,56 +348,17 @@ def _reason(err: Exception) -> str:
     return f"{place}{line[:120]}"
 
 
-TYPE = "nav_msgs/msg/OccupancyGrid"
-_RULE = "=" * 80
-DEFINITION = f"""\
-std_msgs/Header header
-nav_msgs/MapMetaData info
-int8[] data
-{_RULE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_RULE}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-{_RULE}
-MSG: nav_msgs/MapMetaData
-builtin_interfaces/Time map_load_time
-float32 resolution
-uint32 width
-uint32 height
-geometry_msgs/Pose origin
-{_RULE}
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-{_RULE}
-MSG: geometry_msgs/Point
-float64 x
-float64 y
-float64 z
-{_RULE}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-"""
-"""The message and all that it contains."""
-
-_LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
-
-
 def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: str = "/map") -> None:
     """Write an MCAP file with the map as its one message, on a latched topic.
 
     A stamp [ns] that ROS 2 cannot hold, before 1970 or after 2038, becomes the nearest one that it can.
     """
+    # Those who only read maps do not wait for the definitions of all messages.
+    from lidarcli.ros.definitions import ros2_definition
+
     stamp_ns = min(max(stamp_ns, 0), _LAST_STAMP_NS)
     writer = start_ros2(file)
-    channel = add_channel(writer, topic, TYPE, DEFINITION, offered(1, latched=True))
+    channel = add_channel(writer, topic, TYPE, ros2_definition(TYPE), offered(1, latched=True))
     writer.add_message(channel, stamp_ns, occupancy_cdr(grid, stamp_ns), stamp_ns)
     writer.finish()  # type: ignore[no-untyped-call]
 

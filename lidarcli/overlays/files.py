@@ -16,6 +16,10 @@ from lidarcli.ros.messages import ROS1, SCAN, TF, Outgoing, bag_writer, ros2_def
 OBJECTS, MAP = "/lidarcli/objects", "/lidarcli/map"
 FRAME = "laser"
 """The frame of a sensor whose log names none."""
+MCAP, BAG = ".mcap", ".bag"
+SUFFIXES = (MCAP, BAG)
+LATEST_NS = (1 << 32) * 1_000_000_000 - 1
+"""A record time is no later [ns]: bags of ROS 1 count seconds in 32 bits."""
 
 
 def topic_name(text: str) -> str:
@@ -48,12 +52,6 @@ def topics_of_objects(topics: Iterable[str]) -> dict[str, str]:
             mine = f"{wanted}_{number}"
         named[name] = mine
     return named
-
-
-MCAP, BAG = ".mcap", ".bag"
-SUFFIXES = (MCAP, BAG)
-LATEST_NS = (1 << 32) * 1_000_000_000 - 1
-"""A record time is no later [ns]: bags of ROS 1 count seconds in 32 bits."""
 
 
 class McapFile:

@@ -18,6 +18,12 @@ from numpy.typing import NDArray
 from lidarcli.sweeps import Bool, Float32, Float64, Int32, Int64, record
 
 Structured = NDArray[np.void]
+TYPE = "visualization_msgs/msg/MarkerArray"
+ADD, DELETE_ALL = 0, 3
+LAST_SECOND = (1 << 31) - 1
+"""No stamp of ROS 2 is later [s]."""
+SECOND = 1_000_000_000
+"""Nanoseconds."""
 
 
 class Layout(NamedTuple):
@@ -89,14 +95,6 @@ def scatter(buffer: NDArray[np.uint8], places: NDArray[np.int64], items: Structu
     # One window of this size begins at every byte: putting an item there is one copy of memory.
     windows = np.ndarray((len(buffer) - size + 1,), f"V{size}", buffer.data, strides=(1,))
     windows[places] = items.view(f"V{size}")
-
-
-TYPE = "visualization_msgs/msg/MarkerArray"
-ADD, DELETE_ALL = 0, 3
-LAST_SECOND = (1 << 31) - 1
-"""No stamp of ROS 2 is later [s]."""
-SECOND = 1_000_000_000
-"""Nanoseconds."""
 
 
 class Kind(IntEnum):

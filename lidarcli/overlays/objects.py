@@ -140,14 +140,7 @@ class _Objects:
             # Texts of one length lie one after the other.
             text = np.frombuffer(texts.take(pa.array(mine)).buffers()[2], f"S{length}", len(mine))
             yield self._markers(
-                Kind.LABEL,
-                where,
-                behind[where],
-                0.0,
-                np.full(3, TEXT),
-                SOLID,
-                lift=HEIGHT + LIFT,
-                text=text,
+                Kind.LABEL, where, behind[where], 0.0, np.full(3, TEXT), SOLID, lift=HEIGHT + LIFT, text=text
             )
 
     def arrows(self, velocity: Float64) -> Iterator[Markers]:

@@ -31,7 +31,7 @@ from lidarcli.reports.report import Report
 from lidarcli.reports.streams import Stream
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import beams_by_set, has_agents, kind_counts, quantity, track_kinds
-from lidarcli.sweeps import Int64
+from lidarcli.sweeps import Float64, Int64
 
 CHART_SIZE = (4.2, 2.5)
 """[inch] About what a phone shows without scaling."""
@@ -55,6 +55,16 @@ STEADY = {name: title for name, (title, _) in TITLES.items() if name != "bearing
     "noise": "Noise σ of the ranges",
 }
 """Figure that may be constant → how it is called then."""
+CYCLE = (palette.BLUE, palette.VERMILION, palette.GREEN, palette.PURPLE, palette.ORANGE, palette.BLACK)
+DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
+STATUS_COLOURS = (palette.BLUE, palette.LIGHT, palette.ORANGE, palette.PURPLE)
+"""Colours of beams by status, in their order."""
+MOST_CELLS = 60
+"""Most cells along a side of the picture."""
+SIDE, LEAST, WIDEST = 3.4, 2.6, 1.5
+"""Side of a square map, least width [inch], and the longest sides by the shortest."""
+SEAM = 0.06
+"""What each cell leaves free on its sides, so that cells can be told apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,70 +202,44 @@ def _inline(svg: str, title: str) -> str:
     return themed(body).replace("<svg", f'<svg role="img" aria-label="{title}"', 1)
 
 
-CYCLE = (palette.BLUE, palette.VERMILION, palette.GREEN, palette.PURPLE, palette.ORANGE, palette.BLACK)
-DASHES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (1, 1)))
-STATUS_COLOURS = (palette.BLUE, palette.LIGHT, palette.ORANGE, palette.PURPLE)
-"""Colours of beams by status, in their order."""
-
-
 def objects_over_time(axes: Axes, streams: tuple[Stream, ...]) -> None:
-    """Objects per sweep over time."""
+    """Draw objects per sweep over time; of a single stream also the least and the most."""
     for k, stream in enumerate(streams):
         course = stream.course
-        label = printable(stream.name)
         if len(streams) == 1:
-            axes.fill_between(
-                course.seconds,
-                course.objects_min,
-                course.objects_max,
-                step="post",
-                color=palette.SKY,
-                alpha=0.4,
-                lw=0,
-                label="least to most",
-            )
-            label = "mean"
-        axes.plot(
-            course.seconds,
-            course.objects_mean,
-            color=CYCLE[k],
-            ls=DASHES[k],
-            lw=1.2,
-            drawstyle="steps-post",
-            label=label,
-        )
-    axes.set(xlabel="time [s]", ylabel="objects per sweep", ylim=(0, None))
-    _whole(axes.yaxis)
-    axes.legend(frameon=False, loc="best", fontsize=6.5)
+            _band(axes, course.seconds, course.objects_min, course.objects_max, palette.SKY, "least to most")
+        _steps(axes, streams, k, course.objects_mean)
+    _finish(axes, "objects per sweep")
 
 
 def agents_over_time(axes: Axes, streams: tuple[Stream, ...]) -> None:
-    """Agents in view over time."""
+    """Draw agents in view over time; of a single stream also the most."""
     for k, stream in enumerate(streams):
-        course = stream.course
-        label = printable(stream.name) if len(streams) > 1 else "mean"
+        course, colour = stream.course, None
         if len(streams) == 1:
-            axes.fill_between(
-                course.seconds,
-                0,
-                course.agents_max,
-                step="post",
-                color=palette.ORANGE,
-                alpha=0.35,
-                lw=0,
-                label="most",
-            )
-        colour = palette.SET_STYLES["A"][0] if len(streams) == 1 else CYCLE[k]
-        axes.plot(
-            course.seconds,
-            course.agents_mean,
-            color=colour,
-            ls=DASHES[k],
-            lw=1.2,
-            drawstyle="steps-post",
-            label=label,
-        )
-    axes.set(xlabel="time [s]", ylabel="agents in view", ylim=(0, None))
+            zero = np.zeros_like(course.agents_max)
+            _band(axes, course.seconds, zero, course.agents_max, palette.ORANGE, "most", 0.35)
+            colour = palette.SET_STYLES["A"][0]
+        _steps(axes, streams, k, course.agents_mean, colour)
+    _finish(axes, "agents in view")
+
+
+def _band(
+    axes: Axes, x: Float64, low: Float64, high: Float64, colour: str, label: str, alpha: float = 0.4
+) -> None:
+    axes.fill_between(x, low, high, step="post", color=colour, alpha=alpha, lw=0, label=label)
+
+
+def _steps(
+    axes: Axes, streams: tuple[Stream, ...], k: int, values: Float64, colour: str | None = None
+) -> None:
+    label = "mean" if len(streams) == 1 else printable(streams[k].name)
+    style = {"color": colour or CYCLE[k], "ls": DASHES[k], "lw": 1.2, "drawstyle": "steps-post"}
+    axes.plot(streams[k].course.seconds, values, label=label, **style)
+
+
+def _finish(axes: Axes, label: str) -> None:
+    axes.set(xlabel="time [s]", ylabel=label, ylim=(0, None))
     _whole(axes.yaxis)
     axes.legend(frameon=False, loc="best", fontsize=6.5)
 
@@ -351,14 +335,6 @@ def histogram_bars(axes: Axes, one: Histogram, other: Histogram | None, label: s
 
 def _whole(axis: Any) -> None:
     axis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-
-
-MOST_CELLS = 60
-"""Most cells along a side of the picture."""
-SIDE, LEAST, WIDEST = 3.4, 2.6, 1.5
-"""Side of a square map, least width [inch], and the longest sides by the shortest."""
-SEAM = 0.06
-"""What each cell leaves free on its sides, so that cells can be told apart."""
 
 
 def object_map(axes: Axes, found: Density, walls: Walls | None) -> None:

@@ -33,6 +33,33 @@ LONGEST_CHECK = 10_000
 """Most characters of a check."""
 SHOWN_OF_CHECK = 200
 """Most characters of it that an error repeats."""
+COMPARE: dict[str, Callable[[Any, Any], Any]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+}
+COUNTED = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS}
+"""The tables whose rows can be counted, and their schemas."""
+ALIASES = {
+    "objects": {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"},
+    "sweeps": dict[str, str](),
+    "tracks": dict[str, str](),
+}
+"""Table → other names of its columns."""
+SUMS = {"sweeps": {"objects": OBJECTS_OF_SWEEP, "object_beams": BEAMS_OF_OBJECTS}}
+"""Table → columns that stand for a sum in conditions: a word means the same in all checks, of figures and of rows."""
+VOCABULARY = {"set": SETS, "shape": SHAPES, "visibility": VISIBILITIES, "change": CHANGES, "end": ENDS}
+CLOSE = 0.7
+"""Names that are alike to this degree (difflib) may have been meant."""
+DEEPEST = 50
+"""Most brackets that are open at once in a condition."""
+TRUTH = {"true": True, "false": False}
+KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where", *TRUTH})
+Truths = tuple[Bool, Bool]
+"""(K,) what holds, and what is known: a comparison with null is neither true nor false."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,42 +137,6 @@ class Tokens:
             )
             place = match.end()
         return [*found, Token("end", "", len(self.expression))]
-
-
-COMPARE: dict[str, Callable[[Any, Any], Any]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<=": operator.le,
-    ">=": operator.ge,
-    "<": operator.lt,
-    ">": operator.gt,
-}
-COUNTED = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS}
-"""The tables whose rows can be counted, and their schemas."""
-ALIASES = {
-    "objects": {"range_min": "r_min", "range": "r_min", "bearing": "theta_min"},
-    "sweeps": dict[str, str](),
-    "tracks": dict[str, str](),
-}
-"""Table → other names of its columns."""
-SUMS = {"sweeps": {"objects": OBJECTS_OF_SWEEP, "object_beams": BEAMS_OF_OBJECTS}}
-"""Table → columns that stand for a sum in conditions: a word means the same in all checks, of figures and of rows."""
-VOCABULARY = {
-    "set": SETS,
-    "shape": SHAPES,
-    "visibility": VISIBILITIES,
-    "change": CHANGES,
-    "end": ENDS,
-}
-CLOSE = 0.7
-"""Names that are alike to this degree (difflib) may have been meant."""
-DEEPEST = 50
-"""Most brackets that are open at once in a condition."""
-TRUTH = {"true": True, "false": False}
-KEYWORDS = frozenset({"and", "or", "not", "between", "is", "null", "where", *TRUTH})
-
-Truths = tuple[Bool, Bool]
-"""(K,) what holds, and what is known: a comparison with null is neither true nor false."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,8 @@ from lidarcli.reports.checks import Verdict
 CHECK_FAILED = 1
 TEXT, MARKDOWN, PAGE = "text", "markdown", "page"
 """Formats for people: the terminal, Markdown and HTML."""
+Line = tuple[str, ...]
+"""A line of running text in parts, some of which are `Code`."""
 
 
 class Code(str):
@@ -29,10 +31,6 @@ class Share:
 
     part: int
     whole: int
-
-
-Line = tuple[str, ...]
-"""A line of running text in parts, some of which are `Code`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,6 +48,17 @@ ENOUGH = 0.01
 """A height that is as right as this [inch] is not tried again."""
 TALLEST = 2.2
 """A scene is at most so many times as high as its place is wide."""
+MOST_COLUMNS = 8
+LEGEND_DOT = 2.8
+"""Diameter of a beam's dot in the legend [pt]: some are too small to be seen alone."""
+Entries = dict[str, Any]
+"""What a legend names: words → a mark."""
+__all__ = ["Axes", "Figure", "figure_of"]
+MOST = 256
+"""Colours of a GIF."""
+SHADES = 6
+"""Of each colour of a mark, towards white: the edges of lines and letters."""
+Pixels = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +129,7 @@ def add_axes(figure: Figure, places: Sequence[Place], limits: Limits) -> list[Ax
     grid = figure.add_gridspec(rows, columns, width_ratios=ratios)
     return [
         figure.add_subplot(
-            grid[place.rows[0] : place.rows[1], place.column],
-            projection="polar" if place.polar else None,
+            grid[place.rows[0] : place.rows[1], place.column], projection="polar" if place.polar else None
         )
         for place in places
     ]
@@ -159,13 +169,6 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
     figure.draw_without_rendering()
 
 
-MOST_COLUMNS = 8
-LEGEND_DOT = 2.8
-"""Diameter of a beam's dot in the legend [pt]: some are too small to be seen alone."""
-Entries = dict[str, Any]
-"""What a legend names: words → a mark."""
-
-
 def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
     """The picture as a file of the kind of `suffix`."""
     with project_style():
@@ -202,11 +205,7 @@ def animate(
 
 
 def _frames(
-    figure: Figure,
-    pictures: Sequence[Picture],
-    view: str,
-    look: Look,
-    report: Callable[[int], None] | None,
+    figure: Figure, pictures: Sequence[Picture], view: str, look: Look, report: Callable[[int], None] | None
 ) -> Iterator[Figure]:
     """The same figure with one picture after the other.
 
@@ -364,9 +363,6 @@ def file_bytes(figure: Figure, suffix: str, dpi: int | None = None) -> bytes:
     return out.getvalue()
 
 
-__all__ = ["Axes", "Figure", "figure_of"]
-
-
 class _Shown(Figure):
     """A figure of no window, which a notebook shows all the same, and once."""
 
@@ -411,13 +407,6 @@ def _on(axes: Sequence[Axes], picture: Picture, view: str, look: Look) -> Figure
     figure = axes[0].get_figure(root=True)
     assert isinstance(figure, Figure)  # every axes that is drawn on has one
     return figure
-
-
-MOST = 256
-"""Colours of a GIF."""
-SHADES = 6
-"""Of each colour of a mark, towards white: the edges of lines and letters."""
-Pixels = NDArray[np.uint8]
 
 
 def write_gif(path: Path, frames: Iterable[Pixels], fps: float, colours: Iterable[str]) -> None:

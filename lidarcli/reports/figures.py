@@ -94,6 +94,7 @@ COMPARED: dict[str, tuple[str, str]] = {
 """Figures that need a baseline, beside `delta.NAME` of every other."""
 
 DELTA = "delta."
+STATISTICS = ("mean", "std", "min", "p05", "p50", "p95", "max")
 
 
 def names() -> list[str]:
@@ -117,9 +118,6 @@ def unit_of(name: str) -> str:
     entries = COUNTS | TRACK_COUNTS | SPREADS | TRACK_SPREADS
     entry = entries.get(plain) or entries.get(plain.rsplit(".", maxsplit=1)[0])
     return entry[0] if entry else "1"
-
-
-STATISTICS = ("mean", "std", "min", "p05", "p50", "p95", "max")
 
 
 @dataclass(frozen=True, slots=True)

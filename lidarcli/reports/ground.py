@@ -11,6 +11,27 @@ from lidarcli.reports.columns import Rows, Run
 from lidarcli.reports.distributions import round_up
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, UInt8, record
 
+CELLS = 160
+"""Cells along the longer side of what was seen, about."""
+FINEST = 0.05
+"""[m]"""
+LEAST_HITS, LEAST_SHARE = 2, 0.05
+"""A cell is a wall where so many beams, and this share of the most that hit any cell, ended in it."""
+MOST = 4_000
+"""Most cells that are drawn, those that were hit most."""
+LEAST_STEP, MOST_ANGLE = 1e-6, 100.0
+"""[rad] Finer steps from beam to beam, and edges at greater bearings, are not those of any sensor."""
+STANDS, HEADS = 0.05, 0.02
+"""A sensor whose poses stay within this distance [m] and angle [rad] stands."""
+COLUMNS = {
+    "objects": (
+        *("topic", "sweep", "set", "track", "vx", "vy", "moving", "label"),
+        *("box_x", "box_y", "world_x", "world_y"),
+    ),
+    "sweeps": ("topic", "sweep", "pose_x", "pose_y", "pose_yaw"),
+}
+"""Table → columns that paths are made of."""
+
 
 @record
 class Ground:
@@ -88,20 +109,6 @@ class Raw:
     beams: Int64
     ranges: Float64
     """(K, B) metres; NaN without a range and beyond `beams`."""
-
-
-CELLS = 160
-"""Cells along the longer side of what was seen, about."""
-FINEST = 0.05
-"""[m]"""
-LEAST_HITS, LEAST_SHARE = 2, 0.05
-"""A cell is a wall where so many beams, and this share of the most that hit any cell, ended in it."""
-MOST = 4_000
-"""Most cells that are drawn, those that were hit most."""
-LEAST_STEP, MOST_ANGLE = 1e-6, 100.0
-"""[rad] Finer steps from beam to beam, and edges at greater bearings, are not those of any sensor."""
-STANDS, HEADS = 0.05, 0.02
-"""A sensor whose poses stay within this distance [m] and angle [rad] stands."""
 
 
 @record
@@ -209,16 +216,6 @@ def _cells(x: Float64, y: Float64) -> Walls | None:
     enough = np.flatnonzero(hits >= max(LEAST_HITS, LEAST_SHARE * np.percentile(hits, 90)))
     kept = np.sort(enough[np.argsort(-hits[enough], kind="stable")[:MOST]])
     return Walls(cell, x0 + (place[kept] // width + 0.5) * cell, y0 + (place[kept] % width + 0.5) * cell)
-
-
-COLUMNS = {
-    "objects": (
-        *("topic", "sweep", "set", "track", "vx", "vy", "moving", "label"),
-        *("box_x", "box_y", "world_x", "world_y"),
-    ),
-    "sweeps": ("topic", "sweep", "pose_x", "pose_y", "pose_yaw"),
-}
-"""Table → columns that paths are made of."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,14 +12,13 @@ import numpy as np
 
 from lidarcli._version import __version__
 from lidarcli.reports.compare import Comparison
-from lidarcli.reports.distributions import Density, Histogram
+from lidarcli.reports.distributions import Histogram
 from lidarcli.reports.document import Document
 from lidarcli.reports.report import Report
 from lidarcli.reports.runs import RunsReport
-from lidarcli.reports.streams import Standing, Stream, Timeline
+from lidarcli.reports.streams import Standing, Stream
 from lidarcli.reports.summary import Summary
 from lidarcli.reports.wording import stamp
-from lidarcli.sweeps import Float64
 from lidarcli.tabular.runs import Entry
 
 SCHEMA = "lidarcli.report/1"
@@ -84,7 +83,7 @@ def _summary(summary: Summary) -> dict[str, Any]:
             name: {**dict.fromkeys(summary.kinds[name], 0), **summary.kinds[name]} for name in summary.kinds
         },
         "histograms": {name: _histogram(one) for name, one in summary.histograms.items()},
-        "maps": [_density(one) for one in summary.densities],
+        "maps": [_fields(one, "frame", "x0", "y0", "cell", "counts") for one in summary.densities],
         "streams": [_stream(one) for one in summary.streams.all],
         "standing_out": [_standing(one) for one in summary.standing],
         **_things(summary),
@@ -122,57 +121,35 @@ def _comparison(comparison: Comparison) -> dict[str, Any]:
 
 
 def _histogram(one: Histogram) -> dict[str, Any]:
-    return {"unit": one.unit, "edges": _list(one.edges), "counts": one.counts.tolist()}
-
-
-def _density(one: Density) -> dict[str, Any]:
-    return {
-        "frame": one.frame,
-        "x0": _number(one.x0),
-        "y0": _number(one.y0),
-        "cell": _number(one.cell),
-        "counts": one.counts.tolist(),
-    }
+    return _fields(one, "unit", "edges", "counts")
 
 
 def _stream(one: Stream) -> dict[str, Any]:
-    return {
-        "log": one.log,
-        "topic": one.topic,
-        "frame_id": one.frame_id,
-        "sweeps": one.sweeps,
-        "beams": one.beams,
-        "objects": one.objects,
-        "start": stamp(one.start_ns),
-        "start_ns": one.start_ns,
-        "end_ns": one.end_ns,
-        "duration": _number(one.duration),
-        "rate": _number(one.rate),
-        "gaps": one.gaps,
-        "missing_sweeps": one.missing,
-        "longest_gap": _number(one.longest_gap),
-        "backward": one.backward,
-        "repeated": one.repeated,
-        "course": _course(one.course),
-    }
-
-
-def _course(one: Timeline) -> dict[str, Any]:
-    columns = ["seconds", "objects_mean", "objects_min", "objects_max", "d_th", "noise", "lost_share"]
-    if np.isfinite(one.agents_max).any():
+    columns = [
+        "sweep",
+        "seconds",
+        "objects_mean",
+        "objects_min",
+        "objects_max",
+        "d_th",
+        "noise",
+        "lost_share",
+    ]
+    if np.isfinite(one.course.agents_max).any():
         columns += ["agents_mean", "agents_max"]
-    return {"sweep": one.sweep.tolist(), **{name: _list(getattr(one, name)) for name in columns}}
+    return {
+        **_fields(one, "log", "topic", "frame_id", "sweeps", "beams", "objects"),
+        "start": stamp(one.start_ns),
+        **_fields(one, "start_ns", "end_ns", "duration", "rate", "gaps"),
+        "missing_sweeps": one.missing,
+        **_fields(one, "longest_gap", "backward", "repeated"),
+        "course": _fields(one.course, *columns),
+    }
 
 
 def _standing(one: Standing) -> dict[str, Any]:
-    return {
-        "kind": one.kind,
-        "log": one.log,
-        "topic": one.topic,
-        "sweep": one.sweep,
-        "stamp": stamp(one.stamp_ns),
-        "value": _number(one.value),
-    }
+    names = _fields(one, "kind", "log", "topic", "sweep")
+    return {**names, "stamp": stamp(one.stamp_ns), "value": _number(one.value)}
 
 
 def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
@@ -180,8 +157,15 @@ def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
     return {name: _number(value) for name, value in values.items()}
 
 
-def _list(values: Float64) -> list[float | None]:
-    return [_number(value) for value in values.tolist()]
+def _fields(one: object, *names: str) -> dict[str, Any]:
+    """Return some fields of a data class by name."""
+    return {name: _plain(getattr(one, name)) for name in names}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist() if value.dtype.kind in "iu" else [_number(each) for each in value.tolist()]
+    return _number(value) if isinstance(value, float) else value
 
 
 def _runs(report: RunsReport) -> dict[str, Any]:
@@ -199,13 +183,9 @@ def _runs(report: RunsReport) -> dict[str, Any]:
 
 def _log(log: Entry) -> dict[str, Any]:
     return {
-        "url": log.url,
-        "log": log.log,
-        "outcome": log.outcome,
-        "exit_code": log.exit_code,
-        "message": log.message,
+        **_fields(log, "url", "log", "outcome", "exit_code", "message"),
         "lidarcli": log.version,
-        **_numbers({"size": log.size, "sweeps": log.sweeps, "rows": log.rows, "seconds": log.seconds}),
+        **_fields(log, "size", "sweeps", "rows", "seconds"),
         "ended": stamp(log.ended),
     }
 

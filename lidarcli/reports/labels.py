@@ -33,6 +33,16 @@ distance, a line across another label or thing, and a place that is nearer to an
 
 FORBIDDEN = 1e6
 """What a place costs that is taken or lies outside."""
+SIZE = 6.5
+"""Of the letters [pt]."""
+STEPS = 8
+"""Points of each piece of a line."""
+AIR = 0.8
+"""Around them [pt]."""
+MARK = 2.0
+"""What a mark takes about its point [pt]."""
+MOST_POINTS = 4_000
+"""Of more points some are left out: labels avoid crowds all the same."""
 
 
 class Rectangle(NamedTuple):
@@ -216,18 +226,6 @@ def _everywhere(ground: Rectangle, size: Float64) -> Float64:
     y = np.arange(ground.low + 0.5 * size[1], ground.high - 0.5 * size[1] + 1e-9, max(size[1], 1.0))
     across, along = np.meshgrid(x[:60], y[:60])
     return np.stack([across.ravel(), along.ravel()], axis=1)
-
-
-SIZE = 6.5
-"""Of the letters [pt]."""
-STEPS = 8
-"""Points of each piece of a line."""
-AIR = 0.8
-"""Around them [pt]."""
-MARK = 2.0
-"""What a mark takes about its point [pt]."""
-MOST_POINTS = 4_000
-"""Of more points some are left out: labels avoid crowds all the same."""
 
 
 class Label(NamedTuple):

@@ -39,6 +39,18 @@ MOST_NUMBERS = 60
 """Of more boxes no numbers are drawn: nobody could read them."""
 MOST_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
+COLUMNS = {
+    "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
+    "objects": ("topic", "sweep", "set", "track", "world_x", "world_y"),
+    "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
+}
+"""Table → columns that it is made of."""
+MOST_POINTS = 2_000
+"""Points of a line that are drawn; more are thinned out evenly."""
+MOST_AGENTS = 200
+"""Agents whose ways are drawn, those that were seen longest."""
+LEAST_SWEEPS = 5
+"""What stands is drawn where so many sweeps have seen it, or half of all if that is fewer."""
 
 
 @dataclass(frozen=True)
@@ -269,20 +281,6 @@ def _scale(axes: Axes, width: float) -> None:
         va="bottom",
         zorder=9,
     )
-
-
-COLUMNS = {
-    "sweeps": ("log", "topic", "sweep", "pose_x", "pose_y"),
-    "objects": ("topic", "sweep", "set", "track", "world_x", "world_y"),
-    "tracks": ("topic", "track", "set", "shape", "label", "sweeps", "x", "y", "yaw", "length", "width"),
-}
-"""Table → columns that it is made of."""
-MOST_POINTS = 2_000
-"""Points of a line that are drawn; more are thinned out evenly."""
-MOST_AGENTS = 200
-"""Agents whose ways are drawn, those that were seen longest."""
-LEAST_SWEEPS = 5
-"""What stands is drawn where so many sweeps have seen it, or half of all if that is fewer."""
 
 
 def paths_of(sweeps: Rows) -> list[tuple[Float64, Float64]]:

@@ -111,10 +111,7 @@ COLOURS = {
 }
 """Name → colour on light and on dark ground; each has a contrast to its ground that can be seen."""
 HEAT = tuple(light for name, (light, _) in COLOURS.items() if name.startswith("heat-"))
-_NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()} | {
-    BLACK: "ink",
-    "#ffffff": "paper",
-}
+_NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()} | {BLACK: "ink", "#ffffff": "paper"}
 
 
 def page_style() -> str:

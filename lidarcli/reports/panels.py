@@ -30,6 +30,18 @@ ARROW = {"arrowstyle": "-|>", "lw": 1.0, "mutation_scale": 6, "shrinkA": 0.0, "s
 """The velocity of a track: the way of one second."""
 CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(turns)], axis=1)
 """(N, 2) points of the unit circle, closed."""
+CURVE_DOT = 1.7
+"""Diameter of a beam's dot [pt]."""
+LINEAR = 2.0
+"""s(θ) is drawn in proportion up to about so many d_th, and by its logarithm beyond …"""
+DECADES = 0.7
+"""… and the part in proportion is as high as so many decades."""
+HIGH = 8.0
+"""Where |s| stays below so many d_th, all of it is in proportion."""
+AIR = 1.3
+"""Beyond the greatest value, where the axis is logarithmic."""
+TICKS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0))
+"""Of each decade: the first of these that gives an axis two ticks on either side."""
 
 
 def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: bool = False) -> None:
@@ -212,20 +224,6 @@ def _tracks(axes: Axes, paths: Sequence[TrackPath]) -> list[Label]:
         words = f"{path.number} {printable(path.label)}".rstrip()
         labels.append(Label(words, np.array([[x, y]]), colour, away))
     return labels
-
-
-CURVE_DOT = 1.7
-"""Diameter of a beam's dot [pt]."""
-LINEAR = 2.0
-"""s(θ) is drawn in proportion up to about so many d_th, and by its logarithm beyond …"""
-DECADES = 0.7
-"""… and the part in proportion is as high as so many decades."""
-HIGH = 8.0
-"""Where |s| stays below so many d_th, all of it is in proportion."""
-AIR = 1.3
-"""Beyond the greatest value, where the axis is logarithmic."""
-TICKS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0))
-"""Of each decade: the first of these that gives an axis two ticks on either side."""
 
 
 def sweep(axes: Axes, picture: Picture, limits: Limits) -> None:

@@ -15,6 +15,18 @@ GAP = 1.5
 BINS = 100
 """Most points of a course over time."""
 SECOND = 1e-9
+ALIKE = 1.2
+"""Rates, and numbers of beams, up to this ratio are those of sensors of one kind: no two motors turn equally fast."""
+EACH = 3
+APART = 20
+"""Sweeps of one log are no nearer to each other than this part of it."""
+KINDS = {
+    "most_objects": "most objects",
+    "fewest_objects": "fewest objects",
+    "most_agents": "most agents",
+    "most_lost": "most lost beams",
+    "longest_gap": "longest gap before",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,10 +195,6 @@ def _course(columns: _Columns, mine: Int64) -> Timeline:
     )
 
 
-ALIKE = 1.2
-"""Rates, and numbers of beams, up to this ratio are those of sensors of one kind: no two motors turn equally fast."""
-
-
 @dataclass(frozen=True, slots=True)
 class Unlike:
     """In what the sensors of a run are unlike; empty is what they have in common."""
@@ -215,18 +223,6 @@ def unlike_of(streams: Sequence[Stream]) -> Unlike:
 def _differ(values: Sequence[float]) -> bool:
     """Whether the greatest is more than `ALIKE` times the least."""
     return bool(values) and max(values) > ALIKE * min(values)
-
-
-EACH = 3
-APART = 20
-"""Sweeps of one log are no nearer to each other than this part of it."""
-KINDS = {
-    "most_objects": "most objects",
-    "fewest_objects": "fewest objects",
-    "most_agents": "most agents",
-    "most_lost": "most lost beams",
-    "longest_gap": "longest gap before",
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarcli.reports.columns import Origin, Run
-from lidarcli.reports.distributions import (
-    Density,
-    Histogram,
-    bearing_edges,
-    density,
-    histogram,
-    nice_edges,
-)
+from lidarcli.reports.distributions import Density, Histogram, bearing_edges, density, histogram, nice_edges
 from lidarcli.reports.figures import CATEGORIES, SPREADS, STATISTICS, Spread
 from lidarcli.reports.streams import Standing, Streams, Unlike, standing_out, streams_of, unlike_of
 from lidarcli.reports.tracks import Label, Tracked, labels_of, tracked_of

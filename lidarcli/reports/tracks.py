@@ -23,6 +23,8 @@ TRACK_COLUMNS = (
     *("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max", "end"),
 )
 """Columns of the tracks table that a summary reads."""
+_NUMBERS = ("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max")
+_WHOLE = ("track", "first_sweep", "first_stamp", "sweeps")
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,10 +180,6 @@ def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> tuple[Track
             )
         )
     return tuple(found)
-
-
-_NUMBERS = ("duration", "hidden", "length", "width", "distance", "speed_mean", "speed_max")
-_WHOLE = ("track", "first_sweep", "first_stamp", "sweeps")
 
 
 def _texts(rows: Rows, name: str, order: Int64) -> Sequence[str]:

@@ -14,7 +14,8 @@ from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
-from lidarcli.maps.mapserver import DEFINITION, TYPE, occupancy_cdr, write_occupancy_mcap
+from lidarcli.maps.mapserver import TYPE, occupancy_cdr, write_occupancy_mcap
+from lidarcli.ros.definitions import ros2_definition
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 STAMP_NS = 1_700_000_000_123_456_789
@@ -58,8 +59,8 @@ def test_cells_need_not_be_contiguous() -> None:
 
 
 def test_the_definition_is_that_of_ros() -> None:
-    assert STORE.generate_msgdef(TYPE, ros_version=2)[0] == DEFINITION
-    types = get_types_from_msg(DEFINITION, TYPE)
+    assert STORE.generate_msgdef(TYPE, ros_version=2)[0] == ros2_definition(TYPE)
+    types = get_types_from_msg(ros2_definition(TYPE), TYPE)
     assert all(types[name] == STORE.fielddefs[name] for name in types)
     assert len(types) == 7
 
@@ -68,7 +69,7 @@ def test_the_file() -> None:
     reader = make_reader(io.BytesIO(written(some_grid(), topic="/site/map")), validate_crcs=True)
     assert (reader.get_header().profile, reader.get_header().library) == ("ros2", "lidarcli")
     ((schema, channel, message),) = reader.iter_messages()
-    assert (schema.name, schema.encoding, schema.data.decode()) == (TYPE, "ros2msg", DEFINITION)
+    assert (schema.name, schema.encoding, schema.data.decode()) == (TYPE, "ros2msg", ros2_definition(TYPE))
     assert (channel.topic, channel.message_encoding) == ("/site/map", "cdr")
     assert (message.log_time, message.publish_time) == (STAMP_NS, STAMP_NS)
     assert message.data == occupancy_cdr(some_grid(), STAMP_NS)
