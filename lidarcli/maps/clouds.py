@@ -73,7 +73,7 @@ class PlyWriter:
         self._cloud.finish()
 
     def abandon(self) -> None:
-        """Nothing is held."""
+        """Do nothing: the writer holds nothing."""
 
 
 class PcdWriter:
@@ -99,7 +99,7 @@ class PcdWriter:
         self._cloud.finish()
 
     def abandon(self) -> None:
-        """Nothing is held."""
+        """Do nothing: the writer holds nothing."""
 
 
 class ParquetWriter:
@@ -171,7 +171,7 @@ class VoxelFilter:
         return sum(map(len, self._known))
 
     def keep(self, x: Float64, y: Float64) -> Bool:
-        """Which of (N,) points [m] are the first in their cells: (N,), True for these.
+        """Return (N,) True for points [m] that are the first in their cells.
 
         Points that are not finite or more than 2^31 cells from the origin never are.
         """
@@ -228,8 +228,10 @@ class _Binary:
         self._file.seek(end)
 
     def _head(self) -> bytes:
-        """The header, always of the same length: a comment takes up what the number leaves, for some readers split lines
-        at every blank."""
+        """Return the header, always of the same length.
+
+        A comment fills up the number, for some readers split lines at every blank.
+        """
         shortest = self._header(self._count, "")
         room = len(self._header(_MOST_POINTS, "")) - len(shortest)
         return self._header(self._count, "." * room).encode()

@@ -51,7 +51,7 @@ _LAST_STAMP_NS = (1 << 31) * 1_000_000_000 - 1
 
 
 def yaml_bytes(grid: Occupancy, image: str) -> bytes:
-    """The YAML file of a map [m] whose cells are in the file `image`, a name relative to that of the YAML file."""
+    """Return the YAML file of a map [m] whose cells are in the file `image`, a name relative to that of the YAML file."""
     name = image if _PLAIN_NAME.fullmatch(image) else _quoted(image)
     x, y = _decimal(grid.x), _decimal(grid.y)
     text = (
@@ -63,19 +63,19 @@ def yaml_bytes(grid: Occupancy, image: str) -> bytes:
 
 
 def pgm_bytes(grid: Occupancy) -> bytes:
-    """The cells as a binary PGM image: 254 free, 0 occupied, 205 unknown, the row of greatest y first."""
+    """Return the cells as a binary PGM image: 254 free, 0 occupied, 205 unknown, the row of greatest y first."""
     height, width = grid.cells.shape
     head = f"P5\n# CREATOR: lidarcli {_decimal(grid.resolution)} m/pix\n{width} {height}\n255\n"
     return head.encode() + _PIXELS[grid.cells[::-1].view(np.uint8)].tobytes()
 
 
 def image_of(path: Path) -> Path:
-    """The image that a YAML file names (`UnreadableError` as of `read_map`)."""
+    """Return the image that a YAML file names (`UnreadableError` as of `read_map`)."""
     return path.parent / _described(path).image
 
 
 def read_map(path: Path) -> Occupancy:
-    """The map of a YAML file and its image (PGM, PNG or BMP), in metres, by the rules of map_server and Nav2.
+    """Read the map of a YAML file and its image (PGM, PNG or BMP), in metres, by the rules of map_server and Nav2.
 
     A pixel is as occupied as the mean of its channels is dark (in mode `trinary` opacity is one of them); with `negate`,
     as it is bright. From `occupied_thresh` on a cell is occupied, up to `free_thresh` it is free; at the very threshold
@@ -95,7 +95,7 @@ def read_map(path: Path) -> Occupancy:
 
 @dataclass(frozen=True)
 class _Described:
-    """What a YAML file says; lengths in metres."""
+    """Content of a YAML file; lengths in metres."""
 
     image: str
     mode: str
@@ -108,7 +108,7 @@ class _Described:
 
 
 def _described(path: Path) -> _Described:
-    """What the file says, each value of the right kind."""
+    """Read the YAML file, each value of the right kind."""
     values = _values(path)
     missing = [key for key in _KEYS if key not in values]
     if missing:
@@ -142,7 +142,7 @@ def _described(path: Path) -> _Described:
 
 
 def _values(path: Path) -> dict[str, Any]:
-    """Key → text, or list of texts, as they stand there: what they mean is not for YAML to say, nor is it for yaml-cpp.
+    """Return key → text, or list of texts, as they are written: YAML gives them no meaning, nor does yaml-cpp.
 
     The tree of a document is not made into objects. That would resolve merges, of which a few lines can be made to take
     hours.
@@ -197,7 +197,7 @@ def _text(path: Path, key: str, value: object) -> str:
 
 
 def _cells(path: Path, described: _Described) -> Int8:
-    """The cells of the image, row 0 with the least y."""
+    """Return the cells of the image, row 0 with the least y."""
     named = path.parent / described.image
     shown = f"image {_shown(described.image)}"
     try:
@@ -243,7 +243,10 @@ def _decoded(path: Path, shown: str, file: BinaryIO, described: _Described) -> I
 
 
 def _opened(path: Path, shown: str, file: BinaryIO) -> ImageFile:
-    """The image before its pixels are read. `Image.open` would guess at fifty formats, and has a bound for all programs."""
+    """Open the image without reading its pixels.
+
+    `Image.open` would guess at fifty formats, and has a bound for all programs.
+    """
     from PIL.BmpImagePlugin import BmpImageFile
     from PIL.PngImagePlugin import PngImageFile
     from PIL.PpmImagePlugin import PpmImageFile
@@ -266,7 +269,7 @@ def _squares(width: int, height: int) -> Iterator[tuple[slice, slice]]:
 
 
 def _levels(image: Any, with_alpha: bool) -> tuple[NDArray[Any], int, NDArray[np.bool_] | None]:
-    """Sum of the channels of each pixel, the greatest that it can be, and where it is opaque if it can be transparent."""
+    """Return the sum of the channels of each pixel, its greatest value, and a mask of opaque pixels (None: all are)."""
     if image.mode in ("1", "L"):
         return np.asarray(image.convert("L")), 255, None
     if image.mode[0] == "I":
@@ -282,7 +285,7 @@ def _levels(image: Any, with_alpha: bool) -> tuple[NDArray[Any], int, NDArray[np
 
 
 def _judged(shade: NDArray[np.float64], described: _Described) -> Int8:
-    """What a cell is, by how bright its pixel is, 0 to 1."""
+    """Return free, occupied or unknown for pixels of a brightness from 0 to 1."""
     occupied = shade if described.negate else 1 - shade
     if described.mode == "raw":
         occupied = np.round(shade * 255) / 100
@@ -296,7 +299,7 @@ def _judged(shade: NDArray[np.float64], described: _Described) -> Int8:
 
 
 def _decimal(value: float) -> str:
-    """A number in decimals, at least three, without what only rounding has left behind.
+    """Return a number with at least three decimals, without those that only rounding has left.
 
     >>> _decimal(3 * 0.05), _decimal(-12.0), _decimal(0.0125)
     ('0.150', '-12.000', '0.0125')
@@ -306,7 +309,7 @@ def _decimal(value: float) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A text as YAML has it between quotation marks.
+    """Return a text as YAML has it between quotation marks.
 
     >>> print(_quoted('hall "2".pgm'))
     "hall \\"2\\".pgm"
@@ -328,7 +331,7 @@ def _refused(path: Path, cause: str, way_out: str) -> UnreadableError:
 
 
 def _shown(value: object) -> str:
-    """A value of a file in a message, short and printable."""
+    """Return a value of a file in a message, short and printable."""
     if value is None or isinstance(value, list):
         return "a list" if isinstance(value, list) else "neither a text nor a number"
     text = ascii(value)
@@ -336,7 +339,7 @@ def _shown(value: object) -> str:
 
 
 def _reason(err: Exception) -> str:
-    """The cause of an error as one short line."""
+    """Return the cause of an error as one short line."""
     if isinstance(err, OSError) and err.strerror:
         return err.strerror
     if isinstance(err, RecursionError):
@@ -364,7 +367,7 @@ def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: 
 
 
 def occupancy_cdr(grid: Occupancy, stamp_ns: int) -> bytes:
-    """The map as a nav_msgs/msg/OccupancyGrid in little-endian CDR, stamped with a time of 0 ns to 2^31 s."""
+    """Return the map as a nav_msgs/msg/OccupancyGrid in little-endian CDR, stamped with a time of 0 ns to 2^31 s."""
     stamp = divmod(stamp_ns, 1_000_000_000)
     frame = grid.frame_id.encode("utf-8", "replace") + b"\0"
     height, width = grid.cells.shape

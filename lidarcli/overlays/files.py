@@ -23,7 +23,7 @@ LATEST_NS = (1 << 32) * 1_000_000_000 - 1
 
 
 def topic_name(text: str) -> str:
-    """A topic of a log that need not be ROS, as ROS has it.
+    """Return the topic of a log of any kind as a valid topic of ROS.
 
     >>> topic_name("front scan"), topic_name("/2d/scan")
     ('/front_scan', '/_2d/scan')
@@ -33,7 +33,7 @@ def topic_name(text: str) -> str:
 
 
 def topics_of_objects(topics: Iterable[str]) -> dict[str, str]:
-    """Topic of sweeps → that of its markers: one for each, for a message deletes all that its topic has shown before.
+    """Return topic of sweeps → topic of its markers. Each needs its own: a message deletes all markers of its topic.
 
     >>> topics_of_objects(["/scan"])
     {'/scan': '/lidarcli/objects'}
@@ -123,17 +123,17 @@ class BagFile:
 
 
 def overlay_file(path: Path) -> McapFile | BagFile:
-    """A new file of the format that its suffix names."""
+    """Create a file of the format that its suffix names."""
     return McapFile(path) if path.suffix.lower() == MCAP else BagFile(path)
 
 
 def _within(time_ns: int) -> int:
-    """A time that files can hold: the nearest to it [ns]."""
+    """Return the nearest time that files can hold [ns]."""
     return time_ns if 0 <= time_ns <= LATEST_NS else min(max(time_ns, 0), LATEST_NS)
 
 
 def _offer(topic: str, kind: str) -> tuple[int, bool]:
-    """How many messages of a topic are kept, and whether for those who come later."""
+    """Return the number of messages of a topic that are kept, and True if late subscribers get them."""
     if kind == MAP_TYPE:
         return 1, True
     if kind == TF and topic.endswith("tf_static"):

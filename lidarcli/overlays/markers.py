@@ -31,10 +31,10 @@ class Layout(NamedTuple):
 
     dtype: np.dtype[Any]
     template: bytes
-    """What all have in common; 0 in the places of the fields."""
+    """Bytes that all have in common; 0 at the fields."""
 
     def filled(self, count: int) -> Structured:
-        """(count,) copies of the template, whose fields are to be set."""
+        """Return (count,) copies of the template, whose fields are to be set."""
         return np.frombuffer(bytearray(self.template * count), self.dtype)
 
 
@@ -48,36 +48,36 @@ class LayoutBuilder:
 
     cdr: bool
     start: int = 0
-    """Where the first byte will be, from the same place; a multiple of 8 tells as much as 0."""
+    """Offset of the first byte from the same origin; only its remainder by 8 matters."""
     _bytes: bytearray = field(default_factory=bytearray)
     _fields: list[tuple[str, str, int]] = field(default_factory=list)
 
     def number(self, code: str, *values: float) -> None:
-        """Numbers that are the same in all; `code` is that of `struct`."""
+        """Add numbers that are equal in all messages; `code` is that of `struct`."""
         self._align(struct.calcsize(f"<{code}"))
         self._bytes += struct.pack(f"<{len(values)}{code}", *values)
 
     def field(self, name: str, code: str, shape: tuple[int, ...] = ()) -> None:
-        """Numbers that differ."""
+        """Add a field of numbers that differ."""
         size = struct.calcsize(f"<{code}")
         self._align(size)
         self._fields.append((name, f"{shape}<{np.dtype(code).str[1:]}", len(self._bytes)))
         self._bytes += bytes(size * int(np.prod(shape)))
 
     def text(self, value: bytes) -> None:
-        """A text that is the same in all."""
+        """Add a text that is equal in all messages."""
         self.number("I", len(value) + self.cdr)
         self._bytes += value + bytes(self.cdr)
 
     def text_field(self, name: str, length: int) -> None:
-        """A text of `length` bytes that differs."""
+        """Add a field of text of `length` bytes."""
         self.number("I", length + self.cdr)
         if length:
             self._fields.append((name, f"S{length}", len(self._bytes)))
         self._bytes += bytes(length + self.cdr)
 
     def layout(self) -> Layout:
-        """What has been put together."""
+        """Return the layout of all members so far."""
         names, formats, offsets = zip(*self._fields, strict=True)
         dtype = np.dtype(
             {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self._bytes)}
@@ -98,7 +98,7 @@ def scatter(buffer: NDArray[np.uint8], places: NDArray[np.int64], items: Structu
 
 
 class Kind(IntEnum):
-    """What a marker shows; the value is its `type` in the message."""
+    """Kind of a marker: its `type` in the message."""
 
     ARROW = 0
     CUBE = 1
@@ -148,7 +148,7 @@ class Markers:
 
 
 def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr: bool) -> list[bytes]:
-    """S messages, each of which first deletes all markers of its topic, and then adds its own.
+    """Return S messages, each of which first deletes all markers of its topic and then adds its own.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def marker_arrays(stamp_ns: Int64, frame: str, groups: Sequence[Markers], *, cdr
 
 
 def within_ros(stamp_ns: Int64) -> tuple[Int64, Int64]:
-    """Seconds and nanoseconds; a stamp that ROS cannot hold becomes the nearest that it can."""
+    """Return seconds and nanoseconds; a stamp that ROS cannot hold becomes the nearest that it can."""
     seconds, nanoseconds = np.divmod(np.clip(stamp_ns, 0, LAST_SECOND * SECOND), SECOND)
     return seconds, nanoseconds
 
@@ -241,7 +241,7 @@ def _set_marker(items: Structured, group: Markers, rows: Int64) -> None:
 
 @lru_cache(maxsize=4096)
 def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shift: int) -> Layout:
-    """One marker that begins `shift` bytes after a multiple of eight; `deletes`: it deletes all, and adds nothing."""
+    """Return a marker that begins `shift` bytes after a multiple of eight; with `deletes` it deletes all markers."""
     builder = LayoutBuilder(cdr, shift)
     if not cdr:
         builder.number("I", 0)  # Header.seq
@@ -282,7 +282,7 @@ def _layout(cdr: bool, frame: bytes, kind: Kind, length: int, deletes: bool, shi
 
 
 def _no_texture(builder: LayoutBuilder) -> None:
-    """The members of a texture, which ROS 2 has since Humble."""
+    """Add the members of a texture, which ROS 2 has since Humble."""
     builder.text(b"")  # texture_resource
     builder.number("I", 0, 0)  # texture.header.stamp
     builder.text(b"")  # texture.header.frame_id
@@ -294,7 +294,7 @@ def _no_texture(builder: LayoutBuilder) -> None:
 def transforms(
     stamp_ns: Int64, world: str, frame: str, pose: Float64, upside_down: Bool, *, cdr: bool
 ) -> list[bytes]:
-    """S messages, each with the pose of a sensor in the world.
+    """Return S messages, each with the pose of a sensor in the world.
 
     Parameters
     ----------

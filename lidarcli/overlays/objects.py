@@ -1,4 +1,4 @@
-"""What is drawn of the objects of some sweeps: outline, body, label, and the velocity of those that are followed."""
+"""Markers of the objects of some sweeps: outline, body, label, and the velocity of tracks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COLUMNS = (
     *("topic", "sweep", "object", "shape", "x", "y", "box_x", "box_y", "box_length", "box_width", "box_yaw"),
     *("vertices", "track", "vx", "vy", "moving", "label", "world_x", "world_y"),
 )
-"""What is read of the objects table."""
+"""Columns of the objects table that markers need."""
 
 HEIGHT, LEAST_SIDE, WIDEST = 0.2, 0.02, 1e6
 """A sweep tells no height, so every body has the same [m]; and none is so slim that it cannot be seen, nor
@@ -24,15 +24,15 @@ larger than any range [m]."""
 LINE, TEXT, SHAFT = 0.02, 0.25, 0.05
 """Width of outlines, height of letters, and width of arrows [m]."""
 LIFT = 0.15
-"""How far labels are above the body [m] …"""
+"""Height of labels above the body [m]."""
 BEHIND = 0.6
-"""… and behind it, as seen by the sensor [m]: what is in its shadow hides no other object."""
+"""Distance of labels behind the body, as seen by the sensor [m]: a label in its shadow hides no other object."""
 PALE = 0.5
 """Share of white in the colour of letters, which are thin and lie on dark ground."""
 SOLID, CLEAR = 1.0, 0.35
 """Alpha of lines and letters, and of bodies, behind which the beams are still seen."""
 LEAST_SPEED = 0.05
-"""What is slower has no arrow [m/s]: it would be shorter than wide."""
+"""Least speed of a track with an arrow [m/s]: a shorter one would be wider than long."""
 PART = 1_000_000
 """Added to the id for each further object of a sweep that belongs to the same track."""
 UNKNOWN = "unknown"
@@ -40,7 +40,7 @@ UNKNOWN = "unknown"
 
 @record
 class Poses:
-    """Where the sensor was at each of S sweeps; NaN where unknown."""
+    """Poses of the sensor at S sweeps; NaN where unknown."""
 
     x: Float64
     y: Float64
@@ -52,13 +52,13 @@ class Colours:
     """Colours as `#RRGGBB`."""
 
     shapes: Mapping[str, str]
-    """Of objects, by shape."""
+    """Colours of objects, by shape."""
     tracks: Sequence[str]
-    """Of tracks, by their number: each has the same in all sweeps."""
+    """Colours of tracks, by their number: a track has one colour in all sweeps."""
 
 
 def markers_of(rows: pa.RecordBatch, message: Int64, poses: Poses, colours: Colours) -> list[Markers]:
-    """The markers of N objects.
+    """Return the markers of N objects.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class _Objects:
         self._colour = self._coloured(colours, names, shape)
 
     def outlines(self) -> Iterator[Markers]:
-        """What was seen of each: its vertices and back to the first; the box where it has too few."""
+        """Yield the outlines: the vertices and back to the first; the box where there are too few."""
         points, starts, counts = _vertices(self._rows, self._place, self._sides, self._yaw)
         for count in np.unique(counts).tolist():
             mine = np.flatnonzero(counts == count)
@@ -117,7 +117,7 @@ class _Objects:
             yield self._markers(Kind.OUTLINE, mine, zero, 0.0, np.full(3, LINE), SOLID, points=shown)
 
     def bodies(self) -> Iterator[Markers]:
-        """A cylinder or a box for each."""
+        """Yield a cylinder or a box for each object."""
         is_round = self._is_round
         height = np.full((len(is_round), 1), HEIGHT)
         size = np.hstack([self._sides, height])
@@ -129,7 +129,7 @@ class _Objects:
                 yield self._markers(kind, rows, self._place[rows], self._yaw[rows], size[rows], CLEAR)
 
     def labels(self) -> Iterator[Markers]:
-        """Number, name and size of each; once where several are one thing."""
+        """Yield number, name and size of each object; once where several belong to one track."""
         rows = np.flatnonzero(self._part == 0)
         texts = self._texts(rows)
         behind = self._behind()
@@ -144,7 +144,7 @@ class _Objects:
             )
 
     def arrows(self, velocity: Float64) -> Iterator[Markers]:
-        """How far each track goes in a second, where it moves."""
+        """Yield an arrow for each track that moves: its way in a second."""
         speed = np.hypot(*velocity.T)
         moving = self._rows["moving"].fill_null(False).to_numpy(zero_copy_only=False)
         rows = np.flatnonzero(moving & (speed > LEAST_SPEED) & self._is_tracked & (self._part == 0))
@@ -183,7 +183,7 @@ class _Objects:
         )
 
     def _coloured(self, colours: Colours, names: Sequence[str], shape: Int64) -> Float32:
-        """(N, 3) the colour of each; `shape` (N,) are indices into `names`."""
+        """Return (N, 3) the colour of each; `shape` (N,) are indices into `names`."""
         known = [colours.shapes.get(name, colours.shapes[UNKNOWN]) for name in names]
         of_shapes = np.array([_rgb(text) for text in known], np.float32)
         of_tracks = np.array([_rgb(text) for text in colours.tracks], np.float32)
@@ -192,14 +192,14 @@ class _Objects:
         return chosen
 
     def _behind(self) -> Float64:
-        """(N, 2) a place behind each, as seen by the sensor."""
+        """Return (N, 2) a position behind each object, as seen by the sensor."""
         distance = np.hypot(*self._place.T)
         away = 0.5 * np.hypot(*self._sides.T) + BEHIND
         behind: Float64 = self._place * (1 + away / np.maximum(distance, LEAST_SIDE))[:, None]
         return behind
 
     def _texts(self, rows: NDArray[np.intp]) -> pa.StringArray:
-        """Number, name and size of some objects."""
+        """Return number, name and size of some objects."""
         name = pc.coalesce(
             self._rows["label"].dictionary_decode(), self._rows["shape"].dictionary_decode(), UNKNOWN
         )
@@ -214,13 +214,13 @@ class _Objects:
 
 
 def _metres(sides: Float64) -> pa.StringArray:
-    """Lengths as text, to the centimetre."""
+    """Return lengths as text, to the centimetre."""
     hundredths, which = np.unique(np.rint(100 * sides).astype(np.int64), return_inverse=True)
     return pa.array([f"{each / 100:.2f}" for each in hundredths.tolist()]).take(pa.array(which))
 
 
 def _parts(message: Int64, track: Int64, is_tracked: Bool) -> Int64:
-    """(N,) how many objects before each are of the same message and track; 0 for what has no track."""
+    """Return (N,) the number of objects before each in its message and track; 0 without a track."""
     part = np.zeros(len(message), np.int64)
     rows = np.flatnonzero(is_tracked)
     order = rows[np.lexsort((rows, track[rows], message[rows]))]
@@ -234,7 +234,7 @@ def _parts(message: Int64, track: Int64, is_tracked: Bool) -> Int64:
 def _vertices(
     rows: pa.RecordBatch, place: Float64, sides: Float64, yaw: Float64
 ) -> tuple[Float64, Int64, Int64]:
-    """Corners of all outlines (P, 2), and for each of N objects its first one and how many it has."""
+    """Return the corners of all outlines (P, 2), and for each of N objects the index of its first one and their number."""
     column = rows["vertices"]
     offsets = column.offsets.to_numpy().astype(np.int64)
     within = column.values
@@ -258,7 +258,7 @@ def _vertices(
 
 
 def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Float64:
-    """(N, 2) velocity over ground in the axes of the sensor [m/s]; 0 where unknown."""
+    """Return (N, 2) velocity over ground in the axes of the sensor [m/s]; 0 where unknown."""
     velocity = np.nan_to_num(np.column_stack([_floats(rows, "vx"), _floats(rows, "vy")]))
     yaw = poses.yaw[message]
     # Without a pose they are in the sensor's axes already.
@@ -271,7 +271,7 @@ def _in_sensor_frame(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Floa
 
 
 def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
-    """(N,) whether objects are on the other side of the sensor in the world than in the sweep: it hangs head down."""
+    """Return (N,) True where an object is on the other side of the sensor in the world: the sensor hangs head down."""
     yaw = poses.yaw[message]
     east, north = (
         _floats(rows, f"world_{axis}") - at[message]
@@ -285,7 +285,7 @@ def is_mirrored(rows: pa.RecordBatch, message: Int64, poses: Poses) -> Bool:
 
 
 def _place(rows: pa.RecordBatch, axis: str) -> Float64:
-    """The centre of the box, or of the points where there is none."""
+    """Return the centre of the box, or of the points where there is none."""
     box, mean = _floats(rows, f"box_{axis}"), _floats(rows, axis)
     return np.where(np.isfinite(box), box, mean)
 
@@ -296,7 +296,7 @@ def _floats(rows: pa.RecordBatch, name: str) -> Float64:
 
 
 def _coded(column: pa.DictionaryArray) -> tuple[list[str], Int64]:
-    """Names, and for each of N rows the index of its own; what is null is unknown."""
+    """Return names, and (N,) the index of the name of each row; null is unknown."""
     names = [*column.dictionary.to_pylist(), UNKNOWN]
     codes: Int64 = column.indices.fill_null(len(names) - 1).to_numpy(zero_copy_only=False)
     return names, codes

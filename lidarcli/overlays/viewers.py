@@ -12,12 +12,12 @@ BEAMS, BACKGROUND = "#FFFFFF", "#101010"
 POINT = 4
 """Size of a beam's end [pixels]."""
 MAP_ALPHA = 0.3
-"""Of a map in RViz: on the dark background free space is then dark enough for white beams."""
+"""Alpha of a map in RViz: on the dark background free space is then dark enough for white beams."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What is to be seen."""
+    """Content of a scene."""
 
     frame: str
     """The fixed frame: that of the world where the log has one, else a sensor's."""
@@ -28,7 +28,7 @@ class Scene:
 
 
 def layout_json(scene: Scene) -> bytes:
-    """A layout with one 3D panel; topics that it does not name are hidden there."""
+    """Return a layout with one 3D panel; topics that it does not name are hidden there."""
     topics: dict[str, dict[str, Any]] = {topic: {"visible": True} for topic in scene.objects}
     for topic in scene.scans:
         topics[topic] = {"visible": True, "pointSize": POINT, "colorMode": "flat", "flatColor": BEAMS}
@@ -82,7 +82,7 @@ def layout_json(scene: Scene) -> bytes:
 
 
 def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
-    """The settings of RViz of ROS 2 or ROS 1."""
+    """Return the settings of RViz of ROS 2 or ROS 1."""
     plugins, common = ("rviz_default_plugins", "rviz_common") if is_ros2 else ("rviz", "rviz")
     displays = [
         f"    - Class: {plugins}/Grid\n      Name: Grid\n      Enabled: true\n      Plane Cell Count: 20\n"
@@ -122,7 +122,7 @@ def rviz_config(scene: Scene, *, is_ros2: bool) -> bytes:
 
 
 def _topic(topic: str, key: str, is_ros2: bool, *, latched: bool = False, reliable: bool = True) -> str:
-    """Where a display gets its messages; who asks for reliable ones gets none of a sensor that offers its best effort."""
+    """Return the topic of a display; a reliable subscription gets nothing from a sensor that offers best effort."""
     if not is_ros2:
         return f"      {key}: {_text(topic)}\n"
     return (
@@ -133,5 +133,5 @@ def _topic(topic: str, key: str, is_ros2: bool, *, latched: bool = False, reliab
 
 
 def _text(value: str) -> str:
-    """A text as YAML has it between quotation marks, as JSON does."""
+    """Return a text as YAML has it between quotation marks, as JSON does."""
     return json.dumps(value, ensure_ascii=True)

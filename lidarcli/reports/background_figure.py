@@ -29,13 +29,13 @@ OPEN_RAY = 0.06
 
 
 def draw(sensors: Sequence[Background], suffix: str) -> bytes:
-    """The picture of all sensors side by side as a file of the kind of `suffix`; the same background, the same bytes."""
+    """Return the picture of all sensors side by side as a file of the kind of `suffix`."""
     with project_style():
         return file_bytes(background_figure(sensors), suffix)
 
 
 def background_figure(sensors: Sequence[Background]) -> Figure:
-    """The picture of all sensors as a figure; to be called in the project's style."""
+    """Return the picture of all sensors as a figure; call it within `project_style`."""
     figure = Figure(figsize=(SENSOR_WIDTH * max(len(sensors), 1), SENSOR_WIDTH * 0.95), layout="constrained")
     FigureCanvasAgg(figure)
     drawn = figure.subplots(1, max(len(sensors), 1), squeeze=False)[0].tolist()
@@ -90,7 +90,7 @@ def _panel(axes: Axes, sensor: Background) -> None:
 
 
 def _shown(support: np.ndarray[Any, np.dtype[Any]]) -> tuple[float, float]:
-    """Least and greatest support of the colour bar, in tenths: what occurs, so that small differences are seen."""
+    """Return the range of the colour bar, in tenths: only support that occurs, so that small differences are seen."""
     if not len(support):
         return 0.0, 1.0
     low = np.floor(10.0 * float(support.min()) + 1e-6) / 10.0
@@ -99,7 +99,7 @@ def _shown(support: np.ndarray[Any, np.dtype[Any]]) -> tuple[float, float]:
 
 
 def _open_beams(axes: Axes, sensor: Background, direction: np.ndarray[Any, np.dtype[np.float64]]) -> None:
-    """Short strokes outside everything, in the directions from which nothing returns."""
+    """Draw short strokes outside everything, in the directions from which nothing returns."""
     r_e = sensor.r_e[0] if len(sensor) else np.empty(0)
     known = r_e[np.isfinite(r_e)]
     reach = float(known.max()) if len(known) else 1.0

@@ -19,7 +19,7 @@ LEAST = 1e-300
 
 
 def bar(part: float, width: int) -> str:
-    """A bar of `width` cells for the whole.
+    """Return a bar of `width` cells for the whole.
 
     >>> bar(0.5, 4)
     '██  '
@@ -32,7 +32,7 @@ def bar(part: float, width: int) -> str:
 
 
 def spark(values: Sequence[float] | NDArray[Any], low: float = 0.0) -> str:
-    """One character per value, from `low` to the greatest; a blank for what is not a number.
+    """Return one character per value, from `low` to the greatest; a blank for a value that is not finite.
 
     >>> spark([0, 1, 4, 8])
     '▁▁▄█'
@@ -48,7 +48,7 @@ def spark(values: Sequence[float] | NDArray[Any], low: float = 0.0) -> str:
 
 
 def resample(values: Float64, width: int) -> Float64:
-    """Means of at most `width` groups."""
+    """Return the means of at most `width` groups of values."""
     if len(values) <= width:
         return values
     begin = np.linspace(0, len(values), width, endpoint=False).astype(int)
@@ -60,7 +60,7 @@ def resample(values: Float64, width: int) -> Float64:
 
 
 def shade(one: Density, width: int, height: int) -> list[str]:
-    """The map from above, x to the right and y up: one character per cell, which is twice as high as wide."""
+    """Return the map from above, x to the right and y up: one character per cell, which is twice as high as wide."""
     nx, ny = one.counts.shape
     # A character covers k cells across and 2 k cells up.
     k = max(1, -(-nx // width), -(-ny // (2 * height)))

@@ -42,7 +42,7 @@ SVG_STYLE: dict[str, Any] = {"svg.fonttype": "none", "svg.image_inline": True}
 LINES = 6
 """Streams in one chart; more cannot be told apart."""
 SAME, ALIKE = 1e-3, 0.25
-"""Up to this share of themselves values are the same, or about the same."""
+"""Greatest relative difference of values that count as equal, and as about equal."""
 TITLES = {
     "objects_per_sweep": ("Objects per sweep", "objects"),
     "range": ("Range of objects", "nearest point [m]"),
@@ -64,7 +64,7 @@ MOST_CELLS = 60
 SIDE, LEAST, WIDEST = 3.4, 2.6, 1.5
 """Side of a square map, least width [inch], and the longest sides by the shortest."""
 SEAM = 0.06
-"""What each cell leaves free on its sides, so that cells can be told apart."""
+"""Margin of a cell by its side: cells can be told apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +74,12 @@ class Chart:
     title: str
     svg: str
     wide: bool = False
-    """Whether it takes the room of two."""
+    """True if the chart is twice as wide."""
 
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """What needs no chart."""
+    """A figure that needs no chart."""
 
     name: str
     """The figure."""
@@ -88,7 +88,7 @@ class Constant:
 
 
 def charts(report: Report, walls: Mapping[str, Walls] | None = None) -> Iterator[Chart]:
-    """All charts for which there is something to draw: what is constant is none, but one of `constants`.
+    """Yield the charts that have something to show; a figure that is constant is one of `constants` instead.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def charts(report: Report, walls: Mapping[str, Walls] | None = None) -> Iterator
 
 
 def constants(report: Report) -> list[Constant]:
-    """What a chart would show as one flat line or one bar.
+    """Return the figures that a chart would show as one flat line or one bar.
 
     A figure of a comparison is never one: the baseline's may be another.
     """
@@ -146,7 +146,7 @@ def constants(report: Report) -> list[Constant]:
 
 
 def _steady(name: str, spread: Spread) -> str | None:
-    """A figure that is the same all the time, or noise that is about the same; None for others."""
+    """Return the value of a constant figure, or the range of noise that hardly varies, in words; None for others."""
     low, high = spread.min, spread.max
     assert low is not None
     assert high is not None
@@ -158,7 +158,7 @@ def _steady(name: str, spread: Spread) -> str | None:
 
 
 def _kinds(summary: Summary) -> Iterator[tuple[str, dict[str, int]]]:
-    """Parts of a whole by kind: objects, and tracks."""
+    """Yield title and counts by kind, of objects and of tracks."""
     for name in ("shape", "visibility", "change"):
         if counts := kind_counts(summary, name):
             yield f"Objects by {name}", counts
@@ -169,7 +169,7 @@ def _kinds(summary: Summary) -> Iterator[tuple[str, dict[str, int]]]:
 
 
 def overview_chart(picture: MapPicture) -> Chart:
-    """The run from above."""
+    """Return the run from above as a chart."""
     with project_style({**SVG_STYLE, "axes.grid": False}):
         return _as_chart("The run from above", map_figure(picture, OVERVIEW_SIZE), wide=True)
 
@@ -189,7 +189,7 @@ def _as_chart(title: str, figure: Figure, wide: bool) -> Chart:
 
 
 def _inline(svg: str, title: str) -> str:
-    """The SVG as a part of a page: no prologue, ids of its own, a width that follows the page."""
+    """Return the SVG as a part of a page: no prologue, ids of its own, a width that follows the page."""
     body = svg[svg.index("<svg") :]
     prefix = "c" + re.sub(r"\W", "", title)
     body = re.sub(r"<metadata>.*?</metadata>", "", body, count=1, flags=re.DOTALL)
@@ -234,7 +234,12 @@ def _steps(
     axes: Axes, streams: tuple[Stream, ...], k: int, values: Float64, colour: str | None = None
 ) -> None:
     label = "mean" if len(streams) == 1 else printable(streams[k].name)
-    style = {"color": colour or CYCLE[k], "ls": DASHES[k], "lw": 1.2, "drawstyle": "steps-post"}
+    style: dict[str, Any] = {
+        "color": colour or CYCLE[k],
+        "ls": DASHES[k],
+        "lw": 1.2,
+        "drawstyle": "steps-post",
+    }
     axes.plot(streams[k].course.seconds, values, label=label, **style)
 
 
@@ -245,7 +250,7 @@ def _finish(axes: Axes, label: str) -> None:
 
 
 def course_over_time(axes: Axes, streams: tuple[Stream, ...], name: str) -> None:
-    """`d_th` or `noise` over time, in metres."""
+    """Draw `d_th` or `noise` over time [m]."""
     for k, stream in enumerate(streams):
         values = stream.course.d_th if name == "d_th" else stream.course.noise
         axes.plot(
@@ -257,7 +262,7 @@ def course_over_time(axes: Axes, streams: tuple[Stream, ...], name: str) -> None
 
 
 def beam_bars(axes: Axes, summary: Summary) -> None:
-    """All beams twice, by what became of them and by what they are on: two bars of their own."""
+    """Draw two bars of all beams: by status, and by set."""
     status = {name.replace("_", " "): count for name, count in summary.status.items()}
     sets = beams_by_set(summary)
     colours = [palette.SET_STYLES[name][0] for name in beams_on(has_agents(summary))]
@@ -291,7 +296,7 @@ def beam_bars(axes: Axes, summary: Summary) -> None:
 
 
 def kind_bars(axes: Axes, counts: dict[str, int]) -> None:
-    """Parts of a whole, a bar each."""
+    """Draw a bar for each kind."""
     colours = [palette.SHAPE_COLOURS.get(name, palette.BLUE) for name in counts]
     _horizontal(
         axes, {name.replace("_", " "): count for name, count in counts.items()}, colours, sum(counts.values())
@@ -314,7 +319,7 @@ def _horizontal(axes: Axes, rows: dict[str, int], colours: list[str], total: int
 
 
 def histogram_bars(axes: Axes, one: Histogram, other: Histogram | None, label: str) -> None:
-    """A histogram, with a baseline's over it."""
+    """Draw a histogram, with that of a baseline over it."""
     factor = 180 / math.pi if one.unit == "rad" else 1.0
     edges = one.edges * factor
     if other is None:
@@ -338,7 +343,7 @@ def _whole(axis: Any) -> None:
 
 
 def object_map(axes: Axes, found: Density, walls: Walls | None) -> None:
-    """How often each cell had an object, in a few steps from pale to dark."""
+    """Draw how often each cell had an object, in a few steps from pale to dark."""
     draw_walls(axes, walls)
     counts, cell = _coarse(found, walls)
     ix, iy = np.nonzero(counts)
@@ -381,7 +386,7 @@ def object_map(axes: Axes, found: Density, walls: Walls | None) -> None:
 
 
 def _coarse(found: Density, walls: Walls | None) -> tuple[Int64, float]:
-    """Counts of cells, several in one where the walls are so far away that one could not be seen, and their side."""
+    """Return the counts of cells and their side [m]; cells are joined where far walls would make them too small to see."""
     nx, ny = found.counts.shape
     extent = max(nx, ny) * found.cell
     if walls is not None and len(walls.x):

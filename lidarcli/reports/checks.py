@@ -53,25 +53,25 @@ class Check:
 
     @property
     def expected(self) -> str:
-        """What has to hold, without what is measured."""
+        """Expected comparison, without the figure."""
         if self.sign == "between":
             return f"between {self.low:g} and {self.high:g}"
         return f"{self.sign} {self.low:g}"
 
     @property
     def figure(self) -> str:
-        """The figure that it looks at, be it the value or its difference from a baseline."""
+        """Name of the figure, be it the value or its difference from a baseline."""
         return self.name.removeprefix(figures.DELTA)
 
     @property
     def needs_tracks(self) -> bool:
-        """Whether there is nothing to hold it against without tracks tables."""
+        """True if the check cannot be judged without tracks tables."""
         if self.condition is None:
             return self.figure in figures.track_names()
         return self.name == "tracks" or (self.name == "objects" and bool(self.condition.columns & OF_TRACKS))
 
     def admits(self, value: float) -> bool:
-        """Whether a value is as expected."""
+        """Return True if a value is as expected."""
         if self.sign == "between":
             return self.low <= value <= self.high
         return bool(COMPARE[self.sign](value, self.low))
@@ -79,7 +79,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What became of a check."""
+    """The result of a check."""
 
     expression: str
     expected: str
@@ -89,7 +89,7 @@ class Verdict:
 
     @property
     def words(self) -> str:
-        """What was found, for people."""
+        """Value that was found, for people."""
         if self.found is None:
             return "nothing to measure"
         return f"{self.found:,.0f}" if self.found == int(self.found) else f"{self.found:.6g}"
@@ -154,7 +154,7 @@ def verdict_of(check: Check, found: float | None) -> Verdict:
 
 
 def _count(check: Check, condition: Condition, run: Run) -> float | None:
-    """The rows for which a condition holds."""
+    """Return the number of rows for which a condition holds; None without the table."""
     rows = {"objects": run.objects, "sweeps": run.sweeps, "tracks": run.tracks}[check.name]
     if rows is None:
         return None
@@ -166,13 +166,13 @@ def _count(check: Check, condition: Condition, run: Run) -> float | None:
 
 
 def _asked_for(condition: Condition, run: Run) -> Bool:
-    """(K,) rows of the objects table that are no objects of their sweeps, but of a kind that a condition tells apart."""
+    """Return (K,) the rows of walls or removed objects, if the condition names `set` or `change`."""
     walls, gone = run.objects.are("set", "S"), run.objects.are("change", "removed")
     return (walls & ("set" in condition.columns)) | (gone & ("change" in condition.columns))
 
 
 def columns_needed(checks: Sequence[Check], table: str) -> frozenset[str]:
-    """Columns of a table that the checks look at, by conditions or by figures that have their name."""
+    """Return the columns of a table that the checks need, for conditions or for figures of the same name."""
     conditions = [check.condition for check in checks if check.name == table and check.condition is not None]
     figures_of = {check.figure.split(".")[0] for check in checks if check.condition is None}
     return frozenset(figures_of & {*column_names(COUNTED[table])}).union(
@@ -181,7 +181,7 @@ def columns_needed(checks: Sequence[Check], table: str) -> frozenset[str]:
 
 
 def accepts(checks: Sequence[Check], *names: str) -> bool:
-    """Whether a check looks at one of these figures: then it says how much of it is accepted."""
+    """Return True if a check is about one of these figures, and so says how much of it is accepted."""
     return any(check.condition is None and check.figure in names for check in checks)
 
 
@@ -202,6 +202,6 @@ def _known(tokens: Tokens, token: Token, compared: bool) -> None:
 
 
 def _unknown(tokens: Tokens, token: Token, known: Collection[str]) -> OptionError:
-    """The error of a figure that there is not."""
+    """Return the error of an unknown figure."""
     hint = nearest(token.text, known, OFFERED) or ";"
     return tokens.error(f"unknown figure '{token.text}'{hint} docs/reports.md has all;", token)

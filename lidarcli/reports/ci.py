@@ -56,12 +56,12 @@ def _checks(report: Document) -> list[Case]:
 
 
 def _part(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
-    """An element below another; the one place where texts of checks and logs come in."""
+    """Return a new element below another; all texts of checks and logs come in here."""
     return ET.SubElement(parent, tag, {name: clean(text) for name, text in attributes.items()})
 
 
 def clean(text: str) -> str:
-    r"""Text with escapes for the characters that XML cannot hold.
+    r"""Return text with escapes for the characters that XML cannot hold.
 
     >>> clean("bad\udcff\x01")
     'bad\\udcff\\x01'
@@ -70,7 +70,7 @@ def clean(text: str) -> str:
 
 
 def as_github(report: Document, text: str = "") -> str:
-    """One command a line, what is wrong first: of each kind the page shows the first ten of a step.
+    """Return one command per line, errors first: of each kind the page shows the first ten of a step.
 
     `text`, the report for the terminal, follows in a fold of the step's log.
     """
@@ -78,7 +78,7 @@ def as_github(report: Document, text: str = "") -> str:
 
 
 def command(kind: str, title: str, message: str) -> str:
-    r"""A workflow command with its title.
+    r"""Return a workflow command with its title.
 
     >>> command("error", "checks: a, b", "100 %\nof it")
     '::error title=checks%3A a%2C b::100 %25%0Aof it'
@@ -87,7 +87,7 @@ def command(kind: str, title: str, message: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Text that ends no line and looks like no escape; what would steer a terminal is spelled out."""
+    """Return text without ends of lines and escapes; characters that would steer a terminal are spelled out."""
     return visible(text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A"))
 
 
@@ -107,7 +107,7 @@ def _annotations(report: Document) -> Iterator[str]:
 
 
 def _folded(title: str, text: str) -> Iterator[str]:
-    """Lines in which nothing is a command until a word comes that they cannot hold: their own digest."""
+    """Yield a fold in which no line is a command until a word comes that the text cannot hold: its own digest."""
     word = hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()
     yield f"::group::{_escaped(title)}"
     yield f"::stop-commands::{word}"

@@ -33,7 +33,7 @@ class Change:
 
     @property
     def difference(self) -> int:
-        """Objects more than in the baseline."""
+        """Number of objects more than in the baseline."""
         return self.now - self.before
 
 
@@ -51,7 +51,7 @@ class Comparison:
 
     @property
     def words(self) -> str:
-        """In how many sweeps the two runs differ."""
+        """Number of sweeps in which the two runs differ, in words."""
         compared, changed, added, removed = (
             self.figures[name]
             for name in ("compared_sweeps", "changed_sweeps", "added_sweeps", "removed_sweeps")
@@ -64,7 +64,7 @@ class Comparison:
 
 
 def compare(run: Run, summary: Summary, base_run: Run, baseline: Summary) -> Comparison:
-    """Sweeps are matched by log, topic and index; of one log each, the names of the logs may differ.
+    """Compare two runs. Sweeps are matched by log, topic and index; of one log each, the names of the logs may differ.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def _refuse_others(run: Run, base_run: Run, mine: Int64, theirs: Int64) -> None:
 
 
 def _identities(run: Run, base_run: Run) -> tuple[Int64, Int64]:
-    """(S,) a number for each sweep of both runs, equal where log, topic and index are."""
+    """Return (S,) a number for each sweep of both runs, equal where log, topic and index are."""
     single = len(run.sources) == len(base_run.sources) == 1
     names: dict[tuple[str, str], int] = {}
     most = max((int(one.sweeps.integers("sweep").max(initial=0)) for one in (run, base_run)), default=0) + 1

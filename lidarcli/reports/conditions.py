@@ -96,25 +96,25 @@ class Tokens:
         return self._all[min(self._at + 1, len(self._all) - 1)]
 
     def take(self) -> Token:
-        """The next word, which is then behind us."""
+        """Take the next word."""
         token = self.next
         self._at = min(self._at + 1, len(self._all) - 1)
         return token
 
     def take_if(self, *texts: str) -> str | None:
-        """The next word if it is one of these keywords or signs."""
+        """Take the next word if it is one of these keywords or signs."""
         if self.next.kind in ("name", "operator", "bracket") and self.next.text in texts:
             return self.take().text
         return None
 
     def expect(self, kind: str, wanted: str) -> Token:
-        """The next word, which has to be of this kind."""
+        """Take the next word, which has to be of this kind."""
         if self.next.kind != kind:
             raise self.error(f"expected {wanted}")
         return self.take()
 
     def error(self, problem: str, token: Token | None = None) -> OptionError:
-        """The error of this check at the next word, or at the one given."""
+        """Return the error of this check at the next word, or at the one given."""
         at = token or self.next
         where = "at the end" if at.kind == "end" else f"at '{at.text}', column {at.place + 1}"
         shown = (
@@ -147,18 +147,18 @@ class Condition:
     judge: Callable[[Rows], Truths]
 
     def holds(self, rows: Rows) -> Bool:
-        """(K,) rows for which the condition is known to hold."""
+        """Return (K,) rows for which the condition is known to hold."""
         value, known = self.judge(rows)
         return value & known
 
 
 def column_names(schema: pa.Schema) -> list[str]:
-    """The columns that a condition may name."""
+    """Return the columns that a condition may name."""
     return [field.name for field in schema if not pa.types.is_timestamp(field.type)]
 
 
 def parse_condition(tokens: Tokens, table: str, depth: int = 0) -> Condition:
-    """`term or term or ...`; stops where the condition ends. `depth` brackets are open."""
+    """Parse `term or term or ...` to its end; `depth` brackets are open."""
     found = [_term(tokens, table, depth)]
     while tokens.take_if("or"):
         found.append(_term(tokens, table, depth))
@@ -228,7 +228,7 @@ def _column(tokens: Tokens, table: str) -> str:
 
 
 def nearest(text: str, names: Collection[str], most: int = 1) -> str:
-    """What may have been meant, as the end of a message, or nothing.
+    """Return the names that may have been meant, as the end of a message, or nothing.
 
     >>> nearest("widht", ["width", "x"]), nearest("sweps", ["x", "sweep", "sweeps", "steps"], 3)
     ('; did you mean width?', '; did you mean sweeps, sweep or steps?')
@@ -260,7 +260,7 @@ def _word(tokens: Tokens, name: str) -> Condition:
 
 
 def _truth(tokens: Tokens, name: str) -> Condition:
-    """`moving`, `moving == true`, `moving != false`; a sign before anything else belongs to the check."""
+    """Parse `moving`, `moving == true`, `moving != false`; a sign before anything else belongs to the check."""
     wanted = True
     if tokens.next.text in ("==", "!=") and tokens.after_next.text in TRUTH:
         equal = tokens.take().text == "=="
@@ -269,7 +269,7 @@ def _truth(tokens: Tokens, name: str) -> Condition:
 
 
 def _number(names: Sequence[str], test: Callable[[Float64], Bool]) -> Condition:
-    """What a test says of a column, or of the sum of some."""
+    """Return the condition that a test of a column holds, or of the sum of some columns."""
 
     def judge(rows: Rows) -> Truths:
         values = rows.total(names)
@@ -295,7 +295,7 @@ def _negated(one: Condition) -> Condition:
 
 
 def _all_of(conditions: Sequence[Condition]) -> Condition:
-    """Known to be false where one is, known to be true where all are."""
+    """Join conditions by `and`: known to be false where one is, known to be true where all are."""
 
     def judge(rows: Rows) -> Truths:
         true, false = np.ones(len(rows), bool), np.zeros(len(rows), bool)
@@ -309,7 +309,7 @@ def _all_of(conditions: Sequence[Condition]) -> Condition:
 
 
 def _any_of(conditions: Sequence[Condition]) -> Condition:
-    """Known to be true where one is, known to be false where all are."""
+    """Join conditions by `or`: known to be true where one is, known to be false where all are."""
 
     def judge(rows: Rows) -> Truths:
         true, false = np.zeros(len(rows), bool), np.ones(len(rows), bool)
@@ -327,12 +327,12 @@ def _columns(conditions: Sequence[Condition]) -> frozenset[str]:
 
 
 def read_number(tokens: Tokens) -> float:
-    """The number that comes next."""
+    """Take the number that comes next."""
     return float(tokens.expect("number", "a number").text)
 
 
 def read_limits(tokens: Tokens) -> tuple[float, float]:
-    """`A and B`, after `between`."""
+    """Take `A and B`, after `between`."""
     first = tokens.next
     low = read_number(tokens)
     if not tokens.take_if("and"):

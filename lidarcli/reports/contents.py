@@ -440,7 +440,7 @@ def _sources(summary: Summary) -> Iterator[tuple[str, Section]]:
 
 
 def _clock(summary: Summary) -> str:
-    """The rate, and what is wrong with the stamps of the sweeps."""
+    """Return the rate and the faults of the stamps, in words."""
     figures = summary.figures
     faults = []
     if figures["gaps"]:
@@ -457,7 +457,7 @@ def _clock(summary: Summary) -> str:
 
 
 def _settings(source: Origin) -> str:
-    """The parameters of a run that are worth a line: the profile, and what is not null."""
+    """Return the parameters of a run that are set, in words."""
     found = {name: value for name, value in source.parameters.items() if value not in (None, False, [], 0.0)}
     return ", ".join(f"{name} {_plain(value)}" for name, value in found.items()) or "not recorded"
 
@@ -471,6 +471,6 @@ def _plain(value: object) -> str:
 
 
 def _origin(source: Origin) -> str:
-    """Format and size of a log."""
+    """Return format and size of a log."""
     size = f", {source.size:,} bytes" if source.size is not None else ""
     return f"{source.format or 'unknown format'}{size}"

@@ -32,7 +32,7 @@ class Histogram:
 
 @dataclass(frozen=True, slots=True)
 class Density:
-    """How many objects had their centroid in each cell of a grid."""
+    """Numbers of objects whose centroid lies in each cell of a grid."""
 
     frame: str
     """`sensor` or `world`."""
@@ -45,7 +45,7 @@ class Density:
 
 
 def nice_edges(values: Float64, bins: int = BINS) -> Float64:
-    """Edges at round numbers that hold the values but for a far tail.
+    """Return edges at round numbers that hold the values but for a far tail.
 
     >>> nice_edges(np.array([0.11, 0.5, 1.02]), 10).tolist()[:3]
     [0.1, 0.2, 0.30000000000000004]
@@ -64,7 +64,7 @@ def nice_edges(values: Float64, bins: int = BINS) -> Float64:
 
 
 def round_up(value: float) -> float:
-    """The next of 1, 2, 2.5, 5 times a power of ten.
+    """Return the next of 1, 2, 2.5, 5 times a power of ten.
 
     >>> [round_up(value) for value in (0.03, 1.0, 7.0)]
     [0.05, 1.0, 10.0]
@@ -75,12 +75,12 @@ def round_up(value: float) -> float:
 
 
 def bearing_edges() -> Float64:
-    """The full turn in bins of 15 degrees."""
+    """Return the full turn in bins of 15 degrees."""
     return np.linspace(-TURN / 2, TURN / 2, BINS + 1)
 
 
 def histogram(name: str, unit: str, values: Float64, edges: Float64) -> Histogram:
-    """Counts between given edges."""
+    """Count values between edges."""
     there = values[np.isfinite(values)]
     if unit == "rad":
         there = (there + TURN / 2) % TURN - TURN / 2
@@ -89,7 +89,7 @@ def histogram(name: str, unit: str, values: Float64, edges: Float64) -> Histogra
 
 
 def density(frame: str, x: Float64, y: Float64) -> Density | None:
-    """A map of points, on square cells of a round size; None without points."""
+    """Count points on square cells of a round size; None without points."""
     there = np.isfinite(x) & np.isfinite(y)
     if not there.any():
         return None

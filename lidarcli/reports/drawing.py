@@ -38,9 +38,9 @@ WIDE, MIDDLE, NARROW = 7.2, 5.04, 3.5
 """Widths of two columns of a paper, of what is between, and of one column [inch]."""
 WIDTHS = {"all": WIDE, "scene": NARROW, "polar": NARROW}
 ELONGATED = 1.5
-"""A scene that is so many times as wide as high stands above its curves …"""
+"""Least ratio of width to height of a scene that stands above its curves."""
 COLUMNS = 5.0
-"""… and so does every scene in a picture narrower than this [inch]."""
+"""Least width of a picture whose scene stands beside its curves [inch]."""
 CURVE, LOW_CURVE = 1.3, 1.1
 """Height of a curve beside a scene or alone at least, and of one below a scene [inch]."""
 ROUNDS = 5
@@ -52,12 +52,12 @@ MOST_COLUMNS = 8
 LEGEND_DOT = 2.8
 """Diameter of a beam's dot in the legend [pt]: some are too small to be seen alone."""
 Entries = dict[str, Any]
-"""What a legend names: words → a mark."""
+"""Entries of a legend: words → a mark."""
 __all__ = ["Axes", "Figure", "figure_of"]
 MOST = 256
 """Colours of a GIF."""
 SHADES = 6
-"""Of each colour of a mark, towards white: the edges of lines and letters."""
+"""Number of shades of each colour towards white: the edges of lines and letters."""
 Pixels = NDArray[np.uint8]
 
 
@@ -70,24 +70,24 @@ class Place:
     """First row and the one after the last."""
     column: int
     height: float
-    """What it wants [inch]; 0 for a scene, which wants what its width and its content make."""
+    """Wanted height [inch]; 0 for a scene, whose height follows from its width and content."""
     shares: bool = False
-    """Whether the panel below tells the bearings of both."""
+    """True if the panel below has the axis of bearings for both."""
     polar: bool = False
 
 
 def width_of(view: str, look: Look) -> float:
-    """Width of the whole picture [inch]."""
+    """Return the width of the whole picture [inch]."""
     return look.inches(WIDTHS.get(view, MIDDLE))
 
 
 def is_stacked(limits: Limits, width: float) -> bool:
-    """Whether the scene of the view `all` stands above its curves."""
+    """Return True if the scene of the view `all` stands above its curves."""
     return limits.aspect > ELONGATED or width < COLUMNS
 
 
 def places_of(picture: Picture, view: str, limits: Limits, look: Look) -> list[Place]:
-    """The panels of a view."""
+    """Return the panels of a view."""
     above = partial(scene, vertices=look.vertices)
     compared: list[Panel] = [] if picture.background is None else [panels.backgrounds, panels.subtraction]
     width = width_of(view, look)
@@ -120,7 +120,7 @@ def _column(curves: Sequence[Panel], first: int, height: float) -> list[Place]:
 
 
 def add_axes(figure: Figure, places: Sequence[Place], limits: Limits) -> list[Axes]:
-    """The axes of all panels."""
+    """Add the axes of all panels."""
     rows = max(place.rows[1] for place in places)
     columns = max(place.column for place in places) + 1
     # As wide as the scene is at the height of two curves, as far as both stay readable.
@@ -170,7 +170,7 @@ def fit_height(figure: Figure, axes: Sequence[Axes], heights: Sequence[float], a
 
 
 def draw(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
-    """The picture as a file of the kind of `suffix`."""
+    """Return the picture as a file of the kind of `suffix`."""
     with project_style():
         figure = _figure(width_of(view, look))
         draw_whole(figure, picture, view, limits_of([picture.batch]), look)
@@ -184,7 +184,7 @@ def animate(
     look: Look = AS_IT_COMES,
     report: Callable[[int], None] | None = None,
 ) -> None:
-    """One frame per picture, as GIF or, where ffmpeg is there, MP4; `report` hears how many are done."""
+    """Write one frame per picture, as GIF or, with ffmpeg, MP4; `report` takes the number of frames that are done."""
     is_film = path.suffix.lower() == ".mp4"
     if is_film and not FFMpegWriter.isAvailable():
         raise OptionError(f"{path.suffix} needs ffmpeg, which is not there; write .gif instead")
@@ -207,7 +207,7 @@ def animate(
 def _frames(
     figure: Figure, pictures: Sequence[Picture], view: str, look: Look, report: Callable[[int], None] | None
 ) -> Iterator[Figure]:
-    """The same figure with one picture after the other.
+    """Yield one figure with each of the pictures in turn.
 
     Axes and legend stay where they are, and the legend names what is in any of the frames.
     """
@@ -234,7 +234,7 @@ def _frames(
 
 
 def _pixels(figure: Figure) -> NDArray[np.uint8]:
-    """(H, W, 3) what a figure shows."""
+    """Return (H, W, 3) the pixels of a figure."""
     canvas = cast("FigureCanvasAgg", figure.canvas)
     canvas.draw()  # type: ignore[no-untyped-call]
     shown = canvas.buffer_rgba()  # type: ignore[no-untyped-call]
@@ -243,7 +243,7 @@ def _pixels(figure: Figure) -> NDArray[np.uint8]:
 
 @contextmanager
 def project_style(other: dict[str, Any] | None = None) -> Iterator[None]:
-    """The project's style alone, whatever the user's own settings; `other` comes on top."""
+    """Set the project's style alone, whatever the user's own settings; `other` comes on top."""
     with style.context(["default", palette.STYLE, other or {}]), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes; that is no news for the user.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
@@ -282,7 +282,7 @@ def _fill(figure: Figure, picture: Picture, view: str, limits: Limits, look: Loo
 
 
 def _title(figure: Figure, picture: Picture, look: Look) -> None:
-    """Two lines about the picture, broken where it is too narrow for them."""
+    """Set the title: two lines, broken where the picture is too narrow for them."""
     if look.title:
         width = figure.get_size_inches()[0]
         size = 8 if width > 4.5 else 7
@@ -303,7 +303,7 @@ def _title(figure: Figure, picture: Picture, look: Look) -> None:
 
 
 def entries_of(drawn: Sequence[Axes]) -> Entries:
-    """What the panels show, each once."""
+    """Return the entries of a legend of all panels, each once."""
     entries: Entries = {}
     for axes in drawn:
         handles, labels = axes.get_legend_handles_labels()
@@ -313,19 +313,19 @@ def entries_of(drawn: Sequence[Axes]) -> Entries:
 
 
 def _legend(figure: Figure, entries: Entries, look: Look, place: str, columns: int = 0) -> None:
-    """What the marks mean, where that is asked for."""
+    """Draw the legend where that is asked for."""
     if look.legend:
         draw_legend(figure, entries, place, columns)
 
 
 def draw_legend(figure: Figure, entries: Entries, place: str, columns: int = 0) -> None:
-    """A legend in so many columns; 0: as many as there is room for."""
+    """Draw a legend in so many columns; 0: as many as there is room for."""
     if entries:
         _add_legend(figure, entries, place, columns or _columns(figure, entries))
 
 
 def _columns(figure: Figure, entries: Entries) -> int:
-    """Most columns of a legend for which there is room."""
+    """Return the most columns of a legend for which there is room."""
     for count in range(min(len(entries), MOST_COLUMNS), 1, -1):
         legend = _add_legend(figure, entries, "lower left", count)
         width = legend.get_window_extent().width
@@ -336,7 +336,7 @@ def _columns(figure: Figure, entries: Entries) -> int:
 
 
 def _add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> Legend:
-    """A legend in so many columns."""
+    """Add a legend in so many columns."""
     legend = figure.legend(
         [*entries.values()],
         [*entries],
@@ -355,7 +355,7 @@ def _add_legend(figure: Figure, entries: Entries, place: Any, columns: int) -> L
 
 
 def file_bytes(figure: Figure, suffix: str, dpi: int | None = None) -> bytes:
-    """A figure as a file of the kind of `suffix` (.png, .svg, .pdf): no date in it, and its text is text."""
+    """Return a figure as a file of the kind of `suffix` (.png, .svg, .pdf), without a date and with text as text."""
     out = io.BytesIO()
     dates: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with matplotlib.rc_context({"svg.fonttype": "none"}):
@@ -376,7 +376,7 @@ class _Shown(Figure):
 def figure_of(
     picture: Picture, view: str, axes: Sequence[Axes] | None = None, look: Look = AS_IT_COMES
 ) -> Figure:
-    """The picture as a figure; or drawn on `axes`, one for each panel, and their figure.
+    """Return the picture as a figure; or draw it on `axes`, one for each panel, and return their figure.
 
     Raises
     ------
@@ -430,7 +430,7 @@ def write_gif(path: Path, frames: Iterable[Pixels], fps: float, colours: Iterabl
 
 
 def _table(colours: Iterable[str]) -> NDArray[np.int64]:
-    """(N, 3) every shade of each colour, and white."""
+    """Return (N, 3) every shade of each colour, and white."""
     named = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in colours], np.float64)
     shade = np.linspace(0.0, 1.0, SHADES, endpoint=False)[:, None, None]
     shades = (named * (1.0 - shade) + 255.0 * shade).round().astype(np.int64).reshape(-1, 3)
@@ -438,7 +438,7 @@ def _table(colours: Iterable[str]) -> NDArray[np.int64]:
 
 
 def _reduced(pixels: Pixels, table: NDArray[np.int64]) -> Image.Image:
-    """A frame with the nearest colours of the table."""
+    """Return a frame with the nearest colours of the table."""
     packed = pixels.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
     seen, place = np.unique(packed, return_inverse=True)
     parts = np.stack([seen >> 16, (seen >> 8) & 255, seen & 255], axis=1)

@@ -98,12 +98,12 @@ STATISTICS = ("mean", "std", "min", "p05", "p50", "p95", "max")
 
 
 def names() -> list[str]:
-    """Every figure of any run, statistics spelled out."""
+    """Return the names of all figures of any run, statistics spelled out."""
     return _spelled(COUNTS, SPREADS, CATEGORIES)
 
 
 def track_names() -> list[str]:
-    """Every figure that needs tracks tables."""
+    """Return the names of all figures that need tracks tables."""
     return _spelled(TRACK_COUNTS, TRACK_SPREADS, TRACK_CATEGORIES)
 
 
@@ -113,7 +113,7 @@ def _spelled(counts: Iterable[str], spreads: Iterable[str], kinds: Mapping[str, 
 
 
 def unit_of(name: str) -> str:
-    """The unit of a figure, `1` for a count or a share."""
+    """Return the unit of a figure, `1` for a count or a share."""
     plain = name.removeprefix(DELTA)
     entries = COUNTS | TRACK_COUNTS | SPREADS | TRACK_SPREADS
     entry = entries.get(plain) or entries.get(plain.rsplit(".", maxsplit=1)[0])
@@ -135,7 +135,7 @@ class Spread:
 
     @staticmethod
     def of(values: Float64) -> Spread:
-        """The spread of the finite values.
+        """Return the spread of the finite values.
 
         >>> Spread.of(np.array([1.0, 3.0, np.nan]))
         Spread(count=2, mean=2.0, std=1.0, min=1.0, p05=1.1, p50=2.0, p95=2.9, max=3.0)

@@ -48,22 +48,22 @@ class Ground:
     side: float
     """-1 where the sensor hangs head down, so that its left is to the right, else 1."""
     posed: bool
-    """Whether the log tells where the sensor is."""
+    """True if the log has poses of the sensor."""
     origin: tuple[float, float] = (0.0, 0.0)
     """That origin in the world frame [m]."""
 
     def to_sensor(self, sweep: int, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-        """Points over ground in the sensor frame of a sweep [m]."""
+        """Return points over ground in the sensor frame of a sweep [m]."""
         return self.turned(sweep, x - self.pose_x[sweep], y - self.pose_y[sweep])
 
     def turned(self, sweep: int, x: Float64, y: Float64) -> tuple[Float64, Float64]:
-        """Directions over ground, such as velocities, in the sensor frame of a sweep."""
+        """Return directions over ground, such as velocities, in the sensor frame of a sweep."""
         cos, sin = np.cos(self.pose_yaw[sweep]), np.sin(self.pose_yaw[sweep])
         return cos * x + sin * y, self.side * (cos * y - sin * x)
 
 
 def ground_of(sweeps: Rows, rows: Int64, objects: Rows, members: Int64, sweep: Int64) -> Ground:
-    """The ground of S sweeps and K objects of one stream.
+    """Return the ground of S sweeps and K objects of one stream.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class Walls:
 
 
 def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
-    """Frame (`sensor`, `world`) → its walls; of one log, and in the sensor frame only of one sensor that stands."""
+    """Return the walls by frame (`sensor`, `world`): of one log, and in the sensor frame only of one sensor that stands."""
     if len(run.sources) != 1:
         return {}
     found: dict[str, list[tuple[Float64, Float64]]] = {"sensor": [], "world": []}
@@ -141,7 +141,7 @@ def walls_of(run: Run, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Walls]:
 
 
 def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Float64]]:
-    """Frame, x and y of the ends of beams that lie on no object."""
+    """Yield frame, x and y of the ends of beams that lie on no object."""
     rows = np.flatnonzero(run.sweeps.are("topic", topic))
     index = run.sweeps.integers("sweep")[rows]
     order = np.argsort(index, kind="stable")
@@ -169,7 +169,7 @@ def _points(run: Run, topic: str, raw: Raw) -> Iterator[tuple[str, Float64, Floa
 
 
 def _members(run: Run, topic: str, sweeps: Int64) -> tuple[Int64, Int64]:
-    """Rows of the objects of these sweeps, and the place of the sweep of each among them."""
+    """Return the rows of the objects of these sweeps, and the index of the sweep of each among them."""
     index = run.objects.integers("sweep")
     mine = run.objects.are("topic", topic) & run.is_object & np.isin(index, sweeps)
     members = np.flatnonzero(mine)
@@ -177,7 +177,7 @@ def _members(run: Run, topic: str, sweeps: Int64) -> tuple[Int64, Int64]:
 
 
 def _on_objects(run: Run, raw: Raw, there: Bool, members: Int64, sweep: Int64) -> Bool:
-    """(K, B) beams between the edges of an object."""
+    """Return (K, B) beams between the edges of an object."""
     angle_min, step = raw.angle_min[there][sweep], raw.angle_increment[there][sweep]
     first, last = (run.objects.numbers(name)[members] for name in ("theta_i", "theta_f"))
     # What another program has written may be anything.
@@ -205,7 +205,7 @@ def _stands(x: Float64, y: Float64, yaw: Float64) -> bool:
 
 
 def _cells(x: Float64, y: Float64) -> Walls | None:
-    """The cells that enough of these points lie in."""
+    """Return the cells that enough of these points lie in."""
     if not len(x):
         return None
     x0, y0 = float(x.min()), float(y.min())
@@ -226,7 +226,7 @@ class TrackPath:
     is_agent: bool
     label: str
     seen: bool
-    """Whether it is seen in this sweep; else it is hidden and seen again later."""
+    """True if the track is seen in this sweep; else it is hidden and seen again later."""
     x: Float64
     """(N,) where it was [m], the last one now."""
     y: Float64
@@ -260,15 +260,15 @@ class Paths:
 
     @property
     def are_there(self) -> bool:
-        """Whether any object of the topic has a track."""
+        """True if any object of the topic has a track."""
         return len(self._track) > 0
 
     def has(self, sweep: int) -> bool:
-        """Whether the tables hold this sweep."""
+        """Return True if the tables hold this sweep."""
         return sweep in self._sweeps
 
     def up_to(self, sweep: int) -> tuple[TrackPath, ...]:
-        """The tracks that go on in this sweep, by number; none where its pose is not known."""
+        """Return the tracks that go on in this sweep, by number; none where its pose is not known."""
         now = int(np.searchsorted(self._sweeps, sweep))
         ground = self._ground
         x, y = ground.to_sensor(now, ground.x, ground.y)

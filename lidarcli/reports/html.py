@@ -42,13 +42,13 @@ BUDGET = 2_200_000
 STREAMS_SHOWN = 40
 """Most streams that the viewer shows."""
 PER_SWEEP, PER_OBJECT = 20, 19
-"""Bytes of one sweep and one object, ranges aside …"""
+"""Bytes of one sweep, without its ranges, and of one object."""
 PER_SWEEP_POSED, PER_OBJECT_TRACKED = 12, 18
-"""… and what poses and tracks add to them."""
+"""Further bytes of a sweep with a pose, and of an object with a track."""
 LOST = 65_535
 """Stands for a beam without a range."""
 NOT_KNOWN, SURE = 255, 254
-"""How likely something is a thing, as a byte: not known, and certain."""
+"""Probability of being a thing, as a byte: unknown, and certain."""
 SPEED = 0.005
 """Velocities as whole numbers of this [m/s]."""
 ANGLE = 32_767 / (3 * np.pi)
@@ -57,16 +57,16 @@ ANGLE = 32_767 / (3 * np.pi)
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What only the HTML shows of a run."""
+    """Data of a run that only the page shows."""
 
     viewer: dict[str, Any]
-    """As `pack` makes it, with a note on what is left out."""
+    """Values of `pack`, and a note on sweeps that are left out."""
     overview: MapPicture | None = None
     """The run from above, where there are poses."""
     walls: Mapping[str, Walls] = field(default_factory=dict)
     """By frame."""
     command: str = ""
-    """What makes the page again."""
+    """Command that makes the page again."""
 
 
 def render(report: Document, shown: Page | None = None) -> str:
@@ -129,7 +129,7 @@ def _page(template: str, report: Document, made: Iterable[Origin | Entry], **val
 
 
 def embedded(value: Any) -> str:
-    """JSON that cannot end the script element it stands in.
+    """Return JSON that cannot end the script element around it.
 
     >>> embedded("</script>&")
     '"\\\\u003c/script\\\\u003e\\\\u0026"'
@@ -139,7 +139,7 @@ def embedded(value: Any) -> str:
 
 
 def _script() -> str:
-    """The viewer: its parts in one function, so that nothing of it is in the way of others."""
+    """Return the script of the viewer: its parts in one function, so that its names meet no others."""
     parts = "\n".join(_part(f"viewer/{name}.js") for name in SCRIPTS)
     return f'"use strict";\n(() => {{\n{parts}}})();\n'
 
@@ -158,7 +158,7 @@ class Choice:
 
     @property
     def note(self) -> str:
-        """What is left out, or nothing."""
+        """Data that is left out, in words; empty where it is all there."""
         shown = sum(map(len, self.rows))
         parts = []
         if self.streams > len(self.rows):
@@ -169,7 +169,7 @@ class Choice:
 
 
 def choose_sweeps(run: Run, summary: Summary) -> Choice:
-    """As many sweeps as the budget allows, evenly spaced, and those that stand out."""
+    """Choose as many sweeps as the budget allows, evenly spaced, and those that stand out."""
     streams = summary.streams
     count = min(len(streams.all), STREAMS_SHOWN)
     mine = streams.stream < count
@@ -193,7 +193,7 @@ def choose_sweeps(run: Run, summary: Summary) -> Choice:
 
 
 def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str], Raw]) -> dict[str, Any]:
-    """Everything the viewer needs, as values for JSON; `raw` by source and topic."""
+    """Return all data of the viewer as values for JSON; `raw` by source and topic."""
     objects = _Objects(run)
     streams = [
         _stream(
@@ -218,7 +218,7 @@ def pack(run: Run, summary: Summary, choice: Choice, raw: Mapping[tuple[int, str
 
 
 def pack_walls(walls: Walls) -> dict[str, Any]:
-    """Walls of the world frame, as values for JSON: the place of the first cell, and steps from it."""
+    """Return walls of the world frame as values for JSON: an origin, and steps from it."""
     x0, y0 = float(walls.x.min()), float(walls.y.min())
     steps = {
         name: _base64(np.round((values - low) / walls.cell), np.uint16)
@@ -253,7 +253,7 @@ class _Objects:
         self.set = _codes(rows.words("set"), SETS)
 
     def of(self, stream: Stream, sweeps: Int64) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """Offsets (K + 1,) and rows of the objects of K sweeps."""
+        """Return offsets (K + 1,) and rows of the objects of K sweeps."""
         code = self.topics.index(stream.topic) if stream.topic in self.topics else -2
         mine = np.flatnonzero((self.source == stream.source) & (self.topic == code))
         index = self.sweep[mine]
@@ -323,7 +323,7 @@ def _stream(
 
 
 def _tracks(run: Run, members: Int64, ground: Ground) -> dict[str, Any]:
-    """The track of each object, where it is over ground and how fast; a thing that stands has no velocity."""
+    """Return number, position over ground and velocity of the track of each object; a track that stands has no velocity."""
     moves = run.objects.numbers("moving")[members] == 1
     packed: dict[str, Any] = {
         # Numbers beyond are no track's of a log that a page can show.
@@ -341,7 +341,7 @@ def _tracks(run: Run, members: Int64, ground: Ground) -> dict[str, Any]:
 
 
 def _shares(values: Float64) -> UInt8:
-    """Shares as bytes."""
+    """Return shares as bytes."""
     found: UInt8 = np.where(np.isnan(values), NOT_KNOWN, np.clip(np.round(values * SURE), 0, SURE)).astype(
         np.uint8
     )
@@ -368,7 +368,7 @@ def _raw(raw: Raw, sweeps: Int64) -> dict[str, Any]:
 
 
 def _codes(words: tuple[NDArray[Any], list[str]], known: Sequence[str]) -> UInt8:
-    """Codes of a column by another list of names; what that does not know is the last."""
+    """Return the codes of a column in another list of names; unknown names are the last one."""
     codes, names = words
     table = np.array(
         [known.index(name) if name in known else len(known) - 1 for name in names] or [0], np.uint8
@@ -378,5 +378,5 @@ def _codes(words: tuple[NDArray[Any], list[str]], known: Sequence[str]) -> UInt8
 
 
 def _base64(values: NDArray[Any], kind: type[np.generic]) -> str:
-    """Little-endian, as every browser has it."""
+    """Return values of a type in base64, little-endian as in every browser."""
     return base64.b64encode(np.ascontiguousarray(values, np.dtype(kind).newbyteorder("<")).tobytes()).decode()

@@ -35,7 +35,7 @@ def render(report: Report | RunsReport) -> str:
 
 
 def as_dict(report: Report) -> dict[str, Any]:
-    """The report as plain values."""
+    """Return the report as plain values."""
     summary = report.summary
     return {
         **_beginning(report, SCHEMA),
@@ -45,7 +45,7 @@ def as_dict(report: Report) -> dict[str, Any]:
 
 
 def _beginning(report: Document, schema: str) -> dict[str, Any]:
-    """What reports of every kind begin with."""
+    """Return the beginning of reports of every kind."""
     return {
         "schema": schema,
         "lidarcli": __version__,
@@ -91,7 +91,7 @@ def _summary(summary: Summary) -> dict[str, Any]:
 
 
 def _things(summary: Summary) -> dict[str, Any]:
-    """What is there only where something was tracked, or named by a catalogue."""
+    """Return tracks and labels, where there are any."""
     found: dict[str, Any] = {}
     if (tracked := summary.tracked) is not None:
         found["tracks"] = {
@@ -153,7 +153,7 @@ def _standing(one: Standing) -> dict[str, Any]:
 
 
 def _numbers(values: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Figures by their names, with nine digits."""
+    """Return figures by their names, with nine digits."""
     return {name: _number(value) for name, value in values.items()}
 
 
@@ -191,7 +191,7 @@ def _log(log: Entry) -> dict[str, Any]:
 
 
 def _number(value: float | None) -> float | int | None:
-    """A whole number without a decimal point, any other with nine digits; null for what is none."""
+    """Return a whole number as an integer, any other with nine digits; None for a value that is not finite."""
     if value is None or not math.isfinite(value):
         return None
     return int(value) if value == int(value) else float(f"{value:.{DIGITS}g}")

@@ -32,17 +32,17 @@ PER_POINT, PER_THING, PER_WAY, PER_DISTANCE, PER_CROSSING, AMBIGUOUS = 0.8, 8.0,
 distance, a line across another label or thing, and a place that is nearer to another thing."""
 
 FORBIDDEN = 1e6
-"""What a place costs that is taken or lies outside."""
+"""Cost of a place that is taken or lies outside."""
 SIZE = 6.5
-"""Of the letters [pt]."""
+"""Size of the letters [pt]."""
 STEPS = 8
 """Points of each piece of a line."""
 AIR = 0.8
 """Around them [pt]."""
 MARK = 2.0
-"""What a mark takes about its point [pt]."""
+"""Room that a mark takes about its point [pt]."""
 MOST_POINTS = 4_000
-"""Of more points some are left out: labels avoid crowds all the same."""
+"""Most points that labels avoid; of more some are left out."""
 
 
 class Rectangle(NamedTuple):
@@ -54,7 +54,7 @@ class Rectangle(NamedTuple):
     high: float
 
     def meets(self, other: Rectangle) -> bool:
-        """Whether the two share any ground."""
+        """Return True if the two rectangles overlap."""
         return (
             self.left < other.right
             and other.left < self.right
@@ -64,11 +64,11 @@ class Rectangle(NamedTuple):
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Its centre."""
+        """Centre of the rectangle."""
         return 0.5 * (self.left + self.right), 0.5 * (self.low + self.high)
 
     def nearest(self, x: float, y: float) -> tuple[float, float]:
-        """Its point that is nearest to another."""
+        """Return the point of the rectangle that is nearest to another point."""
         return min(max(x, self.left), self.right), min(max(y, self.low), self.high)
 
 
@@ -86,7 +86,7 @@ class Wanted(NamedTuple):
 def set_labels(
     wanted: Sequence[Wanted], points: Float64, ground: Rectangle, unit: float
 ) -> tuple[Rectangle, ...]:
-    """A place for each label, in `ground`; no two of them meet while there is room. The same labels, the same places.
+    """Return a place for each label in `ground`; no two of them overlap while there is room.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def set_labels(
 
 
 def line_to(place: Rectangle, thing: Rectangle, others: Sequence[Rectangle], unit: float) -> Float64 | None:
-    """(2, 2) ends of the line from a label to what it names; None where it stands close to that alone."""
+    """Return (2, 2) ends of the line from a label to what it names; None where it stands close to that alone."""
     x, y = place.middle
     end = thing.nearest(x, y)
     start = place.nearest(*end)
@@ -168,7 +168,7 @@ class _Tried:
         self._middles, self._centre, self._size, self._ground = middles, centre, size, ground
 
     def best(self, taken: Sequence[Rectangle]) -> Rectangle:
-        """The cheapest place that no other label has."""
+        """Return the cheapest place that no other label has."""
         costs = self._costs
         if taken:
             others = np.array(taken)
@@ -180,7 +180,7 @@ class _Tried:
         return Rectangle(*map(float, (*self._low[at], *self._high[at])))
 
     def _anywhere(self, taken: Sequence[Rectangle]) -> Rectangle | None:
-        """The nearest free place of the whole ground."""
+        """Return the nearest free place of the whole ground."""
         middles = _everywhere(self._ground, self._size)
         low, high = middles - 0.5 * self._size, middles + 0.5 * self._size
         free = ~_meeting(low, high, np.array(taken, np.float64).reshape(-1, 4)).any(axis=1)
@@ -191,7 +191,7 @@ class _Tried:
         return Rectangle(*map(float, (*low[at], *high[at])))
 
     def _covered(self, points: Float64) -> Float64:
-        """(C,) points under each place."""
+        """Return (C,) points under each place."""
         x, y = points[:, 0], points[:, 1]
         under = (self._low[:, :1] < x) & (x < self._high[:, :1])
         under &= (self._low[:, 1:] < y) & (y < self._high[:, 1:])
@@ -199,7 +199,7 @@ class _Tried:
         return covered
 
     def _gaps(self, others: Float64) -> Float64:
-        """(C, R) distance of each place from rectangles."""
+        """Return (C, R) distance of each place from rectangles."""
         low, high = self._low[:, None], self._high[:, None]
         apart = np.maximum(np.maximum(others[None, :, :2] - high, low - others[None, :, 2:]), 0.0)
         gaps: Float64 = np.hypot(apart[..., 0], apart[..., 1])
@@ -207,7 +207,7 @@ class _Tried:
 
     @staticmethod
     def _crossed(start: Float64, end: Float64, others: Float64) -> NDArray[np.bool_]:
-        """(C, R) which rectangles lie on the way from each place to the thing."""
+        """Return (C, R) True where a rectangle lies on the line from a place to the thing."""
         steps = np.linspace(0.0, 1.0, 12)[None, :, None]
         way = start[:, None] * (1.0 - steps) + end * steps
         inside = (way[:, :, None] > others[None, None, :, :2]) & (way[:, :, None] < others[None, None, :, 2:])
@@ -215,13 +215,13 @@ class _Tried:
 
 
 def _meeting(low: Float64, high: Float64, others: Float64) -> NDArray[np.bool_]:
-    """(C, R) which rectangles each place meets."""
+    """Return (C, R) True where a place overlaps a rectangle."""
     met = (low[:, None] < others[:, 2:]) & (others[:, :2] < high[:, None])
     return np.asarray(met.all(axis=2), np.bool_)
 
 
 def _everywhere(ground: Rectangle, size: Float64) -> Float64:
-    """(N, 2) middles of places all over the ground."""
+    """Return (N, 2) middles of places all over the ground."""
     x = np.arange(ground.left + 0.5 * size[0], ground.right - 0.5 * size[0] + 1e-9, max(size[0], 1.0))
     y = np.arange(ground.low + 0.5 * size[1], ground.high - 0.5 * size[1] + 1e-9, max(size[1], 1.0))
     across, along = np.meshgrid(x[:60], y[:60])
@@ -243,11 +243,11 @@ class Labels(Artist):
     """All labels of one panel."""
 
     def __init__(self, labels: Sequence[Label], points: Float64) -> None:
-        """`points` (N, 2) are what labels had better not cover."""
+        """Keep labels, and (N, 2) points that they had better not cover."""
         super().__init__()
         self.labels = tuple(labels)
         self.places: tuple[Rectangle, ...] = ()
-        """Of the labels when they were drawn last [pixel]; those of things outside of the axes are left out."""
+        """Places of the labels when they were drawn last [pixel], without labels of things outside of the axes."""
         self._points = points[:: max(1, -(-len(points) // MOST_POINTS))]
         self.set_in_layout(False)
         self.set_zorder(10)
@@ -320,7 +320,7 @@ def add_labels(axes: Axes, labels: Sequence[Label], points: Sequence[Float64]) -
 
 
 def along(line: Float64) -> Float64:
-    """(M, 2) points all along a line of (N, 2), for labels to avoid."""
+    """Return (M, 2) points all along a line of (N, 2), for labels to avoid."""
     steps = np.linspace(0.0, 1.0, STEPS, endpoint=False)[:, None]
     between: Float64 = line[:-1, None] * (1.0 - steps) + line[1:, None] * steps
     return np.concatenate([between.reshape(-1, 2), line[-1:]])

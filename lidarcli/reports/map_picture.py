@@ -24,7 +24,7 @@ from lidarcli.reports.picture import printable
 from lidarcli.sweeps import Float32, Float64, Int64
 
 WALLS = "walls and rest"
-"""How the legends call them."""
+"""Entry of legends."""
 LONG, SHORT = 7.2, 2.2
 """Longest and shortest side of the drawn ground [inch]; the map decides which is which."""
 BESIDE = 0.7
@@ -32,11 +32,11 @@ BESIDE = 0.7
 AIR = 0.05
 """Around the map, as a share of its longer side."""
 OCCUPIED_GREY, FREE_GREY, UNKNOWN_GREY = 0.15, 1.0, 0.85
-"""Grey of the cells …"""
+"""Grey of the cells."""
 BEHIND_GREY = 0.6
-"""… and of the occupied ones behind a sweep, whose points lie on them."""
+"""Grey of occupied cells behind a sweep, whose points lie on them."""
 MOST_NUMBERS = 60
-"""Of more boxes no numbers are drawn: nobody could read them."""
+"""Most boxes that are numbered: nobody could read more."""
 MOST_PIXELS = 4_000
 """A side of the grid with more cells than this is drawn with the darkest of each group of cells."""
 COLUMNS = {
@@ -50,7 +50,7 @@ MOST_POINTS = 2_000
 MOST_AGENTS = 200
 """Agents whose ways are drawn, those that were seen longest."""
 LEAST_SWEEPS = 5
-"""What stands is drawn where so many sweeps have seen it, or half of all if that is fewer."""
+"""Least number of sweeps that saw a track that is drawn, or half of all sweeps if that is fewer."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Box:
     name: str = ""
     """Number or label beside it."""
     is_round: bool = False
-    """It is a circle as wide as the box is long."""
+    """True for a circle as wide as the box is long."""
 
 
 @dataclass(frozen=True)
@@ -76,38 +76,38 @@ class Snapshot:
     x: float
     y: float
     yaw: float
-    """Where the sensor was."""
+    """Heading of the sensor [rad]."""
     points: tuple[Float64, Float64]
     """(N,) where its beams ended [m]."""
     boxes: tuple[Box, ...]
-    """Of its objects."""
+    """Boxes of the objects of the sweep."""
 
 
 @dataclass(frozen=True)
 class MapPicture:
-    """What is drawn; metres and radians in the world frame."""
+    """Content of the picture, in metres and radians of the world frame."""
 
     grid: Occupancy | None
     paths: Sequence[tuple[Float64, Float64]] = ()
     """x and y of each sensor."""
     boxes: Sequence[Box] = ()
-    """Of what stands."""
+    """Boxes of tracks that stand."""
     agents: Sequence[tuple[int, Float64, Float64]] = ()
     """Number, x and y of what moved."""
     snapshot: Snapshot | None = None
     title: str = ""
     walls: Walls | None = None
-    """What is drawn as the ground where there is no grid."""
+    """Walls, drawn where there is no grid."""
 
 
 def draw_map(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
-    """The picture as a file of the kind of `suffix` (.png, .svg, .pdf); the same map, the same bytes."""
+    """Return the picture as a file of the kind of `suffix` (.png, .svg, .pdf)."""
     with project_style({"axes.grid": False}):
         return file_bytes(map_figure(picture, look=look), suffix, look.dpi)
 
 
 def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_COMES) -> Figure:
-    """The picture as a figure whose ground is so long at its longest [inch]; to be called in the project's style."""
+    """Return a figure whose map is `longest` [inch] at its longest side; call it within `project_style`."""
     left, right, low, high = _limits(picture)
     width, height = right - left, high - low
     scale = longest / max(width, height)
@@ -136,7 +136,7 @@ def map_figure(picture: MapPicture, longest: float = LONG, look: Look = AS_IT_CO
 
 
 def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
-    """Left, right, low and high of what is drawn, with some air."""
+    """Return left, right, low and high limits of the drawing, with some air."""
     x: list[Float64] = [path[0] for path in picture.paths]
     y: list[Float64] = [path[1] for path in picture.paths]
     grid = picture.grid
@@ -166,7 +166,7 @@ def _limits(picture: MapPicture) -> tuple[float, float, float, float]:
 
 
 def _ground(axes: Axes, grid: Occupancy | None, occupied: float) -> None:
-    """The cells: occupied dark, of this grey, free white, unknown grey."""
+    """Draw the cells: occupied in this dark grey, free white, unknown pale grey."""
     if grid is None or not grid.cells.size:
         return
     axes.set_facecolor(str(UNKNOWN_GREY))
@@ -194,7 +194,7 @@ def _ground(axes: Axes, grid: Occupancy | None, occupied: float) -> None:
 
 
 def _marks(axes: Axes, picture: MapPicture) -> None:
-    """Paths, boxes, agents, and one sweep."""
+    """Draw paths, boxes, agents, and the sweep."""
     for number, (x, y) in enumerate(picture.paths):
         axes.plot(x, y, color=palette.GREEN, lw=1.0, zorder=3, label="" if number else "path of the sensor")
         if len(x) and picture.snapshot is None:
@@ -222,7 +222,7 @@ def _boxes(axes: Axes, boxes: Sequence[Box], name: str) -> None:
 
 
 def _labels(axes: Axes, picture: MapPicture) -> None:
-    """Numbers of what stands, and of what moved where it was last."""
+    """Label tracks that stand, and agents at their last position."""
     labels = []
     if len(picture.boxes) <= MOST_NUMBERS:
         for box in picture.boxes:
@@ -247,7 +247,7 @@ def _labels(axes: Axes, picture: MapPicture) -> None:
 
 
 def _corners(box: Box) -> Float64:
-    """(N, 2) corners of a box, closed, or points of its circle [m]."""
+    """Return (N, 2) corners of a box, closed, or points of its circle [m]."""
     if box.is_round:
         circle: Float64 = 0.5 * box.length * CIRCLE + np.array([box.x, box.y])
         return circle
@@ -258,7 +258,7 @@ def _corners(box: Box) -> Float64:
 
 
 def _scale(axes: Axes, width: float) -> None:
-    """A bar of a round length in the lower right corner."""
+    """Draw a bar of a round length in the lower right corner."""
     about = 0.2 * width
     power = 10.0 ** np.floor(np.log10(about))
     length = float(max(step * power for step in (1, 2, 5) if step * power <= about))
@@ -284,7 +284,7 @@ def _scale(axes: Axes, width: float) -> None:
 
 
 def paths_of(sweeps: Rows) -> list[tuple[Float64, Float64]]:
-    """x and y of the sensor of each log and topic, in the order of the sweeps; none without a pose."""
+    """Return x and y of the sensor of each log and topic, in the order of the sweeps; none without a pose."""
     topic, _ = sweeps.words("topic")
     x, y, index = sweeps.numbers("pose_x"), sweeps.numbers("pose_y"), sweeps.integers("sweep")
     found = []
@@ -297,7 +297,7 @@ def paths_of(sweeps: Rows) -> list[tuple[Float64, Float64]]:
 
 
 def overview(sweeps: Rows, objects: Rows, tracks: Rows | None) -> MapPicture | None:
-    """The run from above; None where no sweep has a pose."""
+    """Return the run from above; None where no sweep has a pose."""
     paths = paths_of(sweeps)
     if not paths:
         return None
@@ -310,7 +310,7 @@ def overview(sweeps: Rows, objects: Rows, tracks: Rows | None) -> MapPicture | N
 
 
 def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
-    """What stands, each once, where enough sweeps have seen it."""
+    """Return the boxes of tracks that stand and that enough sweeps have seen."""
     of_sweep, topics = sweeps.words("topic")
     of_track, names = tracks.words("topic")
     rows = [
@@ -337,7 +337,7 @@ def _track_boxes(sweeps: Rows, tracks: Rows) -> list[Box]:
 
 
 def _track_ways(objects: Rows, tracks: Rows) -> list[tuple[int, Float64, Float64]]:
-    """Number, x and y of what moved: the mean of its parts in each sweep."""
+    """Return number, x and y of each agent: the mean of its parts in each sweep."""
     rows = np.flatnonzero(tracks.are("set", "A"))
     rows = rows[np.argsort(-tracks.integers("sweeps")[rows], kind="stable")][:MOST_AGENTS]
     x, y, track = (objects.numbers(name) for name in ("world_x", "world_y", "track"))
@@ -364,14 +364,14 @@ def _track_ways(objects: Rows, tracks: Rows) -> list[tuple[int, Float64, Float64
 
 
 def _thinned(rows: Int64) -> Int64:
-    """Not more than `MOST_POINTS` of them, evenly, the last one included."""
+    """Return at most `MOST_POINTS` rows, evenly spaced, the last one included."""
     if len(rows) <= MOST_POINTS:
         return rows
     return rows[np.linspace(0, len(rows) - 1, MOST_POINTS).astype(np.int64)]
 
 
 def draw_walls(axes: Axes, walls: Walls | None) -> None:
-    """Cells that beams have hit that lie on no object."""
+    """Draw cells in which beams ended that lie on no object."""
     if walls is not None and len(walls.x):
         corner = np.column_stack([walls.x, walls.y]) - walls.cell / 2
         shape = squares(corner, walls.cell)
@@ -380,7 +380,7 @@ def draw_walls(axes: Axes, walls: Walls | None) -> None:
 
 
 def squares(corner: Float64, side: float) -> Path:
-    """One path of squares by their lower left corners (N, 2)."""
+    """Return one path of squares by their lower left corners (N, 2)."""
     points = corner[:, None] + side * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
     codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(corner))
     return Path(points.reshape(-1, 2), codes)

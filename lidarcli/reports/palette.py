@@ -39,7 +39,7 @@ SHAPE_COLOURS = {
     "wall": YELLOW,
 }
 TRACK_COLOURS = (ORANGE, SKY, GREEN, YELLOW, VERMILION, PURPLE, BLUE)
-"""Of tracks, by their number."""
+"""Colours of tracks, by their number."""
 SHAPE_WORDS = {
     "prismatic": "prismatic object",
     "round": "round object",
@@ -115,7 +115,7 @@ _NAMES = {light.lower(): name for name, (light, _) in COLOURS.items()} | {BLACK:
 
 
 def page_style() -> str:
-    """The colours as properties of the page; on paper they are light, whatever the screen is. `.paper` always is."""
+    """Return the colours as CSS properties; on paper, and in `.paper`, they are those for light ground."""
     light, dark = (
         "".join(f" --{name}: {pair[k]};" for name, pair in COLOURS.items()) + _shapes(k) for k in (0, 1)
     )
@@ -134,7 +134,7 @@ def _shapes(ground: int) -> str:
 
 
 def themed(svg: str) -> str:
-    """A drawing whose colours are those of the page around it.
+    """Return a drawing whose colours are those of the page around it.
 
     >>> themed('<path style="fill: #0072b2; stroke: #123456"/>')
     '<path style="fill: var(--blue); stroke: #123456"/>'

@@ -17,15 +17,15 @@ from lidarcli.reports.picture import Limits, Picture, limits_of, printable, unwo
 from lidarcli.sweeps import TURN, Float64
 
 MANY = 60
-"""Of more objects only the outlines are drawn, without numbers."""
+"""Most objects that are numbered."""
 DOT = 0.045
 """Diameter of a beam's dot [m], between the two below."""
 LEAST_DOT, LARGEST_DOT = 1.4, 2.8
 """[pt]"""
 BREAK = 0.35
-"""Between beams farther apart than this [m] the line of a wall breaks, if they are also farther apart than …"""
+"""Least distance of two beams at which the line of a wall breaks [m]."""
 BREAK_STEPS = 20.0
-"""… so many times the way from beam to beam across their bearing."""
+"""Least such distance by the distance from beam to beam across their bearing; both must be exceeded."""
 ARROW = {"arrowstyle": "-|>", "lw": 1.0, "mutation_scale": 6, "shrinkA": 0.0, "shrinkB": 0.0}
 """The velocity of a track: the way of one second."""
 CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(turns)], axis=1)
@@ -33,15 +33,15 @@ CIRCLE = np.stack([np.cos(turns := np.linspace(0.0, 2.0 * np.pi, 73)), np.sin(tu
 CURVE_DOT = 1.7
 """Diameter of a beam's dot [pt]."""
 LINEAR = 2.0
-"""s(θ) is drawn in proportion up to about so many d_th, and by its logarithm beyond …"""
+"""Multiple of d_th up to which s(θ) is drawn in proportion; beyond it is drawn by its logarithm."""
 DECADES = 0.7
-"""… and the part in proportion is as high as so many decades."""
+"""Height of the part in proportion [decades]."""
 HIGH = 8.0
-"""Where |s| stays below so many d_th, all of it is in proportion."""
+"""Multiple of d_th below which all of s(θ) is drawn in proportion."""
 AIR = 1.3
-"""Beyond the greatest value, where the axis is logarithmic."""
+"""Ratio of the end of a logarithmic axis to the greatest value."""
 TICKS = ((1.0,), (1.0, 3.0), (1.0, 2.0, 5.0))
-"""Of each decade: the first of these that gives an axis two ticks on either side."""
+"""Ticks of each decade: the first choice that gives an axis two ticks on either side."""
 
 
 def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: bool = False) -> None:
@@ -71,7 +71,7 @@ def scene(axes: Axes, picture: Picture, limits: Limits | None = None, vertices: 
 
 
 def sensor(axes: Axes, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, size: float = 6.0) -> None:
-    """The sensor as a triangle that points where it looks [m, rad]."""
+    """Draw the sensor as a triangle that points along its x axis [m, rad]."""
     turn = float(np.degrees(yaw)) - 90.0
     axes.plot(
         [x],
@@ -87,7 +87,7 @@ def sensor(axes: Axes, x: float = 0.0, y: float = 0.0, yaw: float = 0.0, size: f
 
 
 def scatter_beams(axes: Axes, picture: Picture, x: Float64, y: Float64, dot: float) -> None:
-    """The beams with a range, coloured by their set (Def. 4); `dot` is their diameter [pt]."""
+    """Draw the beams with a range, coloured by their set (Def. 4); `dot` is their diameter [pt]."""
     sets = picture.detection.beam_set
     assert sets is not None  # pictures are made with `per_beam`
     for code, name in enumerate(SETS):
@@ -107,7 +107,7 @@ def scatter_beams(axes: Axes, picture: Picture, x: Float64, y: Float64, dot: flo
 
 
 def mark_vertices(axes: Axes, picture: Picture, place: Any, every: bool) -> None:
-    """Marks at the vertices: all of them, or the corners of walls alone; `place` takes bearing and range to the axes."""
+    """Mark all vertices, or the corners of walls alone; `place` takes bearing and range to the axes."""
     found = picture.detection
     owner = np.repeat(np.arange(len(found)), np.diff(found.vertex_offsets))
     walls = np.array([picture.is_wall(k) for k in range(len(found))], bool)
@@ -124,7 +124,7 @@ def mark_vertices(axes: Axes, picture: Picture, place: Any, every: bool) -> None
 
 
 def mark_nearest(axes: Axes, picture: Picture, place: Any) -> None:
-    """A cross at the point of each object that is nearest to the sensor."""
+    """Draw a cross at the point of each object that is nearest to the sensor."""
     found = picture.detection
     things = np.array([not picture.is_wall(k) for k in range(len(found))], bool)
     if things.any():
@@ -133,14 +133,14 @@ def mark_nearest(axes: Axes, picture: Picture, place: Any) -> None:
 
 
 def _dot(axes: Axes, limits: Limits) -> float:
-    """Diameter of a dot [pt] that is `DOT` wide on these axes."""
+    """Return the diameter of a dot [pt] that is `DOT` wide on these axes."""
     box = axes.get_position().size * axes.get_figure().get_size_inches() * 72.0  # type: ignore[union-attr]
     scale = min(box[0] / (limits.x[1] - limits.x[0]), box[1] / (limits.y[1] - limits.y[0]))
     return float(np.clip(DOT * scale, LEAST_DOT, LARGEST_DOT))
 
 
 def _thing(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None:
-    """The outline of an object, and the faces that were seen of it, in the colour of its shape."""
+    """Draw the outline of an object and its faces in the colour of its shape."""
     shape = picture.shape(k)
     colour = palette.SHAPE_COLOURS[shape]
     outline = _outline(picture, k)
@@ -150,7 +150,7 @@ def _thing(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None
 
 
 def _wall(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None:
-    """A wall as a pale band under its beams, where these lie side by side."""
+    """Draw a wall as a pale band under its beams, where these lie side by side."""
     words = palette.SHAPE_WORDS["wall"]
     for beams in _faces(picture, k):
         step = np.hypot(np.diff(x[beams]), np.diff(y[beams]))
@@ -164,7 +164,7 @@ def _wall(axes: Axes, picture: Picture, k: int, x: Float64, y: Float64) -> None:
 
 
 def _outline(picture: Picture, k: int) -> Float64:
-    """(N, 2) the box of an object, closed; of a round one the circle that was fitted to it [m]."""
+    """Return (N, 2) the box of an object, closed; of a round one the circle that was fitted to it [m]."""
     found = picture.detection
     if int(found.shape[k]) != ROUND:
         return picture.corners(k)
@@ -173,7 +173,7 @@ def _outline(picture: Picture, k: int) -> Float64:
 
 
 def _faces(picture: Picture, k: int) -> Iterator[Any]:
-    """The beams of each face of an object, by bearing."""
+    """Yield the beams of each face of an object, by bearing."""
     beams, theta = picture.members(k)
     found, part = picture.detection, picture.faces(k)
     for low, high in zip(found.face_theta_i[part], found.face_theta_f[part], strict=True):
@@ -192,7 +192,7 @@ def _label(axes: Axes, picture: Picture, labels: Iterable[Label]) -> None:
 
 
 def _numbers(picture: Picture) -> Iterator[Label]:
-    """The numbers of the objects; none where they are too many to be read."""
+    """Yield the numbers of the objects; none where they are too many to be read."""
     found = picture.detection
     things = [k for k in range(len(found)) if not picture.is_wall(k)]
     if len(things) <= MANY:
@@ -201,7 +201,7 @@ def _numbers(picture: Picture) -> Iterator[Label]:
 
 
 def _tracks(axes: Axes, paths: Sequence[TrackPath]) -> list[Label]:
-    """Paths with velocities, agents apart by colour and mark, hollow where hidden; their numbers, to be set."""
+    """Draw tracks with velocities, agents by colour and mark, hollow where hidden; return their labels."""
     labels = []
     for path in paths:
         name = "agent" if path.is_agent else "object"
@@ -227,7 +227,7 @@ def _tracks(axes: Axes, paths: Sequence[TrackPath]) -> list[Label]:
 
 
 def sweep(axes: Axes, picture: Picture, limits: Limits) -> None:
-    """r(θ) with the objects shaded (Def. 1)."""
+    """Draw r(θ) with the objects shaded (Def. 1)."""
     _shade(axes, picture)
     theta, ranges = np.degrees(picture.theta), picture.ranges
     axes.plot(*_broken(theta, ranges), color=palette.LIGHT, lw=0.6, zorder=2)
@@ -241,7 +241,7 @@ def sweep(axes: Axes, picture: Picture, limits: Limits) -> None:
 
 
 def difference(axes: Axes, picture: Picture, limits: Limits) -> None:
-    """s(θ) as stems, ±d_th, and the discontinuities at which objects begin and end (Def. 2 and 3)."""
+    """Draw s(θ) as stems, ±d_th, and the discontinuities at which objects begin and end (Def. 2 and 3)."""
     _shade(axes, picture)
     signed = picture.detection.beam_s
     assert signed is not None  # pictures are made with `per_beam`
@@ -271,7 +271,7 @@ def difference(axes: Axes, picture: Picture, limits: Limits) -> None:
 
 
 def backgrounds(axes: Axes, picture: Picture, limits: Limits) -> None:
-    """r_w, the sweep, beside r_e, the scene without the objects of interest (§3)."""
+    """Draw r_w, the sweep, beside r_e, the scene without the objects of interest (§3)."""
     assert picture.background is not None  # the panel is drawn only with one
     _shade(axes, picture)
     theta = np.degrees(picture.theta)
@@ -286,7 +286,7 @@ def backgrounds(axes: Axes, picture: Picture, limits: Limits) -> None:
 
 
 def subtraction(axes: Axes, picture: Picture, _: Limits) -> None:
-    """r_w - r_e: below zero something new stands in front, above zero something is gone."""
+    """Draw r_w - r_e: below zero something new stands in front, above zero something is gone."""
     assert picture.background is not None  # the panel is drawn only with one
     _shade(axes, picture)
     theta = np.degrees(picture.theta)
@@ -304,7 +304,7 @@ def subtraction(axes: Axes, picture: Picture, _: Limits) -> None:
 
 
 def polar(axes: Axes, picture: Picture, limits: Limits, vertices: bool = False) -> None:
-    """r(θ) in polar coordinates, the sensor in the middle, x to the right; `vertices` as for the scene."""
+    """Draw r(θ) in polar coordinates, the sensor in the middle, x to the right; `vertices` as for the scene."""
     found = picture.detection
     labels = []
     for k in range(len(found)):
@@ -342,7 +342,7 @@ def polar(axes: Axes, picture: Picture, limits: Limits, vertices: bool = False) 
 
 
 def _free_bearing(picture: Picture) -> float:
-    """Where the lengths of radii stand in nobody's way: between two bearings with ticks, few beams about [deg]."""
+    """Return the bearing at which the lengths of radii cover least [deg]: between two ticks, with few beams about."""
     between = np.arange(-157.5, 180.0, 45.0)
     turns = np.degrees(picture.theta[np.isfinite(picture.ranges)])
     off = np.abs((turns[None, :] - between[:, None] + 180.0) % 360.0 - 180.0)
@@ -355,7 +355,7 @@ def _free_bearing(picture: Picture) -> float:
 
 
 def _up_to(axes: Axes, reach: float, d_th: float) -> None:
-    """An axis of both signs on which d_th is seen beside what is many times as large."""
+    """Set an axis of both signs on which d_th is seen beside values that are many times as large."""
     if not d_th > 0 or reach < HIGH * d_th:
         axes.set_ylim(-reach, reach)
         return
@@ -376,13 +376,13 @@ def _up_to(axes: Axes, reach: float, d_th: float) -> None:
 
 
 def _round_up(value: float) -> float:
-    """The next of …, 0.1, 0.2, 0.5, 1, …, so that the axes of an animation do not creep."""
+    """Round up to 1, 2 or 5 times a power of ten, so that the axes of an animation do not creep."""
     decade = 10.0 ** np.floor(np.log10(value))
     return float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= 0.999 * value))
 
 
 def _edges(axes: Axes, picture: Picture) -> None:
-    """s on entering each object, and on leaving it, which is the next beam's."""
+    """Mark s on entering each object, and on leaving it, which is that of the next beam."""
     found = picture.detection
     low = float(picture.theta.min())
     places = np.concatenate([found.theta_i, found.theta_f + picture.step])
@@ -422,7 +422,7 @@ def _shade(axes: Axes, picture: Picture) -> None:
 
 
 def _broken(theta: Float64, values: Float64) -> tuple[Float64, Float64]:
-    """A line in order of bearing; it breaks where a beam has no value."""
+    """Return a line in order of bearing; it breaks where a beam has no value."""
     order = np.argsort(theta, kind="stable")
     return theta[order], values[order]
 

@@ -20,7 +20,7 @@ class Picture:
 
     log: str
     batch: SweepBatch
-    """Of one sweep, without padding."""
+    """Batch of one sweep, without padding."""
     detection: Detection
     profile: str
     threshold: str
@@ -40,7 +40,7 @@ class Picture:
 
     @property
     def title(self) -> tuple[str, str]:
-        """Two lines: what it is, and how it was made."""
+        """Two lines: names of log, topic and sweep; settings and counts."""
         found = self.detection
         things = int(np.count_nonzero(found.set == OBJECT))
         first = f"{printable(self.log)}  {printable(self.batch.topic)}  sweep {self.sweep}"
@@ -53,7 +53,7 @@ class Picture:
 
     @property
     def _tracks_words(self) -> str:
-        """How many tracks are drawn, and how many of them are agents."""
+        """Number of tracks that are drawn, and of agents among them, in words."""
         if self.tracks is None:
             return ""
         count, agents = len(self.tracks), sum(path.is_agent for path in self.tracks)
@@ -77,12 +77,12 @@ class Picture:
         return abs(float(self.batch.angle_increment[0]))
 
     def points(self) -> tuple[Float64, Float64]:
-        """(B,) x and y of every beam [m]."""
+        """Return (B,) x and y of every beam [m]."""
         theta, ranges = self.theta, self.ranges
         return ranges * np.cos(theta), ranges * np.sin(theta)
 
     def members(self, k: int) -> tuple[Int64, Float64]:
-        """Beams with a range of object k, by bearing, and their bearings, which begin at theta_i and may pass π."""
+        """Return the beams with a range of object k and their bearings [rad], which ascend from theta_i and may pass π."""
         owner = self.detection.beam_object
         assert owner is not None  # pictures are made with `per_beam`
         beams = np.flatnonzero((owner[0] == self.detection.object[k]) & np.isfinite(self.batch.ranges[0]))
@@ -95,13 +95,13 @@ class Picture:
         return beams[order], theta[order]
 
     def between(self, k: int) -> Bool:
-        """(B,) beams between the edges of object k."""
+        """Return (B,) beams between the edges of object k."""
         start, end = float(self.detection.theta_i[k]), float(self.detection.theta_f[k])
         inside: Bool = unwound(self.theta - start) <= end - start + 1e-6
         return inside
 
     def corners(self, k: int) -> Float64:
-        """(5, 2) corners of the box of object k, closed [m]."""
+        """Return (5, 2) corners of the box of object k, closed [m]."""
         found = self.detection
         half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * 0.5
         half = half * np.array([found.box_length[k], found.box_width[k]])
@@ -111,25 +111,25 @@ class Picture:
         return corners
 
     def shape(self, k: int) -> str:
-        """Name of the shape of object k."""
+        """Return the name of the shape of object k."""
         return SHAPES[int(self.detection.shape[k])]
 
     def is_wall(self, k: int) -> bool:
-        """Whether it is a wall (`--walls`)."""
+        """Return True if object k is a wall (`--walls`)."""
         return int(self.detection.shape[k]) == WALL
 
     def vertices(self, k: int) -> slice:
-        """The vertices of object k in the flat arrays."""
+        """Return the vertices of object k in the flat arrays."""
         return slice(int(self.detection.vertex_offsets[k]), int(self.detection.vertex_offsets[k + 1]))
 
     def faces(self, k: int) -> slice:
-        """The faces of object k in the flat arrays."""
+        """Return the faces of object k in the flat arrays."""
         return slice(int(self.detection.face_offsets[k]), int(self.detection.face_offsets[k + 1]))
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the axes show, so that the pictures of an animation do not jump."""
+    """Limits of the axes, common to the pictures of an animation."""
 
     x: tuple[float, float]
     y: tuple[float, float]
@@ -138,12 +138,12 @@ class Limits:
 
     @property
     def aspect(self) -> float:
-        """How many times as wide as high it is."""
+        """Width of the scene by its height."""
         return (self.x[1] - self.x[0]) / (self.y[1] - self.y[0])
 
 
 def limits_of(batches: Sequence[SweepBatch]) -> Limits:
-    """Axes that hold all the sweeps, with some air around them."""
+    """Return limits that hold all the sweeps, with some air around them."""
     parts = []
     jumps = [0.1]
     for batch in batches:
@@ -166,12 +166,12 @@ def limits_of(batches: Sequence[SweepBatch]) -> Limits:
 
 
 def unwound(angle: Float64) -> Float64:
-    """Angles from 0 to a turn; what is a hair below 0 stays there."""
+    """Return angles from 0 to a turn; an angle a hair below 0 stays there."""
     turned: Float64 = (angle + 1e-6) % TURN - 1e-6
     return turned
 
 
 def printable(text: str) -> str:
-    """Text for a title: no control characters, no mathematics."""
+    """Return text for a title: no control characters, no mathematics."""
     clean = "".join(mark if mark.isprintable() else "?" for mark in text)
     return clean.replace("\\", "/").replace("$", r"\$")

@@ -1,4 +1,4 @@
-"""What every format shows: the figures of a run, the verdicts of its checks, the comparison with a baseline."""
+"""A report on tables: the figures of a run, the verdicts of its checks, the comparison with a baseline."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Report(Document):
 
     @property
     def title(self) -> str:
-        """What the report is about, in a few words."""
+        """Subject of the report in a few words."""
         names = [source.log for source in self.summary.sources]
         return names[0] if len(names) == 1 else counted(len(names), "log")
 
@@ -41,7 +41,7 @@ class Report(Document):
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """Sweeps and objects, and with a baseline in how many sweeps they are others."""
+        """Numbers of sweeps and objects; with a baseline also of sweeps that differ."""
         figures = self.summary.figures
         parts = [f"{counted(figures['sweeps'], 'sweep')} in {quantity('duration', figures['duration'])}"]
         if figures["rate"] is not None:
@@ -59,7 +59,7 @@ class Report(Document):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Whether sensors are pooled, or compared, that should not be."""
+        """Warnings of sensors that are pooled, or compared, but unlike."""
         found = []
         if unlike := differences(self.summary.unlike):
             found.append(

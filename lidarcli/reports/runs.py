@@ -1,4 +1,4 @@
-"""What became of the logs of one or many runs: figures, and why logs failed or are damaged."""
+"""A report on runs: outcomes of their logs, and the reasons why logs failed or are damaged."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Group:
 
     @property
     def words(self) -> str:
-        """How many, and why."""
+        """Number of logs and reason."""
         return f"{counted(len(self.logs), 'log')}, exit code {self.exit_code}: {self.message}"
 
 
@@ -68,7 +68,7 @@ class RunsSummary:
     versions: tuple[str, ...]
 
     def groups(self, outcome: str) -> list[Group]:
-        """The logs of an outcome by their message, the most frequent first."""
+        """Return the logs of an outcome by their message, the most frequent first."""
         found: dict[tuple[int, str], list[Entry]] = defaultdict(list)
         for log in self.logs:
             if log.outcome == outcome:
@@ -78,7 +78,7 @@ class RunsSummary:
 
     @property
     def span(self) -> tuple[int, int] | None:
-        """When the first and the last log were done [ns since 1970]; None without logs."""
+        """Times at which the first and the last log were done [ns since 1970]; None without logs."""
         ended = [log.ended for log in self.logs]
         return (min(ended), max(ended)) if ended else None
 
@@ -91,7 +91,7 @@ class RunsReport(Document):
 
     @property
     def title(self) -> str:
-        """What the report is about, in a few words."""
+        """Subject of the report in a few words."""
         figures = self.summary.figures
         return f"{counted(figures['runs'], 'run')} over {counted(figures['logs'], 'log')}"
 
@@ -102,7 +102,7 @@ class RunsReport(Document):
 
     @property
     def cases(self) -> tuple[Case, ...]:
-        """A case for each log; a log that failed or is damaged is a failure."""
+        """One case per log; a log that failed or is damaged is a failure."""
         return tuple(
             Case(log.url, "lidarcli.runs", _failure(log), log.outcome, log.seconds)
             for log in self.summary.logs
@@ -137,7 +137,7 @@ class RunsReport(Document):
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """How many logs came to which end."""
+        """Number of logs by outcome."""
         figures = self.summary.figures
         ends = ", ".join(f"{number(figures[name])} {name}" for name in OUTCOMES)
         return (f"{self.title}: {ends}, {counted(figures['sweeps'], 'sweep')}",)

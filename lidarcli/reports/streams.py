@@ -59,7 +59,7 @@ class Stream:
     frame_id: str
     sweeps: int
     beams: int
-    """Of a sweep, the median."""
+    """Median number of beams of a sweep."""
     objects: int
     start_ns: int
     end_ns: int
@@ -99,7 +99,7 @@ class Streams:
 
 
 def streams_of(run: Run) -> Streams:
-    """The sweeps of a run by log, topic and frame."""
+    """Divide the sweeps of a run by log, topic and frame."""
     rows = run.sweeps
     topic, topics = rows.words("topic")
     frame, frames = rows.words("frame_id")
@@ -169,7 +169,7 @@ def _stream(
 
 
 def _course(columns: _Columns, mine: Int64) -> Timeline:
-    """Bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
+    """Sum up bins of equal numbers of sweeps, so that a clock that jumps makes no hole."""
     begin = np.unique(np.linspace(0, len(mine), min(BINS, len(mine)), endpoint=False).astype(np.int64))
     size = np.diff(np.append(begin, len(mine)))
 
@@ -202,7 +202,7 @@ class Unlike:
     rates: tuple[float, ...] = ()
     """[Hz], of every stream that has one."""
     beams: tuple[float, ...] = ()
-    """Of a sweep, the median of every stream."""
+    """Median number of beams of every stream."""
     frames: tuple[str, ...] = ()
     """A frame is the place of a sensor on its robot: what is ahead of the one may be behind the other."""
 
@@ -211,7 +211,7 @@ class Unlike:
 
 
 def unlike_of(streams: Sequence[Stream]) -> Unlike:
-    """The sensors of these streams beside each other."""
+    """Compare the sensors of these streams."""
     rates = tuple(one.rate for one in streams if one.rate is not None)
     beams = tuple(float(one.beams) for one in streams)
     frames = tuple(dict.fromkeys(one.frame_id for one in streams))
@@ -221,7 +221,7 @@ def unlike_of(streams: Sequence[Stream]) -> Unlike:
 
 
 def _differ(values: Sequence[float]) -> bool:
-    """Whether the greatest is more than `ALIKE` times the least."""
+    """Return True if the greatest is more than `ALIKE` times the least."""
     return bool(values) and max(values) > ALIKE * min(values)
 
 
@@ -248,7 +248,7 @@ class Standing:
 
 
 def standing_out(run: Run, streams: Streams) -> tuple[Standing, ...]:
-    """Up to three sweeps of each kind, the most striking first; none where all are alike.
+    """Return up to three sweeps of each kind, the most striking first; none where all are alike.
 
     They are of different logs and topics, each with its earliest; where there is only one, each is of another time.
     """
@@ -285,7 +285,7 @@ def standing_out(run: Run, streams: Streams) -> tuple[Standing, ...]:
 
 
 def _best(score: Float64, streams: Streams) -> list[int]:
-    """Rows of the greatest scores: one of each stream, of a single one those that are apart."""
+    """Return the rows of the greatest scores: one of each stream; of a single stream rows that are apart."""
     left = score.copy()
     found: list[int] = []
     while len(found) < EACH and len(left) and left.max() > 0:
@@ -300,7 +300,7 @@ def _best(score: Float64, streams: Streams) -> list[int]:
 
 
 def _around(score: Float64, row: int) -> slice:
-    """The sweeps near one of a single stream, and all that are its like without a break."""
+    """Return the sweeps near one of a single stream, and those beside it with the same score."""
     other = np.flatnonzero(score != score[row])
     at = int(np.searchsorted(other, row))
     near = max(1, len(score) // APART)

@@ -40,9 +40,9 @@ OBJECT_COLUMNS = (
     "label",
     *OF_OBJECTS.values(),
 )
-"""Columns of the objects table that a summary reads …"""
+"""Columns of the objects table that a summary reads."""
 TRACKED_COLUMNS = ("topic", "sweep", "track")
-"""… and where there are tracks."""
+"""Further columns of the objects table that a summary reads where there are tracks."""
 SWEEP_COLUMNS = (
     *("log", "topic", "frame_id", "sweep", "stamp", "beams", *STATUSES),
     *("nearest", "d_mean", "d_th", "noise", "objects", "agents", *(f"{name}_beams" for name in SET_COLUMNS)),
@@ -52,7 +52,7 @@ SWEEP_COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a run holds."""
+    """The figures of a run."""
 
     sources: tuple[Origin, ...]
     streams: Streams
@@ -78,7 +78,7 @@ class Summary:
 
 
 def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
-    """The values of every figure that has one per sweep or per object."""
+    """Return the values of every figure that has one per sweep or per object."""
     sweeps = run.sweeps
     beams = sweeps.numbers("beams")
     lost = np.divide(
@@ -103,7 +103,7 @@ def values_of(run: Run, streams: Streams) -> dict[str, Float64]:
 
 
 def edges_of(*values: Mapping[str, Float64]) -> dict[str, Float64]:
-    """Edges of the histograms that suit all of the runs."""
+    """Return edges of the histograms that suit all of the runs."""
     edges = {name: nice_edges(np.concatenate([one[name] for one in values])) for name in DRAWN}
     edges["bearing"] = bearing_edges()
     most = max((one["objects_per_sweep"].max(initial=0.0) for one in values), default=0.0)
@@ -113,7 +113,7 @@ def edges_of(*values: Mapping[str, Float64]) -> dict[str, Float64]:
 
 
 def summarise(run: Run, edges: Mapping[str, Float64] | None = None) -> Summary:
-    """The figures of a run; `edges` of histograms that have to match another run's."""
+    """Sum up a run; `edges` of histograms that have to match those of another run."""
     streams = streams_of(run)
     values = values_of(run, streams)
     edges = edges or edges_of(values)
@@ -191,7 +191,7 @@ def _figures(
 
 
 def _densities(run: Run, alike: bool) -> tuple[Density, ...]:
-    """Where objects were: from the sensor, if all of them are `alike`, and in the world."""
+    """Return maps of objects: in the sensor frame if all sensors are `alike`, and in the world frame of a single log."""
     mine = run.is_object
     maps = []
     for frame, x, y in (("sensor", "x", "y"), ("world", "world_x", "world_y")):

@@ -1,4 +1,4 @@
-"""What the tracks tables of a run say: how many things there are, how many agents at once, how mobile the scene is."""
+"""Figures of the tracks of a run: numbers of tracks and of agents at once, and the mobility of the scene."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from lidarcli.reports.streams import Streams
 from lidarcli.sweeps import Bool, Int64
 
 STATIC_SHARE = 0.001
-"""Up to this share of the beams in set A a scene is structured: what tracking may take for moving by mistake is less."""
+"""Greatest share of the beams in set A of a structured scene: errors of the tracking stay below."""
 MOBILE_SHARE = 0.25
-"""Beyond this share of the beams in set A it is unstructured: agents fill a quarter of the view."""
+"""Greatest share of the beams in set A of a semi-structured scene: agents fill a quarter of the view."""
 KEPT = 100
 """Most tracks that are kept one by one, for the tables of the report."""
 TRACK_COLUMNS = (
@@ -29,7 +29,7 @@ _WHOLE = ("track", "first_sweep", "first_stamp", "sweeps")
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One thing, as a row of a table for people."""
+    """A track, as a row of a table for people."""
 
     stream: int | None
     """Its stream of sweeps; None where there is none of its topic."""
@@ -41,7 +41,7 @@ class Track:
     label: str
     first_sweep: int
     start: float
-    """From the first sweep of its stream to its first sight [s]."""
+    """Time from the first sweep of its stream to its first sight [s]."""
     duration: float
     sweeps: int
     hidden: float
@@ -54,13 +54,13 @@ class Track:
 
     @property
     def is_agent(self) -> bool:
-        """Whether it has moved by itself."""
+        """True if the track moves."""
         return self.set == "A"
 
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A name of the catalogue and what bears it."""
+    """A name of the catalogue, and the numbers of its tracks and objects."""
 
     name: str
     tracks: int | None
@@ -85,17 +85,17 @@ class Tracked:
 
     @property
     def scene(self) -> str | None:
-        """What the paper (§2) calls such a scene, by the share of A."""
+        """The paper's name (§2) of such a scene, by the share of A."""
         return None if self.agent_share is None else scene_of(self.agent_share)
 
     def most(self, count: int) -> tuple[Track, ...]:
-        """The `count` tracks to look at first, in their order: agents, then what was seen most."""
+        """Return the `count` tracks to look at first, in their order: agents, then what was seen most."""
         best = sorted(self.tracks, key=lambda one: (not one.is_agent, -one.sweeps))[:count]
         return tuple(one for one in self.tracks if one in best)
 
 
 def scene_of(agent_share: float) -> str:
-    """What the paper (§2) calls a scene with this share of its beams on agents.
+    """Return the paper's name (§2) of a scene with this share of its beams on agents.
 
     >>> [scene_of(share) for share in (0.0, 0.03, 0.4)]
     ['structured', 'semi-structured', 'unstructured']
@@ -106,7 +106,7 @@ def scene_of(agent_share: float) -> str:
 
 
 def tracked_of(run: Run, streams: Streams) -> Tracked | None:
-    """What is known of the tracks; None where no log has a tracks table."""
+    """Sum up the tracks; None where no log has a tracks table."""
     rows = run.tracks
     if rows is None:
         return None
@@ -134,7 +134,7 @@ def tracked_of(run: Run, streams: Streams) -> Tracked | None:
 
 
 def labels_of(run: Run) -> tuple[Label, ...]:
-    """The names of the catalogue that occur, by name."""
+    """Return the names of the catalogue that occur, by name."""
     objects = run.objects.counts("label", run.is_object)
     tracks = {} if run.tracks is None else run.tracks.counts("label")
     return tuple(
@@ -150,7 +150,7 @@ def _agent_share(run: Run) -> float | None:
 
 
 def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> tuple[Track, ...]:
-    """The tracks that are shown one by one."""
+    """Return the tracks that are shown one by one."""
     best = np.lexsort((-rows.numbers("sweeps"), ~is_agent))[:KEPT]
     # The table is in order of topic and track.
     order = np.sort(best)
@@ -183,13 +183,13 @@ def _kept(run: Run, rows: Rows, is_agent: Bool, streams: Streams) -> tuple[Track
 
 
 def _texts(rows: Rows, name: str, order: Int64) -> Sequence[str]:
-    """A column of names, empty for null."""
+    """Return a column of names, empty for null."""
     codes, names = rows.words(name)
     return ["" if code < 0 else names[code] for code in codes[order].tolist()]
 
 
 def _stream(streams: Streams, source: int, topic: str, frame: str) -> int | None:
-    """The stream that a track belongs to."""
+    """Return the stream that a track belongs to."""
     mine = [k for k, one in enumerate(streams.all) if (one.source, one.topic) == (source, topic)]
     exact = [k for k in mine if streams.all[k].frame_id == frame]
     return next(iter([*exact, *mine]), None)

@@ -19,7 +19,7 @@ NAMED = 3
 
 
 def visible(text: str) -> str:
-    r"""Text of a log with escapes for what would steer the terminal that it is shown on.
+    r"""Return text of a log with escapes for characters that would steer a terminal.
 
     >>> visible("/scan\x1b[2J °")
     '/scan\\x1b[2J °'
@@ -28,7 +28,7 @@ def visible(text: str) -> str:
 
 
 def number(value: float | None, digits: int = 4, sign: bool = False) -> str:
-    """A number of few digits, with thousands set apart.
+    """Return a number of few digits, with thousands set apart.
 
     >>> [number(value) for value in (None, 12345, 0.123456, 3.0, 123456.7)]
     ['-', '12,345', '0.1235', '3', '123,457']
@@ -44,7 +44,7 @@ def number(value: float | None, digits: int = 4, sign: bool = False) -> str:
 
 
 def quantity(name: str, value: float | None, sign: bool = False) -> str:
-    """A figure with its unit; a share in per cent."""
+    """Return a figure with its unit; a share in per cent."""
     if value is None:
         return NONE
     plain = name.removeprefix(DELTA)
@@ -55,12 +55,12 @@ def quantity(name: str, value: float | None, sign: bool = False) -> str:
 
 
 def share(count: float, total: float) -> str:
-    """A part of a whole in per cent."""
+    """Return a part of a whole in per cent."""
     return percent(count / total) if total else NONE
 
 
 def percent(part: float) -> str:
-    """A part of one in per cent.
+    """Return a part of one in per cent.
 
     >>> percent(0.0625)
     '6.2 %'
@@ -69,7 +69,7 @@ def percent(part: float) -> str:
 
 
 def counted(value: float | None, name: str) -> str:
-    """A number of things.
+    """Return a number and what it counts.
 
     >>> counted(1, "log"), counted(1200, "log")
     ('1 log', '1,200 logs')
@@ -78,7 +78,7 @@ def counted(value: float | None, name: str) -> str:
 
 
 def span(values: Sequence[float]) -> str:
-    """The least and the greatest value, one number where people would read the same twice.
+    """Return the least and the greatest value, or one number where both read the same.
 
     >>> span([20.0, 5.0, 10.0]), span([10.0, 10.0000001])
     ('5 to 20', '10')
@@ -87,14 +87,14 @@ def span(values: Sequence[float]) -> str:
 
 
 def rate(summary: Summary) -> str:
-    """How many sweeps there are in a second; from the least to the greatest where sensors are unlike."""
+    """Return the rate of sweeps; from the least to the greatest where sensors are unlike."""
     if summary.unlike.rates:
         return f"{span(summary.unlike.rates)} Hz"
     return quantity("rate", summary.figures["rate"])
 
 
 def differences(unlike: Unlike) -> str:
-    """In what sensors are unlike; empty where they are not."""
+    """Return the differences of sensors in words; empty where they are alike."""
     parts = [f"{span(unlike.rates)} Hz"] if unlike.rates else []
     parts += [f"{span(unlike.beams)} beams"] if unlike.beams else []
     if unlike.frames:
@@ -105,7 +105,7 @@ def differences(unlike: Unlike) -> str:
 
 
 def stamp(stamp_ns: int) -> str:
-    """A stamp in UTC, to the millisecond.
+    """Return a stamp in UTC, to the millisecond.
 
     >>> stamp(1_700_000_000_123_456_789)
     '2023-11-14T22:13:20.123Z'
@@ -117,12 +117,12 @@ def stamp(stamp_ns: int) -> str:
 
 
 def has_agents(summary: Summary) -> bool:
-    """Whether there is anything to say of agents: something was tracked, or they came with the tables."""
+    """Return True if there were tracks, or the tables have agents."""
     return summary.tracked is not None or bool(summary.figures["agents"])
 
 
 def beams_by_set(summary: Summary) -> dict[str, int]:
-    """What the beams fell on; without agents where nobody looked for them."""
+    """Return the beams by set; without agents where nobody looked for them."""
     return {
         words if name == "S" else f"on {words}": summary.sets[name]
         for name, words in beams_on(has_agents(summary)).items()
@@ -130,12 +130,12 @@ def beams_by_set(summary: Summary) -> dict[str, int]:
 
 
 def kind_counts(summary: Summary, name: str) -> dict[str, int]:
-    """Objects by kind, in the order of the declaration."""
+    """Return objects by kind, in the order of the declaration."""
     counts = summary.kinds[name]
     return {kind: counts[kind] for kind in CATEGORIES[name] if kind in counts}
 
 
 def track_kinds(tracked: Tracked, name: str) -> dict[str, int]:
-    """Tracks by kind, in the order of the declaration."""
+    """Return tracks by kind, in the order of the declaration."""
     counts = tracked.kinds[name]
     return {kind.replace("_", " "): counts[kind] for kind in TRACK_CATEGORIES[name] if kind in counts}
