@@ -1,4 +1,4 @@
-"""What every container must offer, and what is shared by all of them."""
+"""The interface of an open log, and the types that all containers share."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ POSE_TYPES = frozenset(
 )
 
 BINARY_SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".zstd")
-"""How the names of logs end that are no text."""
+"""Suffixes of logs that are not text."""
 TEXT_LOG_SUFFIXES = (".clf", ".gfs", ".2d", ".clf.gz", ".gfs.gz", ".2d.gz")
-"""Names that CARMEN and ARIA logs alone have; those that end in `.log` may be anything."""
+"""Suffixes that only CARMEN and ARIA logs have; a file that ends in `.log` may be anything."""
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 
 MAX_MESSAGE = 64 << 20
@@ -44,7 +44,7 @@ MAX_BEAMS = 400_000
 
 
 def ros_type(name: str) -> str:
-    """One spelling for a message type: `sensor_msgs/LaserScan` → `sensor_msgs/msg/LaserScan`.
+    """Return a message type in one spelling: `sensor_msgs/LaserScan` → `sensor_msgs/msg/LaserScan`.
 
     >>> ros_type("sensor_msgs/LaserScan")
     'sensor_msgs/msg/LaserScan'
@@ -55,7 +55,7 @@ def ros_type(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic of a log. `messages` is None while nobody has counted."""
+    """A topic of a log; `messages` is None where they were not counted."""
 
     name: str
     type: str
@@ -64,11 +64,11 @@ class Topic:
     """`cdr`, `ros1`, `json`, `protobuf`, `csv`, `carmen`, `aria` or `player`."""
     messages: int | None = None
     sliced: bool = False
-    """Whether it holds point clouds that are read as sweeps."""
+    """True for point clouds that are read as sweeps."""
 
     @property
     def is_scan(self) -> bool:
-        """Whether sweeps are read from it."""
+        """True if sweeps are read from this topic."""
         return self.type in SCAN_TYPES or self.sliced
 
 
@@ -77,9 +77,9 @@ class Damage:
     """A part of a log that could not be read: one line for the user."""
 
     place: str
-    """Where: `byte 1234`, `line 12`, `chunk at byte 99`, `metadata.yaml`."""
+    """For example `byte 1234`, `line 12`, `chunk at byte 99`, `metadata.yaml`."""
     cause: str
-    """What is wrong, and what it cost where that is known."""
+    """The cause, and the loss where it is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class Message:
 
 @dataclass(slots=True)
 class ReadReport:
-    """What one pass over a log has met: whoever asks for the pass owns it, and a reader appends."""
+    """Findings of one pass over a log. The caller of the pass owns the report; readers append to it."""
 
     damage: list[Damage] = field(default_factory=list)
     """Damaged parts (exit code 3). At most `MAX_DAMAGE` are kept, the rest is counted in `damage_more`."""
@@ -141,32 +141,32 @@ class ReadReport:
             self.add_doubts(topic, lines)
 
     def add_doubts(self, topic: str, lines: Iterable[str]) -> None:
-        """Add what should be known of the sweeps of a topic."""
+        """Add notes on the sweeps of a topic."""
         if told := dict.fromkeys([*self.doubts.get(topic, ()), *lines]):
             self.doubts[topic] = tuple(told)
 
     def doubted(self) -> list[str]:
-        """What should be known of the sweeps, topic by topic."""
+        """Return the notes on the sweeps, topic by topic."""
         return [line for lines in self.doubts.values() for line in lines]
 
 
 @dataclass(frozen=True, slots=True)
 class Slice:
-    """Which points of a cloud are a sweep: those of some heights, and in each direction the nearest."""
+    """Part of a point cloud that becomes a sweep: points of some heights, the nearest in each direction."""
 
     low: float
     """Least height [m] in a level frame."""
     high: float
-    """Greatest."""
+    """Greatest height [m]."""
     bins: int
     """Beams of the sweep."""
     limits: tuple[float, float] | None = None
-    """Nearest and farthest point that counts [m]; what is nearer is the robot."""
+    """Least and greatest distance that counts [m]; nearer points belong to the robot."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpenOptions:
-    """What a log may need to be told to be read. Angles in radians, ranges in metres."""
+    """Geometry and units that a log does not contain. Angles in radians, ranges in metres."""
 
     angle_min: float | None = None
     angle_increment: float | None = None
@@ -175,9 +175,9 @@ class OpenOptions:
     range_scale: float = 1.0
     """Factor from the log's unit to metres (`--range-unit mm`: 0.001)."""
     slice: Slice | None = None
-    """How point clouds are read as sweeps; None: they are not."""
+    """Slice of point clouds that becomes a sweep; None: point clouds are not read."""
     echo: str = ECHOES[0]
-    """Which echo to take of each beam that has several: one of `choices.ECHOES`."""
+    """Echo taken of a beam that has several: one of `choices.ECHOES`."""
 
 
 class Log(Protocol):
@@ -204,7 +204,7 @@ class Log(Protocol):
 
     @property
     def position(self) -> int:
-        """Where in the source the last pass stands [bytes]."""
+        """Position of the last pass in the source [bytes]."""
 
     def topics(self) -> list[Topic] | None:
         """All topics where the log has an index of them, else None (a pipe, a log that lost its summary)."""

@@ -27,16 +27,16 @@ BATCH_VALUES = 3 << 17
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What to read of a log, and how."""
+    """Options for reading sweeps: topics, time window, thinning, range rules."""
 
     topics: Collection[str] | None = None
     """Names of LaserScan topics, with or without the leading slash; none means all."""
     start: float | Instant | None = None
     """Seconds from the first sweep of the same topic and frame, or a moment, or its text; what is before is left out."""
     end: float | Instant | None = None
-    """Sweeps from here on are left out."""
+    """End of the window, as `start`; sweeps from here on are left out."""
     every: int = 1
-    """Of each topic's sweeps only those whose index is a multiple of this."""
+    """Only sweeps whose index is a multiple of this are read, counted per topic."""
     batch_size: int = 768
     rules: RangeRules = field(default_factory=RangeRules)
 
@@ -55,7 +55,7 @@ class ReadOptions:
 
 
 def _in_order(start: float | Instant | None, end: float | Instant | None) -> bool:
-    """Whether a window can hold anything; of seconds and a moment only the log can tell."""
+    """Return False for a window that cannot hold anything; seconds and a moment cannot be compared here."""
     if isinstance(start, Instant) and isinstance(end, Instant):
         return start < end
     if isinstance(start, int | float) and isinstance(end, int | float):
@@ -121,14 +121,14 @@ def read_batches(
 
 @dataclass(slots=True)
 class _Span:
-    """When the first and the last of all sweeps of a topic were taken."""
+    """Times of the first and the last sweep of a topic."""
 
     _least: list[int] = field(default_factory=list)
     _most: list[int] = field(default_factory=list)
-    """By date, and counted from the first sweep of their frame [ns]."""
+    """Earliest and latest time, by date and since the first sweep of the frame [ns]."""
 
     def widen(self, *times_ns: Int64) -> None:
-        """Take the times of more sweeps, of which there is one at least."""
+        """Take the times of at least one more sweep."""
         least, most = [int(each.min()) for each in times_ns], [int(each.max()) for each in times_ns]
         self._least = [*map(min, self._least or least, least)]
         self._most = [*map(max, self._most or most, most)]
@@ -147,7 +147,7 @@ def _words(time: float | Instant | None, unit: str = " s") -> str:
 
 
 class _Line:
-    """The sweeps of one topic that wait for their batch."""
+    """Sweeps of one topic that wait for their batch."""
 
     def __init__(self, options: ReadOptions, doubts: Doubts) -> None:
         self._options = options
@@ -199,7 +199,7 @@ class _Line:
         return keep
 
     def empty_window(self, topic: str) -> str | None:
-        """What to say where no sweep lies between the start and the end that were asked for, though there are some."""
+        """Return a note if no sweep lies between the wanted start and end although the topic has sweeps."""
         start, end = self._options.start, self._options.end
         if self._taken or (start is None and end is None) or not self._count:
             return None
@@ -209,7 +209,7 @@ class _Line:
         return f"no sweep of {topic} {' and '.join(window)}: its sweeps lie between {there}"
 
     def batches(self, final: bool = False) -> Iterator[SweepBatch]:
-        """The full batches of what waits; in the end, all of it."""
+        """Yield the full batches of the waiting sweeps; finally, all of them."""
         if not self._blocks:
             return
         size = self._options.batch_size
@@ -225,7 +225,7 @@ class _Line:
             yield batch
 
     def _cut(self, rows: int) -> tuple[RawSweeps, Int64]:
-        """Take the first `rows` of what waits, as wide as its widest sweep."""
+        """Remove and return the first `rows` waiting sweeps, as wide as the widest of them."""
         blocks: list[RawSweeps] = []
         sweeps: list[Int64] = []
         while rows:

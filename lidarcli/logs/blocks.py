@@ -1,4 +1,4 @@
-"""What the decoders of all containers share: the size of blocks, and why a message can be no sweep."""
+"""Helpers of all decoders: sizes of blocks, padding, and reasons to refuse a message."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ INCREMENT = "angle_increment is not finite"
 BEARINGS = "the last bearing is not finite"
 INCREMENT_ZERO = "angle_increment is zero"
 WIDEST_STEP = 0.9
-"""[rad] A step from beam to beam beyond this one, 52 degrees, …"""
+"""Steps between beams above this [rad] (52 degrees) are degrees taken as radians, if the view is too wide as well."""
 WIDEST_VIEW = 1.5 * TURN
-"""[rad] … is one of degrees that were taken as radians, where the beams go round more than this."""
+"""Widest view [rad] that a sweep can have."""
 FAR = 200.0
-"""[m] Of no 2D LiDAR most ranges are greater."""
+"""No 2D LiDAR has mostly ranges above this [m]."""
 IN_DEGREES = (
     f"angle_increment is beyond {WIDEST_STEP} rad: probably degrees; a LaserScan has radians, and a text log may have "
     "--degrees"
@@ -34,7 +34,7 @@ IN_DEGREES = (
 
 
 def in_degrees(beams: Int32 | Int64, angle_increment: Float32 | Float64) -> Bool:
-    """(S,) whether the steps of sweeps can only be degrees that were taken as radians.
+    """Return (S,) True for sweeps whose steps can only be degrees taken as radians.
 
     >>> in_degrees(np.array([360, 360, 4]), np.array([1.0, 0.0175, 1.57])).tolist()
     [True, False, False]
@@ -46,7 +46,7 @@ def in_degrees(beams: Int32 | Int64, angle_increment: Float32 | Float64) -> Bool
 def limits_in_metres(
     least: Float32 | Float64, most: Float32 | Float64, scale: float
 ) -> tuple[Float32, Float32]:
-    """range_min and range_max (S,) of sweeps whose ranges are in a unit of `scale` metres.
+    """Return range_min and range_max (S,) in metres, for ranges in a unit of `scale` metres.
 
     Many a driver has its limits in metres beside ranges in millimetres. A range_max up to `FAR` is in metres: in
     centimetres it would be 2 m, and no sensor sees as little. Its range_min is in the same unit.
@@ -77,7 +77,7 @@ def split_rows(
 
 
 def pad_rows(rows: list[Float32]) -> Float32:
-    """Rows of different length as one array, padded with NaN."""
+    """Return rows of different lengths as one array, padded with NaN."""
     padded = np.full((len(rows), max(map(len, rows), default=0)), np.nan, np.float32)
     for values, row in zip(padded, rows, strict=True):
         values[: len(row)] = row
@@ -122,7 +122,7 @@ def pad_cells(cells: Cells, rows: Int64, first: Int64, count: Int64, width: int)
 
 
 def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSweeps | None:
-    """The `good` rows that can be sweeps; the others are counted as refused, as in every other container."""
+    """Return the `good` rows that can be sweeps; count the others as refused."""
     if good is not None and not good.all():
         block = block.rows(good)
     whole = np.ones(len(block), np.bool_)
@@ -146,13 +146,13 @@ def keep_sound(block: RawSweeps, good: Bool | None, report: ReadReport) -> RawSw
 
 
 def as_singles(values: NDArray[np.floating]) -> Float32:
-    """Values as float32; what is beyond it is infinite."""
+    """Return values as float32; larger ones become infinite."""
     with np.errstate(over="ignore"):
         return values.astype(np.float32, copy=False)
 
 
 def given_geometry(options: OpenOptions, beams: int) -> tuple[float, float] | None:
-    """angle_min and angle_increment [rad] from the options, for a sweep of `beams`; None where they do not say.
+    """Return angle_min and angle_increment [rad] for a sweep of `beams` by the options; None without them.
 
     >>> given_geometry(OpenOptions(angle_min=-1.0, angle_increment=0.5), 5)
     (-1.0, 0.5)
@@ -169,7 +169,7 @@ def given_geometry(options: OpenOptions, beams: int) -> tuple[float, float] | No
 
 
 def given_geometries(options: OpenOptions, beams: Int64) -> tuple[Float64, Float64]:
-    """The same of sweeps with `beams` (S,) each, NaN where the options do not say."""
+    """Return `given_geometry` for sweeps with `beams` (S,) each; nan where the options do not say."""
     distinct, inverse = np.unique(beams, return_inverse=True)
     pairs = [given_geometry(options, count) or (np.nan, np.nan) for count in distinct.tolist()]
     both = np.array(pairs, np.float64).reshape(-1, 2)[inverse.ravel()]

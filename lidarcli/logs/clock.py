@@ -1,4 +1,4 @@
-"""The state of a log's clocks, from header and record times, in bounded memory; and what is odd about it."""
+"""Statistics of header and record times of a log, in bounded memory, and notes on odd ones."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ SECOND = 1e-9
 _KEPT = 1 << 16
 """Values a `Sample` keeps at most."""
 FASTEST = 1000.0
-"""[Hz] No sensor sweeps faster."""
+"""No sensor sweeps faster [Hz]."""
 SOME = 3
-"""Sweeps of which that is no accident either, where there are few."""
+"""Fewest odd sweeps worth a note, in short logs."""
 SET_BACK = 1.0
-"""[s] Messages that overtake each other are not so late."""
+"""Overtaking messages are never this late [s]."""
 LEAP = 3600.0
-"""[s] From one sweep to the next nobody waits so long."""
+"""No pause between two sweeps is this long [s]."""
 RUNS = 3
-"""Runs between steps that are as large, which are told apart."""
+"""Most runs between large steps that are told apart."""
 SAME_NS = 1
-"""[ns] Stamps of text that are equal lie so far apart at most."""
+"""Equal stamps of text differ by at most this [ns]."""
 OFTEN = 0.05
-"""Share of the sweeps from which on it is no accident that a stamp goes back, or is that of the sweep before."""
+"""Share of repeated or decreasing stamps above which they are no accident."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockInfo:
-    """What the times of a run of sweeps say. Seconds and hertz, stamps in nanoseconds; None where unknown."""
+    """Statistics of the times of sweeps. Seconds and hertz, stamps in nanoseconds; None where unknown."""
 
     start_ns: int | None
     """Earliest header stamp (record time where the headers have none)."""
     end_ns: int | None
-    """Latest."""
+    """Latest header stamp."""
     rate: float | None
     """Sweeps per second, from the median step of the stamps."""
     backward: int
     """Steps back in time from one sweep to the next."""
     largest_backward: float
-    """The largest of them."""
+    """Largest step back [s]."""
     zero_stamps: int
     """Headers without a stamp."""
     offset: float | None
@@ -52,24 +52,24 @@ class ClockInfo:
     repeated: int = 0
     """Sweeps with the stamp of the one before them."""
     largest_forward: float = 0.0
-    """The largest step ahead."""
+    """Largest step ahead [s]."""
     copies: int = 0
-    """So many sweeps that follow each other have the same stamp, from the first to the last; 0 where that changes."""
+    """Length of each run of equal stamps; 0 where the lengths differ."""
     runs: tuple[Run, ...] = ()
-    """What lies between steps that nobody waits for; no more than `RUNS` and one."""
+    """Runs between steps that nobody waits for; at most `RUNS` + 1."""
 
     @property
     def span(self) -> float:
-        """From the earliest to the latest stamp."""
+        """Time from the earliest to the latest stamp [s]."""
         return 0.0 if self.start_ns is None or self.end_ns is None else (self.end_ns - self.start_ns) * SECOND
 
     @property
     def monotonic(self) -> bool:
-        """Whether the stamps never step back."""
+        """True if no stamp steps back."""
         return self.backward == 0
 
     def doubts(self, name: str, alike: bool, alone: bool) -> list[str]:
-        """What is odd, a line each, with the way out where there is one.
+        """Return notes on odd times, one line each, with a remedy where there is one.
 
         Parameters
         ----------
@@ -118,11 +118,11 @@ class ClockInfo:
         return lines
 
     def times_back(self, most: str) -> str:
-        """How often stamps go back, and by how much."""
+        """Return the number of steps back and the largest one as words."""
         return f"once, by {most}" if self.backward == 1 else f"{self.backward:,} times, by at most {most}"
 
     def _astray(self) -> float | None:
-        """How far a single sweep is ahead of those before and after it [s]; None where that is not all."""
+        """Return how far one sweep is ahead of its neighbours [s]; None unless it is the only odd one."""
         if len(self.runs) != 3 or self.runs[1].sweeps > 1:
             return None
         before, one, after = self.runs
@@ -131,7 +131,7 @@ class ClockInfo:
         return ahead if goes_on else None
 
     def _several(self) -> str:
-        """Why stamps leap, and how to take the sweeps before and after it, where their times tell which are which."""
+        """Return the cause of a leap, and the options that read only one side of it where the times allow it."""
         why = "the clock was set, or the log holds several runs"
         if len(self.runs) != 2:
             return why
@@ -155,7 +155,7 @@ class Run:
 
 
 def _long(seconds: float) -> str:
-    """A time in the unit that suits it.
+    """Return a time as text in a suitable unit.
 
     >>> _long(0.25), _long(3600.0), _long(31_536_000.0), _long(9000.0)
     ('0.25 s', '60 min', '365 days', '2.5 h')
@@ -167,7 +167,7 @@ def _long(seconds: float) -> str:
 
 
 class Sample:
-    """Values for a median: all of them, or every 2nd, 4th, ... once there are too many."""
+    """A sample of values for a median: all of them, or every 2nd, 4th, ... of many."""
 
     def __init__(self, kept: int = _KEPT) -> None:
         self._kept = kept
@@ -214,14 +214,14 @@ class Clock:
         self._largest = 0
         self._zero = 0
         self._copies: int | None = None
-        """As `ClockInfo.copies`; None where nobody knows yet …"""
+        """As `ClockInfo.copies`; None while unknown."""
         self._since = 0
-        """… and the number of the sweep from which on all have the same stamp."""
+        """Number of the sweep at which the current run of equal stamps begins."""
         self._runs: list[Run] = []
 
     @property
     def sweeps(self) -> int:
-        """How many it was told of."""
+        """Number of sweeps taken so far."""
         return self._sweeps
 
     def add(self, block: RawSweeps, sweep: Int64 | None = None) -> None:
@@ -255,7 +255,7 @@ class Clock:
         self._last = int(stamps[-1])
 
     def _count_copies(self, fresh: Int64) -> None:
-        """Take the numbers of sweeps that have another stamp than the one before."""
+        """Take the numbers of sweeps whose stamp differs from the one before."""
         if not len(fresh) or self._copies == 0:
             return
         lengths = np.diff(np.concatenate([[self._since], fresh]))
@@ -265,7 +265,7 @@ class Clock:
         self._since = int(fresh[-1])
 
     def _part(self, stamps: Int64, steps: Int64) -> None:
-        """Part the stamps where they leap."""
+        """Split the stamps into runs where they leap."""
         leaps = np.flatnonzero((steps <= -SET_BACK * SECOND_NS) | (steps > LEAP * SECOND_NS))
         starts = (leaps[: RUNS + 1] + len(stamps) - len(steps)).tolist()
         for first, end in zip([0, *starts], [*starts, len(stamps)], strict=True):

@@ -26,7 +26,7 @@ LONG = f"a message of more than {MAX_MESSAGE >> 20} MiB"
 TOO_FEW = "more points declared than the message holds"
 
 _INTENSITIES = ("intensity", "intensities", "reflectivity")
-"""Names of the field that says how strong a return was, the better one first."""
+"""Names of the intensity field, the preferred one first."""
 
 
 class BadCloudError(ValueError):
@@ -34,7 +34,7 @@ class BadCloudError(ValueError):
 
 
 class PointField(NamedTuple):
-    """A number of each point."""
+    """Field of a point."""
 
     offset: int
     """Bytes from where the point begins."""
@@ -49,7 +49,7 @@ class PointField(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the numbers of N points stand in bytes: in rows, of which an unorganised cloud has one."""
+    """Memory layout of N points: rows (one if unorganised) of columns."""
 
     rows: int
     columns: int
@@ -122,13 +122,13 @@ class Cloud:
     stamp_ns: int
     data: bytes
     start: int
-    """Where in `data` the points begin."""
+    """Offset of the first point in `data`."""
     layout: Layout
     pose: Float64 | None = None
     """(7,) x, y, z and quaternion x, y, z, w of the points' origin in the frame; None where they are one."""
 
     def column(self, field: PointField | None, chosen: NDArray[np.intp] | None = None) -> Floats:
-        """(N,) one field of all points as float32 or, where it has more digits, float64; zeros where there is none.
+        """Return (N,) one field of all points as float32, or float64 where it has more digits; zeros if missing.
 
         With `chosen` (K,) it is that of these points alone.
         """
@@ -278,7 +278,7 @@ def _pose(numbers: list[float]) -> Float64 | None:
 
 
 def decode(message: Message) -> Cloud:
-    """The cloud of a message; `BadCloudError` where it is none."""
+    """Return the cloud of a message."""
     if len(message.data) > MAX_MESSAGE:
         raise BadCloudError(LONG)
     if message.encoding in ("cdr", "ros1"):

@@ -1,4 +1,4 @@
-"""What looks wrong in the sweeps of a log that are read: units, geometry, limits and stamps, a line each with the way out.
+"""Notes on suspicious sweeps: units, geometry, limits and stamps, one line each with a remedy.
 
 A fold with bounded memory over what `range_rules.normalise` has judged. Whatever reads sweeps tells the same.
 """
@@ -19,29 +19,29 @@ from lidarcli.range_rules import FARTHEST
 from lidarcli.sweeps import Bool, Float32, Int64, RawSweeps, Status, SweepBatch
 
 MOST = 1000
-"""Topics and frames that are looked at: a log may have a new name in every message."""
+"""Most pairs of topic and frame examined: a log may have a new name in every message."""
 FINEST_STEP = 1e-5
-"""[rad] No sensor has finer steps from beam to beam."""
+"""No sensor has finer steps between beams [rad]."""
 CERTAINLY_MM = 1000.0
-"""[m] What is seen in centimetres is nearer."""
+"""Ranges in centimetres stay below this number."""
 UNUSABLE = 0.95
-"""Share of the beams without a range from which on something may be wrong."""
+"""Share of beams without a range above which something may be wrong."""
 FIRST, THIN = 32, 11
-"""The ranges of the first sweeps are all looked at, then of so many those of one: neither of two sensors is left out."""
+"""All of the first sweeps are examined, then one of so many. THIN is odd, so that each of two sensors is met."""
 TOGETHER, PERIOD = 16, 256
-"""So many sweeps in a row are compared with each other, of so many …"""
+"""Number of consecutive sweeps compared with each other, out of each period of so many sweeps."""
 BEAMS = 60
-"""… by so many of their beams."""
+"""Number of beams compared per sweep."""
 REPEATS = 256
-"""Sweeps with the stamp of the one before that are compared with it, the first ones."""
+"""Most sweeps with a repeated stamp that are compared with the one before."""
 APART = 0.1
-"""[m] From one sweep to the next half of the beams change by more than this …"""
+"""Least change [m] of half of the beams between sweeps of two alternating sensors."""
 NEARER = 3.0
-"""… and by so many times more than to the one before that, or the third …"""
+"""Factor by which a sweep must be nearer to the second or third one before it."""
 IN_TURNS = 0.3
-"""… in this share of them: they come from two sensors in turns."""
+"""Share of compared sweeps above which two sensors are assumed to alternate."""
 LEAST = 6
-"""Sweeps that have to be compared before that is told."""
+"""Fewest compared sweeps."""
 AT_MOST, ABOVE = "at range_max", "above range_max"
 WAYS = {
     "NaN": "the log tells no ranges there; --no-return nan counts them as no return",
@@ -50,19 +50,19 @@ WAYS = {
         "nothing was within reach, or the sensor did not measure",
     ),
 }
-"""What to do where that is why most beams have no range."""
+"""Remedies by the main cause of missing ranges."""
 
 
 class Doubts:
-    """Takes sweeps in the order of the log, and tells what looks wrong in them."""
+    """Collects notes on sweeps, taken in the order of the log."""
 
     def __init__(self, clouds: Collection[str] = ()) -> None:
         self._clouds = clouds
-        """Topics whose sweeps are made of point clouds: in metres, whatever the log's unit."""
+        """Topics of point clouds: in metres, whatever the unit of the log."""
         self._seen: dict[tuple[str, str], _Seen] = {}
 
     def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
-        """Take sweeps as the log holds them, and as they were judged."""
+        """Take sweeps as the log holds them (`raw`) and with judged ranges (`batch`)."""
         for frame, rows, mine in batch.by_frame():
             key = batch.topic, frame
             if key not in self._seen:
@@ -72,11 +72,11 @@ class Doubts:
             self._seen[key].add(raw if mine is batch else raw.rows(rows), mine)
 
     def clock(self, topic: str, frame: str) -> Clock:
-        """The clock of one topic and frame."""
+        """Return the clock of one topic and frame."""
         return self._seen[topic, frame].clock
 
     def tell(self, report: ReadReport) -> None:
-        """Put what was found so far into the report, by topic and frame."""
+        """Put the notes so far into the report, by topic and frame."""
         told = {*report.doubts}
         frames = Counter(topic for topic, _ in self._seen)
         for (topic, _), seen in self._seen.items():
@@ -100,47 +100,47 @@ class _Last(NamedTuple):
 
 @dataclass(slots=True)
 class _Seen:
-    """What was seen of one topic and frame."""
+    """Statistics of one topic and frame."""
 
     clock: Clock = field(default_factory=Clock)
     some: bool = False
-    """Whether any sweep has a beam."""
+    """True if any sweep has a beam."""
     beams: int = 0
     valid: int = 0
-    """Beams of the sweeps that were looked at, and those with a range."""
+    """Beams of the examined sweeps; `valid` counts those with a range."""
     wide: int = 0
     fine: int = 0
     view: float = 0.0
-    """The widest [rad]."""
+    """Widest view [rad]."""
     step: float = 0.0
-    """The finest of those that are too fine [rad]."""
+    """Finest step that is too fine [rad]."""
     off: int = 0
-    """Sweeps whose last beam is not where `angle_max` has it …"""
+    """Sweeps whose last beam is not at `angle_max`."""
     ends: tuple[float, float] = (0.0, 0.0)
-    """… and of the first of them, where that is, and where the increment has it [rad]."""
+    """Bearing of the last beam of the first such sweep by `angle_max`, and by the increment [rad]."""
     far: int = 0
     farther: int = 0
     ranged: int = 0
-    """Ranges beyond `FAR`, and beyond `CERTAINLY_MM`, of all."""
+    """All ranges; `far` counts those beyond `FAR`, `farther` those beyond `CERTAINLY_MM`."""
     causes: dict[str, int] = field(default_factory=dict)
-    """Why beams have no range → how many, where hardly any has one."""
+    """Cause of a missing range → number of beams, in sweeps with hardly any range."""
     limits: tuple[float, float] = (0.0, 0.0)
     before: tuple[Int64, Float32] = field(
         default_factory=lambda: (np.zeros(0, np.int64), np.zeros((0, BEAMS), np.float32))
     )
-    """Numbers and some ranges of the last three sweeps that were compared …"""
+    """Numbers and sampled ranges of the last three compared sweeps."""
     last: _Last | None = None
-    """… and the very last one."""
+    """The very last sweep."""
     compared: int = 0
     turns: int = 0
-    """Sweeps that are less like the one before than like one before that, of those that were compared."""
+    """Compared sweeps that resemble an earlier sweep more than the one before."""
     repeats: int = 0
     alike: int = 0
-    """Sweeps with the ranges of the one before, of those with its stamp."""
+    """Sweeps that repeat the ranges of the one before; `repeats` counts those that repeat its stamp."""
 
     @property
     def is_far(self) -> bool:
-        """Whether most ranges are too great for metres."""
+        """True if most ranges are too large for metres."""
         return 2 * self.far > self.ranged
 
     def add(self, raw: RawSweeps, batch: SweepBatch) -> None:
@@ -158,7 +158,7 @@ class _Seen:
         self._take_repeats(raw, batch)
 
     def notes(self, name: str, alone: bool, told: bool, in_unit: bool) -> list[str]:
-        """What was found so far.
+        """Return the notes so far.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class _Seen:
             self.off += int(np.count_nonzero(off))
 
     def _take_causes(self, values: Float32, status: np.ndarray, least: Float32, most: Float32) -> None:
-        """Why beams have no range."""
+        """Count the causes of missing ranges."""
         without = (status != Status.PADDING) & (status != Status.VALID)
         finite, told = np.isfinite(values), status == Status.NO_RETURN
         with np.errstate(invalid="ignore"):
@@ -250,7 +250,7 @@ class _Seen:
         self.ranged += int(np.count_nonzero(real))
 
     def _take_order(self, raw: RawSweeps, batch: SweepBatch, number: Int64) -> None:
-        """Compare sweeps with those before them, whichever block these came in."""
+        """Compare sweeps with those before them, also across blocks."""
         rows = np.flatnonzero((number % PERIOD < TOGETHER) & (raw.beams > 0))
         if not len(rows):
             return

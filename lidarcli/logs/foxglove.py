@@ -31,7 +31,7 @@ STAMP = "timestamp out of range"
 
 ROWS = 256
 VALUES = 1 << 20
-"""A block holds at most so many sweeps, and about so many ranges."""
+"""Most sweeps, and about the most ranges, of a block."""
 
 _FIELDS = frozenset({"timestamp", "frame_id", "start_angle", "end_angle", "ranges"})
 _WORDS = {"nan": np.nan, "infinity": np.inf, "inf": np.inf, "-infinity": -np.inf, "-inf": -np.inf}
@@ -59,7 +59,7 @@ Decoder = Callable[[bytes], Sweep]
 def decode_each(
     topic: str, messages: Iterable[tuple[int, bytes]], decoder: Decoder, report: ReadReport
 ) -> Iterator[RawSweeps]:
-    """Blocks of sweeps from (record time, payload) pairs, in their order; refused messages are counted."""
+    """Yield blocks of sweeps from (record time, payload) pairs, in order; count refused messages."""
     sweeps: list[Sweep] = []
     times: list[int] = []
     values = 0
@@ -124,7 +124,7 @@ def _blocks(topic: str, sweeps: list[Sweep], times: list[int]) -> Iterator[RawSw
 
 
 def decode_json(data: bytes) -> Sweep:
-    """One message in JSON. A range may be null or a word (`"NaN"`, `"Infinity"`) where the writer had no number."""
+    """Decode a message in JSON. A range may be null or a word (`"NaN"`, `"Infinity"`) where the writer had no number."""
     try:
         fields = json.loads(data)
     except (ValueError, RecursionError):
@@ -133,7 +133,7 @@ def decode_json(data: bytes) -> Sweep:
 
 
 def decode_fields(fields: Any) -> Sweep:
-    """The same of a message whose JSON has been parsed."""
+    """Decode a message whose JSON has been parsed."""
     try:
         stamp = fields.get("timestamp") or {}
         return Sweep(
@@ -149,7 +149,7 @@ def decode_fields(fields: Any) -> Sweep:
 
 
 def _intensities(values: Any) -> Float32:
-    """The intensities of a message; what is no list of numbers is none, and costs no sweep."""
+    """Return the intensities of a message; empty, at no cost to the sweep, if they are no list of numbers."""
     try:
         return _floats(values or [])
     except (KeyError, TypeError, ValueError, OverflowError):
@@ -174,7 +174,7 @@ def _number(value: Any) -> float:
 
 
 def protobuf_decoder(name: str, schema: bytes) -> Decoder | None:
-    """A decoder for the message type `name` that a schema's FileDescriptorSet describes; None if it does not."""
+    """Return a decoder for the message type `name` of a FileDescriptorSet; None if the type does not fit."""
     # Most logs hold no protobuf and need not wait for the import.
     from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
     from google.protobuf.message import DecodeError

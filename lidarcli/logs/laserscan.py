@@ -45,20 +45,20 @@ _LITTLE_ENDIAN_CDR = (0x01, 0x07, 0x11)
 
 @record
 class _Heads:
-    """What stands before the ranges, of the K messages that have not been refused."""
+    """Fields before the ranges, of the K messages that have not been refused."""
 
     row: NDArray[np.intp]
-    """Which message of the caller's."""
+    """Row of the message in the input."""
     start: Int64
-    """Where the message begins."""
+    """Start of the message [bytes]."""
     end: Int64
-    """Where it ends."""
+    """End of the message [bytes]."""
     big: Bool
-    """Big-endian ones."""
+    """True for big-endian messages."""
     stamp_ns: Int64
     frame_length: Int64
     at: Int64
-    """Where the first of the floats stands."""
+    """Position of the first float [bytes]."""
     geometry: Float32
     """(K, 7) angle_min, angle_max, angle_increment, time_increment, scan_time, range_min, range_max"""
     beams: Int64
@@ -67,7 +67,7 @@ class _Heads:
         return len(self.row)
 
     def take(self, index: slice | Bool) -> _Heads:
-        """The messages of `index` alone."""
+        """Return the messages of `index`."""
         return _Heads(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
@@ -240,7 +240,7 @@ def _gather(buffer: UInt8, at: Int64, count: Int64, big: Bool) -> Float32:
 
 
 def _frames(buffer: UInt8, heads: _Heads) -> tuple[Int32, tuple[str, ...]]:
-    """The frame of each message as an index, and the distinct frame names."""
+    """Return the frame of each message as an index, and the distinct frame names."""
     names: dict[str, int] = {}
     codes = np.zeros(len(heads), np.int32)
     lengths = heads.frame_length
@@ -293,7 +293,7 @@ def _block(
 def _echoes(
     topic: str, buffer: UInt8, heads: _Heads, report: ReadReport, echo: str
 ) -> tuple[_Heads, list[Echoes]]:
-    """One echo of every beam, message by message."""
+    """Choose one echo of every beam, message by message."""
     echoes = []
     whole = np.ones(len(heads), np.bool_)
     starts, ends = (heads.at + 32).tolist(), heads.end.tolist()
@@ -333,7 +333,7 @@ class Echoes(NamedTuple):
 
 
 def choose(words: Words, beams: int, echo: str) -> Echoes | None:
-    """One echo of each beam: the `first`, the `last`, or the `strongest`, which without intensities is the first.
+    """Return one echo of each beam: `first`, `last`, or `strongest` (the first without intensities).
 
     Parameters
     ----------
@@ -374,7 +374,7 @@ def choose(words: Words, beams: int, echo: str) -> Echoes | None:
 
 
 def _starts(words: Words, beams: int) -> tuple[Places, int] | None:
-    """Where the count of each entry of a list stands, and where the list ends; None where it passes the end."""
+    """Return the position of the count of each entry, and the end of the list; None if it passes the end."""
     if not beams:
         return _NOWHERE, 0
     if not len(words):
@@ -396,7 +396,7 @@ def _starts(words: Words, beams: int) -> tuple[Places, int] | None:
 
 
 def _strongest(words: Words, place: Places, count: Places) -> Places:
-    """(B,) which of its first `count` echoes is the strongest, by the list of intensities; the first where none is."""
+    """Return (B,) the index of the strongest of the first `count` echoes; the first without intensities."""
     which = np.zeros(len(count), np.intp)
     several = np.flatnonzero(count > 1)
     values = words.view(np.float32)
@@ -410,19 +410,19 @@ def _strongest(words: Words, place: Places, count: Places) -> Places:
 
 ROWS = 512
 BYTES = 4 << 20
-"""A topic's messages are decoded when this many, or this many bytes, have come together."""
+"""A topic's gathered messages are decoded when there are this many, or this many bytes."""
 
 
 @dataclass(slots=True)
 class Gather:
-    """The scattered messages of one LaserScan topic, in log order, until there are enough of them."""
+    """Scattered messages of one LaserScan topic, in log order, gathered until decoding pays."""
 
     topic: str
     type: str
     encoding: str
     report: ReadReport
     echo: str = OpenOptions().echo
-    """Which one to take of each beam of a MultiEchoLaserScan."""
+    """Echo taken of each beam of a MultiEchoLaserScan."""
     rows: int = ROWS
     parts: list[bytes] = field(default_factory=list)
     times: list[int] = field(default_factory=list)
@@ -488,7 +488,7 @@ _IDL_NAMES = {"float": "float32", "sequence<float>": "float32[]", "sequence<Lase
 
 
 def differs(type_name: str, encoding: str, text: str) -> str | None:
-    """The first field in which a definition leaves the standard one; None where it agrees or says nothing.
+    """Return the first field in which a definition differs from the standard; None if it agrees or is empty.
 
     >>> differs(LASERSCAN, "ros2msg", "std_msgs/Header header\\nfloat64 angle_min")
     "field 2 is 'float64 angle_min', not 'float32 angle_min'"
@@ -507,7 +507,7 @@ def differs(type_name: str, encoding: str, text: str) -> str | None:
 
 
 def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:
-    """Types and names of a .msg definition; the definitions of its parts follow a line of '='."""
+    """Return types and names of a .msg definition; definitions of its parts follow a line of '='."""
     fields = []
     for raw in text.splitlines():
         line = raw.split("#", 1)[0].strip()
@@ -520,7 +520,7 @@ def _msg_fields(text: str, _name: str) -> list[tuple[str, str]]:
 
 
 def _idl_fields(text: str, name: str) -> list[tuple[str, str]]:
-    """Types and names of the members of `struct name` in an IDL definition."""
+    """Return types and names of the members of `struct name` in an IDL definition."""
     bare = _NO_CODE.sub("", text)
     struct = re.search(rf"\bstruct\s++{name}\s*+\{{([^}}]*+)", bare)
     if struct is None:

@@ -13,13 +13,13 @@ from lidarcli.range_rules import FARTHEST, RangeRules
 from lidarcli.sweeps import TURN
 
 MOST_BINS = 100_000
-"""A sweep that is made of a point cloud has no more beams."""
+"""Most beams of a sweep made of a point cloud."""
 
 
 def range_rules(
     limits: tuple[float, float] | None, no_return: tuple[frozenset[str], tuple[float, ...]]
 ) -> RangeRules:
-    """How ranges are judged, by limits [m] and by words and markers as of `range_rules.parse_no_return`.
+    """Return the rules for ranges, from limits [m] and from words and markers of `range_rules.parse_no_return`.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def open_options(
     bins: int | None = None,
     limits: tuple[float, float] | None = None,
 ) -> OpenOptions:
-    """What a log may need to be told, and which echo counts; the three angles are radians, or `degrees`.
+    """Return checked options for opening a log; the three angles are radians, or `degrees`.
 
     `heights`, `bins` and `limits` say which points of a cloud are a sweep (`Slice`); without heights none are.
 
@@ -99,7 +99,7 @@ def open_options(
 
 
 def _refuse_view(told: OpenOptions, bins: int) -> None:
-    """Refuse beams that cannot be those of a cloud: each direction is seen once."""
+    """Refuse views that a cloud cannot have: each direction is seen once."""
     most = TURN * (1 + 1e-6)
     if told.fov is not None and not 0 < abs(told.fov) <= most:
         raise OptionError("--fov: with --slice the view is more than nothing, and one turn at most")
@@ -130,12 +130,12 @@ _SHOWN = 5
 
 
 def scan_topics(topics: Iterable[Topic]) -> list[str]:
-    """Names of the topics that sweeps are read from, sorted."""
+    """Return the sorted names of topics that sweeps are read from."""
     return sorted({topic.name for topic in topics if topic.is_scan})
 
 
 def bare(name: str) -> str:
-    """A topic's name as names are compared: old logs have names without the leading slash.
+    """Return a topic name without leading slash, for comparison: old logs have none.
 
     >>> bare("/scan") == bare("scan")
     True
@@ -144,12 +144,12 @@ def bare(name: str) -> str:
 
 
 def is_pattern(name: str) -> bool:
-    """Whether a name stands for several: `*` for any text, `?` for any character, `[ab]` for one of these."""
+    """Return True for a pattern: `*` for any text, `?` for any character, `[ab]` for one of these."""
     return any(mark in name for mark in "*?[")
 
 
 def means(wanted: str, topic: str) -> bool:
-    """Whether a name or a pattern that was asked for means a topic.
+    """Return True if a wanted name or pattern means a topic.
 
     >>> means("scan", "/scan"), means("/scan*", "/scan_front"), means("/scan", "/scan_front")
     (True, True, False)
@@ -160,12 +160,12 @@ def means(wanted: str, topic: str) -> bool:
 
 
 def no_scan_topic(names: Sequence[str] = ()) -> str:
-    """Words for topics that are not there: those that were asked for, or any."""
+    """Return words for missing topics: the wanted ones, or any."""
     return f"no LaserScan topic{_named(names)} in this log"
 
 
 def clouds_hint(topics: Iterable[Topic]) -> str:
-    """What to type where some of the topics hold point clouds; empty where none does."""
+    """Return a hint for topics that hold point clouds; empty without any."""
     clouds = sorted(topic.name for topic in topics if topic.type in CLOUD_TYPES)
     if not clouds:
         return ""
@@ -175,7 +175,7 @@ def clouds_hint(topics: Iterable[Topic]) -> str:
 
 
 class TopicChoice:
-    """The LaserScan topics that are wanted of a log, those that are there, and those that reading has seen.
+    """Wanted LaserScan topics of a log, existing ones, and those met while reading.
 
     A wanted name may be a pattern. A leading slash counts only where a log has both names. A log without an index shows its
     topics while it is read: `takes` remembers them.
@@ -190,12 +190,12 @@ class TopicChoice:
 
     @property
     def there(self) -> list[str]:
-        """The LaserScan topics that the log lists, or that have been seen."""
+        """LaserScan topics that the log lists, or that were met."""
         return sorted(self._there)
 
     @property
     def chosen(self) -> list[str]:
-        """Those of them that are read."""
+        """Topics that are read."""
         if not self.wanted:
             return self.there
         if not self.is_listed:
@@ -204,12 +204,12 @@ class TopicChoice:
 
     @property
     def asked(self) -> frozenset[str] | None:
-        """What to ask of the log: the names as it spells them, None for all."""
+        """Names to ask of the log, as it spells them; None for all."""
         return frozenset(self.chosen) if self.wanted and self.is_listed else None
 
     @property
     def first(self) -> str | None:
-        """The topic that comes first in the tables, where that is known before reading."""
+        """First topic of the tables, where that is known before reading."""
         known = self.chosen if self.is_listed else self.wanted if len(self.wanted) == 1 else ()
         if not self.is_listed and any(map(is_pattern, known)):
             return None
@@ -217,16 +217,16 @@ class TopicChoice:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Those of the wanted that are not there."""
+        """Wanted names that match no topic."""
         return tuple(name for name in self.wanted if not self._found(name))
 
     def takes(self, topic: str) -> bool:
-        """Whether the sweeps of a topic that reading has come to are wanted."""
+        """Return True if the sweeps of a topic met while reading are wanted; remember the topic."""
         self._there.add(topic)
         return not self.wanted or self.is_listed or any(means(wanted, topic) for wanted in self.wanted)
 
     def error(self, every: bool = False) -> NoScanError | None:
-        """Why there is nothing to read; where `every` wanted topic has to be there, also why one cannot be read."""
+        """Return the error if nothing can be read; with `every`, also if any wanted topic is missing."""
         missing = self.missing
         if missing and (every or len(missing) == len(self.wanted)):
             return NoScanError(self._absent(missing))
@@ -236,7 +236,7 @@ class TopicChoice:
         return NoScanError(words + self._hint(topic.name for topic in self._topics))
 
     def _found(self, name: str) -> list[str]:
-        """The topics that a name or a pattern means: the very one where it is there."""
+        """Return the topics that a name or pattern means: the exact one if it exists."""
         if name in self._there:
             return [name]
         there = [each for each in self.there if means(name, each)]
@@ -252,12 +252,12 @@ class TopicChoice:
         return f"{no_scan_topic(missing)} ({has})"
 
     def _hint(self, names: Iterable[str]) -> str:
-        """What to type where some of these topics hold point clouds."""
+        """Return a hint if some of these topics hold point clouds."""
         named = {bare(name) for name in names}
         return clouds_hint(topic for topic in self._topics if bare(topic.name) in named)
 
     def _list(self) -> str:
-        """What the log has instead."""
+        """Return the topics of the log as words."""
         if not self._topics:
             return "it has no topics"
         names = [f"{topic.name} {topic.type}" for topic in sorted(self._topics, key=lambda topic: topic.name)]
@@ -265,7 +265,7 @@ class TopicChoice:
 
 
 def nothing_read(damage: Sequence[str], error: NoScanError, wanted: Sequence[str]) -> LidarcliError:
-    """A log that is damaged and shows no LaserScan counts as unreadable: the scans may be in the lost part."""
+    """Return the error of a log without LaserScan; a damaged log counts as unreadable, as scans may be in the lost part."""
     if not damage:
         return error
     topics = f" topic{_named(wanted)}" if wanted else ""

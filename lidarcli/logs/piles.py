@@ -16,67 +16,67 @@ from lidarcli.range_rules import FARTHEST, PILE, RangeRules, bounds, is_marked, 
 from lidarcli.sweeps import Bool, Float32, Float64, RawSweeps, concatenate
 
 WINDOW = 256
-"""Sweeps of a topic that are looked at together before any of them is judged …"""
+"""Sweeps of a topic examined together before any of them is judged."""
 WINDOW_VALUES = 1 << 17
-"""… and the most ranges of theirs: they wait in memory."""
+"""Most ranges of such a window: they wait in memory."""
 THIN = 4
-"""Of so many of them one is looked at; all that follows counts these alone."""
+"""One sweep of so many is examined; all counts below refer to these."""
 LEAST_SWEEPS = 5
-"""So many sweeps have to hold a value that is a pile …"""
+"""Fewest sweeps that hold the value of a pile."""
 LEAST_BEAMS = 10
-"""… at so many bearings where there is something nearer in other sweeps …"""
+"""Fewest bearings with the value where other sweeps see something nearer."""
 LEAST_NEARER = 0.1
-"""… in this share of those with either …"""
+"""Least share of nearer ranges at such a bearing."""
 MOST_STEADY = 0.5
-"""… and no more than this share of it at others: whoever stands sees a far wall at the same bearings all the time."""
+"""Most of the pile may lie at other bearings by this share: a standing sensor sees a far wall there all the time."""
 LEAST_SHARE = 0.002
 """Share of all beams that a pile holds."""
 SPREAD = 0.06
-"""[m] A pile is one value, or two that are up to 5 cm apart, each a centimetre wide …"""
+"""Width of a pile [m]: one value, or two up to 5 cm apart, each a centimetre wide."""
 TWO_VALUES = 0.8
-"""… and two values to the millimetre hold this share of it: what is measured spreads over more."""
+"""Least share of a pile held by two values to the millimetre: measurements spread over more."""
 CLEAR = 20
-"""Each value to the millimetre that is a little less, and all that is above, occurs by so many times less often."""
+"""Factor by which each slightly smaller value, and all larger ones together, are less frequent than the pile."""
 BAND, LEAST_BAND = 0.01, 0.25
-"""So far below, as a share of the range and no less [m], the others are looked for."""
+"""Band below the pile in which smaller values are compared: a share of the range, and at least [m]."""
 QUANTUM, WIDER = 0.01, 3.0
-"""By so much [m] ranges of a wall may be rounded; a pile is an arc so many times wider than what it shows within that …"""
+"""Rounding of ranges of a wall [m], and the factor by which arcs of a pile are wider than a wall within that."""
 IN_ARCS = 0.5
-"""… which hold this share of it …"""
+"""Least share of a pile in such arcs."""
 MOST_ROUND = 0.6
-"""… of no more than this share of the beams, as the wall of a round room would have …"""
+"""Largest share of beams in a pile of arcs: the wall of a round room has more."""
 LEAST_VALUES = 50
-"""… and all others hold so many values to the millimetre."""
+"""Fewest distinct smaller values [mm] beside a pile of arcs."""
 NEARER = 0.1
-"""What is seen through is nearer by this share of the range."""
+"""Share of the range by which other sweeps must see nearer things."""
 RARE = 0.01
-"""A value of the pile is one that occurs at least this share of times its most frequent one does."""
+"""Least frequency of a value of the pile, as a share of that of its most frequent one."""
 MOST_PILES = 3
-"""In a window; each is below the one before."""
+"""Most piles of a window; each is below the one before."""
 COARSE, MOST_COARSE = 0.25, 1 << 12
-"""[m] Width of the bins in which piles are looked for first, and how many there are; the last has no end."""
+"""Width [m] and number of the bins of the first search; the last bin has no end."""
 MOST_LOST = 0.03
-"""Share of all beams beyond the greatest range of a log that is worth a note, where they look like measurements."""
+"""Share of beams beyond range_max that is worth a note if they look like measurements."""
 LEAST_LOST = 50
-"""No fewer beams do."""
+"""Fewest beams worth such a note."""
 MOST_TOLD = 3
-"""Beams that always tell the same and are named each."""
+"""Most stuck beams named in notes."""
 MAX_TOPICS = 1000
-"""LaserScan topics of a log that are read at once."""
+"""Most LaserScan topics of a log that are read at once."""
 
 MILLIMETRES = 1000.0
 
 
 @dataclass(slots=True)
 class Settling:
-    """Tells by which rules sweeps are judged: a fold over the blocks of a log, whatever they are cut into.
+    """Finds the rules by which sweeps are judged: a fold over the blocks of a log, independent of their cuts.
 
     What is found in a window of sweeps counts for these and all later ones of their topic.
     """
 
     rules: RangeRules
     report: ReadReport
-    """Takes what a user should know, in one note for each topic, and the values that were found."""
+    """Takes one note per topic, and the values that were found."""
     _topics: dict[str, _Topic] = field(default_factory=dict)
 
     def blocks(self, blocks: Iterable[RawSweeps]) -> Iterator[tuple[RawSweeps, RangeRules]]:
@@ -106,24 +106,24 @@ class _Topic:
     """Sweeps of the windows before this one."""
     _beams: int = 0
     _looked: int = 0
-    """Of them those of the sweeps that were looked at."""
+    """Beams of examined sweeps."""
     _since: int = 0
-    """The sweep from which the rules are other than those that were told."""
+    """First sweep with other rules than the given ones."""
     _piled: int = 0
-    """Beams that a pile has made no return."""
+    """Beams that became no return by a pile."""
     _most: float = 0.0
-    """Its greatest value [m]."""
+    """Greatest value of the pile [m]."""
     _is_passed: bool = False
-    """Some ranges are greater."""
+    """True if some ranges exceed the pile."""
     _stuck: dict[int, tuple[float, int]] = field(default_factory=dict)
-    """Beam → the range [m] that it always tells, and the sweep from which on that is known."""
+    """Stuck beam → its range [m] and the first sweep in which it was known."""
     _lost: int = 0
-    """Beams beyond the greatest range that the log tells, which look like measurements …"""
+    """Beams beyond range_max that look like measurements."""
     _lost_range: tuple[float, float] = (0.0, 0.0)
-    """… that range, and the greatest of them [m]."""
+    """range_max, and the greatest of these ranges [m]."""
 
     def take(self, block: RawSweeps) -> Iterator[tuple[RawSweeps, RangeRules]]:
-        """Wait with a block; what fills a window comes out."""
+        """Add a block to the window; yield what completes windows."""
         first = 0
         while first < len(block):
             ends = self._values + np.cumsum(
@@ -141,7 +141,7 @@ class _Topic:
                 yield from self.settle()
 
     def settle(self) -> Iterator[tuple[RawSweeps, RangeRules]]:
-        """Look at what waits, and let it go."""
+        """Examine the waiting sweeps and yield them."""
         waiting, self._waiting = self._waiting, []
         if waiting:
             self._look(waiting)
@@ -168,7 +168,7 @@ class _Topic:
         self._tell(window.topic)
 
     def _look_for_stuck(self, ranges: Float32) -> None:
-        """Take out beams that always tell the same, from now on."""
+        """Mark stuck beams from now on."""
         for beam, value in find_stuck(ranges).items():
             self._stuck.setdefault(beam, (value, self._seen))
             self.rules = replace(self.rules, stuck=(*self.rules.stuck, (beam, value)))
@@ -214,7 +214,7 @@ class _Topic:
         self._lost_range = float(high[0]), greatest
 
     def _tell(self, topic: str) -> None:
-        """Put what is known into the report, in place of what was known before."""
+        """Replace the notes on this topic in the report."""
         notes = []
         words = ",".join(word for word in self.rules.in_order() if word != PILE)
         if self._most:
@@ -300,7 +300,7 @@ def _pile(ranges: Float32, beams: int, steps: Float64) -> tuple[float, float] | 
 
 
 def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
-    """Whether what is from `least` on comes and goes at many bearings, and is no wall."""
+    """Return True if ranges from `least` on come and go at many bearings, unlike a wall."""
     with np.errstate(invalid="ignore"):
         piled = ranges >= np.float32(least)
         nearer = ranges < np.float32(least * (1.0 - NEARER))
@@ -314,7 +314,7 @@ def _is_seen_through(ranges: Float32, least: float, beams: int) -> bool:
 
 
 def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> bool:
-    """Whether what is from `least` on stands in arcs around the sensor (`steps` [rad] from beam to beam), and is no wall.
+    """Return True if ranges from `least` on form arcs around the sensor (`steps` [rad] between beams), unlike a wall.
 
     A wall at a distance d is farther by d x² / 2 at an angle x from its nearest point: only so far it keeps its range.
     """
@@ -334,25 +334,25 @@ def _is_round(ranges: Float32, least: float, most: float, steps: Float64) -> boo
 
 
 STUCK_SWEEPS = 10
-"""Fewer show nothing."""
+"""Fewest sweeps in which stuck beams are looked for."""
 STEADY = 0.95
-"""Share of the sweeps in which such a beam has its range."""
+"""Least share of sweeps in which a stuck beam has its range."""
 BODY = 1.0
-"""What is no farther [m] is a part of the robot."""
+"""Nearer ranges [m] are part of the robot."""
 MOST_STUCK = 0.02
-"""Share of all beams: more of them see something that goes along."""
+"""Largest share of stuck beams: more of them see something that moves along."""
 MOST_ELSEWHERE = 0.001
-"""Share of the other beams that have the same range: what more have is no matter of one beam."""
+"""Largest share of the same range among other beams: a more frequent range is no matter of one beam."""
 MOVED, LEAST_MOVED = 0.05, 0.2
-"""A beam sees another place when its range changes by this share, and no less [m], leaving out a tenth at either end …"""
+"""Least change of a moved beam: share of its range, and [m]; a tenth of the sweeps at either end is left out."""
 MOVING = 0.25
-"""… and a robot that drives about changes this share of its beams."""
+"""Least share of changed beams of a driving robot."""
 APART, MOSTLY = 0.1, 0.9
-"""The beams beside it differ from it by this share of its range, in this share of the sweeps."""
+"""Share of the range by which neighbours differ, and share of the sweeps in which they do."""
 
 
 def find_stuck(ranges: Float32) -> dict[int, float]:
-    """The beams of (S, B) ranges, NaN where there is none, that tell the same all the time, and what [m]."""
+    """Return stuck beams of (S, B) ranges (nan where none) → their constant range [m]."""
     if len(ranges) < STUCK_SWEEPS:
         return {}
     usual = ranges[len(ranges) // 2]
@@ -369,7 +369,7 @@ def find_stuck(ranges: Float32) -> dict[int, float]:
 
 
 def _moves(ranges: Float32) -> bool:
-    """Whether a robot drives about: many beams see other places, not for a moment alone."""
+    """Return True if the robot drives: many beams see other places, and not only for a moment."""
     known = np.count_nonzero(~np.isnan(ranges), axis=0)
     seen = np.flatnonzero(2 * known >= len(ranges))
     ordered, last = np.sort(ranges[:, seen], axis=0), known[seen] - 1
@@ -380,7 +380,7 @@ def _moves(ranges: Float32) -> bool:
 
 
 def _beside(stuck: Bool, beam: int) -> list[int]:
-    """The next beam on either side that is not stuck, too."""
+    """Return the nearest beam on either side that is not stuck."""
     others = np.flatnonzero(~stuck)
     return [*others[others < beam][-1:].tolist(), *others[others > beam][:1].tolist()]
 

@@ -25,7 +25,7 @@ from lidarcli.logs.beginnings import is_aria, is_carmen, is_json_lines, is_playe
 from lidarcli.logs.rosbag2.folder import is_bag, is_storage
 
 HEAD = 4096
-"""Bytes that a sniffer sees."""
+"""Number of bytes that a format is recognised by."""
 
 GZIP = b"\x1f\x8b"
 ZSTD = b"\x28\xb5\x2f\xfd"
@@ -38,20 +38,20 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One container: what it is called, where its reader is, and how its content is known."""
+    """A container format: its name, its reader, and how its content is recognised."""
 
     name: str
-    """For people: `MCAP`, `ROS 1 bag` ..."""
+    """Name for people: `MCAP`, `ROS 1 bag` ..."""
     module: str
     reader: str
     """The class in `module`: a `Log` whose constructor takes a path and `OpenOptions`."""
     sniff: Callable[[bytes], bool]
-    """Does a file, or a stream, that begins like this hold it?"""
+    """Recognises the format by the first bytes of a file or stream."""
     sniff_folder: Callable[[Path], bool] = lambda _folder: False
     streams: bool = False
-    """Whether the reader also takes a binary stream."""
+    """True if the reader accepts a binary stream."""
     many: bool = False
-    """Whether the reader also takes a list of files that make one log."""
+    """True if the reader accepts a list of files that make one log."""
 
     def load(self) -> Any:
         """The reader's class; imported only now, so that a log costs the libraries of its own container alone."""
@@ -63,7 +63,7 @@ def _is_rosbag2(head: bytes) -> bool:
 
 
 def _is_rosbag2_folder(folder: Path) -> bool:
-    """Whether it is one bag: several storage files without metadata and of different names are logs of their own."""
+    """Return True for the folder of one bag; storage files of different names without metadata are separate logs."""
     names = [entry.name for entry in folder.iterdir() if entry.is_file()]
     return is_bag(names) or sum(map(is_storage, names)) == 1
 
@@ -76,7 +76,7 @@ def _is_csv(head: bytes) -> bool:
 
 
 def _is_text(head: bytes) -> bool:
-    """No NUL, hardly a control character, and valid UTF-8 apart from a character cut off at the end."""
+    """Return True for text: no NUL, hardly a control character, valid UTF-8 up to a cut at the end."""
     controls = sum(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
     if not head or b"\0" in head or controls > len(head) // 100:
         return False
@@ -88,7 +88,7 @@ def _is_text(head: bytes) -> bool:
 
 
 def _text_begins(begins: Callable[[bytes], bool]) -> Callable[[bytes], bool]:
-    """The same question of a text that may be packed with gzip, and may be UTF-16."""
+    """Wrap a test of text so that it applies to gzip and UTF-16 as well."""
     return lambda head: begins(_as_utf8(gunzip_start(head) if head.startswith(GZIP) else head))
 
 
@@ -101,7 +101,7 @@ def _is_csv_folder(folder: Path) -> bool:
 
 
 def gunzip_start(head: bytes) -> bytes:
-    """What the beginning of a gzip file decompresses to; empty where it is broken."""
+    """Decompress the beginning of a gzip file; empty if it is broken."""
     try:
         return zlib.decompressobj(wbits=31).decompress(head, HEAD)
     except zlib.error:
@@ -109,7 +109,7 @@ def gunzip_start(head: bytes) -> bytes:
 
 
 def has_file(folder: Path, endings: Iterable[str]) -> bool:
-    """Whether a folder itself holds a file whose name ends so, in any case."""
+    """Return True if a folder directly holds a file with one of these endings, in any case."""
     return any(entry.name.lower().endswith(tuple(endings)) and entry.is_file() for entry in folder.iterdir())
 
 
@@ -173,11 +173,11 @@ FORMATS: tuple[Format, ...] = (
         many=True,
     ),
 )
-"""In the order in which they are asked."""
+"""Formats in the order in which they are tried."""
 
 
 PIPE_WAIT_S = 10.0
-"""A named pipe that nobody writes to for so long is given up [s]."""
+"""Longest wait for a writer of a named pipe [s]."""
 
 _BINARY = (*MCAP, *ROS1, SQLITE, ZSTD)
 
@@ -266,7 +266,7 @@ def _open_pattern(name: str, options: OpenOptions) -> Log:
 
 
 def _open_stream(stream: BinaryIO, name: str, options: OpenOptions, owned: bool = False) -> Log:
-    """A log from a stream, which the log closes in the end if it is `owned`."""
+    """Open a log from a stream; the log closes the stream in the end if it is `owned`."""
     try:
         head = _read_start(stream)
     except OSError as err:

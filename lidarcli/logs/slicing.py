@@ -16,10 +16,10 @@ from lidarcli.range_rules import FARTHEST, NEAREST
 from lidarcli.sweeps import TURN, Float32, Float64, Int64, RawSweeps
 
 MANY_HOLES = 0.05
-"""A greater share of empty bins, each between two alike, is worth a note."""
+"""Share of empty bins between two similar ones above which a note is due."""
 WIDE = np.deg2rad(45.0)
 SOME_CLOUDS = 10
-"""So wide a part of the view without a point in so many clouds is worth a note."""
+"""Width [rad] of an unseen part of the view, and number of clouds, above which a note is due."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Bins:
 
     @classmethod
     def of(cls, options: OpenOptions, count: int) -> Bins:
-        """The view that the options tell, else a full turn that begins behind the sensor."""
+        """Return the view of the options, else a full turn that begins behind the sensor."""
         first, step = given_geometry(options, count) or (-np.pi, TURN / count)
         return cls(first if options.angle_min is None else options.angle_min, step, count)
 
@@ -74,16 +74,16 @@ _NONE = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 @dataclass(slots=True)
 class Fill:
-    """Which bins had points, over all clouds of a topic."""
+    """Statistics of filled bins, over all clouds of a topic."""
 
     bins: Bins
     clouds: int = 0
     _hit: Int64 = field(init=False)
     """(B,) clouds that had a point there."""
     _between: int = 0
-    """Empty bins both of whose neighbours are at about the same range …"""
+    """Empty bins between two at about the same range."""
     _filled: int = 0
-    """… and bins that are not empty."""
+    """Filled bins."""
 
     def __post_init__(self) -> None:
         """Begin at zero."""
@@ -102,7 +102,7 @@ class Fill:
             self._between += int(np.count_nonzero(near & ~filled[:, 1:-1]))
 
     def notes(self) -> list[str]:
-        """What a user should know: a view that is told wrong, and bins that are too narrow for the sensor."""
+        """Return notes on a wrong view, and on bins too narrow for the sensor."""
         if not self._filled:
             return ["no cloud has a point between these heights"] if self.clouds else []
         notes = []
@@ -122,7 +122,7 @@ class Fill:
         return notes
 
     def _blind(self) -> tuple[float, float] | None:
-        """The bearings between which no bin of a full turn was ever hit, if they are far apart [rad]."""
+        """Return the widest gap of bearings never hit in a full turn [rad], if it is wide."""
         bins = self.bins
         if abs(bins.count * abs(bins.step) - TURN) > 1e-6:
             return None
@@ -146,7 +146,7 @@ _MOST_FRAMES = 4
 
 
 class Levelled(NamedTuple):
-    """How the points of K clouds come to where they are seen from above: turned by `rotation`, then moved by `offset`."""
+    """Level view of K clouds: points are turned by `rotation`, then moved by `offset`."""
 
     frame_id: str
     """Frame of the sweeps: x and y are seen from its origin."""
@@ -157,7 +157,7 @@ class Levelled(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What the bins of a cloud hold."""
+    """Ranges and intensities of the bins of a cloud."""
 
     ranges: Float32
     """(B,) of the nearest point [m]; +inf where there is none."""
@@ -166,13 +166,13 @@ class Seen(NamedTuple):
 
 
 class Levels(Protocol):
-    """Knows what is level."""
+    """Interface to what is level."""
 
     def of(self, frame_id: str, stamp_ns: Int64) -> Levelled | None:
         """For the clouds of one frame at times (K,); None where they are seen as they are."""
 
     def words(self, frame_id: str) -> str:
-        """What heights of the points of a frame count from, for people: `above base_link`."""
+        """Return what heights are counted from, for people: `above base_link`."""
 
 
 def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Float64) -> Seen:
@@ -211,12 +211,12 @@ def slice_cloud(cloud: Cloud, part: Slice, bins: Bins, turn: Float64, move: Floa
 
 
 def _like(limit: float, values: Floats) -> np.floating:
-    """A limit with the digits of the values: 0.1 m is that of the log."""
+    """Return a limit in the precision of the values."""
     return values.dtype.type(limit)
 
 
 def _along(row: Float64, move: float, axes: Iterable[Floats | None]) -> Floats:
-    """One coordinate of moved points; what the row leaves as it is costs nothing."""
+    """Return one coordinate of moved points; terms without effect are skipped."""
     parts = [
         values if share == 1.0 else values * share
         for share, values in zip(row.tolist(), axes, strict=True)
@@ -255,7 +255,7 @@ class Slicer:
     _bytes: int = 0
     _frames: dict[str, None] = field(default_factory=dict)
     _from_nowhere: int = 0
-    """Clouds of which nobody knows where they are seen from."""
+    """Clouds without a known position of the robot."""
     _fill: Fill = field(init=False)
 
     def __post_init__(self) -> None:
@@ -284,7 +284,7 @@ class Slicer:
                 first = last
 
     def notes(self) -> list[str]:
-        """What a user should know of these sweeps."""
+        """Return notes on these sweeps."""
         part = self.part
         lines = [
             f"{self.topic}: sweeps of the points from {part.low:g} to {part.high:g} m {self.levels.words(frame_id)}"

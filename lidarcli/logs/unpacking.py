@@ -11,38 +11,38 @@ import zstandard
 from lidarcli.logs.base import MAX_MESSAGE
 
 SMALL = 64 << 20
-"""So many bytes may always come out."""
+"""Decompressed bytes that are always allowed."""
 MAX_RATIO = 1000
 """And of a whole log so many times what went in. Most logs stay below 50; 1,081 beams without any return, and as many
 intensities, reach 530 as MCAP and 690 as bz2."""
 CHUNK_RATIO = 64
-"""And so many times of a part that has to be held in memory as a whole."""
+"""Largest ratio of a part that is held in memory as a whole."""
 
 
 @dataclass(slots=True)
 class Unpacking:
-    """What one pass over a log may still unpack to."""
+    """Remaining decompressed bytes that one pass over a log may produce."""
 
     left: int = field(default_factory=lambda: SMALL)
 
     def room(self, packed: int) -> int:
-        """Most bytes that are believed of so many more packed ones."""
+        """Return the most bytes that are believed of `packed` more compressed ones."""
         self.left += packed * MAX_RATIO
         return max(0, self.left)
 
     def used(self, size: int) -> None:
-        """So many bytes have come out."""
+        """Subtract decompressed bytes."""
         self.left -= size
 
 
 def too_much(size: int, packed: int) -> str:
-    """The cause of a loss."""
+    """Return the cause of a loss."""
     return f"it declares {size:,} bytes, more than is believed of {packed:,} packed ones"
 
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 PACKED_CAUSE = "zstd message that is broken or too long"
-"""Why a packed message is left out."""
+"""Reason for leaving out a compressed message."""
 DISK_SHARE = 0.9
 """A storage file may unpack to this share of the free space of the temporary folder."""
 PIECE = 1 << 12
@@ -51,7 +51,7 @@ MAX_WINDOW = 1 << 27
 
 
 def is_zstd(path: Path) -> bool:
-    """Whether a file begins as zstd data does."""
+    """Return True if a file begins as zstd data does."""
     with path.open("rb") as file:
         return file.read(4) == ZSTD_MAGIC
 

@@ -1,4 +1,4 @@
-"""Where the sensor was at each sweep: pose messages of a log, the tree of frames, and which source to believe."""
+"""Poses of the sensor: pose messages of a log, the tree of frames, and the choice of a source."""
 
 from __future__ import annotations
 

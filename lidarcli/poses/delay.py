@@ -1,4 +1,4 @@
-"""How long before or after its header stamp a sweep was really taken, from how sharp it draws the world."""
+"""Delay between the header stamp of a sweep and its true time, from the sharpness of the world that it draws."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class DelaySample:
 
     way: Way
     deskew: bool = True
-    """Whether sweeps take time."""
+    """False: sweeps take no time."""
     _path: float = 0.0
     """Length of the way so far [m]."""
     _place: int = -1
@@ -55,14 +55,14 @@ class DelaySample:
     """x, y, yaw of the sweep before."""
     _stamps: list[Int64] = field(default_factory=list)
     _lasts: list[Int64] = field(default_factory=list)
-    """How long they take [ns]."""
+    """Durations of sweeps [ns]."""
     _points: list[tuple[Int64, Float64, Float64, Float64]] = field(default_factory=list)
     """Sweep in the sample, x, y in the sensor frame [m], share of the sweep's time; (K,) each."""
     _count: int = 0
 
     @property
     def full(self) -> bool:
-        """Whether further sweeps change nothing."""
+        """True once further sweeps change nothing."""
         return self._count >= SWEEPS
 
     def add(self, batch: SweepBatch) -> None:
@@ -72,7 +72,7 @@ class DelaySample:
             self._keep(batch.rows(kept))
 
     def add_raw(self, block: RawSweeps, rules: RangeRules) -> None:
-        """The same of sweeps whose ranges nobody has judged yet: only those that count are."""
+        """As `add` for raw sweeps; only those that count are judged."""
         kept = self._wanted(block.time_ns)
         if len(kept):
             self._keep(normalise(block.rows(kept), kept, rules))
@@ -141,7 +141,7 @@ class DelaySample:
         return np.array([_cells(one, row, x, y, share) for one in poses], np.int64)
 
     def _poses(self, stamps: Int64, lasts: Int64) -> SweepPoses:
-        """Where the sensor was from these times on."""
+        """Return the poses of the sensor from these times on."""
         return self.way.going(planar(self.way.at(stamps)), stamps, lasts if lasts.any() else None)
 
     def _far_enough(self, poses: SweepPoses) -> Int64:

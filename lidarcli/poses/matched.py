@@ -20,7 +20,7 @@ from lidarcli.poses.tracks import SECOND_NS, Track, gathered
 from lidarcli.sweeps import TURN, Float64, Int64, SweepBatch
 
 TYPE = "kiss-icp"
-"""What stands for the type of a message."""
+"""Type of the track of a matched path."""
 
 SPACINGS = 4.0
 """Side of the map's cells in distances from beam to beam at the median range of the first sweep, …"""
@@ -93,7 +93,7 @@ class _Planar(NamedTuple):
         return found
 
     def __bool__(self) -> bool:
-        """Whether it is any motion at all."""
+        """Return True for any motion."""
         return any(self)
 
 
@@ -160,7 +160,7 @@ class Matching:
         self._map: Any = None
         self._cell = 0.0
         self._reach = 0.0
-        """How far a range and the map reach [m]."""
+        """Greatest range, and reach of the map [m]."""
         self._pose = _HERE
         """Of the last sweep that has one, taken at …"""
         self._pose_ns = 0
@@ -298,7 +298,7 @@ class Matching:
         return pose, velocity
 
     def _fits(self, points: _Points, velocity: _Planar, pose: _Planar) -> bool:
-        """Whether enough points lie on what the sweep before saw, or else on the map."""
+        """Return True if enough points lie on the sweep before, or else on the map."""
         thin = self._thinned(*points.moved(velocity))
         if not len(thin):
             return False
@@ -323,7 +323,7 @@ class Matching:
 
 
 def _wrapped(angle: float) -> float:
-    """The same direction within ±π [rad]."""
+    """Return a direction within ±π [rad]."""
     return math.remainder(angle, TURN)
 
 

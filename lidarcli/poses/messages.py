@@ -55,7 +55,7 @@ def frame_name(name: str) -> str:
 
 
 def decode_planar(messages: Sequence[bytes]) -> Iterator[PoseRows]:
-    """The poses of messages as `logs.planar` makes them."""
+    """Decode plane poses made by `logs.planar`."""
     size = RECORD.itemsize
     found: dict[bytes, list[int]] = {}
     for index, data in enumerate(messages):
@@ -79,7 +79,7 @@ _NUMBERS = 56
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """Where one pose stands in a message."""
+    """Position of one pose in a message."""
 
     stamp: int
     numbers: int
@@ -89,14 +89,14 @@ class _Entry:
 
 @dataclass(slots=True)
 class _Walker:
-    """Goes through one message and notes where things stand."""
+    """Walks through one message and notes positions."""
 
     data: bytes
     kind: str
     encoding: str
     order: str = "<"
     fixed: list[tuple[int, int]] = field(default_factory=list)
-    """Bytes that decide where all others stand."""
+    """Byte ranges that decide where all others stand."""
     entries: list[_Entry] = field(default_factory=list)
 
     def walk(self) -> None:
@@ -137,7 +137,7 @@ class _Walker:
 def decode_ros(
     kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]
 ) -> Iterator[PoseRows]:
-    """The poses of messages of one type; what cannot be a pose is counted in `refused` by its cause.
+    """Decode ROS messages of one type; causes of refused ones are counted in `refused`.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def decode_ros(
 
 
 def _alike(matrix: UInt8, fixed: list[tuple[int, int]]) -> NDArray[np.bool_]:
-    """The messages that have the bytes of the first one wherever these decide on the layout."""
+    """Return the messages with the layout of the first one."""
     if not fixed or len(matrix) == 1:
         return np.ones(len(matrix), bool)
     columns = np.concatenate([np.arange(start, stop) for start, stop in fixed])
@@ -198,7 +198,7 @@ _Pose = tuple[str, str, int, list[float]]
 def decode_foxglove(
     kind: str, encoding: str, messages: Sequence[bytes], refused: Counter[str]
 ) -> Iterator[PoseRows]:
-    """The poses of messages of one type; what cannot be a pose is counted in `refused` by its cause.
+    """Decode foxglove messages of one type; causes of refused ones are counted in `refused`.
 
     Parameters
     ----------

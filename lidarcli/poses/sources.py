@@ -1,4 +1,4 @@
-"""Which of a log's pose sources tells where a sensor was, and how to ask it."""
+"""Choice of the source of poses for each sensor frame."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FARTHEST_NS = np.iinfo(np.int64).max - 2_000_000_000
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Way:
-    """How the pose of one sensor frame in the world comes about."""
+    """A way to the pose of one sensor frame in the world."""
 
     topics: tuple[str, ...]
     """The topic that decides, then those that help."""
@@ -41,7 +41,7 @@ class Way:
     steps: tuple[Step, ...]
     """From the sensor to the world."""
     assumption: str = ""
-    """What had to be taken for granted, in words; empty where all is told."""
+    """Assumption in words; empty without one."""
 
     @property
     def chain(self) -> str:
@@ -98,7 +98,7 @@ class Told:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """What tells them."""
+        """Topics of the poses."""
         return tuple(dict.fromkeys(track.topic for track in self.tracks))
 
     def way(self, frame_id: str) -> Way | None:
@@ -142,11 +142,11 @@ class PoseSources:
         return self._choice(frame_id)[0]
 
     def alternatives(self, frame_id: str) -> tuple[str, ...]:
-        """Topics that could be chosen instead."""
+        """Return topics that could be chosen instead."""
         return self._choice(frame_id)[1]
 
     def alike(self, frame_id: str) -> tuple[str, ...]:
-        """Topics between which nothing decides, so that none is taken unasked."""
+        """Return equally likely topics, of which none is chosen without being asked for."""
         return self._choice(frame_id)[2]
 
     def _choice(self, frame_id: str) -> tuple[Way | None, tuple[str, ...], tuple[str, ...]]:
@@ -163,7 +163,7 @@ class PoseSources:
         return self._ways[frame_id]
 
     def _unasked(self, frame: str) -> tuple[Way | None, tuple[str, ...]]:
-        """The way that may be taken unasked; where several topics are alike none, and these topics."""
+        """Return the way chosen without being asked; none, and the topics, where several are alike."""
         if (way := self._by_tree(frame, self._tree)) is not None:
             return way, ()
         found = []
@@ -186,7 +186,7 @@ class PoseSources:
         return None, alike
 
     def _told(self, frame: str, topic: str) -> list[Way]:
-        """The way by one topic, whatever its name; none where it does not lead to a fixed frame."""
+        """Return the way by one topic, whatever its name; none if it leads to no fixed frame."""
         name = topic.strip("/")
         mine = [track for track in self.tracks if track.topic.strip("/") == name]
         if any(track.is_link for track in mine):
@@ -222,7 +222,7 @@ class PoseSources:
 
 
 def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
-    """The topics of equally likely sources that may be those of several robots, by name; empty where they cannot.
+    """Return the topics of equally likely sources that may belong to several robots; else empty.
 
     Odometry of one child frame is of one robot, however many topics tell it.
     """
@@ -233,14 +233,14 @@ def _alike(tracks: Sequence[Track]) -> tuple[str, ...]:
 
 
 def _same_robot(frame: str, track: Track) -> bool:
-    """Whether the sensor's frame has the prefix of the topic or of the frame that it tells: robot_1/laser, /robot_1."""
+    """Return True if the frame of the sensor has the prefix of the topic or its frame: robot_1/laser, /robot_1."""
     prefix = frame.rpartition("/")[0]
     names = (track.topic.strip("/"), track.child)
     return bool(prefix) and any(name == prefix or name.startswith(f"{prefix}/") for name in names)
 
 
 def _rank(track: Track) -> tuple[int, int] | None:
-    """How likely a source tells where the robot is, the least first; None where it must be asked for."""
+    """Rank a source by how likely it tells the pose of the robot, best first; None if it must be asked for."""
     words = [word for word in re.split(r"[/_\-.]+", track.topic.lower()) if word]
     if any(map(_OF_OTHERS.fullmatch, words)):
         return None

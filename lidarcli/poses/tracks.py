@@ -128,23 +128,23 @@ TOGETHER_BYTES = 4 << 20
 """Messages of a topic that are decoded at once, and bytes of all that wait."""
 
 FLAT = 0.02
-"""Parts of a quaternion below this one are none, …"""
+"""Components of a quaternion below this are zero."""
 ROLLS = 0.05
-"""… one whose greatest and least differ by more changes (6 degrees), …"""
+"""A component with a larger spread changes (6 degrees)."""
 GOES = 0.5
-"""… and what has gone as far [m] is no joint."""
+"""A frame that has moved this far [m] is no joint."""
 
 NOT_FINITE = "its pose is not finite"
 _LARGEST = 1e12
-"""Nobody is so far away [m]."""
+"""Largest coordinate [m]."""
 NO_TURN = "its quaternion is zero"
 ENCODING = "its encoding is not read"
 
 SECOND_NS = 1_000_000_000
 HOLD_STEPS = 2
-"""The first and the last pose of a track hold for so many of its average steps outside of its span …"""
+"""Average steps for which the first and last pose of a track hold outside of its span."""
 HOLD_NS = 100_000_000
-"""… and this long [ns] at most: nobody gets far in a tenth of a second."""
+"""Longest such time [ns]: nobody gets far in a tenth of a second."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -157,9 +157,9 @@ class Track:
     child: str
     """Empty where the messages do not name it."""
     static: bool
-    """Whether it holds for the whole log (/tf_static); the last one said holds."""
+    """True if it holds for the whole log (/tf_static); the last pose counts."""
     messages: int
-    """Poses told; runs of equal ones are kept by their ends alone."""
+    """Number of poses; of runs of equal ones only the ends are kept."""
     stamp_ns: Int64
     """(N,) header stamps (record time where the header has none), each once."""
     motion: Motion
@@ -167,7 +167,7 @@ class Track:
     record_ns: tuple[int, int]
     """First and last record time."""
     jumps_back: int
-    """Stamps that are a second or more before the one that was told before them."""
+    """Stamps at least a second before the previous one."""
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -176,7 +176,7 @@ class Track:
 
     @property
     def seems_w_first(self) -> bool:
-        """Whether its quaternions seem to be written w first: what turns on the ground then only rolls.
+        """True if its quaternions seem to be written w first: a turning robot then only rolls.
 
         What goes straight ahead has 1 0 0 0 then, always; a sensor that hangs head down turns a little on its way.
         """
@@ -192,12 +192,12 @@ class Track:
 
     @property
     def is_link(self) -> bool:
-        """Whether it is part of the tree of frames."""
+        """True for links of the tree of frames."""
         return self.type in TRANSFORMS
 
     @property
     def hold_ns(self) -> int:
-        """How long its first and last pose hold outside of its span [ns]; 0 for a single pose."""
+        """Time for which its first and last pose hold outside of its span [ns]; 0 for a single pose."""
         return min(round(HOLD_STEPS * SECOND_NS / self.rate), HOLD_NS) if self.rate else 0
 
     def at(self, stamp_ns: Int64) -> Motion:
@@ -210,7 +210,7 @@ class Track:
 
 @dataclass(slots=True)
 class _Growing:
-    """A track while it is read, in log order."""
+    """A track that is being read, in log order."""
 
     stamps: list[Int64] = field(default_factory=list)
     numbers: list[Float64] = field(default_factory=list)
@@ -222,7 +222,7 @@ class _Growing:
     jumps_back: int = 0
 
     def add(self, stamp_ns: Int64, numbers: Float64, record_ns: Int64) -> int:
-        """Take poses in log order; how many of them are kept."""
+        """Take poses in log order; return how many are kept."""
         self.messages += len(stamp_ns)
         self.record_ns = (
             min(self.record_ns[0], int(record_ns.min())),
@@ -244,7 +244,7 @@ class _Growing:
         return len(stamp_ns)
 
     def finish(self, key: tuple[str, str, str, str]) -> Track:
-        """The track, sorted; of several poses at one stamp the last that was told."""
+        """Return the sorted track; of several poses at one stamp the last counts."""
         topic, kind, parent, child = key
         stamps, numbers = np.concatenate(self.stamps), np.concatenate(self.numbers)
         static = topic.rpartition("/")[2] == "tf_static"
@@ -338,7 +338,7 @@ class Tracks:
 def gathered(
     key: tuple[str, str, str, str], stamp_ns: Int64, numbers: Float64, record_ns: Int64, refused: Counter[str]
 ) -> Track | None:
-    """A track of N poses that are there already, None without a usable one.
+    """Return a track of N poses; None without a usable one.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ def gathered(
 
 
 def _with_units(numbers: Float64) -> Float64:
-    """The same poses with quaternions of length 1."""
+    """Return poses with quaternions of length 1."""
     turns = numbers[:, 3:] / np.linalg.norm(numbers[:, 3:], axis=1, keepdims=True)
     return np.concatenate([numbers[:, :3], turns], axis=1)
 
@@ -372,7 +372,7 @@ def _decode(kind: str, encoding: str, data: Sequence[bytes], refused: Counter[st
 
 
 def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
-    """Poses that say something; the others are counted."""
+    """Return the mask of usable poses; count the others."""
     # Squares of larger numbers overflow; a comparison with NaN does not hold.
     finite = np.asarray((np.abs(numbers) < _LARGEST).all(axis=1))
     turns = np.abs(np.where(finite[:, None], numbers[:, 3:], 1.0)).max(axis=1, initial=0.0) > 1e-6
@@ -384,14 +384,14 @@ def _usable(numbers: Float64, refused: Counter[str]) -> Bool:
 
 
 TUM = "tum"
-"""What a trajectory's type is called."""
+"""Type of a trajectory."""
 WORLD = "world"
 """The frame of a trajectory, which its file does not name."""
 COLUMNS = 8
 LONGEST_LINE = 1000
 """Characters of a line that can be a pose."""
 MOST_NS = 1 << 62
-"""No stamp is farther from 1970 [ns]: 146 years, so that differences of two still fit."""
+"""Farthest stamp from 1970 [ns]: 146 years, so that differences of two fit."""
 MOST_DIGITS = 11
 """Digits of such a stamp before the point."""
 
@@ -430,7 +430,7 @@ def read_trajectory(path: Path) -> Track:
 
 
 def _lines(file: TextIO) -> Iterator[tuple[int, str]]:
-    """The lines of a file by their numbers; of one that is too long only its beginning."""
+    """Yield the lines of a file with their numbers; only the beginning of one that is too long."""
     number = 0
     while line := file.readline(LONGEST_LINE):
         number += 1
@@ -486,6 +486,6 @@ def _numbers(values: list[float], decimals: int) -> str:
 
 
 def upright(rotation: Float64) -> Float64:
-    """Of the two quaternions of a rotation the one whose last number is not negative."""
+    """Return the quaternion of each rotation with a non-negative last number."""
     turned: Float64 = np.where(rotation[:, 3:] < 0, -rotation, rotation)
     return turned

@@ -166,25 +166,25 @@ UPRIGHT = 0.5
 """Sweeps are in a frame whose z axis is within 60 degrees of the vertical: the cosine of that."""
 
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""How a camera's optical frame, z ahead and y down, lies in a frame that is x ahead and z up (REP 103)."""
+"""Axes of an optical frame (z ahead, y down) in a frame with x ahead and z up (REP 103)."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Level:
-    """How the points of one frame come to be level."""
+    """Leveling of the points of one frame."""
 
     frame: str
     """Frame of the sweeps."""
     inward: tuple[Step, ...]
     """From the frame of the points to that of the sweeps."""
     base: tuple[Step, ...]
-    """From there to the robot."""
+    """Steps from there to the robot."""
     world: tuple[Step, ...] | None
-    """From there to the world, where the log tells where that is."""
+    """Steps from there to the world, if known."""
     words: str
 
     def at(self, stamp_ns: Int64, frame_id: str) -> Levelled:
-        """For points of `frame_id` at times (K,)."""
+        """Return the leveling of points of `frame_id` at times (K,)."""
         points = along(self.inward, stamp_ns, held=not _is_world(frame_name(frame_id)))
         base = along(self.base, stamp_ns, held=True)
         leaning, height = base.rotation, base.position[:, 2]
@@ -203,7 +203,7 @@ class _Level:
 
 @dataclass(slots=True)
 class TreeLevels:
-    """What the tree of frames of a log says of what is level, for each frame of points."""
+    """Leveling by the tree of frames of a log, for each frame of points."""
 
     tracks: Sequence[Track]
     _tree: FrameTree = field(init=False)
@@ -214,7 +214,7 @@ class TreeLevels:
         self._tree = FrameTree([track for track in self.tracks if track.is_link])
 
     def of(self, frame_id: str, stamp_ns: Int64) -> Levelled | None:
-        """For the points of one frame at times (K,); None where nothing tells."""
+        """Return the leveling of points of one frame at times (K,); None if unknown."""
         frame = frame_name(frame_id)
         if frame not in self._found:
             self._found[frame] = self._level(frame, stamp_ns[:1])
@@ -227,7 +227,7 @@ class TreeLevels:
         return Levelled(frame_id, np.broadcast_to(_OPTICAL, (count, 3, 3)), np.zeros((count, 3)))
 
     def words(self, frame_id: str) -> str:
-        """What heights of the points of a frame count from, for people."""
+        """Return what heights of the points of a frame are counted from, for people."""
         frame = frame_name(frame_id)
         level = self._found.get(frame)
         name = frame or "without a name"
@@ -255,7 +255,7 @@ class TreeLevels:
         )
 
     def _inward(self, frame: str, base: tuple[Step, ...], stamp_ns: Int64) -> int:
-        """How many steps lead to a frame whose z axis stands up: that of a camera's points looks ahead."""
+        """Return the number of steps to a frame whose z axis stands up; a camera frame looks ahead."""
         for count in range(len(base) + 1):
             world = self._tree.to_world(base[count - 1].target if count else frame)
             pose = along(base[count:], stamp_ns, held=True)
@@ -285,7 +285,7 @@ def _unknown(rotation: Float64) -> Bool:
 
 
 def _seen_from_above(rotation: Float64) -> Float64:
-    """(K, 3, 3) what takes points of leaning frames (K, 4) to where `planar` sees them: x ahead, y to the left, z up.
+    """Return (K, 3, 3) rotations from leaning frames (K, 4) to a level view: x ahead, y left, z up.
 
     A frame that hangs head down keeps its own left, as its poses do.
     """

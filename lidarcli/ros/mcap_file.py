@@ -8,7 +8,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
 ALL = 0
-"""A depth of history that has no bound."""
+"""Depth of an unbounded history."""
 
 
 def start_ros2(file: BinaryIO) -> Writer:
@@ -29,7 +29,7 @@ def add_channel(writer: Writer, topic: str, kind: str, definition: str, offered:
 
 
 def offered(depth: int, *, latched: bool) -> str:
-    """How a topic is offered, as rosbag2 writes it up to Humble.
+    """Return the QoS profile of a topic, as rosbag2 writes it up to Humble.
 
     Parameters
     ----------

@@ -25,12 +25,12 @@ ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", 
 
 
 def ros2_definition(name: str) -> str:
-    """The ROS 2 .msg text of a type with everything it contains."""
+    """Return the ROS 2 .msg text of a type with everything it contains."""
     return ROS2.generate_msgdef(name, ros_version=2)[0]
 
 
 def ros1_definition(name: str) -> str:
-    """The same as ROS 1 writes it: its Header has a `seq`."""
+    """Return the ROS 1 .msg text of a type; its Header has a `seq`."""
     return ROS1.generate_msgdef(name, ros_version=1)[0]
 
 
@@ -121,7 +121,7 @@ class Outgoing(NamedTuple):
     type: str
     record_ns: int
     stamp_ns: int
-    """Where the message has one, else as `record_ns`."""
+    """Stamp of the message [ns]; `record_ns` if it has none."""
     data: bytes
 
 

@@ -19,7 +19,7 @@ _SLACK = 1e-9
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Primitives:
-    """What the sensor can see, in its own frame, per sweep; NaN coordinates are not there."""
+    """Shapes in the sensor frame, per sweep; NaN coordinates mean absent."""
 
     segments: Float64
     """(S, K, 4) x0 y0 x1 y1"""
@@ -144,15 +144,15 @@ def _hit_circles(circles: Float64, cos: Float64, sin: Float64) -> Float64:
 _EDGE = 0.15
 """Neighbouring surfaces further apart than this [m] make mixed pixels."""
 _DARK_SHARE, _DARK = 0.25, 4.0
-"""So many of the entities are dark, and flicker so much more than others."""
+"""Share of dark entities, and how many times more than others they flicker."""
 _NEAR = 0.05
-"""How much what is near flickers; what is at the longest range flickers once more."""
+"""Flicker of near surfaces; those at the longest range get 1 more."""
 _WAVES = ((0.7, 2), (0.5, 5))
 """Glare over the bearings: height and number of waves; where they lie is drawn."""
 _SURE = 0.95
-"""Most that a beam flickers."""
+"""Largest probability that a beam flickers."""
 _TOGETHER = 0.6
-"""How often a beam shares the luck of the one before it."""
+"""Probability that a beam shares the luck of the one before it."""
 _ROUNDS = 12
 """Times that the shares are scaled, until those that are held at the most make no difference."""
 
@@ -208,7 +208,7 @@ class Faults:
     def _limit(
         self, measured: Float32, entity: Int32, hit: Int32, padding: Bool, bearings: Float64
     ) -> Float32:
-        """What the sensor says where it has no range: out of limits, lost, or padding."""
+        """Return the ranges with those out of limits, lost, and padding replaced."""
         sensor = self.sensor
         nothing = ~(measured <= np.float32(sensor.range_max))
         measured[nothing] = self._fill()
@@ -341,13 +341,13 @@ def simulate_sweep_arrays(
 
 
 def _increments(sensor: Sensor, beams: Int32) -> Float64:
-    """(S,) the increment that keeps the field of view whatever the number of beams."""
+    """Return (S,) the increments that keep the field of view for each number of beams."""
     exact = sensor.angle_increment * (sensor.beams / beams)
     return np.where(beams == sensor.beams, sensor.angle_increment, exact)
 
 
 def _time_increments(sensor: Sensor, beams: Int32) -> Float64:
-    """(S,) from beam to beam [s]: a sweep takes as long whatever the number of beams."""
+    """Return (S,) the time between beams [s]: the duration of a sweep does not depend on its number of beams."""
     exact: Float64 = sensor.time_increment * (sensor.beams / beams)
     return exact
 
@@ -355,7 +355,7 @@ def _time_increments(sensor: Sensor, beams: Int32) -> Float64:
 def _cast_in_turn(
     scene: Scene, seconds: Float64, increment: Float64, bearings: Float64
 ) -> tuple[Float64, Int32]:
-    """As `cast`, but each beam meets the world, and leaves the sensor, at its own time."""
+    """Cast beams at their own times: world and sensor move during a sweep."""
     sweeps, beams = bearings.shape
     shapes = sum(len(entity.segments) + len(entity.circles) for entity in scene.entities)
     step = max(1, _TIMED_CELLS // (beams * max(shapes, 1)))

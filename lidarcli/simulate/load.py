@@ -61,7 +61,7 @@ def load_robot(fields: Fields) -> tuple[Course | Route, Odometry | None, Mount]:
 
 
 def _route_of(fields: Fields, others: tuple[str, ...]) -> Route | None:
-    """The route, where there is one; then `others`, which say the same in another way, must not be there."""
+    """Return the route, if there is one, and refuse the keys in `others` beside it."""
     if not fields.has("route"):
         return None
     refuse_beside_route(fields, others)
@@ -69,7 +69,7 @@ def _route_of(fields: Fields, others: tuple[str, ...]) -> Route | None:
 
 
 def refuse_beside_route(fields: Fields, keys: tuple[str, ...]) -> None:
-    """Refuse keys of which a route takes the place."""
+    """Refuse keys that a route replaces."""
     for key in keys:
         if key in fields.values:
             fields.fail(key, "and route exclude each other: leave one out")
@@ -252,7 +252,7 @@ def _sensor(fields: Fields) -> Sensor:
 
 
 def _place(fields: Fields) -> tuple[float, float]:
-    """Where a thing stands, or where its route begins, as `load_motion` reads it."""
+    """Return the position of an entity, or (0, 0) with a route."""
     return (0.0, 0.0) if fields.has("route") else (fields.number("x"), fields.number("y"))
 
 

@@ -20,7 +20,7 @@ from lidarcli.sweeps import RawSweeps
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """How sweeps and poses become bytes in a log."""
+    """An encoding of sweeps and poses as bytes."""
 
     name: str
     """`cdr`, `ros1`, `json` or `protobuf`."""
@@ -102,7 +102,7 @@ def protobuf_bytes(name: str, message: dict[str, Any]) -> bytes:
 
 
 def stamp_of(stamp_ns: int) -> dict[str, int]:
-    """A time as messages tell it."""
+    """Return a time as a foxglove timestamp."""
     return {"sec": stamp_ns // 10**9, "nsec": stamp_ns % 10**9}
 
 
@@ -115,7 +115,7 @@ def _quaternion(yaw: float) -> dict[str, float]:
 
 
 def standing() -> dict[str, dict[str, float]]:
-    """The pose that changes nothing."""
+    """Return the identity pose."""
     return {"position": _vector(0.0, 0.0), "orientation": _quaternion(0.0)}
 
 

@@ -1,4 +1,4 @@
-"""Where something on its way is at any time: through waypoints, with stops, turns and bounded acceleration.
+"""Motion along a route: waypoints, stops, turns and bounded acceleration; and the gait of persons.
 
 The way is made of straight pieces and arcs, the time of phases of constant acceleration, so that position and velocity
 are exact at any time.
@@ -116,7 +116,7 @@ class Route:
     parked = False
 
     def state(self, seconds: Float64) -> RouteState:
-        """Where the body is at each of the (S,) times, and how it moves; before 0 it stands at the first point."""
+        """Return position and motion at (S,) times [s]; before 0 the body stands at the first point."""
         phases = self.phases
         time = np.maximum(seconds, 0.0)
         if self.loop:
@@ -152,7 +152,7 @@ class Route:
 
 
 def smooth(share: Float64) -> Float64:
-    """From 0 to 1 with no speed at either end; 1.5 times the mean speed in the middle."""
+    """Ease a share from 0 to 1 with no speed at either end; 1.5 times the mean speed in the middle."""
     eased: Float64 = share * share * (3 - 2 * share)
     return eased
 
@@ -301,11 +301,11 @@ def _phases(
 
 
 STEPS = (0.6, 0.8)
-"""Length of a step [m] at a stroll and at a brisk walk, of the speeds …"""
+"""Lengths of a step [m] at the speeds `SPEEDS`."""
 SPEEDS = (0.6, 1.4)
-"""… [m/s]; slower and faster walkers keep these steps and change their cadence."""
+"""Speeds of a stroll and a brisk walk [m/s]; beyond them only the cadence changes."""
 AHEAD = 0.63
-"""How far a leg gets ahead of the body, or stays behind, in steps: just before it lands."""
+"""Distance of a leg ahead of or behind the body, in steps, just before it lands."""
 _BOTH = 0.1
 """Share of a step, at its beginning and at its end, in which both legs stand."""
 _STRETCH = 0.1

@@ -21,12 +21,12 @@ MAX_SEED = (1 << 63) - 1
 LEAST_CELL, LARGEST_CELL = 0.001, 1000.0
 """Bounds of the cells of a true map [m]."""
 _SUFFIXES = (*(f"{suffix}.gz" for suffix in CONTAINER_BY_SUFFIX), *CONTAINER_BY_SUFFIX)
-"""How the names of logs end."""
+"""Suffixes of logs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """What a run has written."""
+    """Files and size of a run."""
 
     scene: str
     sweeps: int
@@ -36,7 +36,7 @@ class Simulated:
     true_map: Path | None = None
     """The YAML file of the true map, which has its image beside it; None where none was wanted."""
     notes: tuple[str, ...] = ()
-    """What a user should know of these files."""
+    """Notes for the user."""
 
 
 def simulate(
@@ -178,7 +178,7 @@ def _absolute(path: Path) -> Path:
 
 
 def truth_paths(log: Path) -> tuple[Path, Path]:
-    """Where the truth of a log stands: beside it, under its stem."""
+    """Return the paths of the truth tables of a log: beside it, with its stem."""
     name = log.name
     stem = next((name[: -len(suffix)] for suffix in _SUFFIXES if name.lower().endswith(suffix)), name)
     return log.with_name(f"{stem}.truth.parquet"), log.with_name(f"{stem}.truth-beams.parquet")

@@ -1,4 +1,4 @@
-"""What a scene is made of: a sensor, the path that carries it, and entities that stand or move.
+"""Parts of a scene: a sensor, the path that carries it, and entities that stand or move.
 
 An entity is drawn once, in its own frame, as straight segments and circles; where it stands at a time is its
 pose. Lengths in metres, angles in radians, times in seconds from the first sweep.
@@ -31,13 +31,13 @@ class Sensor:
     noise: float = 0.0
     """Standard deviation of a range along its beam [m]."""
     noise_per_metre: float = 0.0
-    """How much it grows for each metre of range, as that of a cheap triangulating sensor does."""
+    """Growth of the noise per metre of range, as of a cheap triangulating sensor."""
     resolution: float = 0.0
     """Ranges come in steps of this [m]; 0 for none."""
     lost: float = 0.0
     """Share of the beams that return nothing although something is there."""
     lost_as: LostAs = "mixed"
-    """What a beam without a return is written as; `mixed`: inf where nothing is, inf or NaN where lost."""
+    """Value of a beam without a return; `mixed`: inf where nothing is, inf or NaN where lost."""
     rate: float = 10.0
     """Sweeps per second."""
     topic: str = "/scan"
@@ -59,7 +59,7 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """How an entity moves, and when it is there at all."""
+    """Motion of an entity, and the time for which it exists."""
 
     velocity: tuple[float, float] = (0.0, 0.0)
     """World frame [m/s]."""
@@ -100,7 +100,7 @@ class Entity:
     circles: Float64 = field(default_factory=lambda: np.empty((0, 3)))
     motion: Motion = STILL
     lost: float = 0.0
-    """Share of the beams that hit it and do not return: it is black, or of glass."""
+    """Share of lost beams among those that hit it: it is black, or of glass."""
     intensity: float | None = None
     """Of the returns from it, in the sensor's own unit; None: the scene does not tell."""
 
@@ -201,7 +201,7 @@ PARKED = Course(np.zeros((1, 2)))
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """What the robot says of its own pose. Noise accumulates with the way driven."""
+    """Odometry of the robot. Noise accumulates with the distance."""
 
     topic: str = "/odom"
     frame_id: str = "odom"
@@ -213,17 +213,17 @@ class Odometry:
     tf: bool = True
     """Also write /tf and /tf_static."""
     delay: float = 0.0
-    """How much later than the truth the stamps of the poses are [s]; negative for earlier."""
+    """Delay of the stamps of poses [s]; negative for early ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """Where the laser sits on the robot."""
+    """Mount of the laser on the robot."""
 
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """x, y, yaw in the robot's frame."""
     told: bool = True
-    """Whether the log tells it; else it says that the laser is where the robot is."""
+    """False: the log says that the laser is where the robot is."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -236,7 +236,7 @@ class Scene:
     path: Course | Route = PARKED
     odometry: Odometry | None = None
     sweeps: int = 100
-    """How many sweeps a run takes when nobody says."""
+    """Default number of sweeps of a run."""
     mount: Mount = Mount()
 
     @property

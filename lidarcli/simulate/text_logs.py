@@ -56,7 +56,7 @@ def only_topic(blocks: Iterable[RawSweeps], what: str, instead: str = "") -> Ite
 
 
 def finite(block: RawSweeps) -> RawSweeps:
-    """The same with the greatest range in the place of infinity."""
+    """Return the block with infinity replaced by the greatest range."""
     return replace(block, ranges=np.where(np.isposinf(block.ranges), block.range_max[:, None], block.ranges))
 
 
@@ -183,7 +183,7 @@ def _carmen_view(block: RawSweeps, row: int) -> dict[str, float] | None:
 
 
 def _mount(poses: SimulatedPoses) -> dict[str, float]:
-    """Where the laser is on the robot."""
+    """Return the mount of the laser as parameters."""
     names = ("robot_frontlaser_offset", "robot_frontlaser_side_offset", "robot_frontlaser_angular_offset")
     return dict(zip(names, map(float, poses.mount), strict=True))
 

@@ -186,7 +186,7 @@ def _extent(
 
 
 def _wrap(angle: Float64) -> Float64:
-    """The same direction in [-π, π)."""
+    """Return angles in [-π, π)."""
     wrapped: Float64 = np.mod(angle + np.pi, TURN) - np.pi
     return wrapped
 

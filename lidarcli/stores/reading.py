@@ -56,7 +56,7 @@ class StoreFile(io.RawIOBase):
         return True
 
     def tell(self) -> int:
-        """Where the next bytes come from."""
+        """Position of the next bytes."""
         return self._position
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:

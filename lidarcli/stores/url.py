@@ -83,33 +83,33 @@ class Url:
         return PurePosixPath(self.name).stem
 
     def with_name(self, name: str) -> Url:
-        """The same folder, another name."""
+        """Return another name in the same folder."""
         return self.parent / name
 
     def with_suffix(self, suffix: str) -> Url:
-        """The same with another suffix."""
+        """Return the URL with another suffix."""
         return replace(self, key=str(PurePosixPath(self.key).with_suffix(suffix)))
 
     def has_magic(self) -> bool:
-        """Whether it is a pattern."""
+        """Return True for a pattern."""
         return _MAGIC.search(self.key) is not None
 
     def exists(self) -> bool:
-        """Whether there is an object of this name."""
+        """Return True if an object of this name exists."""
         return head(self) is not None
 
     def is_file(self) -> bool:
-        """The same: a store has no folders."""
+        """As `exists`: a store has no folders."""
         return self.exists()
 
     def is_dir(self) -> bool:
-        """Whether there are objects below this name, or may be: it names a whole bucket."""
+        """Return True if there are objects below this name, or may be (a whole bucket)."""
         return not self.key or is_folder(self)
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What tells one content of a log from the next, without reading it."""
+    """Identity of the content of a log, known without reading it."""
 
     size: int
     """Bytes."""
@@ -123,7 +123,7 @@ Place = Path | Url
 
 
 def is_url(text: str | PathLike[str]) -> bool:
-    """Whether a name is that of an object in a store.
+    """Return True for the name of an object in a store.
 
     >>> is_url("s3://logs/run.mcap"), is_url("run.mcap"), is_url("http://host/run.mcap")
     (True, False, False)
@@ -133,7 +133,7 @@ def is_url(text: str | PathLike[str]) -> bool:
 
 
 def blotted(text: str) -> str:
-    """The same text without credentials, for whoever reads a message.
+    """Return a text without credentials.
 
     >>> blotted("https://me:pass@host/x?aws_secret_access_key=K: no such file")
     'https://...@host/x?aws_secret_access_key=...: no such file'
@@ -205,7 +205,7 @@ def _refuse_bytes(name: str) -> None:
 
 
 def absolute(name: str | PathLike[str] | Url) -> str:
-    """The same place for whoever has another working directory."""
+    """Return the absolute name of a place."""
     where = place(name)
     return str(where if isinstance(where, Url) else where.absolute())
 
@@ -230,7 +230,7 @@ _CAUSES = {
 
 
 def head(url: Url) -> State | None:
-    """What is known of one object; None where there is none of this name."""
+    """Return size and time of an object; None if it does not exist."""
     with _errors(url, UnreadableError):
         try:
             with _system(url).open_input_file(_path(url)) as file:
@@ -260,7 +260,7 @@ def listing(folder: Url) -> Iterator[tuple[Url, State]]:
 
 
 def has_bucket(url: Url) -> bool:
-    """Whether the bucket of an object is there; taken for granted where the store does not say so to everybody."""
+    """Return True if the bucket of an object exists, or if the store keeps that secret."""
     import pyarrow as pa
     from pyarrow import fs
 
@@ -276,7 +276,7 @@ def has_bucket(url: Url) -> bool:
 
 
 def is_folder(url: Url) -> bool:
-    """Whether there are objects below this name, and none of this name itself."""
+    """Return True if there are objects below this name, but none of this name."""
     from pyarrow import fs
 
     with _errors(url, UnreadableError):

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from lidarcli.errors import UnreadableError
 from lidarcli.logs import unpacking
 from lidarcli.logs.base import LASERSCAN, Topic
-from lidarcli.logs.rosbag1 import reader as rosbag1_run
+from lidarcli.logs.rosbag1 import log as rosbag1_run
 from lidarcli.logs.rosbag1.records import ChunkFeed, Search, judge, parse, walk
 from tests.logs.numbered import header, indices, laser_scan, record_time
 from tests.logs.watched import Rosbag1Log

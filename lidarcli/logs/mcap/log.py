@@ -37,12 +37,12 @@ _CHANNELS = 1 << 16
 
 @dataclass(slots=True)
 class _Columns:
-    """A LaserScan topic in cdr or ros1: decoded by column."""
+    """Decoder by column of a LaserScan topic in cdr or ros1."""
 
     gather: Gather
 
     unpacking: Unpacking
-    """That of the whole log."""
+    """Limit for the whole log."""
 
     def decode(self, rows: Messages) -> Iterator[RawSweeps]:
         packed = _are_packed(rows)
@@ -62,7 +62,7 @@ class _Columns:
 
 @dataclass(slots=True)
 class _OneByOne:
-    """A foxglove.LaserScan topic: decoded message by message."""
+    """Decoder message by message of a foxglove.LaserScan topic."""
 
     topic: str
     decoder: foxglove.Decoder
@@ -80,7 +80,7 @@ class _OneByOne:
 
 
 def _are_packed(rows: Messages) -> bool:
-    """Whether a ROS 2 bag has packed its messages one by one: all or none; plain ones never begin as zstd does."""
+    """Return True if a ROS 2 bag has compressed its messages: all or none; plain ones never begin as zstd does."""
     if not len(rows):
         return False
     start = int(rows.start[0])
@@ -96,7 +96,7 @@ def _payloads(rows: Messages) -> Iterator[tuple[bytes, int]]:
 
 @dataclass(slots=True)
 class _Wanted:
-    """Which channels a pass is after. `choose` gives a channel a group number, or `_UNWANTED`."""
+    """Channels that a pass reads. `choose` gives a channel a group number, or `_UNWANTED`."""
 
     catalogue: Catalogue
     choose: Callable[[int], int]
@@ -104,7 +104,7 @@ class _Wanted:
     changes: int = -1
 
     def groups(self) -> NDArray[np.int32]:
-        """The group of every channel id, as far as the catalogue knows by now."""
+        """Return the group of every channel id known so far."""
         if self.changes != self.catalogue.changes:
             self.changes = self.catalogue.changes
             for channel in self.catalogue.channels:
@@ -133,7 +133,7 @@ class McapLog:
         self._opening = ReadReport()
         self._used = False
         self._unpacking = Unpacking()
-        """What messages that are packed one by one may still unpack to."""
+        """Limit for messages compressed one by one."""
         self._topics: list[Topic] | None = None
         if isinstance(source, str | Path):
             self.path = name or str(source)
@@ -177,7 +177,7 @@ class McapLog:
 
     @property
     def position(self) -> int:
-        """Where the last pass stands [bytes]."""
+        """Position of the last pass [bytes]."""
         return self._source.position
 
     def topics(self) -> list[Topic] | None:
@@ -200,7 +200,7 @@ class McapLog:
         return [Topic(*topic, count if counts is not None else None) for topic, count in messages.items()]
 
     def _count(self) -> Counter[int]:
-        """Messages by channel, from the indexes of chunks where they are there; reading meets the damage."""
+        """Count messages by channel, from chunk indexes where possible; damage is left to reading."""
         counts: Counter[int] = Counter()
 
         def skip(_place: int, index: Mapping[int, int]) -> bool:
@@ -254,7 +254,7 @@ class McapLog:
                     yield Message(*kinds[key], log_ns, plain)
 
     def _decoder(self, key: int, report: ReadReport) -> _Columns | _OneByOne | None:
-        """What decodes a channel's messages; None, with a note where one is due, if they are no sweeps."""
+        """Return the decoder of a channel; None, with a note where due, if its messages are no sweeps."""
         channel, definition = self._catalogue.channels[key], self._catalogue.schema(key)
         type_name, encoding = self._catalogue.type(key), channel.message_encoding
         problem = None
@@ -316,7 +316,7 @@ class McapLog:
         self._report_unknown(unknown, report)
 
     def _report_unknown(self, unknown: Counter[int], report: ReadReport) -> None:
-        """Messages whose type cannot be told are a loss."""
+        """Report messages of unknown type as lost."""
         hint = "; given as a file instead of a stream, its summary may tell" if self.size is None else ""
         for key, count in sorted(unknown.items()):
             channel = self._catalogue.channels.get(key)

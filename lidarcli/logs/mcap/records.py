@@ -61,14 +61,14 @@ class Messages:
     channel: NDArray[np.uint16]
     log_ns: Int64
     start: Int64
-    """Where the payload begins."""
+    """Position of the payload [bytes]."""
     length: Int64
 
     def __len__(self) -> int:
         return len(self.channel)
 
     def take(self, rows: Bool) -> Messages:
-        """Those of a mask."""
+        """Return the messages of a mask."""
         return Messages(self.data, *(getattr(self, field.name)[rows] for field in fields(self)[1:]))
 
 
@@ -111,7 +111,7 @@ def index_entries(record: bytes) -> tuple[int, Int64] | None:
 
 
 def _rows(data: UInt8, at: Int64, width: int) -> UInt8:
-    """(K, width) the bytes from each of `at` on."""
+    """Return (K, width) the bytes from each of `at` on."""
     rows: UInt8 = np.ndarray((len(data) - width + 1,), f"V{width}", data, strides=(1,))[at].view(np.uint8)
     return rows.reshape(len(at), width)
 
@@ -133,7 +133,7 @@ def messages_at(data: UInt8, at: Int64) -> Messages:
 
 @dataclass(slots=True)
 class Records:
-    """Where the records of a piece of bytes begin. `end` is where the last whole record ends."""
+    """Positions of the records in a piece of bytes; `end` is the end of the last whole record."""
 
     messages: array[int]
     others: list[tuple[int, int, int]]
@@ -203,7 +203,7 @@ def stretches(data: bytes, offsets: Int64 | None) -> Iterator[Stretch]:
 
 
 def _proved(data: bytes, view: UInt8, offsets: Int64) -> tuple[Int64, list[tuple[int, int, int]]] | None:
-    """All messages of a chunk by its index and the walked gaps; None unless they tile the chunk without a rest."""
+    """Return all messages of a chunk by its index and the walked gaps; None unless they tile the chunk."""
     at = np.sort(offsets)
     if at[0] < 0 or at[-1] > len(data) - MESSAGE_HEAD:
         return None
@@ -247,14 +247,14 @@ def find_record(data: bytes, channels: Collection[int]) -> int | None:
 
 
 def _sane(view: UInt8, at: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Those places whose record length leaves its three highest bytes zero."""
+    """Return the places whose record length has three zero high bytes."""
     if not len(at):
         return at
     return at[~_rows(view, at + 6, 3).any(axis=1)]
 
 
 def is_chunk(head: bytes) -> bool:
-    """Whether a chunk begins here for certain, whatever its opcode: its lengths and compression agree."""
+    """Return True if a chunk certainly begins here, whatever its opcode: its lengths and compression agree."""
     fields_of = chunk_head(head)
     return fields_of is not None and fields_of.compression.encode() in _COMPRESSIONS
 
@@ -282,7 +282,7 @@ class CodecError(ValueError):
 
 
 def inflate(compression: str, data: bytes, size: int, unpacking: Unpacking) -> bytes:
-    """The `size` bytes of a chunk; never more than was declared, nor than is believed of so little data."""
+    """Decompress a chunk of `size` bytes, within the declared size and the limits of `unpacking`."""
     if size > MAX_CHUNK:
         raise CodecError(f"it declares {size} bytes, more than the {MAX_CHUNK} that are believed")
     if compression == "":
@@ -316,7 +316,7 @@ def _zstd(data: bytes, size: int) -> bytes:
 
 
 def _decompressor() -> zstandard.ZstdDecompressor:
-    """One per thread: making one costs more than decompressing a small chunk."""
+    """Return the decompressor of this thread: making one costs more than decompressing a small chunk."""
     if not hasattr(_LOCAL, "zstd"):
         _LOCAL.zstd = zstandard.ZstdDecompressor()
     kept: zstandard.ZstdDecompressor = _LOCAL.zstd
@@ -333,7 +333,7 @@ def _lz4(data: bytes, size: int) -> bytes:
 
 
 def inflate_start(compression: str, data: bytes, size: int) -> bytes:
-    """As much of the beginning of a damaged chunk as can be decompressed."""
+    """Decompress as much of the beginning of a damaged chunk as possible."""
     limit = min(size, SMALL + CHUNK_RATIO * len(data))
     if compression == "":
         return data[:limit]
@@ -405,7 +405,7 @@ class Cursor:
         self.position -= len(data)
 
     def skip(self, length: int) -> int:
-        """Pass the next bytes; how many there were."""
+        """Pass the next bytes; return their number."""
         if self.size is not None:
             return self._seek(min(length, self.size - self.position))
         passed = 0

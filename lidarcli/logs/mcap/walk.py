@@ -42,7 +42,7 @@ from lidarcli.sweeps import Int64
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_SUMMARY = 1 << 28
-"""A summary of more bytes than this is not used."""
+"""Longest summary that is used [bytes]."""
 
 _FOOTER = struct.Struct("<BQQQI")
 T = TypeVar("T")
@@ -83,7 +83,7 @@ class Catalogue:
         return None if known is None else self.schemas.get(known.schema_id)
 
     def knows(self, channel: int) -> bool:
-        """Whether a channel's type can be told: its record is there, and its schema if it has one."""
+        """Return True if the type of a channel is known: its record, and its schema if it has one."""
         known = self.channels.get(channel)
         return known is not None and (known.schema_id == 0 or known.schema_id in self.schemas)
 
@@ -95,31 +95,31 @@ class Catalogue:
 
 @dataclass(slots=True)
 class Summary:
-    """The end of an MCAP that was closed properly."""
+    """Summary section of an MCAP that was closed properly."""
 
     catalogue: Catalogue = field(default_factory=Catalogue)
     counts: dict[int, int] | None = None
-    """Messages by channel; None without statistics."""
+    """Number of messages by channel; None without statistics."""
     chunks: list[ChunkIndex] = field(default_factory=list)
-    """In file order."""
+    """Chunk indexes in file order."""
     chunk_offsets: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
 
     @property
     def chunk_places(self) -> frozenset[int]:
-        """Where chunks begin, if no place is named twice."""
+        """Positions of chunks, if no position is named twice."""
         places = frozenset(self.chunk_offsets.tolist())
         return places if len(places) == len(self.chunks) else frozenset()
 
     @property
     def sane(self) -> bool:
-        """Whether its channels can be taken for all channels of the log."""
+        """True if its channels can be taken for all channels of the log."""
         known = self.catalogue
         ids = set(known.channels) | set(self.counts or ())
         return all(map(known.knows, ids)) and (self.counts is not None or bool(known.channels))
 
 
 def parse(read: Callable[[ReadDataStream], T], content: bytes) -> T | None:
-    """A record's content through the `mcap` library; None where it cannot be understood."""
+    """Parse the content of a record with the `mcap` library; None if that fails."""
     try:
         return read(ReadDataStream(io.BytesIO(content)))
     except _UNPARSABLE:
@@ -178,7 +178,7 @@ def _summary(data: bytes) -> Summary:
 
 
 def index_is_complete(source: Cursor, summary: Summary, wanted: set[int]) -> bool:
-    """Whether the message indexes of all chunks together count what the statistics count, for each wanted channel.
+    """Return True if the message indexes of all chunks agree with the statistics, for each wanted channel.
 
     Only then may a chunk be passed over because its index does not mention a wanted channel.
     """
@@ -201,7 +201,7 @@ def index_is_complete(source: Cursor, summary: Summary, wanted: set[int]) -> boo
 WINDOW = 1 << 20
 """Bytes looked at together where messages stand outside chunks, or where a way past damage is sought."""
 FREE_MESSAGES = 100_000
-"""So many messages are read of any log, and further ones as long as it has a byte for each: no packing saves more."""
+"""Messages read of any log; beyond these, one per byte of the log."""
 RESCUED = 1 << 24
 """Bytes of a damaged chunk in which channels are looked for."""
 MAX_RECORD = 1 << 40
@@ -227,7 +227,7 @@ class _Chunk:
     entries: int = 0
     """Messages that its indexes count."""
     sound: bool = True
-    """Whether its indexes can be used."""
+    """True while its indexes can be used."""
 
 
 @dataclass(slots=True)
@@ -238,12 +238,12 @@ class Walker:
     catalogue: Catalogue
     report: ReadReport
     chunk_offsets: Int64
-    """Where the summary says that chunks begin: a way past damage, never a reason to leave a record out."""
+    """Chunk positions by the summary: a way past damage, never a reason to leave a record out."""
     skip: Callable[[int, Mapping[int, int]], bool]
-    """May the chunk at this byte, whose indexes count so many messages by channel, be passed over?"""
+    """Predicate: may the chunk at this byte, with these message counts by channel, be skipped?"""
     compressions: dict[str, None] = field(default_factory=dict)
     index_lies: bool = False
-    """Whether a message index did not agree with its chunk."""
+    """True after a message index that disagreed with its chunk."""
     _messages: int = 0
     _unpacking: Unpacking = field(default_factory=Unpacking)
     _cut: bool = False
@@ -314,7 +314,7 @@ class Walker:
                 return
 
     def _wrong(self, place: int, opcode: int, length: int) -> str | None:
-        """Why no record of this kind and length can begin here; a chunk that is cut off at the file's end may."""
+        """Return why no record of this kind and length can begin here; None if one can."""
         end = place + RECORD.size + length
         left = None if self.source.size is None else self.source.size - place
         if opcode == 0:
@@ -341,16 +341,16 @@ class Walker:
         return _CUT if end > place + left and opcode != Opcode.CHUNK else None
 
     def _next_chunk(self, place: int) -> int:
-        """The first byte after `place` where the summary knows a chunk; far away without one."""
+        """Return the position of the next chunk after `place` by the summary; far away without one."""
         at = int(np.searchsorted(self.chunk_offsets, place, side="right"))
         return int(self.chunk_offsets[at]) if at < len(self.chunk_offsets) else _FAR
 
     def _chunk_at(self, place: int) -> bool:
-        """Whether a chunk really begins at this byte of a file."""
+        """Return True if a chunk begins at this byte of a file."""
         return is_chunk(self.source.read_at(place, CHUNK_PEEK))
 
     def _record_follows(self) -> bool:
-        """Whether what comes next can be a record, or the end."""
+        """Return True if a record, or the end, may come next."""
         head = self.source.peek(RECORD.size)
         if len(head) < RECORD.size:
             return not head
@@ -359,7 +359,7 @@ class Walker:
         return bool((0 < opcode <= Opcode.DATA_END or opcode >= 0x80) and length <= left)
 
     def _recover(self, place: int, wrong: str) -> bool:
-        """Go to the next place that can be read; False where there is none."""
+        """Go to the next readable place; False if there is none."""
         self._recovered = True
         after = self._next_chunk(place)
         while after != _FAR and not self._chunk_at(after):
@@ -388,7 +388,7 @@ class Walker:
                 return False
 
     def _run(self, place: int, length: int) -> Iterator[Messages]:
-        """Messages that stand outside chunks: all that are whole in one window, or a single large one."""
+        """Yield messages outside chunks: all whole ones of a window, or a single large one."""
         window = self.source.peek(WINDOW)
         found = list_records(window, 0, min(len(window), self._next_chunk(place) - place), messages_only=True)
         if found.messages:
@@ -481,7 +481,7 @@ class Walker:
             )
 
     def _is_beyond_belief(self, chunk: _Chunk, seen: int) -> bool:
-        """Whether there have been more messages than any packing can hide in the bytes so far."""
+        """Return True after more messages than any compression can hide in the bytes so far."""
         beyond = self._messages > FREE_MESSAGES + self.source.position
         if beyond:
             cause = (
@@ -491,7 +491,7 @@ class Walker:
         return beyond
 
     def _rescue_definitions(self, chunk: _Chunk, data: bytes) -> None:
-        """Channels that a damaged chunk described are needed after it: taken where they still name a known type."""
+        """Recover channels that only a damaged chunk described, if they name a known type."""
         start = inflate_start(chunk.head.compression, data, min(chunk.head.size, RESCUED))
         doubtful = Catalogue()
         for opcode, first, end in list_records(start, 0, len(start)).others:
@@ -512,7 +512,7 @@ class Walker:
         return self.source.read_at(chunk.place + chunk.head.data_at, chunk.head.data_length)
 
     def _read_cut(self, chunk: _Chunk, data: bytes) -> Iterator[Messages]:
-        """The whole messages of a chunk that the log's end cuts off."""
+        """Yield the whole messages of a chunk that the end of the log cuts off."""
         content = inflate_start(chunk.head.compression, data, chunk.head.size)
         seen = 0
         for found in stretches(content, None):
@@ -534,14 +534,14 @@ class Walker:
                 self._nested += opcode == Opcode.CHUNK
 
     def _is_cut(self, place: int, have: int, length: int) -> bool:
-        """Whether the log ended inside the record that was just passed."""
+        """Return True if the log ended inside the record just passed."""
         if have < length:
             self._cut = True
             self._damage(place, _CUT)
         return self._cut
 
     def _finish(self, place: int) -> None:
-        """See whether the log was closed: what follows the data of a pipe is passed, of a file only its end counts."""
+        """Check that the log was closed: of a pipe the rest is passed, of a file only the end counts."""
         if self.source.size is not None:
             tail = self.source.read_at(self.source.size - len(MAGIC), len(MAGIC))
             self.source.skip(self.source.size)

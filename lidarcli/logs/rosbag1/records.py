@@ -53,14 +53,14 @@ _REQUIRED: dict[int, dict[bytes, int | None]] = {
 
 
 class Field(NamedTuple):
-    """Where a field's value stands in the header."""
+    """Position of a field value in the header."""
 
     start: int
     end: int
 
 
 class Record(NamedTuple):
-    """One record: where it stands and what its header says; positions in bytes of the buffer or the file."""
+    """A record: its position and header; positions in bytes of the buffer or the file."""
 
     start: int
     op: int
@@ -166,7 +166,7 @@ class Walk:
     header_lengths: Int64
     data_lengths: Int64
     stop: int
-    """Where the first record stands that does not end inside the buffer; the buffer's end when all do."""
+    """Position of the first record that is not whole in the buffer; the end of the buffer if all are."""
 
 
 def walk(data: bytes, at: int = 0) -> Walk:
@@ -201,7 +201,7 @@ def walk(data: bytes, at: int = 0) -> Walk:
 
 
 def _equal_records(data: bytes, at: int, header: int, length: int) -> int:
-    """How many records from `at` on have these very lengths."""
+    """Return the number of consecutive records from `at` on with these lengths."""
     size = 8 + header + length
     count = (len(data) - at) // size
     if count < 2:
@@ -215,7 +215,7 @@ def _equal_records(data: bytes, at: int, header: int, length: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What the headers of a walk say."""
+    """Message headers of a walk, by column."""
 
     connection: Int64
     """Connection of each message; -1 for other records."""
@@ -278,7 +278,7 @@ def _column(headers: UInt8, at: int) -> Int64:
 INPUT = 1 << 20
 """Compressed bytes taken at a time."""
 CAREFUL_INPUT = 512
-"""The same where the data is known to be broken, so that everything before the break comes out."""
+"""Compressed bytes taken at a time from broken data, so that everything before the break comes out."""
 CODECS = {"bz2": b"BZh", "lz4": b"\x04\x22\x4d\x18"}
 """Known compressions and how their data begins."""
 
@@ -327,7 +327,7 @@ class ChunkFeed:
         self._limit = most
         self._step = INPUT
         self.error = ""
-        """Why the data could not be unpacked to its end; empty where it could."""
+        """Reason why the data could not be decompressed to its end; empty if it could."""
         self._begin()
         self._unpacked = self._given = 0
         self._spare = b""
@@ -345,12 +345,12 @@ class ChunkFeed:
 
     @property
     def unpacked(self) -> int:
-        """How many bytes have been unpacked."""
+        """Number of decompressed bytes."""
         return self._unpacked
 
     @property
     def finished(self) -> bool:
-        """Whether the compressed data came to its own end."""
+        """True at the end mark of the compressed data."""
         return bool(self._codec_state.eof)
 
     @property
@@ -422,7 +422,7 @@ MAX_INDEX = 256 << 20
 
 
 class State(Enum):
-    """What became of the index."""
+    """State of the index."""
 
     GOOD = "good"
     OPEN = "the bag was not closed properly and has no index"

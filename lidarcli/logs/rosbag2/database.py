@@ -36,12 +36,12 @@ from lidarcli.logs.rosbag2.salvage import (
 
 JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
 JOURNAL, WAL = "-journal", "-wal"
-"""What the names of the two files end with."""
+"""Suffixes of the rollback journal and the write-ahead log."""
 
 _HEAD = struct.Struct(">8s5I")
 _NUMBER = struct.Struct(">I")
 _TO_THE_END = 0xFFFFFFFF
-"""As the number of records: as many as there are."""
+"""Number of records that stands for all there are."""
 _LOCKED_BYTE = 1 << 30
 """The page that holds this byte is never in a journal."""
 _SUMMED = 200
@@ -81,7 +81,7 @@ def merge(database: Path, source: Path) -> None:
 
 
 def is_needed(database: Path, suffix: str) -> bool:
-    """Whether the file of this kind beside a database may hold a part of it."""
+    """Return True if the file with this suffix beside a database may hold a part of it."""
     beside = Path(f"{database}{suffix}")
     return beside.is_file() and beside.stat().st_size > 0
 
@@ -153,29 +153,29 @@ SIDECARS = (JOURNAL, WAL)
 
 
 class UnsoundError(Exception):
-    """A database that SQLite would read, but not in bounded time and memory, or only by running what it holds."""
+    """A database that SQLite cannot read in bounded time and memory, or only by running its SQL."""
 
 
 SQLITE_ERRORS = (sqlite3.Error, UnicodeDecodeError, UnsoundError)
-"""What reading by SQLite raises for a damaged database: SQLite's messages may quote bytes of it that are no text."""
+"""Errors of reading a damaged database with SQLite; its messages may quote bytes that are no text."""
 DISK_SHARE = 0.9
 BATCH = 32
-"""Messages fetched at a time …"""
+"""Most messages fetched at a time."""
 BATCH_BYTES = 16 << 20
-"""… or fewer, when they have come to so many bytes."""
+"""Bytes after which no further message is fetched."""
 
 MAX_TEXT = 1 << 16
 """Longest text of the schema and of the topics table that is read [bytes]."""
 STEPS_PER_BYTE = 4
-"""Most steps of SQLite's machine for one statement and byte of the file; a row, of ten bytes or more, takes about 20."""
+"""Most steps of SQLite's machine per statement and byte; a row, of ten bytes or more, takes about 20."""
 STEPS = 1_000_000
-"""And these are always allowed."""
+"""Steps that are always allowed."""
 ASKED_EVERY = 10_000
-"""Steps from one look at the bound to the next."""
+"""Steps between two checks of the bound."""
 
 _SCHEMA = "SELECT type, name, sql FROM sqlite_master"
 _PLAIN = re.compile(r"CREATE (TABLE|(UNIQUE )?INDEX)\b", re.IGNORECASE)
-"""How SQLite writes down what holds rows and nothing that it would have to compute."""
+"""Definitions of plain tables and indexes, as SQLite stores them."""
 _TABLES = ("topics", "messages")
 # Rows come in the order of their ids, in which tables keep them: sorting would hold all of them.
 _TOPICS = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
@@ -197,7 +197,7 @@ _ALLOWED = {
     sqlite3.SQLITE_PRAGMA: {"temp_store", "cell_size_check", "table_xinfo"},
     sqlite3.SQLITE_FUNCTION: {"max", "typeof", "length"},
 }
-"""What statements may do, and with which of its objects."""
+"""Allowed actions of statements, and their objects."""
 
 Row = tuple[int, int, int | None, bytes | None]
 """Row id, topic id, time [ns] and message; None where it has none that can be used."""
@@ -205,16 +205,16 @@ Row = tuple[int, int, int | None, bytes | None]
 
 @dataclass(slots=True)
 class Known:
-    """What one look at all of a storage file has told: no pass over the file needs a second look."""
+    """Knowledge of one look at a whole storage file, so that no pass over the file needs a second look."""
 
     counts: Counter[int] | None = None
     """Topic id → messages."""
     orphans: dict[int, int] = field(default_factory=dict)
-    """The same of topics that are not there, or whose row is broken."""
+    """Number of messages of each missing or broken topic."""
     found: Found | None = None
-    """What its pages hold, where SQLite refuses it."""
+    """Contents of the pages, if SQLite refuses the file."""
     size: int = 0
-    """Bytes of the file in which that was found."""
+    """Size of the examined file [bytes]."""
 
 
 class SqliteBag:
@@ -243,7 +243,7 @@ class SqliteBag:
 
     @property
     def progress(self) -> float:
-        """How much of the file has been read, from 0 to 1."""
+        """Share of the file that has been read, from 0 to 1."""
         return max(0.0, self._last / self._newest) if self._newest > 0 else 0.0
 
     def counts(self) -> Counter[int]:
@@ -261,7 +261,7 @@ class SqliteBag:
         return known.counts
 
     def report_orphans(self) -> None:
-        """Messages of a topic that is not there, or whose row is broken, are a loss."""
+        """Report messages of missing or broken topics as lost."""
         self.counts()
         if orphans := self._known.orphans:
             which = ", ".join(repr(topic) for topic in sorted(orphans, key=repr)[:5])
@@ -361,7 +361,7 @@ class SqliteBag:
         return database.execute(sql)
 
     def _is_endless(self) -> bool:
-        """Whether a statement has taken more steps than a sound file of this size can need."""
+        """Return True after more steps than a sound file of this size needs."""
         self._steps += ASKED_EVERY
         return self._steps > STEPS + STEPS_PER_BYTE * self._size
 
@@ -442,7 +442,7 @@ class SqliteBag:
 
 
 def _wrong_size(header: bytes, size: int) -> str:
-    """What is wrong with the file's size by its own header, if anything: SQLite reads over either in silence."""
+    """Return what is wrong with the file size by its own header; SQLite would read on in silence."""
     page = int.from_bytes(header[16:18], "big")
     page = 65536 if page == 1 else page
     if not header.startswith(MAGIC) or header[24:28] != header[92:96]:
@@ -458,7 +458,7 @@ def _wrong_size(header: bytes, size: int) -> str:
 def _authorize(
     action: int, first: str | None, second: str | None, _database: str | None, inside: str | None
 ) -> int:
-    """Whether a statement may do this; nothing that stands in a view or a trigger may."""
+    """Authorize an action of a statement; nothing in a view or a trigger is allowed."""
     wanted = second if action == sqlite3.SQLITE_FUNCTION else first
     allowed: Collection[str] | None = _ALLOWED.get(action, ())
     fine = inside is None and (allowed is None or str(wanted).lower() in allowed)
@@ -475,7 +475,7 @@ def _bounded(rows: Iterable[tuple[int, str, str, str]], most: int) -> Iterator[t
 
 
 def _ascending(ids: Sequence[object]) -> bool:
-    """Whether values are whole numbers, each above the one before."""
+    """Return True for increasing whole numbers."""
     whole = [value for value in ids if isinstance(value, int)]
     return len(whole) == len(ids) and all(before < after for before, after in pairwise(whole))
 
@@ -499,5 +499,5 @@ def _fetch(cursor: sqlite3.Cursor) -> list[Row]:
 
 
 def has_type(topic: TopicRow, types: Collection[str]) -> bool:
-    """Whether a topic is of one of the types, serialised as ROS 2 does."""
+    """Return True if a topic has one of the types, serialised as in ROS 2."""
     return topic.encoding.lower() == "cdr" and ros_type(topic.type) in types

@@ -1,4 +1,4 @@
-"""The folder of a ROS 2 bag: which storage files it has, whatever its metadata.yaml says."""
+"""Storage files in the folder of a ROS 2 bag, whatever its metadata.yaml says."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ class Folder:
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
-    """Names of files that the metadata lists and nobody finds."""
+    """Files that the metadata lists and that do not exist."""
 
 
 def is_storage(name: str) -> bool:
-    """Whether a file's name is that of a storage file."""
+    """Return True for the name of a storage file."""
     return _STORAGE.search(name) is not None
 
 
 def is_bag(names: Iterable[str]) -> bool:
-    """Whether the files of a folder are those of one bag, by their names.
+    """Return True if the files of a folder are those of one bag, by their names.
 
     A bag may have lost its metadata.yaml: then all logs in the folder are parts of one name, `NAME_0`, `NAME_1`, ...
 
@@ -71,7 +71,7 @@ def read_folder(folder: Path) -> Folder:
 
 
 def _unnamed(ordered: Collection[str], there: Collection[str]) -> list[str]:
-    """Files that the metadata does not name, but for those that are others packed or unpacked."""
+    """Return the files that the metadata does not name, except compressed or plain copies of others."""
     alike = _by_content(ordered or there)
     twins = {name for name in there if any(other != name for other in alike[_content(name)])}
     if not ordered:
@@ -104,7 +104,7 @@ def _listed(text: str) -> list[str]:
 
 
 def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None], list[str]]:
-    """The files that the metadata names, in its order, and the names to which there is none.
+    """Return the files that the metadata names, in its order, and the names without a file.
 
     Bags are packed, unpacked and renamed without anybody changing the metadata.
     """
@@ -123,7 +123,7 @@ def _matched(named: Iterable[str], there: Iterable[str]) -> tuple[dict[str, None
 
 
 def _by_content(names: Iterable[str]) -> defaultdict[str, list[str]]:
-    """Names that differ by the packing alone, together."""
+    """Group names that differ only in compression."""
     alike: defaultdict[str, list[str]] = defaultdict(list)
     for name in names:
         alike[_content(name)].append(name)
@@ -131,7 +131,7 @@ def _by_content(names: Iterable[str]) -> defaultdict[str, list[str]]:
 
 
 def _content(name: str) -> str:
-    """What a file is called without its packing."""
+    """Return the name of a file without its compression suffix."""
     return _PACKED.sub("", name).lower()
 
 

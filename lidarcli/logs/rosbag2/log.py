@@ -69,7 +69,7 @@ class Rosbag2Log:
 
     @property
     def compression(self) -> str:
-        """How the files opened so far, or messages in them, are packed."""
+        """Compression of the files opened so far, or of messages in them."""
         codecs = self._codecs - {"none"} or {"none"}
         return "+".join(sorted(codecs))
 
@@ -255,7 +255,7 @@ class Rosbag2Log:
         return [data for data, _ in usable], [time for _, time in usable]
 
     def _advance(self, number: int, share: float) -> None:
-        """A share of one file has been read."""
+        """Set the position after a share of one file."""
         self.position = sum(self._sizes[:number]) + int(self._sizes[number] * min(share, 1.0))
 
 
@@ -264,7 +264,7 @@ def _plain_name(file: Path) -> str:
 
 
 def _is_mcap(file: Path) -> bool:
-    """Whether a storage file is an MCAP, by its name."""
+    """Return True if the name of a storage file is that of an MCAP."""
     return ".mcap" in "".join(file.suffixes[-2:]).lower()
 
 

@@ -56,15 +56,15 @@ class _Cell(NamedTuple):
     size: int
     """Bytes of the whole row."""
     start: int
-    """Where the row begins in the page; `local` bytes of it stand there."""
+    """Start of the row in its page, which holds `local` bytes of it."""
     local: int
     overflow: int
-    """First page of the rest, 0 where there is none."""
+    """First page of the rest; 0 without one."""
 
 
 @dataclass(slots=True)
 class Found:
-    """What a file's leaf pages hold: where its messages are, and its topics."""
+    """Contents of the leaf pages of a file: places of messages, and topics."""
 
     topics: dict[int, TopicRow] = field(default_factory=dict)
     rowids: array[int] = field(default_factory=lambda: array("q"))
@@ -79,7 +79,7 @@ class Found:
 
     @property
     def missing(self) -> int:
-        """How many row ids are absent between the first message (row 1) and the last one found."""
+        """Number of row ids missing between the first message (row 1) and the last one found."""
         ids = np.unique(np.array(self.rowids, np.int64))
         ids = ids[ids > 0]
         return max(0, int(ids[-1]) - len(ids)) if len(ids) and ids[-1] < 1 << 40 else 0
@@ -301,7 +301,7 @@ def guess_topics(salvage: Salvage, found: Found) -> dict[int, TopicRow]:
 
 
 def _is_scan(data: bytes) -> bool:
-    """Whether a message decodes to a sweep with a geometry that a scanner can have."""
+    """Return True if a message decodes to a sweep with the geometry of a real scanner."""
     whole = np.array([len(data)])
     start = np.array([0])
     sweeps = decode("", np.frombuffer(data, np.uint8), start, whole, start, "cdr", ReadReport())
