@@ -18,7 +18,7 @@ NAN = float("nan")
 
 
 class Core:
-    """What is needed to find the objects of sweeps: room for one sweep, and the parameters."""
+    """Finder of the objects of sweeps: room for one sweep, and the parameters."""
 
     def __init__(self, scans: Scans, parameters: Parameters) -> None:
         """Room for the sweeps of a batch."""

@@ -1,4 +1,4 @@
-"""Why a body was taken for a thing or for a piece of building: what each kind of evidence adds to the log-odds."""
+"""Reasons for a verdict, thing or building: the part of each kind of evidence in the log-odds."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ KINDS = {
     "form": ("bulge_to", "bulge_away", "roughness", "grazing"),
     "sweep": ("walls", "noise"),
 }
-"""Kind of evidence → the features that give it, of the first look at a body."""
+"""Kind of evidence → features of the first pass that belong to it."""
 START, NEIGHBOURS = "start", "neighbours"
-"""What is known before, and what the second look adds, which knows what all other bodies are."""
+"""Log-odds before any feature, and those of the second pass, which knows the first verdicts on all other bodies."""
 LEAST = 0.05
-"""Less is not told."""
+"""Least log-odds that are shown."""
 
 
 def contributions(features: Float64, thing: Float64) -> dict[str, Float64]:
-    """What each kind of evidence adds to the log-odds of being a thing; together they are all.
+    """Return the part of each kind of evidence in the log-odds of being a thing; their sum is the whole.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def contributions(features: Float64, thing: Float64) -> dict[str, Float64]:
 
 
 def reasons(features: Float64, thing: Float64) -> list[str | None]:
-    """(K,) the same in words, the weightiest first: `edges +2.1, lines -0.8`; None where nothing was decided."""
+    """Return (K,) the parts in words, the greatest first: `edges +2.1, lines -0.8`; None without a verdict."""
     told = contributions(features, thing)
     names = list(told)
     values = np.stack(list(told.values()), axis=1)

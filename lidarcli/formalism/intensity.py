@@ -1,4 +1,4 @@
-"""How strong the returns of an object are: the median over its own beams, for all objects of a batch at once."""
+"""Intensity of objects: the median over their own beams, for all objects of a batch at once."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from lidarcli.formalism.ragged import grouped_medians, spans
 from lidarcli.sweeps import TURN, Closure, Float32, Float64, Int64, Status, SweepBatch
 
 MOST_INTENSITY = 1e9
-"""In whatever unit: no sensor counts so far, but the bytes of a broken message may."""
+"""Greatest intensity that a sensor can mean, in any unit; the bytes of a broken message may give more."""
 
 
 def object_intensities(batch: SweepBatch, found: Detection) -> Float32:
-    """The median intensity of each object.
+    """Return the median intensity of each object.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def object_intensities(batch: SweepBatch, found: Detection) -> Float32:
 
     Returns
     -------
-    (K,) in the sensor's own unit; NaN where no beam of the object has an intensity, or it is none that a sensor can mean
+    (K,) in the unit of the sensor; NaN where no beam of the object has an intensity, or it is above `MOST_INTENSITY`
     """
     if batch.intensities is None:
         return np.full(len(found), np.nan, np.float32)
@@ -30,13 +30,13 @@ def object_intensities(batch: SweepBatch, found: Detection) -> Float32:
     row = found.row[owner]
     count = (batch.beams - (batch.closure == Closure.SHARED)).astype(np.int64)[row]
     size = last - first
-    # What crosses the seam begins at the end of the sweep and ends at its start.
+    # A part across the seam begins at the end of the sweep and ends at its start.
     size += np.where(size < 0, count, 0) + 1
     beam, part, _ = spans(first, size)
     beam -= np.where(beam >= count[part], count[part], 0)
     at = row[part] * batch.width + beam
     values = batch.intensities.ravel()[at]
-    # Between the beams of an object some are lost.
+    # Some beams between those of an object are lost.
     mine = batch.status.ravel()[at] == Status.VALID.value
     medians = grouped_medians(values[mine], owner[part[mine]], len(found))
     with np.errstate(invalid="ignore"):
@@ -45,7 +45,7 @@ def object_intensities(batch: SweepBatch, found: Detection) -> Float32:
 
 
 def _parts(batch: SweepBatch, found: Detection) -> tuple[Int64, Int64, Int64]:
-    """The parts that objects are seen in: whose each is, and its first and last beam."""
+    """Return the connected parts of all objects: the object of each part, and its first and last beam."""
     vertices = np.diff(found.vertex_offsets).astype(np.int64)
     several = vertices - np.diff(found.face_offsets) > 1
     whole = np.flatnonzero(~several)
@@ -57,8 +57,8 @@ def _parts(batch: SweepBatch, found: Detection) -> tuple[Int64, Int64, Int64]:
     faces = np.diff(found.face_offsets).astype(np.int64)[some]
     face, its, _ = spans(found.face_offsets[some].astype(np.int64), faces)
     theta = found.vertex_theta[vertex]
-    # A face leads from one vertex to the next: a part begins where none leads to, and ends where none leaves.
-    # Which object and which bearing, as the two parts of one number: so pairs can be looked up in pairs.
+    # A face leads from one vertex to the next: a part begins at a vertex where no face ends, and ends where none begins.
+    # Object and bearing are the two parts of one complex number, so that pairs can be looked up among pairs.
     bearing = mine + 1j * theta
     begins = ~np.isin(bearing, its + 1j * found.face_theta_f[face])
     ends = ~np.isin(bearing, its + 1j * found.face_theta_i[face])
@@ -73,7 +73,7 @@ def _parts(batch: SweepBatch, found: Detection) -> tuple[Int64, Int64, Int64]:
 
 
 def _beam_at(batch: SweepBatch, row: Int64, theta: Float64) -> Int64:
-    """The beams of sweeps that have these bearings, which may have gone on past a full turn."""
+    """Return the beams of sweeps at some bearings, which may go on past a full turn."""
     step = batch.angle_increment[row]
     place = (theta - batch.angle_min[row]) / step
     turn = TURN / np.abs(step)

@@ -19,32 +19,32 @@ from lidarcli.sweeps import Bool, Closure, Float64, SweepBatch
 Profile = Literal["robust", "paper"]
 PROFILES: tuple[Profile, ...] = ("robust", "paper")
 MOST_BEAMS = 1_000_000
-"""No number of beams is larger: no sweep has more."""
+"""Greatest number of beams of a sweep."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """What `detect` may assume about the sensor and the objects. The defaults are those of profile `robust`."""
+    """Parameters of `detect`; the defaults are those of profile `robust`."""
 
     profile: Profile = "robust"
     threshold: Literal["adaptive", "mean"] | float = "adaptive"
     """d_th: `adaptive` (noise and one-sided limits), `mean` (Def. 3), or metres."""
     min_beams: int = 3
-    """Segments with fewer valid beams are noise."""
+    """Least number of valid beams of a segment; a smaller one is noise."""
     max_width: float = 2.0
-    """A segment that extends further than this [m] is background."""
+    """Greatest extent of an object [m]; a larger segment is background."""
     max_gap: int = 2
-    """Up to so many lost beams are bridged where both sides continue each other."""
+    """Greatest number of lost beams that are bridged where both sides continue each other."""
     group_gap: float = 0.0
-    """Objects closer together than this [m] become one (the legs of a chair); 0: never."""
+    """Distance [m] below which objects become one, as the legs of a chair; 0 for never."""
     min_thing: float = MIN_THING
-    """What is less likely a thing, and not a piece of building, is wall."""
+    """Least probability of a thing; a body below it is building."""
     walls: bool = False
-    """Also report walls: set S, shape wall."""
+    """True to report walls too: set S, shape wall."""
 
     @staticmethod
     def for_profile(profile: Profile = "robust", **overrides: Any) -> Parameters:
-        """The defaults of a profile, with every override that is not None.
+        """Return the defaults of a profile, with every override that is not None.
 
         Profile `paper` takes the formulas as printed: no least beam count, no greatest width, no bridged gap.
 
@@ -89,7 +89,7 @@ class Parameters:
             raise OptionError(f"--max-width: {self.max_width} m is not a width")
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values by name, for the tables' metadata; an infinite width is None."""
+        """Return plain values by name, for the metadata of the tables; an infinite width is None."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         if values["max_width"] == float("inf"):
             values["max_width"] = None
@@ -137,7 +137,7 @@ def check(batch: SweepBatch, within: Bool | None = None, sigma: Float64 | None =
     turns = batch.closure != Closure.OPEN.value
     # The loops look at both neighbours of a beam.
     _refuse(batch, turns & (beams < 3), "a full turn of {} beams", beams)
-    # NaN is neither of both.
+    # NaN is neither.
     for wrong in (batch.ranges <= 0, batch.ranges == np.inf):
         if wrong.any():
             values = batch.ranges[np.arange(len(batch)), wrong.argmax(axis=1)]
@@ -145,7 +145,7 @@ def check(batch: SweepBatch, within: Bool | None = None, sigma: Float64 | None =
 
 
 def _check_shapes(batch: SweepBatch, within: Bool | None, sigma: Float64 | None) -> None:
-    """Refuse arrays that have not the shape of their batch."""
+    """Refuse arrays of another shape than that of their batch."""
     shape = (len(batch), batch.ranges.shape[-1])
     columns = ("beams", "closure", "angle_min", "angle_increment")
     arrays: list[tuple[str, Any, tuple[int, ...]]] = [
@@ -159,7 +159,7 @@ def _check_shapes(batch: SweepBatch, within: Bool | None, sigma: Float64 | None)
 
 
 def _refuse(batch: SweepBatch, wrong: Any, words: str, values: NDArray[Any]) -> None:
-    """`ValueError` with the value of the first sweep that is wrong."""
+    """Raise a `ValueError` with the value of the first sweep that is wrong."""
     if wrong.any():
         row = int(np.argmax(wrong))
         raise ValueError(f"sweep {int(batch.sweep[row])} of {batch.topic}: {words.format(values[row])}")

@@ -11,13 +11,13 @@ _MANTISSA = np.int64(0x7FFFFFFF)
 
 
 def spans(begin: Int64, size: Int64) -> tuple[Int64, Int64, Int64]:
-    """Flat indices of the spans `begin[j] … begin[j] + size[j] - 1`, joined.
+    """Return the flat indices of the spans `begin[j] … begin[j] + size[j] - 1`, one span after the other.
 
     Returns
     -------
     index : (T,) the indices, T = sum of sizes
-    owner : (T,) j of each
-    offsets : (J + 1,) where each span starts in the joined array
+    owner : (T,) span j of each index
+    offsets : (J + 1,) start of each span in the result
 
     >>> [part.tolist() for part in spans(np.array([5, 0]), np.array([2, 1]))]
     [[5, 6, 0], [0, 0, 1], [0, 2, 3]]
@@ -30,23 +30,23 @@ def spans(begin: Int64, size: Int64) -> tuple[Int64, Int64, Int64]:
 
 
 def offsets_of(sizes: Int64) -> Int64:
-    """(J + 1,) offsets of spans of the given sizes."""
+    """Return (J + 1,) the offsets of spans of the given sizes."""
     offsets = np.zeros(len(sizes) + 1, np.int64)
     np.cumsum(sizes, out=offsets[1:])
     return offsets
 
 
 def grouped_medians(value: Float32, owner: Int64, groups: int) -> Float64:
-    """The median of the values of each group, NaN left out.
+    """Return the median of the values of each group, without NaN.
 
     Parameters
     ----------
-    value, owner : (N,) the values, and which group each belongs to
-    groups : G
+    value, owner : (N,) values, and the group of each
+    groups : number of groups G
 
     Returns
     -------
-    (G,) NaN where a group has no value
+    (G,) medians; NaN for a group without a value
 
     >>> grouped_medians(np.array([3, 1, np.nan, 2], np.float32), np.array([0, 0, 1, 0]), 2).tolist()
     [2.0, nan]

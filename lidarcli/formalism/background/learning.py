@@ -27,50 +27,50 @@ from lidarcli.formalism.ragged import offsets_of, spans
 from lidarcli.sweeps import Bool, Float64, Int64, Status, SweepBatch, record
 
 MOST_CELLS = 1 << 24
-"""Cells that are kept, and beams of all stations: about a gigabyte. Sweeps that would need more are left out."""
+"""Greatest number of cells, and of beams of all stations: about a gigabyte. Sweeps that need more are left out."""
 MOST_PENDING = 1 << 20
-"""Cells that wait before they are sorted in."""
+"""Greatest number of cells that wait to be sorted in."""
 UNIT = 1e-4
-"""[m] Ranges are counted in whole units, so that sums are exact in any order."""
+"""[m] Unit in which ranges are counted, so that sums are exact in any order."""
 BIN_UNITS = 50
-"""Units of a bin: 5 mm."""
+"""Width of a bin, in units: 5 mm."""
 SURFACE_BINS = 20
-"""Bins to either side of one that are the same surface: 10 cm."""
+"""Bins to either side that belong to the same surface: 10 cm."""
 FOLIAGE_BINS = 60
-"""Bins to either side that are one surface where none is narrower, as in foliage: 30 cm."""
+"""Bins to either side of a surface where none is narrower, as in foliage: 30 cm."""
 PEAK_BINS = 5
-"""Bins to either side of the place where most of its ranges are."""
+"""Bins to either side of the mode of a surface."""
 CLIP_SDS = 2.5
-"""Ranges this many standard deviations away from r_e do not count for it: somebody stood close to the surface."""
+"""Standard deviations beyond which a range does not count for r_e, as of a person close to the surface."""
 CLIPPED_SD = 0.946
-"""Standard deviation of what is left of a normal distribution, as a share of its own."""
+"""Standard deviation of a normal distribution that is cut there, as a share of its own."""
 LEAST_CLIP_UNITS = 200
-"""And these need not be fewer units than this: 2 cm."""
+"""Least width of the cut, in units: 2 cm."""
 SUPPORT_SHARE = 0.35
-"""Share of the observations of a beam that must back its background: people who pass have less."""
+"""Share of the observations of a beam that back its background; people who pass have less."""
 STILL_BINS = 10
-"""Bins to either side within which a surface that stands still repeats, whatever the noise: 5 cm."""
+"""Bins to either side within which a surface that stands still repeats, with any noise: 5 cm."""
 BEFORE_BINS = 30
-"""Bins before such a surface, from which on nearly all ranges are its own: 15 cm."""
+"""Bins before such a surface from which on nearly all ranges are its own: 15 cm."""
 REPEATED_SHARE = 0.1
-"""Share of the observations that is enough for a surface that stands still behind people who nearly always hide it."""
+"""Share of the observations of a surface that stands still behind people who nearly always hide it."""
 LEAST_REPEATED = 10
-"""And it takes so many observations: a few steps of passers-by fall into one place by chance."""
+"""Least number of observations of such a surface; a few steps of people fall into one place by chance."""
 SET_APART_SHARE = 0.8
-"""Share of the ranges from there on that have to be its own: people and leaves come in all ranges, a surface in one."""
+"""Least share of the ranges from there on that are its own; people and leaves come in all ranges, a surface in one."""
 OPEN_SHARE = 0.5
-"""A beam with this share of observations without a return is open, unless a surface has enough support."""
+"""Share of observations without a return of an open beam, unless a surface has enough support."""
 
 BACKING_SDS = 4.0
-"""Ranges up to so many standard deviations from r_e support it."""
+"""Standard deviations up to which a range supports r_e."""
 
 _BITS = np.int64(23)
 _FAR = (np.int64(1) << _BITS) - 1
-"""Greatest range that can be told from others [units]: 838 m."""
+"""Greatest range [units]: 838 m."""
 
 
 class Learning:
-    """What has been seen of one sensor; `add` folds sweeps, `background` is what they say so far.
+    """Sums over the sweeps of one sensor; `add` folds sweeps, `background` gives the background so far.
 
     Parameters
     ----------
@@ -87,13 +87,13 @@ class Learning:
         self.angle = angle
         self.range_max = 0.0
         self.left_out = 0
-        """Sweeps for which there was no room."""
+        """Number of sweeps for which there was no room."""
         self.poses = NO_PLACES
-        """Stations in the order in which they were opened; the pose of that of the sweeps without one is NaN."""
+        """Poses of the stations in the order in which they were opened; NaN for the station of sweeps without a pose."""
         self._sweeps = np.zeros(0, np.int64)
         self._no_return = np.zeros((0, grid.beams), np.int64)
         self._first = np.zeros((0, grid.beams), np.float32)
-        """The sweep that opened each station [m]: the later ones are laid onto it."""
+        """Ranges of the sweep that opened each station [m]; later sweeps are aligned with it."""
         self._parts: list[Cells] = []
         self._pending = 0
         self._settled = 0
@@ -112,7 +112,7 @@ class Learning:
         here = self.grid.fits(batch)
         if moved is not None:
             here &= moved.none
-        # Sweeps that need not be moved are told apart row by row, so that their company makes no difference.
+        # Sweeps that need no projection are picked row by row, so that the other sweeps of the batch make no difference.
         for rows in (np.flatnonzero(here), np.flatnonzero(~here)):
             if len(rows):
                 self._fold(
@@ -124,17 +124,17 @@ class Learning:
 
     @property
     def stations(self) -> int:
-        """Number of stations so far."""
+        """Return the number of stations so far."""
         return len(self.poses.x)
 
     @property
     def unplaced(self) -> int:
-        """Sweeps that are left out because they have no pose, while others have one."""
+        """Return the number of sweeps that are left out because they have no pose while others have one."""
         posed = ~np.isnan(self.poses.x)
         return int(self._sweeps[: self.stations][~posed].sum()) if posed.any() else 0
 
     def background(self) -> Background:
-        """r_e of every station. A station without a pose is left out where others have one."""
+        """Return the background of every station; one without a pose is left out where others have one."""
         cells = self._settle()
         found = estimate(cells, self._no_return[: self.stations].reshape(-1))
         shape = self.stations, self.grid.beams
@@ -157,7 +157,7 @@ class Learning:
         )
 
     def _stations(self, batch: SweepBatch) -> Int64:
-        """The station of each sweep, new ones included; -1 where there is no room for one."""
+        """Return the station of each sweep, new ones included; -1 where there is no room for one."""
         if self._settled + self._pending >= MOST_CELLS:
             self._settle()
         full = self._settled >= MOST_CELLS
@@ -183,7 +183,7 @@ class Learning:
         return np.full(len(batch), -1) if full else station
 
     def _on_grid(self, sweep: SweepBatch) -> NDArray[np.float32]:
-        """(B,) the ranges of one sweep at the bearings of the background."""
+        """Return (B,) the ranges of one sweep at the bearings of the background [m]."""
         own = None if sweep.poses is None else shift(sweep.poses, sweep.poses)
         beam, ranges = project(sweep, self.grid, None if own is None or own.none.all() else own)
         seen = (beam >= 0) & ~np.isnan(ranges)
@@ -192,7 +192,7 @@ class Learning:
         return result
 
     def _fold(self, batch: SweepBatch, station: Int64, here: bool, moved: Shift | None) -> None:
-        """Count the ranges of sweeps that are all at home at their stations, or all not."""
+        """Count the ranges of sweeps, all of them taken at their stations with its bearings, or none of them."""
         if here:
             beam = np.broadcast_to(np.arange(batch.width, dtype=np.int32), batch.ranges.shape)
             ranges = batch.ranges.astype(np.float64)
@@ -216,14 +216,14 @@ class Learning:
             self._settle()
 
     def _settle(self) -> Cells:
-        """Sort in what waits."""
+        """Sort in the cells that wait, and return all."""
         cells = merge(self._parts) if self._parts else count_ranges(np.zeros(0, np.int64), np.zeros(0))
         self._parts, self._pending, self._settled = [cells], 0, len(cells)
         return cells
 
 
 def _longer(values: NDArray[Any], rows: int) -> NDArray[Any]:
-    """The same values with room for at least so many rows: twice as many as before, so that growing stays cheap."""
+    """Return the values with room for at least so many rows, at least twice as many as before so that growing is cheap."""
     if rows <= len(values):
         return values
     result = np.zeros((max(rows, 2 * len(values)), *values.shape[1:]), values.dtype)
@@ -233,7 +233,7 @@ def _longer(values: NDArray[Any], rows: int) -> NDArray[Any]:
 
 @record
 class Cells:
-    """C cells: a beam and a bin each, sorted. All numbers are whole: sums are exact, whatever the order."""
+    """C cells, each a beam and a bin, sorted. All numbers are integers, so that sums are exact in any order."""
 
     key: Int64
     """(C,) number of the beam << 23 | first unit of the bin."""
@@ -249,12 +249,12 @@ class Cells:
 
     @property
     def beam(self) -> Int64:
-        """(C,)"""
+        """Return (C,) the beam of each cell."""
         return self.key >> _BITS
 
     @property
     def unit(self) -> Int64:
-        """(C,) first unit of the bin."""
+        """Return (C,) the first unit of the bin."""
         return self.key & _FAR
 
 
@@ -273,7 +273,7 @@ def count_ranges(beam: Int64, ranges: Float64) -> Cells:
 
 
 def merge(parts: list[Cells]) -> Cells:
-    """The cells of all parts together."""
+    """Return the cells of all parts as one."""
     if len(parts) == 1:
         return parts[0]
     key = np.concatenate([part.key for part in parts])
@@ -285,7 +285,7 @@ def merge(parts: list[Cells]) -> Cells:
 
 
 def _summed(key: Int64, count: Int64, total: Int64, squares: Int64) -> Cells:
-    """One cell per distinct key; the keys are sorted."""
+    """Return one cell for each distinct key; the keys are sorted."""
     first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=first[1:])
     start = np.flatnonzero(first)
@@ -307,7 +307,7 @@ class Estimate:
 
 
 def estimate(cells: Cells, no_return: Int64) -> Estimate:
-    """r_e of each beam: its farthest surface with enough support, because people stand before the background.
+    """Return r_e of each beam: its farthest surface with enough support, because people stand before the background.
 
     Ranges within 10 cm of one another are one surface, and 35 % of the observations are enough support. Where no
     surface has as much, one of these is the background, in this order:

@@ -1,1 +1,1 @@
-"""What happens over time: which objects of two sweeps are one thing, whether it moves, what it is."""
+"""Tracking: objects of many sweeps become tracks, with their motion, shape and name."""

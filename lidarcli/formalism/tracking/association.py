@@ -58,7 +58,7 @@ PERSON_RADIUS = 0.2
 
 
 class Pairs:
-    """Bodies and views that may be one, by body: `count` of them, and room for `most`."""
+    """Candidate pairs of a body and a view, by body: `count` of them, and room for `most`."""
 
     def __init__(self, bodies: int, views: int) -> None:
         self.owner: list[Any] = []
@@ -68,18 +68,18 @@ class Pairs:
         self.view = native.integers(self.owner, self.most)
         self.cost = native.doubles(self.owner, self.most)
         self.group = native.integers(self.owner, bodies + views)
-        """Of bodies, then of views: one that they hang together with, by pairs."""
+        """Group of each body, then of each view: the lowest index of a body or view that is connected with it."""
         self.place = native.integers(self.owner, bodies + views)
-        """Of bodies and views: row and column in the assignment at hand."""
+        """Row or column of each body and view in the current assignment."""
         self.member = native.integers(self.owner, bodies + views)
-        """The bodies, then the views of the assignment at hand."""
+        """Bodies, then views, of the current assignment."""
         self.next = native.integers(self.owner, self.most)
         self.head = native.integers(self.owner, bodies + views)
-        """The pairs of each group as a chain."""
+        """First pair of each group; `next` is the pair that follows, -1 at the end."""
 
 
 def associate(pairs: Pairs, task: Assignment, sides: Sides, bodies: Bodies, views: Views, owner: Any) -> None:
-    """Fill `bodies.view`, and `owner`, the body of each view, -1 for none."""
+    """Fill in `bodies.view`, and `owner`: the body of each view, -1 for none."""
     for b in range(bodies.high):
         bodies.view[b] = -1
     for k in range(views.count):
@@ -92,7 +92,7 @@ def associate(pairs: Pairs, task: Assignment, sides: Sides, bodies: Bodies, view
 
 
 def _pair_views(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> None:
-    """All pairs within the gate."""
+    """Collect all pairs within the gate."""
     pairs.count = 0
     for b in range(bodies.high):
         if bodies.state[b] != estimation.LIVE or bodies.kind[b] == estimation.PERSON:
@@ -121,7 +121,7 @@ def _pair_views(pairs: Pairs, sides: Sides, bodies: Bodies, views: Views) -> Non
 
 
 def _misfit(sides: Sides, bodies: Bodies, views: Views, b: int, k: int) -> float:
-    """How badly the sides of a view fit those of a body, and its size that of the body."""
+    """Return the cost of a view whose sides and size differ from those of a body."""
     estimation.measure(sides, views, k, bodies, b, observation.pose_variance(views, k))
     total, number = 0.0, 0.0
     for side in range(4):
@@ -140,7 +140,7 @@ def _misfit(sides: Sides, bodies: Bodies, views: Views, b: int, k: int) -> float
 
 
 def _chain(pairs: Pairs, bodies: Bodies) -> None:
-    """Which pairs hang together: those of one body or one view, and so on."""
+    """Group the pairs that are connected by shared bodies or views, and chain the pairs of each group."""
     n = bodies.most
     for i in range(pairs.count):
         b, k = pairs.body[i], n + pairs.view[i]
@@ -154,7 +154,7 @@ def _chain(pairs: Pairs, bodies: Bodies) -> None:
         b, k = pairs.body[i], n + pairs.view[i]
         pairs.group[b] = _root(pairs, b)
         pairs.group[k] = pairs.group[b]
-    # From the last to the first, so that chains begin with the first.
+    # From the last to the first, so that each chain begins with its first pair.
     for i in range(pairs.count - 1, -1, -1):
         root = pairs.group[pairs.body[i]]
         pairs.next[i] = pairs.head[root]
@@ -169,7 +169,7 @@ def _root(pairs: Pairs, at: int) -> int:
 
 
 def _assign_group(pairs: Pairs, task: Assignment, bodies: Bodies, owner: Any, root: int) -> None:
-    """Solve one group of pairs."""
+    """Solve the assignment of one group of pairs."""
     n = bodies.most
     begin = pairs.head[root]
     pairs.head[root] = -1
@@ -209,7 +209,7 @@ def _assign_group(pairs: Pairs, task: Assignment, bodies: Bodies, owner: Any, ro
 
 
 def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
-    """A view that nobody took, whose hidden edge lies inside of a body that is seen elsewhere, is a part of that.
+    """Make a view without a body a part of a body that is seen elsewhere, if a hidden edge of the view lies inside it.
 
     Such a view gets `owner` = -2 - body.
     """
@@ -222,7 +222,7 @@ def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
                 continue
             out = estimation.outside(bodies, b, views.middle_x[k], views.middle_y[k])
             if not observation.is_partial(views, bodies.view[b]):
-                # What is seen whole has no further parts, unless it is ragged.
+                # A body that is seen whole has no further parts, unless it is ragged.
                 out += 1.5 * PART_MARGIN
             if out < least and _has_room(bodies, b, views, k):
                 best, least = b, out
@@ -231,13 +231,13 @@ def join_parts(bodies: Bodies, views: Views, owner: Any) -> None:
 
 
 def _has_room(bodies: Bodies, b: int, views: Views, k: int) -> bool:
-    """Whether a body is as large as a part of it."""
+    """Return whether a body is large enough for a view to be a part of it."""
     size = math.sqrt(bodies.h[2 * b] * bodies.h[2 * b] + bodies.h[2 * b + 1] * bodies.h[2 * b + 1])
     return views.chord[k] <= 2.0 * size + PART_MARGIN
 
 
 class Assignment:
-    """Room for one assignment of `rows` to `columns`, to each row also a column of its own: it may stay without."""
+    """Room for one assignment of `rows` to `columns`; each row may also stay without a column, at a cost."""
 
     def __init__(self, most_rows: int, most_columns: int) -> None:
         self.owner: list[Any] = []
@@ -246,9 +246,9 @@ class Assignment:
         self.columns = 0
         self.most_columns = most_columns
         self.cost = native.doubles(self.owner, max(most_rows * most_columns, 1))
-        """Cost of row i and column j at i * columns + j; infinite where they cannot be one."""
+        """Cost of row i and column j at i * columns + j; infinite for pairs that are ruled out."""
         self.column = native.integers(self.owner, most_rows + 1)
-        """The column of each row, -1 for none."""
+        """Column of each row, -1 for none."""
         self.row_price = native.doubles(self.owner, most_rows + 1)
         self.column_price = native.doubles(self.owner, wide)
         self.taken_by = native.integers(self.owner, wide)
@@ -258,9 +258,9 @@ class Assignment:
 
 
 def solve(task: Assignment, without: float) -> None:
-    """Fill `column`. `without`: what it costs a row to stay without a column."""
+    """Fill in `column` by successive shortest augmenting paths. `without`: cost of a row without a column."""
     wide = task.columns + task.rows
-    # Rows and columns count from 1: 0 is none.
+    # Rows and columns count from 1; 0 is none.
     for j in range(wide + 1):
         task.column_price[j] = 0.0
         task.taken_by[j] = 0
@@ -276,7 +276,7 @@ def solve(task: Assignment, without: float) -> None:
 
 
 def _augment(task: Assignment, row: int, wide: int, without: float) -> None:
-    """Give a row its column along the cheapest path of changes (Dijkstra with prices)."""
+    """Give a row a column along the cheapest path of changes (Dijkstra with prices)."""
     task.taken_by[0] = row
     at = 0
     for j in range(wide + 1):
@@ -313,7 +313,7 @@ def _augment(task: Assignment, row: int, wide: int, without: float) -> None:
 
 
 class Persons:
-    """Room for the views of one sweep and whom they may belong to."""
+    """Room for candidate pairs of a person and a view of one sweep."""
 
     def __init__(self, views: int) -> None:
         self.owner: list[Any] = []
@@ -323,9 +323,9 @@ class Persons:
         self.view = native.integers(self.owner, self.most)
         self.cost = native.doubles(self.owner, self.most)
         self.entry = native.integers(self.owner, views)
-        """Of each view, its sighting in the log, -1 for none."""
+        """Index of the sighting of each view in the log, -1 for none."""
         self.taken = native.integers(self.owner, views)
-        """Whether somebody has it."""
+        """Number of the slot, plus 1, of the person who has each view; 0 for none."""
 
 
 def follow_persons(
@@ -338,12 +338,12 @@ def follow_persons(
     time: float,
     sweep: int,
 ) -> None:
-    """Give slim views to persons, and let legs that move found new ones.
+    """Assign slim views to persons, and let legs that move found new ones.
 
     Parameters
     ----------
-    owner : slot of the body of each view; that of a person takes its place
-    time, sweep : of this sweep [s], and how many were before
+    owner : slot of the body of each view, in and out: the slot of a person replaces that of its leg
+    time, sweep : time of this sweep [s], and number of sweeps before it
     """
     for k in range(views.count):
         persons.taken[k] = 0
@@ -368,7 +368,7 @@ def follow_persons(
 
 
 def _without_leg(bodies: Bodies, views: Views, k: int) -> int:
-    """The nearest person within reach of a view that has a leg left; -1 for none."""
+    """Return the nearest person within reach of a view that has fewer than two legs; -1 for none."""
     best, least = -1, LEG_REACH * LEG_REACH
     for b in range(bodies.high):
         if (
@@ -385,18 +385,18 @@ def _without_leg(bodies: Bodies, views: Views, k: int) -> int:
 
 
 def _is_leg(bodies: Bodies, b: int) -> bool:
-    """Whether a body is slim enough."""
+    """Return whether a body is slim enough for a leg."""
     return bodies.kind[b] == estimation.DISC and bodies.h[2 * b] + bodies.h[2 * b + 1] <= WALKING_LEG_WIDTH
 
 
 def _pair_persons(persons: Persons, bodies: Bodies, views: Views, owner: Any) -> None:
-    """All pairs of persons and views that are near each other."""
+    """Collect all pairs of a person and a view near it."""
     persons.count = 0
     for b in range(bodies.high):
         if bodies.state[b] != estimation.LIVE or bodies.kind[b] != estimation.PERSON:
             continue
         x, y = estimation.centre(bodies, b)
-        # Two places, for two legs.
+        # `settled` counts the legs of a person in this sweep, up to two.
         bodies.settled[b] = 0
         for k in range(views.count):
             leg = owner[k]
@@ -414,12 +414,12 @@ def _pair_persons(persons: Persons, bodies: Bodies, views: Views, owner: Any) ->
 
 
 def _may_be_leg(bodies: Bodies, b: int) -> bool:
-    """Whether a body may be a leg of a person: it was one before, or is hardly known yet."""
+    """Return whether a body may be a leg of a person: it was one before, or was seen a few times only."""
     return bodies.member[b] != 0 or bodies.sightings[b] < STANDING_SIGHTINGS
 
 
 def _sort_pairs(persons: Persons) -> None:
-    """The cheapest pairs first, by insertion: there are few."""
+    """Sort the pairs by cost; by insertion, as there are few."""
     for i in range(1, persons.count):
         person, view, cost = persons.person[i], persons.view[i], persons.cost[i]
         at = i
@@ -431,7 +431,7 @@ def _sort_pairs(persons: Persons) -> None:
 
 
 def _assign_view(persons: Persons, bodies: Bodies, views: Views, b: int, k: int) -> None:
-    """Let a person have a view, if it is free and there is a leg left."""
+    """Assign a view to a person, if the view is free and a leg is missing."""
     if persons.taken[k] != 0 or bodies.settled[b] >= 2:
         return
     legs = 2 if views.chord[k] > WALKING_LEG_WIDTH else 1
@@ -452,7 +452,7 @@ def _update_person(
     time: float,
     sweep: int,
 ) -> None:
-    """Follow a person by its views."""
+    """Update a person with its views."""
     x, y, number, wide = 0.0, 0.0, 0.0, False
     for k in range(views.count):
         if persons.taken[k] == b + 1:
@@ -479,27 +479,27 @@ def _update_person(
         and views.start[bodies.view[b]] == observation.OWN
         and views.end[bodies.view[b]] == observation.OWN
     ):
-        # What never shows two legs is as wide as the one.
+        # A person who never shows two legs has the width of one.
         bodies.boxy[b] += 1
         bodies.size[b] += (views.chord[bodies.view[b]] - bodies.size[b]) / min(bodies.boxy[b], 20)
     _note_person(bodies, b, x / number, y / number, time, sweep)
 
 
 def _join_leg(bodies: Bodies, leg: int, b: int) -> None:
-    """A body is a leg of a person; what was seen of it before it was anybody's is of the person, too."""
+    """Make a body a leg of a person; its earlier sightings become the person's too, if it had no person before."""
     if bodies.member[leg] == 0:
         bodies.same_as[leg] = bodies.number[b]
     bodies.member[leg] = bodies.number[b]
 
 
 def _rename_sighting(persons: Persons, bodies: Bodies, log: Sightings, b: int, k: int) -> None:
-    """The sighting of a leg is one of its person."""
+    """Make the sighting of a leg one of its person."""
     if persons.entry[k] >= 0:
         log.number[persons.entry[k]] = bodies.number[b]
 
 
 def _note_person(bodies: Bodies, b: int, x: float, y: float, time: float, sweep: int) -> None:
-    """Write down that a person was seen."""
+    """Note that a person was seen."""
     belief.note_seen(bodies, b)
     bodies.sightings[b] += 1
     bodies.last_sweep[b], bodies.seen_at[b] = sweep, time
@@ -510,7 +510,7 @@ def _note_person(bodies: Bodies, b: int, x: float, y: float, time: float, sweep:
 def _found_person(
     persons: Persons, bodies: Bodies, views: Views, log: Sightings, leg: int, k: int, time: float, sweep: int
 ) -> int:
-    """A leg that moves and belongs to nobody founds a person; returns its slot."""
+    """Found a person on a leg that moves and has none; return the slot of the person."""
     b = estimation.free_slot(bodies)
     estimation.clear(bodies, b)
     bodies.kind[b] = estimation.PERSON

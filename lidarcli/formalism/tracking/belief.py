@@ -86,7 +86,7 @@ SAME_LEG = 0.08
 
 
 def weigh_motion(bodies: Bodies, b: int, sides: Sides, is_whole: bool) -> None:
-    """Add what the sides of a view say for and against motion; before they are taken into the estimates."""
+    """Add the evidence of the sides of a view for and against motion, before they update the estimates."""
     total = 0.0
     if sides.by_centre:
         for i in range(2):
@@ -107,9 +107,9 @@ def weigh_motion(bodies: Bodies, b: int, sides: Sides, is_whole: bool) -> None:
 
 
 def _motion_odds(bodies: Bodies, a: int, z: float, sign: float, var: float, lasting: float) -> float:
-    """How much better a moving body explains a measurement of c + sign h than one that stands, as log-odds.
+    """Return the log-odds by which a moving body explains a measurement of c + sign h better than its twin.
 
-    `lasting`: variance of where the one that stands is that its sightings had in common [m²].
+    `lasting`: variance of the place of the twin that all of its sightings share [m²].
     """
     off, s = estimation.residual(bodies, a, z, sign, var)
     still_off, still_s = estimation.still_residual(bodies, a, z, sign, var)
@@ -118,10 +118,10 @@ def _motion_odds(bodies: Bodies, a: int, z: float, sign: float, var: float, last
 
 
 def _axis_odds(bodies: Bodies, a: int, sides: Sides, low: int) -> float:
-    """The same of the two sides of an axis.
+    """Return the log-odds for motion of the two sides of an axis.
 
-    Edges that may be those of returns alone speak together or not at all: where one of them moves and the other does not,
-    more of a thing has come into view.
+    Edges that may be those of returns alone count together or not at all: if only one of them moves, more of the body has
+    come into view.
     """
     low_var, high_var = sides.var[low], sides.var[low + 1]
     of_low, of_high = 0.0, 0.0
@@ -131,12 +131,12 @@ def _axis_odds(bodies: Bodies, a: int, sides: Sides, low: int) -> float:
         of_high = _motion_odds(bodies, a, sides.z[low + 1], 1.0, high_var, 0.0)
     length = sides.z[low + 1] - sides.z[low]
     if low_var >= 0.0 and high_var >= 0.0 and abs(length - 2.0 * bodies.still_h[a]) > SAME_LENGTH:
-        # Another piece of the same wall, say.
+        # For example another piece of the same wall.
         return 0.0
     if low_var < estimation.OPEN_EDGE_VAR and high_var < estimation.OPEN_EDGE_VAR:
         return of_low + of_high
     if low_var < 0.0 or high_var < 0.0:
-        # One of them is of no use, and the other alone is not believed.
+        # One of them is not seen, and the other alone is not believed.
         return 0.0
     if abs(length - 2.0 * bodies.h[a]) > STEADY_LENGTH:
         return 0.0
@@ -146,7 +146,7 @@ def _axis_odds(bodies: Bodies, a: int, sides: Sides, low: int) -> float:
 
 
 def note_rest(bodies: Bodies, b: int, sweep: int) -> None:
-    """Remember where and when a body was last without evidence of motion."""
+    """Remember the place and sweep in which a body was last without evidence of motion."""
     if bodies.evidence[b] <= 0.0:
         bodies.onset[b] = sweep
         bodies.birth_x[b], bodies.birth_y[b] = estimation.centre(bodies, b)
@@ -155,7 +155,7 @@ def note_rest(bodies: Bodies, b: int, sweep: int) -> None:
 def is_moving(
     bodies: Bodies, b: int, views: Views, scans: Scans, k: int, past: Memory, alarm: float, time: float
 ) -> bool:
-    """Whether both witnesses say that a body moves by itself."""
+    """Return whether both witnesses show that a body moves by itself."""
     if bodies.evidence[b] < alarm:
         return False
     x, y = estimation.centre(bodies, b)
@@ -165,7 +165,7 @@ def is_moving(
     passes, hits, _ = passing_body(views, scans, bodies, b, bodies.birth_x[b], bodies.birth_y[b])
     size = 2.0 * max(bodies.h[2 * b], bodies.h[2 * b + 1])
     if hits > 0.5 and dx * dx + dy * dy > (size + FREE_MARGIN) * (size + FREE_MARGIN):
-        # Something still stands where it was: another leg of the same chair was taken for it.
+        # Its old place is still occupied: another leg of the same chair was taken for it.
         return False
     if was_occupied(bodies, b, views, k, past, time):
         return False
@@ -175,7 +175,7 @@ def is_moving(
 
 
 def was_occupied(bodies: Bodies, b: int, views: Views, k: int, past: Memory, time: float) -> bool:
-    """Whether something was where a view is now when the body was not there yet: a wall, of which pieces seem to slide."""
+    """Return whether the place of a view was occupied before the body got there, as by a wall that seems to slide."""
     first, stop = views.begin[k], views.begin[k + 1]
     asked = min(stop - first, MOST_POINTS)
     v_x, v_y = bodies.v[2 * b], bodies.v[2 * b + 1]
@@ -197,7 +197,7 @@ def was_occupied(bodies: Bodies, b: int, views: Views, k: int, past: Memory, tim
 
 
 def was_free(views: Views, k: int, past: Memory, time: float) -> bool:
-    """Whether a view is where the beams of an earlier sweep passed."""
+    """Return whether the beams of an earlier sweep passed the place of a view."""
     first, stop = views.begin[k], views.begin[k + 1]
     asked = min(stop - first, MOST_POINTS)
     for m in range(min(past.count, observation.SWEEPS_KEPT)):
@@ -217,12 +217,12 @@ def was_free(views: Views, k: int, past: Memory, time: float) -> bool:
 def passing(
     views: Views, scans: Scans, x: float, y: float, near: float, beside: float
 ) -> tuple[float, float, float]:
-    """Shares of the beams at the core of a place that pass it, end at it, and are outside of the view.
+    """Return the shares of the beams at the core of a place that pass it, end at it, and are outside of the view.
 
     Parameters
     ----------
-    x, y : its centre in the world [m]
-    near, beside : how far it reaches towards the sensor and to the side [m]
+    x, y : centre of the place in the world [m]
+    near, beside : half extents towards the sensor and to the side [m]
     """
     ahead, left = observation.to_sensor(views, x, y)
     r = math.sqrt(ahead * ahead + left * left)
@@ -232,14 +232,14 @@ def passing(
     past -= observation.TURN * math.floor(past / observation.TURN)
     middle = past / views.step
     core = 0.5 * math.atan2(beside, max(r, 0.01)) / views.step
-    # Half a turn past the first bearing or more before the last: a bearing just before the first is near it.
+    # A bearing just before the first one counts as before it, not as nearly a turn behind it.
     if views.period == 0 and past > 0.5 * (observation.TURN + (views.bearings - 1) * views.step):
         middle -= observation.TURN / views.step
-    # In C these are floating-point numbers still.
+    # C needs a conversion to integers here.
     first, last = int(math.ceil(middle - core)), int(math.floor(middle + core))  # noqa: RUF046
     if last < first:
         first = last = int(math.floor(middle + 0.5))  # noqa: RUF046
-    # No header makes more beams of it than there are.
+    # Never more beams than there are, whatever the header of the sweep says.
     last = min(last, first + views.bearings)
     margin = PASSING_MARGIN + 3.5 * views.sigma
     passes, hits, unseen, number = 0.0, 0.0, 0.0, 0.0
@@ -259,7 +259,7 @@ def passing(
 def passing_body(
     views: Views, scans: Scans, bodies: Bodies, b: int, x: float, y: float
 ) -> tuple[float, float, float]:
-    """The same of a body, as if its centre were at x, y."""
+    """Return the shares of `passing` for a body, as if its centre were at x, y."""
     dx, dy = x - views.x, y - views.y
     r = math.sqrt(dx * dx + dy * dy)
     if r <= 0.0:
@@ -270,13 +270,13 @@ def passing_body(
 
 
 def note_seen(bodies: Bodies, b: int) -> None:
-    """A body was seen."""
+    """Raise the probability that a body exists, which was seen."""
     bodies.existence[b] += EXISTENCE_GAIN * (1.0 - bodies.existence[b])
     bodies.inside[b] = max(bodies.inside[b] - 1, 0)
 
 
 def note_missed(bodies: Bodies, b: int, views: Views, scans: Scans, time: float) -> None:
-    """A body was not seen: does that speak against it?"""
+    """Lower the probability that a body exists, which was not seen, and end it if it is gone or lost."""
     x, y = estimation.centre(bodies, b)
     passes, hits, unseen = passing_body(views, scans, bodies, b, x, y)
     detect = DETECTION_RATE * passes if passes > LEAST_PASSING else 0.0
@@ -290,7 +290,7 @@ def note_missed(bodies: Bodies, b: int, views: Views, scans: Scans, time: float)
     if bodies.existence[b] < LEAST_EXISTENCE:
         finish(bodies, b, FREE)
     elif bodies.inside[b] >= DUPLICATE_SWEEPS:
-        # What it was is the other one: nothing is lost.
+        # It is the same as the other body: nothing is lost.
         finish(bodies, b, LOST)
     else:
         still = bodies.moved[b] == 0
@@ -301,7 +301,7 @@ def note_missed(bodies: Bodies, b: int, views: Views, scans: Scans, time: float)
 
 
 def covering_body(bodies: Bodies, b: int, x: float, y: float, beside: float) -> int:
-    """An older body that is seen now and has the centre x, y of another in it, or so near [m]; -1 for none."""
+    """Return an older body that is seen now and covers the centre x, y of another, within a margin [m]; -1 for none."""
     for other in range(bodies.high):
         if bodies.state[other] != estimation.LIVE or bodies.view[other] < 0 or other == b:
             continue
@@ -313,13 +313,13 @@ def covering_body(bodies: Bodies, b: int, x: float, y: float, beside: float) -> 
 
 
 def finish(bodies: Bodies, b: int, why: int) -> None:
-    """End a body; what was seen too seldom to be a track is forgotten at once."""
+    """End a body; one that was seen too seldom for a track is forgotten at once."""
     bodies.end[b] = why
     bodies.state[b] = estimation.ENDED if bodies.sightings[b] >= CONFIRMED_SIGHTINGS else estimation.EMPTY
 
 
 def note_shape(bodies: Bodies, b: int, views: Views, k: int) -> None:
-    """Count the shape that a view has been taken for."""
+    """Add the vote of a view on the shape of a body."""
     bodies.shape_votes[5 * b + views.shape[k]] += min(views.size[k] * BEAM_VOTE, 1.0)
     if views.shape[k] != PRISMATIC:
         return
@@ -330,7 +330,7 @@ def note_shape(bodies: Bodies, b: int, views: Views, k: int) -> None:
 
 
 def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> None:
-    """Remember the slim things around a slim body that stands, of which beams tell too little to be objects."""
+    """Remember legs around a slim body that stands, which have too few beams to be objects."""
     if (
         bodies.moved[b] != 0
         or views.length[k] > SLIM_LEG_WIDTH
@@ -369,7 +369,7 @@ def note_legs(bodies: Bodies, b: int, views: Views, k: int, scans: Scans) -> Non
 
 
 def _note_leg(bodies: Bodies, b: int, x: float, y: float) -> None:
-    """Remember one of them: the mean of where it was seen."""
+    """Add a sighting to the mean place of a leg."""
     for i in range(estimation.MOST_LEGS * b, estimation.MOST_LEGS * b + estimation.MOST_LEGS):
         seen = bodies.leg_seen[i]
         dx, dy = x - bodies.leg_x[i], y - bodies.leg_y[i]

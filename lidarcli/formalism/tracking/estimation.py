@@ -75,50 +75,50 @@ LOG_SIDES = ("z", "var")
 
 
 class Bodies:
-    """Room for `most` bodies. What is known along axis i of body b stands at 2 b + i."""
+    """Arrays of `most` slots, one for each body. Values along axis i of body b stand at 2 b + i."""
 
     def __init__(self, most: int) -> None:
         self.arrays: dict[str, NDArray[Any]] = {}
-        """What is known of all bodies, by name."""
+        """All arrays, by name."""
         self.most = most
         self.high = 0
-        """No slot from here on has a body."""
+        """Slot from which on all slots are empty."""
         self.born = 0
-        """Bodies so far; each has a number of its own by that."""
+        """Number of bodies so far; a new body gets the next number."""
         self.state = native.at_longs(_new(self.arrays, "state", most, np.int64))
         self.number = native.at_longs(_new(self.arrays, "number", most, np.int64))
         self.kind = native.at_longs(_new(self.arrays, "kind", most, np.int64))
         self.sightings = native.at_longs(_new(self.arrays, "sightings", most, np.int64))
-        """Sweeps in which it was seen."""
+        """Number of sweeps that saw it."""
         self.settled = native.at_longs(_new(self.arrays, "settled", most, np.int64))
-        """Of these, since its kind was last chosen."""
+        """Number of sightings since its kind was chosen; of a person, its legs in this sweep."""
         self.boxy = native.at_longs(_new(self.arrays, "boxy", most, np.int64))
-        """Sightings as a box with enough beams while it is a disc."""
+        """Number of sightings as a box with enough beams while it is a disc; of a person, sightings of one leg."""
         self.whole = native.at_longs(_new(self.arrays, "whole", most, np.int64))
-        """Sightings with both edges its own."""
+        """Number of sightings with both edges its own; of a person, with two legs."""
         self.moved = native.at_longs(_new(self.arrays, "moved", most, np.int64))
         self.inside = native.at_longs(_new(self.arrays, "inside", most, np.int64))
-        """Sweeps in which it was unseen within an older body that was seen, less those in which it was seen …"""
+        """Number of sweeps unseen inside an older body that was seen, less those in which it was seen."""
         self.same_as = native.at_longs(_new(self.arrays, "same_as", most, np.int64))
-        """… and the number of that; of a body that has ended 0 where it is not the same thing."""
+        """Number of the older body, or of the person of a leg; 0 for none."""
         self.member = native.at_longs(_new(self.arrays, "member", most, np.int64))
         """Number of the person that it is a leg of, 0 for none."""
         self.view = native.at_longs(_new(self.arrays, "view", most, np.int64))
-        """Its view in this sweep, -1 for none."""
+        """View in this sweep, -1 for none."""
         self.first_sweep = native.at_longs(_new(self.arrays, "first_sweep", most, np.int64))
         self.last_sweep = native.at_longs(_new(self.arrays, "last_sweep", most, np.int64))
         self.onset = native.at_longs(_new(self.arrays, "onset", most, np.int64))
-        """The sweep in which the evidence of motion was last nil."""
+        """Last sweep without evidence of motion."""
         self.end = native.at_longs(_new(self.arrays, "end", most, np.int64))
-        """Why it ended (`results.ENDS`)."""
+        """Reason for its end, an index into `results.ENDS`."""
         self.size = native.at_doubles(_new(self.arrays, "size", most, np.float64))
-        """Diagonal of its box by views with both edges its own [m]."""
+        """Mean diagonal of its box, by views with both edges its own [m]."""
         self.existence = native.at_doubles(_new(self.arrays, "existence", most, np.float64))
         self.seen_at = native.at_doubles(_new(self.arrays, "seen_at", most, np.float64))
-        """When it was last seen [s]."""
+        """Time of the last sighting [s]."""
         self.first_at = native.at_doubles(_new(self.arrays, "first_at", most, np.float64))
         self.evidence = native.at_doubles(_new(self.arrays, "evidence", most, np.float64))
-        """Evidence of its own motion, log-odds (a CUSUM)."""
+        """Evidence of motion, log-odds (a CUSUM)."""
         self.evidence_most = native.at_doubles(_new(self.arrays, "evidence_most", most, np.float64))
         self.yaw = native.at_doubles(_new(self.arrays, "yaw", most, np.float64))
         self.yaw_rate = native.at_doubles(_new(self.arrays, "yaw_rate", most, np.float64))
@@ -129,13 +129,13 @@ class Bodies:
         self.sin = native.at_doubles(_new(self.arrays, "sin", most, np.float64))
         self.middle_x = native.at_doubles(_new(self.arrays, "middle_x", most, np.float64))
         self.middle_y = native.at_doubles(_new(self.arrays, "middle_y", most, np.float64))
-        """Centroid of the points when it was last seen [m] …"""
+        """Centroid of the points at the last sighting [m]."""
         self.from_x = native.at_doubles(_new(self.arrays, "from_x", most, np.float64))
         self.from_y = native.at_doubles(_new(self.arrays, "from_y", most, np.float64))
-        """… and where its centre was then."""
+        """Centre at the last sighting [m]."""
         self.birth_x = native.at_doubles(_new(self.arrays, "birth_x", most, np.float64))
         self.birth_y = native.at_doubles(_new(self.arrays, "birth_y", most, np.float64))
-        """Where it was first seen, or began to be without evidence of motion [m]."""
+        """Centre in the last sweep without evidence of motion [m]."""
         self.c = native.at_doubles(_new(self.arrays, "c", 2 * most, np.float64))
         self.v = native.at_doubles(_new(self.arrays, "v", 2 * most, np.float64))
         self.h = native.at_doubles(_new(self.arrays, "h", 2 * most, np.float64))
@@ -145,47 +145,47 @@ class Bodies:
         self.vv = native.at_doubles(_new(self.arrays, "vv", 2 * most, np.float64))
         self.vh = native.at_doubles(_new(self.arrays, "vh", 2 * most, np.float64))
         self.hh = native.at_doubles(_new(self.arrays, "hh", 2 * most, np.float64))
-        """The estimate along each axis, and its covariance."""
+        """Centre, velocity and half extent along each axis, and their covariance."""
         self.still_c = native.at_doubles(_new(self.arrays, "still_c", 2 * most, np.float64))
         self.still_h = native.at_doubles(_new(self.arrays, "still_h", 2 * most, np.float64))
         self.still_cc = native.at_doubles(_new(self.arrays, "still_cc", 2 * most, np.float64))
         self.still_ch = native.at_doubles(_new(self.arrays, "still_ch", 2 * most, np.float64))
         self.still_hh = native.at_doubles(_new(self.arrays, "still_hh", 2 * most, np.float64))
-        """The twin that stands still."""
+        """Centre and half extent of the twin along each axis, and their covariance."""
         self.effect = native.at_doubles(_new(self.arrays, "effect", 6 * most, np.float64))
-        """How the place of the twin depends on what the poses are off by (`correction`), three numbers for each axis."""
+        """Effect of the error of the poses on the place of the twin, three numbers for each axis (`fold.Correction`)."""
         self.side = native.at_doubles(_new(self.arrays, "side", 2 * most, np.float64))
         self.side_weight = native.at_doubles(_new(self.arrays, "side_weight", 2 * most, np.float64))
-        """Extent by sightings of both ends, and the weight of these [m, 1/m²]."""
+        """Mean extent by sightings of both ends, and their weight [m, 1/m²]."""
         self.least = native.at_doubles(_new(self.arrays, "least", 2 * most, np.float64))
-        """It is at least so long [m]."""
+        """Least length along each axis [m]."""
         self.bulge = native.at_doubles(_new(self.arrays, "bulge", most, np.float64))
-        """Sum of the squared distances of points from their faces, in variances of the noise …"""
+        """Sum of the squared distances of points from their faces, in variances of the noise."""
         self.bulge_points = native.at_doubles(_new(self.arrays, "bulge_points", most, np.float64))
-        """… and what that is where faces are straight."""
+        """Expected value of that sum for straight faces."""
         self.leg_x = native.at_doubles(_new(self.arrays, "leg_x", MOST_LEGS * most, np.float64))
         self.leg_y = native.at_doubles(_new(self.arrays, "leg_y", MOST_LEGS * most, np.float64))
-        """Where slim things stand beside a slim one, too few beams each to be objects [m] …"""
+        """Mean places of legs beside it that are too slim to be objects [m]."""
         self.leg_seen = native.at_longs(_new(self.arrays, "leg_seen", MOST_LEGS * most, np.int64))
-        """… and in how many sightings of it they were seen."""
+        """Number of sightings of each of these legs."""
         self.shape_votes = native.at_doubles(_new(self.arrays, "shape_votes", 5 * most, np.float64))
-        """Log-likelihood of what was seen of it, by shape."""
+        """Votes of its views, by shape."""
 
     def grow(self, old: Bodies) -> None:
-        """Take over the bodies of what has less room."""
+        """Copy the bodies of `old`, which has less room."""
         self.high, self.born = old.high, old.born
         for name, values in old.arrays.items():
             self.arrays[name][: len(values)] = values
 
 
 def _new(arrays: dict[str, NDArray[Any]], name: str, count: int, kind: Any) -> NDArray[Any]:
-    """An array of zeros, by its name."""
+    """Add an array of zeros by its name, and return it."""
     arrays[name] = np.zeros(count, kind)
     return arrays[name]
 
 
 def free_slot(bodies: Bodies) -> int:
-    """The first slot without a body; there is room."""
+    """Return the first empty slot; there is one."""
     b = 0
     while bodies.state[b] != EMPTY:
         b += 1
@@ -194,7 +194,7 @@ def free_slot(bodies: Bodies) -> int:
 
 
 def clear(bodies: Bodies, b: int) -> None:
-    """A new body, of which nothing is known yet."""
+    """Begin a new body in a slot."""
     bodies.born += 1
     bodies.number[b] = bodies.born
     bodies.state[b] = LIVE
@@ -218,22 +218,22 @@ def clear(bodies: Bodies, b: int) -> None:
 
 
 def centre(bodies: Bodies, b: int) -> tuple[float, float]:
-    """Where the centre of a body is [m]."""
+    """Return the centre of a body in the world [m]."""
     return to_world(bodies, b, bodies.c[2 * b], bodies.c[2 * b + 1])
 
 
 def to_world(bodies: Bodies, b: int, along: float, across: float) -> tuple[float, float]:
-    """Something in the axes of a body, in the world."""
+    """Return a vector in the axes of a body as one in the world."""
     return bodies.cos[b] * along - bodies.sin[b] * across, bodies.sin[b] * along + bodies.cos[b] * across
 
 
 def to_axes(bodies: Bodies, b: int, x: float, y: float) -> tuple[float, float]:
-    """Something in the world, in the axes of a body."""
+    """Return a vector in the world as one in the axes of a body."""
     return bodies.cos[b] * x + bodies.sin[b] * y, bodies.cos[b] * y - bodies.sin[b] * x
 
 
 def half_extent(bodies: Bodies, b: int, x: float, y: float) -> float:
-    """How far a body reaches from its centre in a direction of the world [m]."""
+    """Return the half extent of a body in a direction of the world, given as a unit vector [m]."""
     if bodies.kind[b] != BOX:
         return 0.5 * (bodies.h[2 * b] + bodies.h[2 * b + 1])
     along, across = to_axes(bodies, b, x, y)
@@ -241,7 +241,7 @@ def half_extent(bodies: Bodies, b: int, x: float, y: float) -> float:
 
 
 def outside(bodies: Bodies, b: int, x: float, y: float) -> float:
-    """How far a point is outside of a body [m], negative inside."""
+    """Return the distance of a point from a body [m], negative inside."""
     centre_x, centre_y = centre(bodies, b)
     dx, dy = x - centre_x, y - centre_y
     if bodies.kind[b] != BOX:
@@ -251,7 +251,7 @@ def outside(bodies: Bodies, b: int, x: float, y: float) -> float:
 
 
 def turn(bodies: Bodies, b: int, angle: float) -> None:
-    """Turn the axes of a body; what is known in the world stays."""
+    """Turn the axes of a body; its estimates in the world stay the same."""
     cos, sin = math.cos(angle), math.sin(angle)
     one, other = 2 * b, 2 * b + 1
     bodies.c[one], bodies.c[other] = (
@@ -271,7 +271,7 @@ def turn(bodies: Bodies, b: int, angle: float) -> None:
             cos * bodies.effect[i] + sin * bodies.effect[i + 3],
             cos * bodies.effect[i + 3] - sin * bodies.effect[i],
         )
-    # Of the covariance what the axes share is left out; turns from sweep to sweep are small.
+    # The covariance between the axes is left out; turns from sweep to sweep are small.
     keep, give = cos * cos, sin * sin
     _mix(bodies.cc, one, keep, give)
     _mix(bodies.cv, one, keep, give)
@@ -286,12 +286,13 @@ def turn(bodies: Bodies, b: int, angle: float) -> None:
 
 
 def _mix(values: Any, at: int, keep: float, give: float) -> None:
+    """Mix the values of both axes."""
     first, second = values[at], values[at + 1]
     values[at], values[at + 1] = keep * first + give * second, keep * second + give * first
 
 
 def predict(bodies: Bodies, b: int, dt: float, creep: float) -> None:
-    """Let time pass for a body [s]. `creep`: variance by which standing bodies seem to move, as poses drift [m²]."""
+    """Predict a body after a time dt [s]. `creep`: variance that is added to standing bodies as poses drift [m²]."""
     if bodies.kind[b] == BOX:
         bodies.yaw_var[b] += (
             dt * (2.0 * bodies.yaw_cov[b] + dt * bodies.rate_var[b])
@@ -313,7 +314,7 @@ def predict(bodies: Bodies, b: int, dt: float, creep: float) -> None:
 
 
 def rest(bodies: Bodies, b: int) -> None:
-    """A body that is unseen and was never shown to move stays where it is; it may begin to move at any time."""
+    """Stop a body that is not seen and was never shown to move; it may begin to move at any time."""
     for a in range(2 * b, 2 * b + 2):
         bodies.c[a], bodies.h[a] = bodies.still_c[a], bodies.still_h[a]
         bodies.cc[a] = bodies.still_cc[a] + UNSEEN_VAR
@@ -324,7 +325,7 @@ def rest(bodies: Bodies, b: int) -> None:
 
 
 def residual(bodies: Bodies, a: int, z: float, sign: float, var: float) -> tuple[float, float]:
-    """What a measurement of c + sign h differs by from the expected [m], and the variance of that [m²]."""
+    """Return the residual of a measurement of c + sign h [m], and its variance [m²]."""
     return (
         z - bodies.c[a] - sign * bodies.h[a],
         max(bodies.cc[a] + sign * (2.0 * bodies.ch[a] + sign * bodies.hh[a]), 0.0) + var,
@@ -332,7 +333,7 @@ def residual(bodies: Bodies, a: int, z: float, sign: float, var: float) -> tuple
 
 
 def still_residual(bodies: Bodies, a: int, z: float, sign: float, var: float) -> tuple[float, float]:
-    """The same of the twin."""
+    """Return the residual of a measurement of c + sign h for the twin [m], and its variance [m²]."""
     return (
         z - bodies.still_c[a] - sign * bodies.still_h[a],
         max(bodies.still_cc[a] + sign * (2.0 * bodies.still_ch[a] + sign * bodies.still_hh[a]), 0.0) + var,
@@ -340,7 +341,7 @@ def still_residual(bodies: Bodies, a: int, z: float, sign: float, var: float) ->
 
 
 def update(bodies: Bodies, a: int, z: float, sign: float, var: float) -> None:
-    """Take a measurement of c + sign h along an axis; sign is 0 for the centre itself."""
+    """Update an axis with a measurement of c + sign h; sign is 0 for the centre itself."""
     off, s = residual(bodies, a, z, sign, var)
     if off * off > MOST_RESIDUAL * s:
         s = off * off / MOST_RESIDUAL
@@ -362,7 +363,7 @@ def update(bodies: Bodies, a: int, z: float, sign: float, var: float) -> None:
 
 
 def update_still(bodies: Bodies, a: int, z: float, sign: float, var: float) -> float:
-    """The same for the twin; returns the share of the measurement that its centre has taken."""
+    """Update the twin with a measurement of c + sign h; return the gain of its centre."""
     off, s = still_residual(bodies, a, z, sign, var)
     if off * off > MOST_RESIDUAL * s:
         s = off * off / MOST_RESIDUAL
@@ -377,7 +378,7 @@ def update_still(bodies: Bodies, a: int, z: float, sign: float, var: float) -> f
 
 
 def update_extent(bodies: Bodies, a: int, half: float, var: float) -> None:
-    """Take a measurement of a half extent."""
+    """Update an axis with a measurement of its half extent."""
     gain = bodies.hh[a] / (bodies.hh[a] + var)
     off = half - bodies.h[a]
     bodies.h[a] = max(bodies.h[a] + gain * off, 0.01)
@@ -386,12 +387,12 @@ def update_extent(bodies: Bodies, a: int, half: float, var: float) -> None:
 
 
 def update_yaw(bodies: Bodies, b: int, yaw: float, var: float) -> None:
-    """Take the direction of a face, which is known up to quarter turns."""
+    """Update the direction of a body with that of a face, which is known up to quarter turns."""
     off = yaw - bodies.yaw[b]
     off -= QUARTER_TURN * math.floor(off / QUARTER_TURN + 0.5)
     s = bodies.yaw_var[b] + var
     if abs(off) > MOST_TURN:
-        # Rather a face that was not recognised than a turn.
+        # More likely another face than such a turn.
         s += off * off
     gain, gain_rate = bodies.yaw_var[b] / s, bodies.yaw_cov[b] / s
     turn(bodies, b, gain * off)
@@ -402,7 +403,7 @@ def update_yaw(bodies: Bodies, b: int, yaw: float, var: float) -> None:
 
 
 def begin_axis(bodies: Bodies, a: int, low: float, high: float, low_var: float, high_var: float) -> None:
-    """Begin an axis with what is seen of its two sides [m]; a negative variance: seen to go on at least so far."""
+    """Begin an axis with its two sides [m]; a negative variance means that the side goes on at least so far."""
     half = 0.5 * (high - low)
     bodies.v[a] = 0.0
     bodies.cv[a] = bodies.vh[a] = 0.0
@@ -429,36 +430,36 @@ def begin_axis(bodies: Bodies, a: int, low: float, high: float, low_var: float, 
 
 
 def stand_still(bodies: Bodies, a: int) -> None:
-    """Let the twin begin anew from what is known."""
+    """Reset the twin to the estimate of the body."""
     bodies.still_c[a], bodies.still_h[a] = bodies.c[a], bodies.h[a]
     bodies.still_cc[a], bodies.still_ch[a], bodies.still_hh[a] = bodies.cc[a], bodies.ch[a], bodies.hh[a]
 
 
 class Sides:
-    """What one view says of one body: of sides 0 to 3 (axis 0 low and high, axis 1 low and high) or of its centre."""
+    """Measurement of a body by one view: of sides 0 to 3 (axis 0 low and high, axis 1 low and high) or of its centre."""
 
     def __init__(self) -> None:
         self.owner: list[Any] = []
         self.z = native.doubles(self.owner, 4)
-        """Where the side is along its axis [m]."""
+        """Place of each side along its axis [m]."""
         self.var = native.doubles(self.owner, 4)
-        """Its variance [m²], or `AT_LEAST`."""
+        """Variance of that place [m²], or `AT_LEAST`."""
         self.by_centre = False
-        """Whether z[0] and z[2] are the centre of a disc; then `half` is its radius with the variance `half_var`."""
+        """True if z[0] and z[2] are the centre of a disc; then `half` is its radius with the variance `half_var`."""
         self.lasting_var = 0.0
-        """Variance of the centre that more sightings do not mend, as they see the same raggedness [m²]."""
+        """Variance of the centre that more sightings do not reduce, as they see the same ragged outline [m²]."""
         self.is_doubtful = False
-        """Whether the centre is that of returns which come and go."""
+        """True if the centre is that of returns which come and go."""
         self.half = 0.0
         self.half_var = 0.0
 
 
 def measure(sides: Sides, views: Views, k: int, bodies: Bodies, b: int, pose_var: float) -> None:
-    """What view k says of a body.
+    """Measure a body by view k.
 
     Parameters
     ----------
-    pose_var : variance that the pose of the sensor gives to a point there [m²]
+    pose_var : variance of a point there from the error of the pose [m²]
     """
     if bodies.kind[b] == DISC:
         radius = 0.5 * (bodies.h[2 * b] + bodies.h[2 * b + 1])
@@ -469,7 +470,7 @@ def measure(sides: Sides, views: Views, k: int, bodies: Bodies, b: int, pose_var
 
 
 def measure_box(sides: Sides, views: Views, k: int, cos: float, sin: float, pose_var: float) -> None:
-    """The sides of a rectangle whose first axis has the direction cos, sin."""
+    """Measure the sides of a rectangle whose first axis has the direction cos, sin."""
     sides.by_centre = False
     observation.place_sensor(views, views.share[k])
     first, last = views.begin[k], views.begin[k + 1] - 1
@@ -501,19 +502,19 @@ def measure_box(sides: Sides, views: Views, k: int, cos: float, sin: float, pose
 
 
 def _edge_doubt(edge: int) -> float:
-    """Further variance of an edge beside beams without a return, where such beams come and go [m²]."""
+    """Return the variance to add for an edge beside beams without a return that come and go [m²]."""
     return OPEN_EDGE_VAR if edge == observation.OPEN else 0.0
 
 
 def _measure_face(sides: Sides, views: Views, f: int, cos: float, sin: float, pose_var: float) -> None:
-    """A face is the near side of its axis."""
+    """Measure the near side of an axis by a face."""
     x, y = views.face_x[f], views.face_y[f]
     normal_x, normal_y = views.along_y[f], -views.along_x[f]
     if normal_x * (views.x - x) + normal_y * (views.y - y) < 0.0:
         normal_x, normal_y = -normal_x, -normal_y
     along, across = cos * normal_x + sin * normal_y, cos * normal_y - sin * normal_x
     var = views.sigma * views.sigma / views.face_points[f] + SURFACE_VAR + pose_var
-    # What is not straight is not where its line is.
+    # A crooked face is not exactly where its line is.
     var += CROOKED_SHARE * views.bulge[f] / views.face_points[f]
     if abs(along) > COS_ALONG:
         side = 1 if along > 0.0 else 0
@@ -526,17 +527,17 @@ def _measure_face(sides: Sides, views: Views, f: int, cos: float, sin: float, po
 def _measure_end(
     sides: Sides, views: Views, k: int, p: int, way: float, cos: float, sin: float, pose_var: float
 ) -> None:
-    """Where the thing itself ends, its sides end: half a beam past the last point, on average."""
+    """Measure the sides that end at an edge, half a beam past the last point on average."""
     x, y = views.point_x[p], views.point_y[p]
     far_x, far_y = x - views.x, y - views.y
     r = math.sqrt(far_x * far_x + far_y * far_y)
     if r <= 0.0:
         return
     far_x, far_y = far_x / r, far_y / r
-    # Outwards, as the bearings run.
+    # Outwards, in the direction of the bearings.
     way *= views.side
     out_x, out_y = -way * far_y, way * far_x
-    # The face that ends there, if one does.
+    # The face that ends there, if any.
     face = -1
     for f in range(views.face_begin[k], views.face_begin[k + 1]):
         if views.face_first[f] == p or views.face_last[f] == p:
@@ -562,11 +563,11 @@ def _measure_end(
 def measure_disc(
     sides: Sides, views: Views, k: int, radius: float, radius_var: float, pose_var: float
 ) -> None:
-    """The centre of a disc, in the axes of the world.
+    """Measure the centre of a disc, in the axes of the world.
 
     Parameters
     ----------
-    radius, radius_var : what is known of its radius [m, m²]; a negative variance: nothing
+    radius, radius_var : estimate of its radius and variance [m, m²]; a negative variance without an estimate
     """
     sides.by_centre = True
     observation.place_sensor(views, views.share[k])
@@ -604,7 +605,7 @@ def measure_disc(
     if own_start and own_end:
         across_var = gap * gap / 24.0
     elif own_start or own_end:
-        # From the edge that is its own, the centre is a radius away.
+        # The centre is a radius away from the edge that is its own.
         inwards = math.asin(min(radius / (near + radius), 1.0)) - 0.5 * views.step
         if own_start:
             mid_x, mid_y = _turned(first_x, first_y, views.side * inwards)
@@ -627,7 +628,7 @@ def measure_disc(
     sides.lasting_var = ragged * ragged
     more = SURFACE_VAR + pose_var + sides.lasting_var
     across_var += more
-    # Of what is round the arc tells the middle, wherever it ends.
+    # The arc of a round object gives its middle, wherever the arc ends.
     sides.is_doubtful = views.shape[k] != ROUND and (
         views.start[k] == observation.OPEN or views.end[k] == observation.OPEN
     )
@@ -642,53 +643,54 @@ def measure_disc(
 
 
 def _unit_vector(views: Views, x: float, y: float) -> tuple[float, float]:
-    """Unit vector from the sensor to a point."""
+    """Return the unit vector from the sensor to a point."""
     dx, dy = x - views.x, y - views.y
     r = math.sqrt(dx * dx + dy * dy)
     return (dx / r, dy / r) if r > 0.0 else (1.0, 0.0)
 
 
 def _turned(x: float, y: float, angle: float) -> tuple[float, float]:
+    """Return a vector turned by an angle."""
     cos, sin = math.cos(angle), math.sin(angle)
     return cos * x - sin * y, sin * x + cos * y
 
 
 class Sightings:
-    """`count` sightings in the order of the log, in arrays of which `attach` tells."""
+    """Log of `count` sightings, kept until their windows are settled, in the arrays that `attach` sets."""
 
     def __init__(self) -> None:
         self.count = 0
         self.room = 0
 
     def attach(self, arrays: dict[str, NDArray[Any]]) -> None:
-        """Write to these arrays from now on, which are to be kept as long."""
+        """Write to these arrays from now on; the caller keeps them alive."""
         self.room = len(arrays["number"])
         self.number = native.at_longs(arrays["number"])
-        """The number of the body."""
+        """Number of the body."""
         self.sweep = native.at_longs(arrays["sweep"])
-        """Sweeps of the topic before."""
+        """Number of sweeps of the topic before."""
         self.object = native.at_longs(arrays["object"])
-        """Its object, counted from the first that was ever found."""
+        """Number of objects of the topic before its own."""
         self.centred = native.at_longs(arrays["centred"])
-        """Whether z[0] and z[2] are its centre rather than sides."""
+        """1 if z[0] and z[2] are the centre, 0 if they are sides."""
         self.time = native.at_doubles(arrays["time"])
         self.x = native.at_doubles(arrays["x"])
         self.y = native.at_doubles(arrays["y"])
-        """The estimate of its centre then [m]."""
+        """Estimate of the centre at the time [m]."""
         self.cos = native.at_doubles(arrays["cos"])
         self.sin = native.at_doubles(arrays["sin"])
-        """Its axes."""
+        """Direction of the first axis."""
         self.half_1 = native.at_doubles(arrays["half_1"])
         self.half_2 = native.at_doubles(arrays["half_2"])
         self.odds = native.at_doubles(arrays["odds"])
         """Log-odds of being a thing, by this sweep alone."""
         self.z = native.at_doubles(arrays["z"])
         self.var = native.at_doubles(arrays["var"])
-        """(N, 4) the sides and their variances, see `Sides`."""
+        """(N, 4) sides and their variances, as in `Sides`."""
 
 
 def sighting_arrays(count: int) -> dict[str, NDArray[Any]]:
-    """Arrays for so many sightings."""
+    """Return arrays for so many sightings."""
     arrays: dict[str, NDArray[Any]] = {name: np.zeros(count, np.int64) for name in LOG_INTEGERS}
     arrays |= {name: np.zeros(count) for name in LOG_NUMBERS}
     return arrays | {name: np.zeros((count, 4)) for name in LOG_SIDES}
@@ -697,7 +699,7 @@ def sighting_arrays(count: int) -> dict[str, NDArray[Any]]:
 def log_sighting(
     log: Sightings, bodies: Bodies, b: int, sides: Sides, sweep: int, time: float, at: int, odds: float
 ) -> None:
-    """Write a sighting of a body; there is room."""
+    """Write a sighting of a body to the log; there is room."""
     i = log.count
     log.odds[i] = odds
     log.number[i], log.sweep[i], log.object[i], log.time[i] = bodies.number[b], sweep, at, time

@@ -65,7 +65,7 @@ cdef class Correction:
     cdef list owner
     cdef double* value
     cdef double* cov
-    cdef double* told
+    cdef double* last
     cdef double speed_x, speed_y, turning
     cdef public double way
     cdef bint has_pose

@@ -72,34 +72,34 @@ MOST_DELAY = 0.4
 
 
 class Fold:
-    """What is known after the latest sweep of a topic."""
+    """State of the tracking after the latest sweep of a topic."""
 
     def __init__(self, alarm: float, bodies: Bodies, views: Views, past: Memory) -> None:
-        """`alarm`: evidence of motion that is enough, as log-odds."""
+        """`alarm`: least evidence of motion of a body that moves [log-odds]."""
         self.owner: list[Any] = []
         self.alarm = alarm
         self.clock = 0.0
         self.stamp = 0.0
         self.sweeps = 0
         self.objects = 0
-        """Objects of all batches before the one at hand."""
+        """Number of objects of all batches before the current one."""
         self.way = 0.0
-        """How far the sensor has gone since the sweep before [m] …"""
+        """Way of the sensor since the sweep before [m]."""
         self.turned = 0.0
-        """… and turned [rad]."""
+        """Turn of the sensor since the sweep before [rad]."""
         self.lapse = 0.0
-        """Time since the last sweep whose pose was known [s]."""
+        """Time since the last sweep with a pose [s]."""
         self.usual = 0.1
-        """How long a sweep usually takes [s]."""
+        """Usual time from sweep to sweep [s]."""
         self.sides = Sides()
         self.log = Sightings()
         self.correction = Correction()
         self.moves = False
-        """Whether poses tell where the sensor is."""
+        """True if the log has poses of the sensor."""
         self.fit(bodies, views, past)
 
     def fit(self, bodies: Bodies, views: Views, past: Memory) -> None:
-        """Go on with more room."""
+        """Continue with larger arrays."""
         self.bodies = bodies
         self.views = views
         self.past = past
@@ -110,11 +110,13 @@ class Fold:
         self.taken = native.integers(self.taken_room, views.objects)
 
     def follow(self, seen: Seen, scans: Scans, row: int, stop: int, number: Any) -> int:
-        """Take the sweeps from a row on; returns the row for which there is no room, or `stop`.
+        """Take the sweeps from a row on; return the first row for which there is no room, or `stop`.
 
         Parameters
         ----------
-        number : (K,) int64, to be filled: the number of the body of each object, 0 for none
+        seen, scans : objects and beams of the batch
+        row, stop : rows of the batch
+        number : (K,) int64 to fill in: number of the body of each object, 0 for none
         """
         out = native.at_longs(number)
         lock = native.release()
@@ -126,7 +128,7 @@ class Fold:
 
 
 def has_room(fold: Fold, seen: Seen, row: int) -> bool:
-    """Whether all objects of a sweep could be new bodies."""
+    """Return whether there is room if all objects of a sweep are new bodies."""
     objects = seen.offset[row + 1] - seen.offset[row]
     return (
         fold.bodies.high + 2 * objects <= fold.bodies.most
@@ -136,14 +138,14 @@ def has_room(fold: Fold, seen: Seen, row: int) -> bool:
 
 
 def step(fold: Fold, seen: Seen, scans: Scans, row: int, number: Any) -> None:
-    """One sweep."""
+    """Take one sweep: predict, associate, update, end."""
     for at in range(seen.offset[row], seen.offset[row + 1]):
         number[at] = 0
     fold.lapse += _tick(fold, seen.seconds[row])
     fold.sweeps += 1
     if seen.poses[4 * row] != seen.poses[4 * row]:
         return
-    # Since the last sweep whose place was known.
+    # Time since the last sweep with a pose.
     dt = fold.lapse
     fold.lapse = 0.0
     _judge_pose(fold, seen, row, dt)
@@ -182,7 +184,7 @@ def step(fold: Fold, seen: Seen, scans: Scans, row: int, number: Any) -> None:
 
 
 def _tick(fold: Fold, stamp: float) -> float:
-    """Let the clock go on to the stamp of a sweep [s]; stamps that jump back do not turn it back."""
+    """Advance the clock to the stamp of a sweep [s], and return by how much; it never goes back."""
     dt = 0.0
     if fold.sweeps > 0:
         dt = stamp - fold.stamp
@@ -198,14 +200,14 @@ def _tick(fold: Fold, stamp: float) -> float:
 
 
 def _judge_pose(fold: Fold, seen: Seen, row: int, dt: float) -> None:
-    """Where the sensor is at a sweep, by its pose and what that is off by."""
+    """Set the pose of the sensor at a sweep, corrected by the estimated error."""
     x, y, yaw = seen.poses[4 * row], seen.poses[4 * row + 1], seen.poses[4 * row + 2]
     fold.way = fold.turned = fold.correction.speed_x = fold.correction.speed_y = fold.correction.turning = 0.0
     if fold.moves and fold.correction.has_pose and dt > 0.0:
         dx, dy, turned = (
-            x - fold.correction.told[0],
-            y - fold.correction.told[1],
-            yaw - fold.correction.told[2],
+            x - fold.correction.last[0],
+            y - fold.correction.last[1],
+            yaw - fold.correction.last[2],
         )
         turned -= observation.TURN * math.floor(turned / observation.TURN + 0.5)
         fold.way, fold.turned = math.sqrt(dx * dx + dy * dy), abs(turned)
@@ -214,7 +216,7 @@ def _judge_pose(fold: Fold, seen: Seen, row: int, dt: float) -> None:
             dy / dt,
             turned / dt,
         )
-    fold.correction.told[0], fold.correction.told[1], fold.correction.told[2], fold.correction.has_pose = (
+    fold.correction.last[0], fold.correction.last[1], fold.correction.last[2], fold.correction.has_pose = (
         x,
         y,
         yaw,
@@ -229,14 +231,14 @@ def _judge_pose(fold: Fold, seen: Seen, row: int, dt: float) -> None:
 
 
 def _creep(fold: Fold, b: int) -> float:
-    """Variance by which a standing body seems to move while the sensor does, for poses that drift [m²]."""
+    """Return the variance by which a standing body seems to move, because poses drift as the sensor moves [m²]."""
     dx, dy = fold.bodies.from_x[b] - fold.views.x, fold.bodies.from_y[b] - fold.views.y
     far = min(dx * dx + dy * dy, FARTHEST_DRIFT * FARTHEST_DRIFT)
     return fold.way * (POSE_DRIFT + YAW_DRIFT * far) + fold.turned * TURN_DRIFT * far
 
 
 def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
-    """A view that nobody took is a new body; returns its slot."""
+    """Begin a new body with a view that no body took; return its slot."""
     b = estimation.free_slot(bodies)
     estimation.clear(bodies, b)
     bodies.first_sweep[b] = bodies.last_sweep[b] = fold.sweeps - 1
@@ -246,7 +248,7 @@ def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
         _make_box(fold, bodies, views, b, k)
     else:
         _make_disc(fold, bodies, views, b, k)
-    # What appears inside of a body that is known may be a piece of it.
+    # A new body inside of a known one may be a piece of it.
     x, y = estimation.centre(bodies, b)
     other = belief.covering_body(
         bodies, b, x, y, association.PART_MARGIN if observation.is_partial(views, k) else 0.0
@@ -259,7 +261,7 @@ def _begin(fold: Fold, bodies: Bodies, views: Views, k: int) -> int:
 
 
 def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
-    """Let a body be a box as a view shows it."""
+    """Make a body a box, by a view."""
     bodies.kind[b], bodies.settled[b] = estimation.BOX, 0
     yaw, var = _face_direction(views, k)
     bodies.yaw[b], bodies.yaw_rate[b] = yaw, 0.0
@@ -281,7 +283,7 @@ def _make_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
 
 
 def _make_disc(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
-    """Let a body be a disc as a view shows it; its axes are those of the world."""
+    """Make a body a disc, by a view; its axes are those of the world."""
     bodies.kind[b] = estimation.DISC
     pose_var = observation.pose_variance(views, k)
     estimation.measure_disc(fold.sides, views, k, 0.0, estimation.AT_LEAST, pose_var)
@@ -298,7 +300,7 @@ def _make_disc(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
 
 
 def _depend_on_pose(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
-    """A body that is taken from one view is off by all that the pose of that sweep is off by."""
+    """Let a new body depend on the whole error of the pose of its sweep."""
     for i in range(2):
         u_x, u_y = estimation.to_world(bodies, b, 1.0 - i, 1.0 * i)
         set_effect(fold.correction, views, views.middle_x[k], views.middle_y[k], u_x, u_y, i)
@@ -306,7 +308,7 @@ def _depend_on_pose(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) ->
 
 
 def _face_direction(views: Views, k: int) -> tuple[float, float]:
-    """Direction of the longest face of a view [rad], and its variance; negative where there is none that tells."""
+    """Return the direction of the longest face of a view [rad] and its variance, negative without a face that is good."""
     best = -1
     for f in range(views.face_begin[k], views.face_begin[k + 1]):
         if views.face_points[f] >= YAW_POINTS and (best < 0 or views.extent[f] > views.extent[best]):
@@ -325,7 +327,7 @@ def _face_direction(views: Views, k: int) -> tuple[float, float]:
 
 
 def _take(fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int) -> None:
-    """Update a body by its view."""
+    """Update a body with its view."""
     if bodies.kind[b] == estimation.DISC:
         _consider_box(fold, bodies, views, b, k)
     if bodies.kind[b] == estimation.BOX:
@@ -356,12 +358,12 @@ def _take(fold: Fold, bodies: Bodies, views: Views, scans: Scans, b: int, k: int
 
 
 def _is_boxy(views: Views, k: int) -> bool:
-    """Whether a view shows a box well enough."""
+    """Return whether a view shows a box well enough."""
     return views.shape[k] == PRISMATIC and views.size[k] >= BOX_BEAMS and views.length[k] >= SLIMMEST_BOX
 
 
 def _consider_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
-    """What was seen as a box several times is one; how fast it is stays."""
+    """Make a disc a box once it was seen as one several times; its velocity stays."""
     if not _is_boxy(views, k):
         return
     bodies.boxy[b] += 1
@@ -376,7 +378,7 @@ def _consider_box(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> N
 
 
 def _learn_from_body(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
-    """What the sides of a body that stands say of the poses."""
+    """Learn the error of the poses from the sides of a body that stands."""
     tells = (
         bodies.moved[b] == 0
         and bodies.settled[b] >= POSE_SIGHTINGS
@@ -395,6 +397,7 @@ def _learn_from_body(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -
 
 
 def _update_disc(bodies: Bodies, sides: Sides, correction: Correction, b: int) -> None:
+    """Update a disc with its measured centre and radius."""
     for i in range(2):
         a = 2 * b + i
         estimation.update(bodies, a, sides.z[2 * i], 0.0, sides.var[2 * i])
@@ -406,13 +409,14 @@ def _update_disc(bodies: Bodies, sides: Sides, correction: Correction, b: int) -
 
 
 def _update_box(bodies: Bodies, sides: Sides, correction: Correction, b: int) -> None:
+    """Update a box with its measured sides."""
     for i in range(2):
         a = 2 * b + i
         for side in range(2 * i, 2 * i + 2):
             sign = 1.0 if side == 2 * i + 1 else -1.0
             z, var = sides.z[side], sides.var[side]
             if var < 0.0:
-                # It goes on at least so far.
+                # The side goes on at least so far.
                 if sign * (z - bodies.c[a]) > bodies.h[a] + PAST_SIDE:
                     estimation.update(bodies, a, z, sign, AT_LEAST_VAR)
                     gain = estimation.update_still(bodies, a, z, sign, AT_LEAST_VAR)
@@ -428,7 +432,7 @@ def _update_box(bodies: Bodies, sides: Sides, correction: Correction, b: int) ->
 
 
 def _note_extent(bodies: Bodies, a: int, length: float, var: float) -> None:
-    """Add an extent that was seen from end to end to the mean of such; what differs much counts little."""
+    """Add an extent that was seen from end to end to its mean; one that differs much counts little."""
     length = max(length, 0.0)
     weight = 1.0 / (var + EXTENT_VAR)
     if bodies.side_weight[a] > 0.0:
@@ -439,7 +443,7 @@ def _note_extent(bodies: Bodies, a: int, length: float, var: float) -> None:
 
 
 def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None:
-    """Write down that a body was seen."""
+    """Note that a body was seen, and log the sighting."""
     bodies.view[b] = k
     bodies.sightings[b] += 1
     bodies.settled[b] += 1
@@ -462,35 +466,35 @@ def _note_view(fold: Fold, bodies: Bodies, views: Views, b: int, k: int) -> None
 
 
 class Correction:
-    """The estimate, and how the sensor moves at the sweep at hand."""
+    """Estimated error of the poses, and the motion of the sensor at the current sweep."""
 
     def __init__(self) -> None:
         self.owner: list[Any] = []
         self.value = native.doubles(self.owner, 3)
-        """Delay [s], place of the sensor ahead and left of where its poses are [m]."""
+        """Delay of the poses [s], and place of the sensor ahead and left of its poses [m]."""
         self.cov = native.doubles(self.owner, 9)
         self.cov[0] = DELAY_SD * DELAY_SD
         self.cov[4] = self.cov[8] = PLACE_SD * PLACE_SD
-        self.told = native.doubles(self.owner, 3)
-        """Pose that the log tells for the sweep before: x, y [m], yaw [rad]."""
+        self.last = native.doubles(self.owner, 3)
+        """Pose of the sweep before in the log: x, y [m], yaw [rad]."""
         self.speed_x = 0.0
         self.speed_y = 0.0
         self.turning = 0.0
-        """[m/s], [rad/s] How the sensor moves."""
+        """Velocity [m/s] and turn rate [rad/s] of the sensor."""
         self.has_pose = False
         self.way = 0.0
-        """Of the sensor so far [m]."""
+        """Way of the sensor so far [m]."""
         self.effect = native.doubles(self.owner, 6)
-        """Of the side at hand, for both axes of its body."""
+        """Effect of the three numbers on the current point, for both axes of its body."""
         self.product = native.doubles(self.owner, 3)
         self.change = native.doubles(self.owner, 3)
 
     def trust(self) -> None:
-        """Poses whose delay was found beforehand are off by little."""
+        """Expect a small delay, because a larger one was found beforehand."""
         self.cov[0] = FOUND_DELAY_SD * FOUND_DELAY_SD
 
     def estimate(self) -> tuple[float, float, float, float, float]:
-        """Delay [s], place ahead and left [m], and the standard deviations of the delay and of the place."""
+        """Return the delay [s], the place ahead and left [m], and the standard deviations of the delay and of the place."""
         return (
             self.value[DELAY],
             self.value[AHEAD],
@@ -501,7 +505,7 @@ class Correction:
 
 
 def correct_pose(correction: Correction, views: Views, x: float, y: float, yaw: float, side: float) -> None:
-    """Where the sensor is when its pose is told as x, y, yaw."""
+    """Set the pose of the sensor for a pose x, y, yaw of the log, and its variance."""
     late = correction.value[DELAY]
     yaw += correction.turning * late
     views.cos, views.sin = math.cos(yaw), math.sin(yaw)
@@ -517,7 +521,7 @@ def correct_pose(correction: Correction, views: Views, x: float, y: float, yaw: 
 def set_effect(
     correction: Correction, views: Views, x: float, y: float, u_x: float, u_y: float, axis: int
 ) -> None:
-    """Fill `effect`: how a point x, y is off along a direction, for each number that is wrong."""
+    """Fill in `effect`: the derivative of a point x, y along a direction u, for each of the three numbers."""
     dx, dy = x - views.x, y - views.y
     moved_x = correction.speed_x - correction.turning * dy
     moved_y = correction.speed_y + correction.turning * dx
@@ -529,7 +533,7 @@ def set_effect(
 def learn_pose_error(
     correction: Correction, bodies: Bodies, a: int, off: float, var: float, axis: int
 ) -> None:
-    """Take what a side of a standing body is off by [m] along axis a, whose effect is filled in."""
+    """Update the estimate with the residual of a side of a standing body [m] along axis a, after `set_effect`."""
     s = var + POSE_SIDE_VAR
     expected = 0.0
     for i in range(3):
@@ -555,14 +559,14 @@ def learn_pose_error(
 
 
 def follow_effect(correction: Correction, bodies: Bodies, a: int, gain: float, axis: int) -> None:
-    """The twin has taken a share `gain` of a side: its place is off by as much of what that is."""
+    """Mix the effect of a measurement into that of the twin, with the gain of its update."""
     for i in range(3):
         at = 3 * a + i
         bodies.effect[at] += gain * (correction.effect[3 * axis + i] - bodies.effect[at])
 
 
 def apply_correction(correction: Correction, bodies: Bodies) -> None:
-    """Let what was learned from a sweep correct all bodies, and the poses from now on."""
+    """Correct all bodies by what was learned from a sweep, and the poses from now on."""
     if correction.change[0] == 0.0 and correction.change[1] == 0.0 and correction.change[2] == 0.0:
         return
     for b in range(bodies.high):

@@ -52,17 +52,17 @@ FREE_RANGE = 1e9
 
 
 class Seen:
-    """The columns of a detection of K objects, and the poses of its S sweeps, as the loops over one sweep read them."""
+    """Columns of a detection of K objects, and the poses of its S sweeps, for the loops over one sweep."""
 
     def __init__(self, found: Detection, poses: Any, seconds: Any, way: Any, shares: Any) -> None:
-        """What the loops over one sweep read.
-
+        """
         Parameters
         ----------
+        found : result of `detect`
         poses : (S, 4) x, y, yaw, side of the sensor; the side is -1 where it hangs head down
-        seconds : (S,) [s]
-        way : (S, 3) how far it goes in x, y, yaw during the sweep
-        shares : (K,) at which share of the time of its sweep each object was seen
+        seconds : (S,) times of the sweeps [s]
+        way : (S, 3) way of the sensor in x, y, yaw during each sweep
+        shares : (K,) share of the time of its sweep that had passed when each object was seen
         """
         rows = len(found.noise)
         change = np.full(len(found), -1, np.int8) if found.change is None else found.change
@@ -98,7 +98,7 @@ class Seen:
         )
         self.owner: list[Any] = [np.require(values, kind, ["C", "A"]) for values, kind in columns]
         self.most = int(np.diff(self.owner[0]).max(initial=0))
-        """Objects of the sweep that has most of them."""
+        """Greatest number of objects in one sweep."""
         self.offset = native.at_longs(self.owner[0])
         self.set = native.at_bytes(self.owner[1])
         self.removed = native.at_bytes(self.owner[2])
@@ -130,22 +130,22 @@ class Seen:
 
 
 def _odds(thing: Any) -> Any:
-    """(K,) log-odds of being a thing, bounded: no sweep is proof; what nobody doubts is one."""
+    """Return (K,) the log-odds of being a thing, bounded as no sweep is proof; NaN counts as certain."""
     sure = 1.0 / (1.0 + math.exp(-MOST_SWEEP_ODDS))
     share = np.clip(np.where(np.isnan(thing), sure, thing), 1.0 - sure, sure)
     return np.log(share / (1.0 - share))
 
 
 class Views:
-    """The `count` objects of one sweep. View k has the points `begin[k]` to `begin[k + 1]` - 1 and faces alike."""
+    """The `count` views of one sweep. View k has the points `begin[k]` to `begin[k + 1]` - 1; its faces likewise."""
 
     def __init__(self, objects: int, beams: int) -> None:
-        """Room for so many objects, and beams of a sweep."""
+        """Make room for so many objects and beams of a sweep."""
         self.owner: list[Any] = []
         self.objects = objects
         self.beams = beams
         self.count = 0
-        # The sensor at this sweep: where it was at its first beam, and how far it goes until the last.
+        # Pose of the sensor at the first beam, and its way until the last one.
         self.start_x = 0.0
         self.start_y = 0.0
         self.start_yaw = 0.0
@@ -153,8 +153,8 @@ class Views:
         self.way_y = 0.0
         self.way_yaw = 0.0
         self.goes = False
-        """Whether it goes at all."""
-        # Where it is taken to be.
+        """True if the sensor moves during the sweep."""
+        # Pose that `place_sensor` has set.
         self.x = 0.0
         self.y = 0.0
         self.cos = 1.0
@@ -168,35 +168,35 @@ class Views:
         self.row = 0
         self.sigma = 0.0
         self.steady = True
-        """Whether a beam without a return has met nothing."""
+        """True if beams without a return prove free space."""
         self.pose_var = 0.0
         self.pose_turn_var = 0.0
-        """What the pose gives to the variance of a point [m²], and how much more for each m² of its squared range."""
+        """Variance of a point from the error of the pose [m²], and its growth with the squared range [m²/m²]."""
         # Of each view.
         self.object = native.integers(self.owner, objects)
-        """Its object in the detection."""
+        """Index of the object in the detection."""
         self.shape = native.integers(self.owner, objects)
         self.size = native.integers(self.owner, objects)
-        """Number of its beams."""
+        """Number of beams."""
         self.start = native.integers(self.owner, objects)
         self.end = native.integers(self.owner, objects)
-        """Its two edges."""
+        """Kinds of the two edges."""
         self.middle_x = native.doubles(self.owner, objects)
         self.middle_y = native.doubles(self.owner, objects)
-        """Centroid of its points [m]."""
+        """Centroid of the points [m]."""
         self.centre_x = native.doubles(self.owner, objects)
         self.centre_y = native.doubles(self.owner, objects)
-        """Centre of its box, which of a round thing is that of its circle [m]."""
+        """Centre of the box [m]; of a round object, that of its circle."""
         self.length = native.doubles(self.owner, objects)
         self.width = native.doubles(self.owner, objects)
-        """Sides of its box [m]."""
+        """Sides of the box [m]."""
         self.chord = native.doubles(self.owner, objects)
         self.near = native.doubles(self.owner, objects)
         """Least range [m]."""
         self.odds = native.doubles(self.owner, objects)
         """Log-odds of being a thing, by this sweep alone."""
         self.share = native.doubles(self.owner, objects)
-        """At which share of the time of the sweep it was seen."""
+        """Share of the time of the sweep that had passed when it was seen."""
         self.begin = native.integers(self.owner, objects + 1)
         self.face_begin = native.integers(self.owner, objects + 1)
         # Of each point.
@@ -209,16 +209,16 @@ class Views:
         self.along_y = native.doubles(self.owner, beams)
         self.face_points = native.integers(self.owner, beams)
         self.extent = native.doubles(self.owner, beams)
-        """How far its points reach along it [m]."""
+        """Extent of the points along the face [m]."""
         self.bulge = native.doubles(self.owner, beams)
-        """Sum of the squared distances of its points from its line [m²]."""
+        """Sum of the squared distances of the points from the line [m²]."""
         self.face_first = native.integers(self.owner, beams)
         self.face_last = native.integers(self.owner, beams)
-        """The first and the last of its points."""
+        """First and last point of the face."""
 
 
 def observe(views: Views, seen: Seen, scans: Scans, row: int) -> None:
-    """Lay out the objects of the sweep in a row of a batch, whose sensor stands where `x`, `y`, `cos` and `sin` say."""
+    """Fill in the views of the sweep in a row of a batch; `x`, `y`, `cos` and `sin` hold the pose of the sensor."""
     _place(views, seen, scans, row)
     views.count = 0
     views.begin[0] = views.face_begin[0] = 0
@@ -228,7 +228,7 @@ def observe(views: Views, seen: Seen, scans: Scans, row: int) -> None:
 
 
 def judge_edges(views: Views) -> None:
-    """An edge beside beams without a return is the thing's own, unless such beams prove little."""
+    """Make edges beside beams without a return the object's own, if such beams prove free space."""
     for k in range(views.count):
         if views.steady and views.start[k] == OPEN:
             views.start[k] = OWN
@@ -237,17 +237,17 @@ def judge_edges(views: Views) -> None:
 
 
 def pose_variance(views: Views, k: int) -> float:
-    """What the pose of the sensor gives to the variance of the points of a view [m²]."""
+    """Return the variance of the points of a view from the error of the pose [m²]."""
     return views.pose_var + views.pose_turn_var * views.near[k] * views.near[k]
 
 
 def is_partial(views: Views, k: int) -> bool:
-    """Whether a view may not reach to both ends of a thing."""
+    """Return whether a view may not reach both ends of an object."""
     return views.start[k] != OWN or views.end[k] != OWN
 
 
 def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
-    """The bearings of the beams."""
+    """Set the bearings of the beams."""
     increment = scans.angle_increment[row]
     views.row = row
     views.bearings = scans.beams[row] - (scans.closure[row] == SHARED)
@@ -262,7 +262,7 @@ def _place(views: Views, seen: Seen, scans: Scans, row: int) -> None:
 
 
 def place_sensor(views: Views, share: float) -> None:
-    """Take the sensor to be where it was when a share of the time of the sweep had passed."""
+    """Set the pose of the sensor to that after a share of the time of the sweep."""
     if not views.goes:
         return
     yaw = views.start_yaw + share * views.way_yaw
@@ -271,13 +271,13 @@ def place_sensor(views: Views, share: float) -> None:
 
 
 def to_world(views: Views, x: float, y: float) -> tuple[float, float]:
-    """A point of the sensor frame in the world [m]."""
+    """Return a point of the sensor frame in the world [m]."""
     left = views.side * y
     return views.x + views.cos * x - views.sin * left, views.y + views.sin * x + views.cos * left
 
 
 def to_sensor(views: Views, x: float, y: float) -> tuple[float, float]:
-    """A point of the world in the sensor frame [m], as it was when the sensor looked there."""
+    """Return a point of the world in the sensor frame [m], at the time when the sensor looked there."""
     ahead, left = _ahead_and_left(views, x, y)
     if views.goes and views.bearings > 1 and views.step > 0.0:
         past = math.atan2(left, ahead) - views.first
@@ -290,18 +290,18 @@ def to_sensor(views: Views, x: float, y: float) -> tuple[float, float]:
 
 
 def _ahead_and_left(views: Views, x: float, y: float) -> tuple[float, float]:
-    """A point of the world as seen from where the sensor is taken to be."""
+    """Return a point of the world in the frame of the current pose of the sensor [m]."""
     dx, dy = x - views.x, y - views.y
     return views.cos * dx + views.sin * dy, views.side * (views.cos * dy - views.sin * dx)
 
 
 def position_of(views: Views, beam: int) -> int:
-    """Where a beam is by increasing bearing."""
+    """Return the index of a beam by increasing bearing."""
     return views.bearings - 1 - beam if views.reverse else beam
 
 
 def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
-    """Lay out an object of the detection."""
+    """Add the view of an object."""
     k = views.count
     views.share[k] = seen.shares[at]
     place_sensor(views, views.share[k])
@@ -313,7 +313,7 @@ def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     visibility = seen.visibility[at]
     views.start[k] = views.end[k] = HIDDEN
     if visibility in (FULL, END_HIDDEN):
-        # The difference is known where the neighbour has a range: that is farther then.
+        # A known difference means that the neighbour has a range, a farther one.
         views.start[k] = OWN if seen.s_i[at] == seen.s_i[at] else OPEN
     if visibility in (FULL, START_HIDDEN):
         views.end[k] = OWN if seen.s_f[at] == seen.s_f[at] else OPEN
@@ -323,7 +323,7 @@ def _add(views: Views, seen: Seen, scans: Scans, at: int) -> None:
 
 
 def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
-    """The points of an object, and lines through those of its faces."""
+    """Add the points of an object, and the lines of its faces."""
     k = views.count
     n, f = views.begin[k], views.face_begin[k]
     face, last_face = seen.face_offsets[at], seen.face_offsets[at + 1]
@@ -351,7 +351,7 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
         while face < last_face and theta > seen.face_theta_f[face] + 0.25 * views.step:
             f = _end_face(views, f, n)
             face += 1
-        # One that crosses the seam ends a whole sweep before it begins.
+        # Beams of an object across the seam were taken at the end and at the start of the sweep.
         place_sensor(views, beam / (1.0 * max(views.bearings - 1, 1)))
         views.point_x[n], views.point_y[n] = to_world(views, x, y)
         n += 1
@@ -359,14 +359,14 @@ def _add_points(views: Views, seen: Seen, scans: Scans, at: int) -> None:
     if face < last_face:
         f = _end_face(views, f, n)
     if n == views.begin[views.count]:
-        # Hardly an object, or one among too many that lie in each other; its middle stands for it.
+        # Without points, as among too many objects that overlap, its middle stands for it.
         views.point_x[n], views.point_y[n] = views.middle_x[views.count], views.middle_y[views.count]
         n += 1
     views.begin[views.count + 1], views.face_begin[views.count + 1] = n, f
 
 
 def _end_face(views: Views, f: int, n: int) -> int:
-    """Lay a line through the points of a face, which ends before point n; returns where the next face goes."""
+    """Fit a line to the points of a face, which ends before point n; return the index of the next face."""
     first = views.face_first[f]
     count = n - first
     views.face_first[f + 1] = n
@@ -399,14 +399,14 @@ def _end_face(views: Views, f: int, n: int) -> int:
 
 
 class Memory:
-    """The latest `SWEEPS_KEPT` sweeps, with where the sensor was; the oldest is replaced by the newest."""
+    """The latest `SWEEPS_KEPT` sweeps and the poses of the sensor; the newest replaces the oldest."""
 
     def __init__(self, beams: int) -> None:
-        """Room for sweeps of so many beams."""
+        """Make room for sweeps of so many beams."""
         self.owner: list[Any] = []
         self.beams = beams
         self.count = 0
-        """Sweeps that were remembered so far."""
+        """Number of sweeps that were remembered so far."""
         self.time = native.doubles(self.owner, SWEEPS_KEPT)
         self.x = native.doubles(self.owner, SWEEPS_KEPT)
         self.y = native.doubles(self.owner, SWEEPS_KEPT)
@@ -420,22 +420,22 @@ class Memory:
         self.sigma = native.doubles(self.owner, SWEEPS_KEPT)
         self.r = native.singles(self.owner, SWEEPS_KEPT * beams)
         self.changes = 0.0
-        """Beams that change between a range and no return from sweep to sweep, lately, on average …"""
+        """Mean number of beams that change between a range and no return from sweep to sweep."""
         self.lost = 0.0
-        """… and those without a return in either."""
+        """Mean number of beams without a return in either sweep."""
         self.status = native.integers(self.owner, beams)
-        """Of the sweep before, by beam."""
+        """Status of each beam in the sweep before."""
         self.watched = 0
         self.before = 0
-        """Number of its beams."""
+        """Number of beams of the sweep before."""
 
     def grow(self, old: Memory) -> None:
-        """Take over what a smaller one remembers."""
+        """Copy the sweeps of a smaller memory."""
         copy_memory(self, old)
 
 
 def copy_memory(memory: Memory, old: Memory) -> None:
-    """Copy what a smaller memory holds."""
+    """Copy the sweeps of a smaller memory."""
     memory.count, memory.changes, memory.lost = old.count, old.changes, old.lost
     memory.watched, memory.before = old.watched, old.before
     for beam in range(old.before):
@@ -460,7 +460,7 @@ def count_flicker(memory: Memory, views: Views, scans: Scans) -> None:
                 lost += 1
                 if now + then == NO_RETURN:
                     changes += 1
-        # At first the sum of all so far.
+        # At first a plain mean of all sweeps so far.
         memory.watched += 1
         share = max(FLICKER_WEIGHT, 1.0 / memory.watched)
         memory.changes += share * (changes - memory.changes)
@@ -471,14 +471,14 @@ def count_flicker(memory: Memory, views: Views, scans: Scans) -> None:
 
 
 def is_steady(memory: Memory) -> bool:
-    """Whether a beam without a return has met nothing."""
+    """Return whether beams without a return prove free space."""
     return memory.changes <= MOST_FLICKER_SHARE * memory.lost
 
 
 def range_at(views: Views, scans: Scans, position: int) -> float:
-    """What the beam at a position says of free space [m]: its range, `FREE_RANGE`, or `NO_RANGE`."""
+    """Return the range of the beam at a position [m]; `FREE_RANGE` for free space, `NO_RANGE` if unknown."""
     if views.period > 0:
-        # C and Python disagree about what is left of negative numbers.
+        # C and Python disagree about remainders of negative numbers.
         position = (position + views.period) % views.period
     if position < 0 or position >= views.bearings:
         return NO_RANGE
@@ -489,13 +489,13 @@ def range_at(views: Views, scans: Scans, position: int) -> float:
 
 
 def remember(memory: Memory, views: Views, scans: Scans, time: float) -> None:
-    """Keep a sweep, unless the last one that was kept is too recent."""
+    """Remember a sweep, unless the last one is too recent."""
     last = (memory.count + SWEEPS_KEPT - 1) % SWEEPS_KEPT
     if memory.count > 0 and 0.0 <= time - memory.time[last] < SWEEPS_APART:
         return
     m = memory.count % SWEEPS_KEPT
     memory.time[m] = time
-    # One place stands for all from which the sweep was seen.
+    # The pose in the middle of the sweep stands for all of its beams.
     place_sensor(views, 0.5)
     memory.x[m], memory.y[m], memory.cos[m], memory.sin[m] = views.x, views.y, views.cos, views.sin
     place_sensor(views, 0.0)
@@ -507,7 +507,7 @@ def remember(memory: Memory, views: Views, scans: Scans, time: float) -> None:
 
 
 def was_hit(memory: Memory, m: int, x: float, y: float) -> bool:
-    """Whether a beam of a remembered sweep ended at a point of the world."""
+    """Return whether a beam of a remembered sweep ended at a point of the world."""
     dx, dy = x - memory.x[m], y - memory.y[m]
     ahead = memory.cos[m] * dx + memory.sin[m] * dy
     left = memory.side[m] * (memory.cos[m] * dy - memory.sin[m] * dx)
@@ -525,15 +525,15 @@ def was_hit(memory: Memory, m: int, x: float, y: float) -> bool:
 
 
 def was_passed(memory: Memory, m: int, x: float, y: float, beside: float) -> bool:
-    """Whether the beams of a remembered sweep passed a point of the world, all four around it.
+    """Return whether all four beams around a point of the world passed it, in a remembered sweep.
 
-    `beside`: by how much at least [m]; noise and the way between two beams come on top.
+    `beside`: least distance by which they end behind it [m]; noise and the spacing of beams come on top.
     """
     dx, dy = x - memory.x[m], y - memory.y[m]
     ahead = memory.cos[m] * dx + memory.sin[m] * dy
     left = memory.side[m] * (memory.cos[m] * dy - memory.sin[m] * dx)
     r = math.sqrt(ahead * ahead + left * left)
-    # How far it is past the first bearing, within a turn.
+    # Angle past the first bearing, within a turn.
     past = math.atan2(left, ahead) - memory.first[m]
     past -= TURN * math.floor(past / TURN)
     if memory.step[m] < LEAST_STEP:

@@ -22,7 +22,7 @@ SIZE_OUTLIER = 9e-4
 
 @record
 class Followed:
-    """What tracking adds to the detection of one batch: K objects in the order of the detection, S sweeps."""
+    """Tracks of the objects of one batch: K objects in the order of the detection, S sweeps."""
 
     track: Int64
     """(K,) number of the track, 1, 2, ... by first sight; 0 without a track."""

@@ -34,42 +34,42 @@ MOVING_SDS = 2.0
 
 
 class Smoother:
-    """Room for the sightings of one track: where it was, and what is known along each of the axes of the world."""
+    """Room for the sightings of one track: places, and estimates along each axis of the world."""
 
     def __init__(self, most: int) -> None:
         self.owner: list[Any] = []
         self.most = most
         self.z = native.doubles(self.owner, 2 * most)
         self.var = native.doubles(self.owner, 2 * most)
-        """Place along x and y [m], and its variance [m²]."""
+        """Measured place along x and y [m], and its variance [m²]."""
         self.v = native.doubles(self.owner, 2 * most)
         self.v_var = native.doubles(self.owner, 2 * most)
-        """The velocity at each sighting [m/s], and its variance."""
+        """Smoothed velocity at each sighting [m/s], and its variance."""
         self.liveliness = native.doubles(self.owner, LIVELINESSES)
         for i, value in enumerate(ACCELERATIONS):
             self.liveliness[i] = value
         self.acceleration = native.doubles(self.owner, most)
-        """That of the step to each sighting."""
+        """Spectral density of the acceleration of the step to each sighting [m²/s³]."""
         self.misfit = native.doubles(self.owner, LIVELINESSES * most)
-        """How badly each sighting was expected with each of the accelerations."""
+        """Misfit of each sighting with each of the accelerations, twice the negative log-likelihood."""
         self.x = native.doubles(self.owner, most)
         self.speed = native.doubles(self.owner, most)
         self.xx = native.doubles(self.owner, most)
         self.xv = native.doubles(self.owner, most)
         self.vv = native.doubles(self.owner, most)
-        """What is known at each sighting by those before it and itself."""
+        """Forward estimate of place and speed at each sighting, and its covariance."""
 
     def locate(
         self, begin: int, sighted: dict[str, Any], half: Any, half_var: Any, kind: int, several: bool
     ) -> int:
-        """Write where a body was at its sightings, from `begin` on; returns where those of the next one go.
+        """Write the places of a body at its sightings, from `begin` on; return the begin of the next body.
 
         Parameters
         ----------
         sighted : arrays (N,) `centred`, `cos`, `sin`, `half_1`, `half_2` and (N, 4) `z`, `var` as `Sightings` has them
-        half, half_var : (2,) half extents as known in the end, which early sightings did not know [m, m²]
-        kind : what it is taken for
-        several : whether it is one of several parts
+        half, half_var : (2,) half extents by all sightings, and their variances [m, m²]
+        kind : kind of the body
+        several : True for one of several parts
         """
         count = len(sighted["centred"])
         locate_sightings(
@@ -93,15 +93,16 @@ class Smoother:
     def smooth(
         self, order: Any, time: Any, state: Any, keep: int, onset: int, vx: Any, vy: Any, moving: Any
     ) -> None:
-        """Fill vx, vy (N,) float64 [m/s] and moving (N,) uint8 of the located sightings, in the order of time.
+        """Fill in vx, vy (N,) float64 [m/s] and moving (N,) uint8 for the located sightings, in the order of time.
 
         Parameters
         ----------
-        order : (N,) int64, the located sightings in the order of time
-        time : (N,) in that order [s]
-        state : (12,) time, x, v and their covariance xx, xv, vv after the sighting before, for x and for y; xx < 0: none.
-            It becomes that after sighting `keep` - 1
-        onset : sightings before this one stand
+        order : (N,) int64 indices of the located sightings in the order of time
+        time : (N,) times in that order [s]
+        state : (12,) time, x, v and covariance xx, xv, vv after the sighting before the first, for x and for y; xx < 0 for
+            none. On return, the state after sighting `keep` - 1
+        keep : number of sightings after which the state is kept
+        onset : index of the first sighting that may move
         """
         lead, at = native.at_longs(order), native.at_doubles(time)
         known = native.at_doubles(state)
@@ -128,7 +129,7 @@ def locate_sightings(
     kind: int,
     more: float,
 ) -> None:
-    """Where a body was by the sides that were seen, in the world."""
+    """Compute the places of a body in the world, by the sides that were seen."""
     for i in range(count):
         c, s = cos[i], sin[i]
         middle_1, noise_1 = centre_of(
@@ -162,7 +163,7 @@ def locate_sightings(
 def centre_of(
     low: float, high: float, low_var: float, high_var: float, half: float, half_var: float
 ) -> tuple[float, float]:
-    """The middle between two sides, of which one may be unknown, and its variance."""
+    """Return the middle between two sides, of which one may be unknown, and its variance."""
     middle, noise = 0.5 * (low + high), UNKNOWN_VAR
     if low_var >= 0.0 and high_var >= 0.0:
         noise = 0.25 * (low_var + high_var)
@@ -174,7 +175,7 @@ def centre_of(
 
 
 def smooth_axis(room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int) -> None:
-    """Along one axis of the world, at each time with the acceleration that explains what was seen around it best."""
+    """Smooth along one axis of the world, at each time with the acceleration that fits the sightings around it best."""
     for c in range(LIVELINESSES):
         for i in range(count):
             room.acceleration[i] = room.liveliness[c]
@@ -185,7 +186,7 @@ def smooth_axis(room: Smoother, axis: int, order: Any, time: Any, state: Any, co
 
 
 def choose_accelerations(room: Smoother, count: int) -> None:
-    """The acceleration of each step: that with the least misfit over the sightings around it."""
+    """Choose the acceleration of each step by the least misfit over the sightings around it."""
     for i in range(count):
         first, stop = max(i - AROUND_SIGHTINGS, 0), min(i + AROUND_SIGHTINGS + 1, count)
         best, least = 0, INFINITY
@@ -201,7 +202,7 @@ def choose_accelerations(room: Smoother, count: int) -> None:
 def filter_forward(
     room: Smoother, axis: int, order: Any, time: Any, state: Any, count: int, keep: int, trial: int
 ) -> None:
-    """What is known at each sighting by those before it; of a trial also how badly each was expected."""
+    """Estimate place and speed at each sighting by those before it; for a trial, also the misfit of each sighting."""
     first = 2 * order[0] + axis
     known = state[6 * axis + 3] >= 0.0
     begin, place, speed = time[0], room.z[first], 0.0
@@ -239,7 +240,7 @@ def filter_forward(
 
 
 def smooth_backward(room: Smoother, axis: int, time: Any, count: int) -> None:
-    """What is known by those after it as well (Rauch, Tung and Striebel)."""
+    """Smooth the speeds by the sightings after each one too (Rauch, Tung and Striebel)."""
     last = count - 1
     place, speed = room.x[last], room.speed[last]
     room.v[2 * last + axis], room.v_var[2 * last + axis] = speed, room.vv[last]
@@ -264,7 +265,7 @@ def smooth_backward(room: Smoother, axis: int, time: Any, count: int) -> None:
         place = room.x[i] + g_xx * off_x + g_xv * off_v
         speed = room.speed[i] + g_vx * off_x + g_vv * off_v
         room.v[at] = speed
-        # Of the variance only that of the speed is asked for: what is known of the place ahead is taken as certain.
+        # Only the variance of the speed is needed; the place ahead is taken as certain.
         room.v_var[at] = max(
             d
             - g_vx * (ahead_xx * g_vx + ahead_xv * g_vv)
@@ -275,7 +276,7 @@ def smooth_backward(room: Smoother, axis: int, time: Any, count: int) -> None:
 
 
 def decide_motion(room: Smoother, count: int, onset: int, vx: Any, vy: Any, moving: Any) -> None:
-    """Hand out the velocities from the onset on, and which of them are motion."""
+    """Write the velocities from the onset on, and decide which of them are motion."""
     for i in range(count):
         vx[i] = vy[i] = 0.0
         moving[i] = 0
