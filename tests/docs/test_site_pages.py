@@ -10,12 +10,15 @@ import pytest
 from lidarcli import __version__
 from lidarcli.formalism.detection import SHAPES, VISIBILITIES
 from tests.places import ROOT
+from tools import reference
 
 
 def page(name: str) -> str:
     return (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
 
 
+GLOSSARY = re.findall(r"^\| \*\*(.+?)\*\* \| (.*) \|$", page("glossary"), re.MULTILINE)
+"""(word, the other cells) of each row."""
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
@@ -69,8 +72,7 @@ def test_the_comparison_has_the_figures_of_the_pages_that_are_measured(
 
 
 def test_the_glossary_knows_the_words_of_the_tables() -> None:
-    (shape,) = re.findall(r"^\| \*\*shape\*\* \|(.*)", page("glossary"), re.MULTILINE)
-    (visibility,) = re.findall(r"^\| \*\*visibility\*\* \|(.*)", page("glossary"), re.MULTILINE)
+    shape, visibility = (dict(GLOSSARY)[word].split(" | ")[0] for word in ("shape", "visibility"))
     assert set(re.findall(r"`(\w+)`", shape)) == {*SHAPES} - {"wall"}
     assert set(re.findall(r"`(\w+)`", visibility)) == {*VISIBILITIES}
 
@@ -80,6 +82,19 @@ def test_the_glossary_has_the_numbers_of_the_definitions() -> None:
 
 
 def test_no_word_is_explained_twice() -> None:
-    words = re.findall(r"^\| \*\*(.+?)\*\*(?: \(column\))? \|", page("glossary"), re.MULTILINE)
+    words = [word for word, _ in GLOSSARY]
     assert len(words) > 50
-    assert len(set(words)) == len(words) - 1  # `thing` is also a column
+    assert len(set(words)) == len(words)
+
+
+def test_the_columns_and_options_of_the_glossary_are_there() -> None:
+    sections = re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", page("tables"), re.MULTILINE | re.DOTALL)
+    columns = {
+        f"{table}.{name}"
+        for table, text in sections
+        for name in re.findall(r"^\| `(\w+)` \|", text, re.MULTILINE)
+    }
+    options = {name for _, name in reference.option_names()}
+    named = {name for _, row in GLOSSARY for name in re.findall(r"`([^`]+)`", f"{row} | ".split(" | ")[1])}
+    assert len(named) > 60
+    assert named <= columns | options
