@@ -189,11 +189,13 @@ def _printing_to(*files: int) -> Iterator[None]:
 
 
 def _call(words: list[str]) -> int:
+    """Run one call in this process; return its exit code."""
     program, *arguments = words
     if program == "lidarcli":
         from lidarcli.cli import run as lidarcli
 
         return lidarcli(arguments)
+    kept, sys.argv = sys.argv, arguments if arguments[0] != "-c" else ["-c", *arguments[2:]]
     try:
         if arguments[0] == "-c":
             exec(compile(arguments[1], "-c", "exec"), {"__name__": "__main__"})
@@ -202,6 +204,8 @@ def _call(words: list[str]) -> int:
     except Exception:
         traceback.print_exc()
         return 1
+    finally:
+        sys.argv = kept
     return 0
 
 
