@@ -1,4 +1,4 @@
-"""How data of the package print themselves: a line in a list, a few lines by `print`, a small table in a notebook."""
+"""Text of batches, backgrounds and maps: a line in a list, a few lines by `print`, a small table in a notebook."""
 
 from __future__ import annotations
 
@@ -9,37 +9,37 @@ from typing import NamedTuple, Protocol, TypeVar
 
 
 class Facts(NamedTuple):
-    """What there is to say of something."""
+    """Description of an object."""
 
     title: str
-    """One line that says what it is."""
+    """One line that names it."""
     rows: tuple[tuple[str, str], ...]
-    """(name, words)"""
+    """Pairs of a name and its text."""
 
 
-class Telling(Protocol):
-    """Something that says what it is."""
+class Described(Protocol):
+    """An object that describes itself."""
 
     def facts(self) -> Facts:
-        """What it is, in words."""
+        """Return the description of this object."""
 
 
-T = TypeVar("T", bound=Telling)
+T = TypeVar("T", bound=Described)
 
 
 def shown(cls: type[T]) -> type[T]:
-    """A class whose objects print what they are, as their `facts` tell."""
+    """Decorate a class whose objects print their `facts`."""
     cls.__repr__ = _line  # type: ignore[method-assign,assignment]
     cls.__str__ = _text  # type: ignore[method-assign,assignment]
     cls._repr_html_ = _html  # type: ignore[attr-defined]
     return cls
 
 
-def _line(self: Telling) -> str:
+def _line(self: Described) -> str:
     return f"<{type(self).__name__} {self.facts().title}>"
 
 
-def _text(self: Telling) -> str:
+def _text(self: Described) -> str:
     title, rows = self.facts()
     width = max((len(name) for name, _ in rows), default=0) + 2
     return "\n".join(
@@ -47,7 +47,7 @@ def _text(self: Telling) -> str:
     )
 
 
-def _html(self: Telling) -> str:
+def _html(self: Described) -> str:
     title, rows = self.facts()
     cells = "".join(
         f'<tr><th style="text-align: left">{escape(name)}</th><td style="text-align: left">{escape(words)}</td></tr>'
@@ -58,7 +58,7 @@ def _html(self: Telling) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """A number of things.
+    """Return a number with its noun.
 
     >>> counted(1, "sweep"), counted(1200, "sweep")
     ('1 sweep', '1,200 sweeps')
@@ -67,7 +67,7 @@ def counted(number: int, what: str) -> str:
 
 
 def span(values: Iterable[float], form: str, unit: str) -> str:
-    """The least and the greatest of some values, or the one that all of them are.
+    """Return the least and the greatest of some values as text, or the one value that all of them are.
 
     >>> span([1.0, 3.0, 2.0], ".1f", "m"), span([2, 2], ",", "per sweep"), span([], "g", "m")
     ('1.0 to 3.0 m', '2 per sweep', 'none')
@@ -80,7 +80,7 @@ def span(values: Iterable[float], form: str, unit: str) -> str:
 
 
 def moment(stamp_ns: int) -> str:
-    """Date and time of a wall clock; plain seconds of a clock that started near zero (simulation).
+    """Return date and time of a wall clock, or plain seconds of a clock that started near zero (simulation).
 
     >>> moment(1_700_000_000_250_000_000), moment(2_500_000_000)
     ('2023-11-14T22:13:20.250Z', '2.500 s')
@@ -91,7 +91,7 @@ def moment(stamp_ns: int) -> str:
 
 
 def date_and_time(stamp_ns: int) -> str:
-    """In UTC, to the millisecond; `OverflowError`, `ValueError` or `OSError` where the calendar ends.
+    """Return date and time in UTC, to the millisecond; `OverflowError`, `ValueError` or `OSError` where the calendar ends.
 
     >>> date_and_time(1_700_000_000_123_456_789)
     '2023-11-14T22:13:20.123Z'

@@ -1,11 +1,11 @@
 """The errors a user can meet, each with its exit code (docs/cli.md lists them). Imports nothing."""
 
 OUT_OF_MEMORY = "not enough memory; allow more, take --jobs 1, or read a part of the log with --start and --end or --every"
-"""What is said where `is_short_of_memory`, with the exit code of an `UnreadableError`: the log could not be read here."""
+"""Message where `is_short_of_memory`; the exit code is that of an `UnreadableError`, since the log could not be read."""
 
 
 def is_short_of_memory(err: Exception) -> bool:
-    """Whether an error says that there is no more memory; libraries say so that find no room when they are loaded."""
+    """Tell whether an error means that there is no more memory, also for a library that is loaded."""
     signs = ("failed to map segment", "Cannot allocate memory")
     return isinstance(err, MemoryError) or (
         isinstance(err, ImportError) and any(sign in str(err) for sign in signs)

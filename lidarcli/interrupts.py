@@ -10,9 +10,9 @@ from types import FrameType
 
 _IMPORTING = "<frozen importlib"
 _AGAIN = 0.01
-"""[s] So long an interrupt waits before it looks again."""
+"""Time after which an interrupt during an import is sent again [s]."""
 _ENOUGH = 1.0
-"""[s] Within this after an interrupt others say nothing new, and would only disturb the clearing away."""
+"""Time after an interrupt in which further ones are ignored [s]: they would only disturb the clearing away."""
 _last = -_ENOUGH
 
 

@@ -1,4 +1,4 @@
-"""What this machine has: threads beside the main one, processors and memory."""
+"""Threads beside the main one, and the processors and the memory of this machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _KEPT, _LARGE = 256 << 20, 32 << 20
 
 
 class Beside:
-    """One thread or several that do what they are given, in its order, behind `concurrent.futures`.
+    """One thread or several that do submitted work in its order, behind `concurrent.futures`.
 
     Their first work comes only after all of them are up. An interrupt while `submit` waits for the start of a thread would
     leave one that works and that nobody knows of, so that `close` does not wait for it. `RuntimeError` where the system
@@ -30,7 +30,7 @@ class Beside:
     """
 
     def __init__(self, name: str, count: int = 1) -> None:
-        # Most runs are short and need no thread, nor wait for this import.
+        # Most runs are short, need no thread and should not wait for this import.
         from concurrent.futures import ThreadPoolExecutor
 
         self._count = count
@@ -45,7 +45,7 @@ class Beside:
             raise
 
     def submit(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Have some work begun after all that was submitted before."""
+        """Queue some work after all that was submitted before."""
         return self._pool.submit(self._do, work, *args, **kwargs)
 
     def _do(self, work: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -54,7 +54,7 @@ class Beside:
         return work(*args, **kwargs)
 
     def close(self) -> None:
-        """Wait until the work at hand is done, whatever interrupts; what was to follow is not begun. Repeats are idle."""
+        """Wait until the work at hand is done, whatever interrupts; queued work is dropped. Further calls do nothing."""
         interrupt: KeyboardInterrupt | None = None
         self._closed = True
         while not self._idle:
@@ -75,7 +75,7 @@ class Beside:
             for coming in [self._pool.submit(_come, place) for _ in range(self._count)]:
                 coming.result()
         except BaseException:
-            # Who is there already would wait for ever for those who were not called.
+            # Threads that are there already would wait for ever for those that were not called.
             place.abort()
             raise
 
@@ -89,7 +89,7 @@ def _come(place: Barrier) -> None:
 
 
 def cores() -> int:
-    """Processors that this process may use, by its affinity and by the quota of its container."""
+    """Return the number of processors that this process may use, by its affinity and the quota of its container."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     try:
         quota, period = _QUOTA.read_text(encoding="ascii").split()
@@ -100,7 +100,7 @@ def cores() -> int:
 
 
 def keep_freed_memory() -> None:
-    """Let the allocator keep what is freed, where it can be told to: for programs of our own, not for those of others.
+    """Make the allocator keep freed memory, where it can be told to: for our own processes, not for those of others.
 
     A batch allocates and frees the same arrays as the one before. By default they go back to the system in between and
     come anew, page by page, which takes up to a tenth of the whole time.

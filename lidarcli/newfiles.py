@@ -1,4 +1,4 @@
-"""Files that have their names only when they are whole, whoever else writes into the same folder at the same time."""
+"""Output files that get their names only when they are whole, even if other runs write into the same folder."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ except ImportError:
     fcntl = None  # type: ignore[assignment]
 
 LOCK_WAIT_S = 1.0
-"""Publishing takes milliseconds: a lock that is held for longer [s] is somebody else's and not waited for again."""
+"""Time to wait for a lock [s]: publishing takes milliseconds, so a lock held for longer belongs to another program."""
 _TAKEN: set[str] = set()
-"""Folders whose lock is somebody else's: `flock DIR lidarcli ... -o DIR` holds it all the time."""
+"""Folders whose lock another program holds all the time, as `flock DIR lidarcli ... -o DIR` does."""
 _HOST = f"{zlib.crc32(os.uname().nodename.encode() if hasattr(os, 'uname') else b''):08x}"
-"""Locks of a shared folder may not reach from host to host: each clears away what is its own."""
+"""Mark of this host: locks of a shared folder may not reach other hosts, so each clears away its own files."""
 _SCRATCH = re.compile(rf"\.lidarcli-{_HOST}-[0-9a-f]{{16}}\.part")
 
 Identity = tuple[int, int, int, int]
@@ -50,11 +50,11 @@ class WholeFiles(ABC):
         self._stack = ExitStack()
 
     def part(self, path: Place) -> Path:
-        """Where to write the file that will be `path`."""
+        """Return the place to write the file that will be `path`."""
         return self._scratch / path.name
 
     def open(self) -> None:
-        """Make the folder for the parts. Whoever calls this has seen to `close` before, for an interrupt comes any time.
+        """Make the folder for the parts. The caller has seen to `close` before, because an interrupt may come any time.
 
         Raises
         ------
@@ -112,13 +112,11 @@ class NewFiles(WholeFiles):
         self._before: list[Identity | None] = []
 
     def open(self) -> None:
-        """As `WholeFiles.open`."""
         refuse(self.paths, self._overwrite, folders=self._folders)
         self._before = [_identity(path) for path in self.paths]
         super().open()
 
     def publish(self) -> list[str]:
-        """As `WholeFiles.publish`."""
         notes = []
         with _locked(self._beside):
             for path, before in zip(self.paths, self._before, strict=True):
@@ -158,7 +156,6 @@ class StoreFiles(WholeFiles):
         self.paths = tuple(paths)
 
     def publish(self) -> list[str]:
-        """As `WholeFiles.publish`."""
         # Not in this thread, where an interrupt would come between two files.
         beside = Beside("put")
         try:
@@ -168,7 +165,7 @@ class StoreFiles(WholeFiles):
         return []
 
     def _put(self) -> None:
-        # Who puts nothing into a store does not wait for this import.
+        # Runs that put nothing into a store should not wait for this import.
         from lidarcli.stores.url import put
 
         for path in self.paths:
@@ -202,7 +199,7 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
 
 
 def new_files(paths: Sequence[Place], overwrite: bool = True) -> WholeFiles:
-    """Files of one folder that get their names together, on this machine or in a store."""
+    """Return a context for files of one folder that get their names together, on this machine or in a store."""
     if isinstance(paths[0], Url):
         return StoreFiles(cast("Sequence[Url]", paths))
     return NewFiles(cast("Sequence[Path]", paths), overwrite)
@@ -261,7 +258,7 @@ def refuse(
 
 
 def _refuse_object(url: Url, overwrite: bool, inputs: Iterable[str | Path]) -> None:
-    """The same for an output in a store."""
+    """Refuse an output in a store, as `refuse` does one of this machine."""
     if str(url) in map(str, inputs):
         raise OutputError(f"{url} is an input of this run; write elsewhere with -o")
     try:
@@ -273,12 +270,12 @@ def _refuse_object(url: Url, overwrite: bool, inputs: Iterable[str | Path]) -> N
 
 
 def exists_already(path: Place | str) -> OutputError:
-    """The error of an output that may not be replaced."""
+    """Return the error of an output that may not be replaced."""
     return OutputError(f"{path} exists; use --overwrite to replace it, or -o to write elsewhere")
 
 
 def unwritable(path: Place | str, err: OSError) -> OutputError:
-    """The error of an output that the system refuses, as one line."""
+    """Return the error of an output that the system refuses, as one line."""
     # Arrow puts words of its own before those of the system.
     reason = os.strerror(err.errno) if err.errno else err.strerror or str(err).splitlines()[0]
     return OutputError(f"cannot write {path}: {reason}")
@@ -308,7 +305,7 @@ def _refuse_place(folder: Path) -> None:
 
 
 def _is_device(path: Place) -> bool:
-    """Whether a name is that of a terminal, of /dev/null or the like, which is never replaced."""
+    """Tell whether a name is that of a terminal, of /dev/null or the like, which is never replaced."""
     found = None if isinstance(path, Url) else _stat(path)
     return found is not None and stat.S_ISCHR(found.st_mode)
 
@@ -321,7 +318,7 @@ def _stat(path: str | Path) -> os.stat_result | None:
 
 
 def _identity(path: Path) -> Identity | None:
-    """What tells one file of a name from the next; None where there is none."""
+    """Return what distinguishes one file of a name from the next; None without a file."""
     try:
         found = path.lstat()
     except OSError:
@@ -331,7 +328,7 @@ def _identity(path: Path) -> Identity | None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Keep other runs from making and publishing files in this folder; whether that was possible."""
+    """Keep other runs from making and publishing files in this folder; yields whether that was possible."""
     until = time.monotonic() + LOCK_WAIT_S
     lock = None
     while str(folder) not in _TAKEN:
@@ -350,7 +347,7 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 def _lock(folder: Path) -> int | None:
-    """A handle of the folder with the lock on it; None where there are no locks (some network file systems).
+    """Lock a folder and return its handle; None where there are no locks (some network file systems).
 
     Raises
     ------
@@ -373,7 +370,7 @@ def _lock(folder: Path) -> int | None:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what killed runs have left: folders of our own on which nobody holds a lock."""
+    """Remove the folders that killed runs have left: our own ones on which nobody holds a lock."""
     with suppress(OSError), os.scandir(folder) as entries:
         left = [Path(entry.path) for entry in entries if _SCRATCH.fullmatch(entry.name)]
         for scratch in left:

@@ -1,4 +1,4 @@
-"""Ranges judged once: the rules for what a range means, and what the geometry of a sweep tells."""
+"""Rules for ranges: which raw values are a range, and the status of each beam; closure and duration of sweeps."""
 
 from __future__ import annotations
 
@@ -26,25 +26,26 @@ from lidarcli.sweeps import (
 
 @dataclass(frozen=True, slots=True)
 class RangeRules:
-    """How raw ranges become a range and a status. `no_return` holds words and metres, see `parse_no_return`."""
+    """Rules by which raw ranges become a range and a status."""
 
     no_return: frozenset[str] = frozenset({"inf", "zero", "max", "above", "pile"})
+    """Kinds of values that stand for "no return", of `NO_RETURN_WORDS`."""
     markers: tuple[float, ...] = ()
     """Magic values [m] that stand for "no return" on some drivers (81.91, 50, ...)."""
     limits: tuple[float, float] | None = None
     """Range limits [m] that replace those of the messages."""
     farthest: float = math.inf
-    """From here on [m] there is no return, because a pile of ranges is there (`logs.piles`)."""
+    """Range from which on there is no return [m], because many beams tell this one (`logs.piles`)."""
     stuck: tuple[tuple[int, float], ...] = ()
     """Beams that always tell one range [m], which is none, because they do (`logs.piles`)."""
 
     @property
     def words(self) -> frozenset[str]:
-        """Kinds of values that are no return: those that were named, and what a pile adds to them."""
+        """Kinds of values that are no return: the named ones, and those that a pile adds."""
         return self.no_return | {"max", "above"} if self.farthest < math.inf else self.no_return
 
     def in_order(self) -> list[str]:
-        """The words and markers as `--no-return` takes them."""
+        """Return the words and markers as `--no-return` takes them."""
         words = [word for word in NO_RETURN_WORDS if word in self.no_return]
         return words + [f"{marker:g}" for marker in sorted(self.markers)]
 
@@ -77,7 +78,7 @@ def parse_no_return(text: str) -> tuple[frozenset[str], tuple[float, ...]]:
 
 
 def closure(beams: Int32, angle_increment: Float64) -> UInt8:
-    """Which sweeps close to a full turn, and how (`Closure`), from beam count and increment.
+    """Return the `Closure` of sweeps (S,), from their beam counts and increments.
 
     A turn may fall short by half an increment or by 0.25 % of the turn: drivers that round `angle_increment` leave a
     seam of up to three beams which no beam belongs to.
@@ -99,11 +100,11 @@ def closure(beams: Int32, angle_increment: Float64) -> UInt8:
 
 
 LONGEST_SWEEP = 1.0
-"""No sweep takes longer [s], whatever its header says."""
+"""Longest time of a sweep [s]; a header that tells more is not believed."""
 
 
 def duration(raw: RawSweeps) -> Float64 | None:
-    """(S,) how long sweeps take from the first beam to the last [s], from what their headers say; None where none does.
+    """Return the time of sweeps (S,) from the first beam to the last [s], by their headers; None where no header tells.
 
     `time_increment` tells, with its sign. `scan_time` is the time between sweeps and says nothing here: where
     `time_increment` is 0, a sweep was taken at once. What is not finite, or longer than `LONGEST_SWEEP`, counts as 0.
@@ -118,7 +119,7 @@ def duration(raw: RawSweeps) -> Float64 | None:
 
 
 NEAREST, FARTHEST = 1e-6, 1e6
-"""No range is smaller or larger [m]: some drivers call 3.4e38 their `range_max`, and squares of that overflow."""
+"""Smallest and largest range [m]: some drivers call 3.4e38 their `range_max`, and squares of that overflow."""
 
 
 def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | None = None) -> SweepBatch:
@@ -172,7 +173,7 @@ def normalise(raw: RawSweeps, sweep: Int64, rules: RangeRules, first_ns: int | N
 
 
 def is_marked(ranges: Float32, rules: RangeRules) -> Bool:
-    """(S, B) which ranges are values that stand for no return, whatever the limits."""
+    """Return a mask (S, B) of the ranges that stand for no return, whatever the limits."""
     marked = np.zeros(ranges.shape, np.bool_)
     for marker in rules.markers:
         marked |= same_range(ranges, marker)
@@ -182,7 +183,7 @@ def is_marked(ranges: Float32, rules: RangeRules) -> Bool:
 
 
 def same_range(ranges: Float32, value: float | Float32) -> Bool:
-    """Which ranges are this value, as far as float32 and decimals let them [m]."""
+    """Return a mask of the ranges that equal a value [m], as far as float32 and decimals allow."""
     with np.errstate(invalid="ignore"):
         same: Bool = np.abs(ranges - np.float64(value)) <= _SAME
     return same
@@ -192,7 +193,7 @@ _SAME = 1e-4
 
 
 def bounds(raw: RawSweeps, rules: RangeRules) -> tuple[Float32, Float32]:
-    """(S,) the least range of each sweep, and the value from which on there is none [m]."""
+    """Return the least range of each sweep (S,), and the value from which on there is none (S,) [m]."""
     least, most = raw.range_min, raw.range_max
     if rules.limits is not None:
         least, most = (np.full(len(raw), limit, np.float32) for limit in rules.limits)
@@ -202,7 +203,7 @@ def bounds(raw: RawSweeps, rules: RangeRules) -> tuple[Float32, Float32]:
 
 
 def _told_intensities(intensities: Float32 | None) -> Float32 | None:
-    """(S, B) without those of sweeps whose intensities are all 0: so drivers fill in what they do not measure."""
+    """Return intensities (S, B) with NaN in sweeps where all are 0: drivers fill in so what they do not measure."""
     if intensities is None:
         return None
     told = ((intensities != 0) & ~np.isnan(intensities)).any(axis=1)
@@ -214,14 +215,14 @@ def _told_intensities(intensities: Float32 | None) -> Float32 | None:
 def judge(
     ranges: Float32, beams: Int32, low: Float32, high: Float32, words: frozenset[str]
 ) -> tuple[Float32, UInt8]:
-    """(S, B) ranges, NaN where there is none, and the status of each beam.
+    """Return the ranges (S, B), NaN where there is none, and the status of each beam (S, B).
 
     Parameters
     ----------
     ranges : (S, B) raw values [m]
     beams : (S,) number of values of each row, the others are padding
     low, high : (S,) limits [m]
-    words : what is no return
+    words : kinds of values that are no return
 
     Raises
     ------
@@ -242,9 +243,9 @@ def judge(
 
 
 _KINDS = ("nan", "inf", "-inf", "negative", "zero", "below", "max", "above", "padding")
-"""What a value is that is no range, in the order of `ranges`."""
+"""Kinds of values that are no range, in the order of `ranges`."""
 _VERDICTS = {"-inf": Status.TOO_CLOSE, "below": Status.TOO_CLOSE, "padding": Status.PADDING}
-"""What such values say unless they are named as no return; all others are invalid."""
+"""Status of such values unless they are named as no return; all others are invalid."""
 
 
 def _verdict(kind: str, words: frozenset[str]) -> int:
@@ -252,7 +253,7 @@ def _verdict(kind: str, words: frozenset[str]) -> int:
 
 
 def count_statuses(status: UInt8) -> Int32:
-    """(5, S) beams of each row of (S, B) by `Status`; `ValueError` where one is none."""
+    """Count the beams of each row of (S, B) by `Status`, as (5, S); `ValueError` where a code is no status."""
     if status.max(initial=0) >= len(Status):
         raise ValueError(f"{status.max()} is no status of a beam")
     counts = np.zeros((len(Status), len(status)), np.int32)

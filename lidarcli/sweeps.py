@@ -44,7 +44,7 @@ def record(cls: type[T]) -> type[T]:
 
 
 class Status(IntEnum):
-    """What a beam says: a range, or why there is none (ROS REP 117, and what drivers really write)."""
+    """Status of a beam: it has a range, or why it has none (ROS REP 117, and what drivers really write)."""
 
     VALID = 0
     NO_RETURN = 1
@@ -58,7 +58,7 @@ STATUSES = tuple(status.name.lower() for status in Status if status != Status.PA
 
 
 class Closure(IntEnum):
-    """How a sweep closes to a full turn (docs/formalism.md, *Full turn*)."""
+    """Kind of closure of a sweep to a full turn (docs/formalism.md, *Full turn*)."""
 
     OPEN = 0
     """A partial view: the first beam has no predecessor."""
@@ -94,30 +94,30 @@ class RawSweeps:
     ranges: Float32
     """(S, B)"""
     time_increment: Float32 | None = None
-    """(S,) from beam to beam [s], None where nobody has told."""
+    """(S,) from beam to beam [s]; None where the log does not tell."""
     scan_time: Float32 | None = None
-    """(S,) from sweep to sweep [s], None where nobody has told."""
+    """(S,) from sweep to sweep [s]; None where the log does not tell."""
     intensities: Float32 | None = None
     """(S, B) how strong each return is, in the sensor's own unit; NaN where none is told. None: no sweep tells any."""
     angle_max: Float64 | None = None
-    """(S,) bearing of the last beam as the log tells it beside the increment, which counts; None where nobody has told."""
+    """(S,) bearing of the last beam [rad] as the log tells it; the increment counts. None where it does not tell."""
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
     @property
     def time_ns(self) -> Int64:
-        """(S,) when each sweep was taken: its header stamp, or the record time where the header has none."""
+        """(S,) time of each sweep: its header stamp, or the record time where the header has none."""
         return np.where(self.stamp_ns == 0, self.record_ns, self.stamp_ns)
 
     def rows(self, index: slice | NDArray[np.intp] | Bool) -> RawSweeps:
-        """The same block with the rows of `index` alone."""
+        """Return a block of the rows of `index` alone."""
         picked = {name: getattr(self, name)[index] for name in _ROW_FIELDS}
         given = {name: told[index] for name in _OPTIONAL if (told := getattr(self, name)) is not None}
         return replace(self, **picked, **given)
 
     def narrowed(self, width: int) -> RawSweeps:
-        """The same sweeps in fewer columns, which none of them exceeds."""
+        """Return the sweeps in fewer columns, which none of them exceeds."""
         intensities = None if self.intensities is None else self.intensities[:, :width]
         return replace(self, ranges=self.ranges[:, :width], intensities=intensities)
 
@@ -138,7 +138,7 @@ _ROW_FIELDS = (
 
 
 def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
-    """Join blocks of one topic into one, padding to the widest, with one list of frames."""
+    """Join blocks of one topic into one, padded to the widest, with one list of frames."""
     if len(blocks) == 1:
         return blocks[0]
     frame_ids = tuple(dict.fromkeys(name for block in blocks for name in block.frame_ids))
@@ -165,7 +165,7 @@ def concatenate(blocks: list[RawSweeps]) -> RawSweeps:
 
 
 def _stacked(blocks: list[RawSweeps], name: str) -> Float32:
-    """The values of all beams, one block below the other; NaN where a block has none."""
+    """Return the values of all beams, one block below the other; NaN where a block has none."""
     width = max(block.ranges.shape[1] for block in blocks)
     stacked = np.empty((sum(map(len, blocks)), width), np.float32)
     row = 0
@@ -181,7 +181,7 @@ def _stacked(blocks: list[RawSweeps], name: str) -> Float32:
 @shown
 @record
 class SweepPoses:
-    """Where the sensor was at each of S sweeps, seen from above, in the world frame. NaN where unknown."""
+    """Poses of the sensor at S sweeps, seen from above, in the world frame. NaN where unknown."""
 
     x: Float64
     """(S,) metres."""
@@ -191,10 +191,10 @@ class SweepPoses:
     upside_down: Bool
     """(S,) whether the sensor hangs head down, so that its bearings run clockwise in the world."""
     way: Float64 | None = None
-    """(S, 3) how far it goes in x, y [m] and yaw [rad] from the first beam to the last; None: sweeps take no time."""
+    """(S, 3) way in x, y [m] and yaw [rad] from the first beam to the last; None: sweeps take no time."""
 
     def facts(self) -> Facts:
-        """What these poses are, in words."""
+        """Return the description of these poses."""
         known = ~np.isnan(self.x)
         turned = int(np.count_nonzero(self.upside_down & known))
         rows = [
@@ -212,12 +212,12 @@ class SweepPoses:
         return Facts(f"of {counted(len(self.x), 'sweep')}", tuple(rows))
 
     def rows(self, index: NDArray[np.intp] | Int64 | slice) -> SweepPoses:
-        """The poses of `index`, which may repeat."""
+        """Return the poses of `index`, which may repeat."""
         way = None if self.way is None else self.way[index]
         return SweepPoses(self.x[index], self.y[index], self.yaw[index], self.upside_down[index], way)
 
     def during(self, row: Int64 | NDArray[np.intp], share: Float64) -> SweepPoses:
-        """Where the sensor was in the course of sweep `row` (K,): at a `share` (K,) of its time, as it goes evenly."""
+        """Return the poses during sweeps `row` (K,), at a `share` (K,) of their time; the sensor moves evenly meanwhile."""
         here = self.rows(row)
         if here.way is None:
             return here
@@ -225,14 +225,14 @@ class SweepPoses:
         return SweepPoses(here.x + dx, here.y + dy, here.yaw + turn, here.upside_down)
 
     def own_way(self) -> Float64 | None:
-        """(S, 3) the way during each sweep as the sensor has it at the first beam: ahead, to the left [m], turned [rad]."""
+        """Return the way during each sweep in the sensor frame of its first beam (S, 3): ahead, left [m], turned [rad]."""
         if self.way is None:
             return None
         dx, dy, turn = self.way.T
         side = np.where(self.upside_down, -1.0, 1.0)
         cos, sin = np.cos(self.yaw), np.sin(self.yaw)
         way = np.column_stack([cos * dx + sin * dy, side * (cos * dy - sin * dx), side * turn])
-        # Where nobody knows where the sensor is, it stands.
+        # A sensor without a pose is taken as standing.
         way[np.isnan(way)] = 0.0
         return way
 
@@ -244,7 +244,7 @@ class SweepPoses:
         yaw: Float64,
         share: Float64 | None = None,
     ) -> tuple[Float64, Float64, Float64]:
-        """Points and undirected lines in the sensor frame of sweep `row` (K,) in the world frame.
+        """Transform points and undirected lines from the sensor frame of sweep `row` (K,) to the world frame.
 
         With a `share` (K,) they are seen from where the sensor was at that share of the time of the sweep.
         Returns x, y [m] and the direction in (-π/2, π/2] [rad], (K,) each.
@@ -313,7 +313,7 @@ class SweepBatch:
         return len(self.stamp_ns)
 
     def rows(self, index: NDArray[np.intp] | Int64) -> SweepBatch:
-        """The same batch with the sweeps of `index` alone: (K,) rows, or truth values (S,)."""
+        """Return a batch of the sweeps of `index` alone: (K,) rows, or truth values (S,)."""
         if np.ndim(index) != 1:
             raise TypeError(f"rows are given as an array or list, not as {index!r}: rows([{index!r}])")
         picked = {name: getattr(self, name)[index] for name in _BATCH_ROW_FIELDS}
@@ -326,7 +326,7 @@ class SweepBatch:
         return replace(self, **picked)
 
     def by_frame(self) -> Iterator[tuple[str, Int64, SweepBatch]]:
-        """The sweeps of each frame: its name, the rows that are its own, and a batch of them."""
+        """Yield the sweeps of each frame: its name, its rows, and a batch of them."""
         # `np.unique` would import the masked arrays, which costs every short run.
         for code in np.flatnonzero(np.bincount(self.frame)).tolist():
             rows = np.flatnonzero(self.frame == code)
@@ -343,7 +343,7 @@ class SweepBatch:
         return self.stamp_ns.view("datetime64[ns]")
 
     def facts(self) -> Facts:
-        """What these sweeps are, in words."""
+        """Return the description of these sweeps."""
         real = self.status != Status.PADDING
         counts = np.bincount(self.status[real], minlength=len(Status))
         last = self.angle_min + self.angle_increment * np.maximum(self.beams - 1, 0)

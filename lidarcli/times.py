@@ -12,9 +12,9 @@ from numbers import Real
 from lidarcli.errors import OptionError
 
 LONGEST = 1_000_000_000
-"""No time is further from the first sweep [s]: thirty years. A greater number is one of seconds since 1970."""
+"""Longest time after the first sweep [s], thirty years; a greater number counts seconds since 1970."""
 LATEST = 100_000_000_000
-"""No number of seconds since 1970 is greater: the year 5138."""
+"""Greatest number of seconds since 1970: the year 5138."""
 SECOND_NS = 1_000_000_000
 _UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 _SECONDS = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?) ?(ms|s|min|h|)", re.IGNORECASE)
@@ -36,12 +36,12 @@ class Instant:
 
 
 def as_time(value: float | str | Instant) -> float | Instant:
-    """A time that is given as text, as seconds after the first sweep, or as a moment.
+    """Return a time that is given as text, as seconds after the first sweep, or as a moment.
 
     Raises
     ------
     OptionError
-        It is none of these, or no time.
+        The value is none of these, or no time.
     """
     if isinstance(value, str):
         return parse_time(value)
@@ -55,7 +55,7 @@ def as_time(value: float | str | Instant) -> float | Instant:
 
 
 def parse_time(text: str) -> float | Instant:
-    """Seconds after the first sweep from `12.5`, `12.5s`, `500ms`, `2min`, `1h`; a moment from ISO 8601.
+    """Parse seconds after the first sweep (`12.5`, `12.5s`, `500ms`, `2min`, `1h`), or a moment in ISO 8601.
 
     A moment without an offset is meant in UTC, as all times that lidarcli writes. A plain number beyond `LONGEST` is a
     moment, too: seconds since 1970, as header stamps have them.

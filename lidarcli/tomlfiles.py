@@ -26,7 +26,7 @@ Judge = Callable[[os.stat_result], None]
 
 
 def read_toml(file: str, what: str, judge: Judge | None = None) -> dict[str, Any]:
-    """The document of a TOML file, which errors call a `what` (scene, catalogue); `judge` sees the file once it is open."""
+    """Read a TOML file, which errors call a `what` (scene, catalogue); `judge` sees the file once it is open."""
     text = _text(file, what, judge)
     _refuse_nested(file, text)
     try:
@@ -36,7 +36,7 @@ def read_toml(file: str, what: str, judge: Judge | None = None) -> dict[str, Any
 
 
 def _text(file: str, what: str, judge: Judge | None) -> str:
-    """The text of the file."""
+    """Read the text of the file."""
     try:
         with Path(file).open("rb") as opened:
             if judge is not None:
@@ -53,7 +53,7 @@ def _text(file: str, what: str, judge: Judge | None) -> str:
 
 
 def _refuse_nested(file: str, text: str) -> None:
-    """Refuse what would take the parser more memory than the file is worth."""
+    """Refuse a document that would take the parser far more memory than its size."""
     for number, line in enumerate(_lines_without_texts(text), 1):
         if any(part.count(".") > MAX_DEPTH for part in _BETWEEN_KEYS.split(line)):
             raise UnreadableError(f"{file}: line {number}: a key of more than {MAX_DEPTH} parts")
@@ -66,16 +66,16 @@ def _refuse_nested(file: str, text: str) -> None:
 
 
 def _lines_without_texts(text: str) -> list[str]:
-    """Lines with a letter in place of each text, and without comments."""
+    """Return the lines with a letter in place of each text, and without comments."""
     return _TEXTS.sub("x", text).split("\n")
 
 
 LARGEST = 1e6
-"""Most that a number of a file may be from 0 [m], [m/s], [degrees] ...: no sensor reaches farther."""
+"""Greatest magnitude of a number [m], [m/s], [degrees] ...: no sensor reaches farther."""
 
 
 class Fields:
-    """One table of a file. Every key must be taken by somebody before `done`."""
+    """One table of a file. Every key must be read before `done`."""
 
     def __init__(self, file: str, place: str, values: object) -> None:
         self.file, self.place = file, place
@@ -89,7 +89,7 @@ class Fields:
         raise OptionError(f"{self.file}: {self.place}: '{key}' {cause}")
 
     def has(self, *keys: str) -> bool:
-        """True where any of the keys is given."""
+        """Tell whether any of the keys is given."""
         self.asked += keys
         return any(key in self.values for key in keys)
 
@@ -103,7 +103,7 @@ class Fields:
         above: float | None = None,
         largest: float = LARGEST,
     ) -> float:
-        """A finite number within the limits; without a default the key must be there."""
+        """Return a finite number within the limits; without a default the key must be there."""
         value = self._take(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.fail(key, f"must be a number, not {_kind(value)}")
@@ -130,14 +130,14 @@ class Fields:
         return float(value)
 
     def whole(self, key: str, default: int | None = None, *, low: int, high: int) -> int:
-        """A whole number within the limits."""
+        """Return a whole number within the limits."""
         value = self.number(key, default, low=low, high=high, largest=max(LARGEST, high))
         if value != int(value):
             self.fail(key, f"must be a whole number, not {value}")
         return int(value)
 
     def text(self, key: str, default: str | None = None, choices: Sequence[str] = ()) -> str:
-        """A text, one of `choices` where there are any; without a default the key must be there."""
+        """Return a text, one of `choices` if there are any; without a default the key must be there."""
         value = self._take(key, default)
         if not isinstance(value, str) or (not value and not choices):
             self.fail(key, f"must be a text, not {_kind(value)}")
@@ -146,14 +146,14 @@ class Fields:
         return value
 
     def flag(self, key: str, default: bool) -> bool:
-        """true or false."""
+        """Return true or false."""
         value = self._take(key, default)
         if not isinstance(value, bool):
             self.fail(key, f"must be true or false, not {_kind(value)}")
         return value
 
     def pair(self, key: str, default: tuple[float, float]) -> tuple[float, float]:
-        """Two numbers."""
+        """Return two numbers."""
         value = self._take(key, list(default))
         numbers = _numbers(value)
         if numbers is None or len(numbers) != 2:
@@ -162,7 +162,7 @@ class Fields:
         return numbers[0], numbers[1]
 
     def numbers(self, key: str, *, above: float, high: float) -> list[float]:
-        """A list of numbers within the limits."""
+        """Return a list of numbers within the limits."""
         value = self._take(key, None)
         numbers = _numbers(value)
         if not numbers:
@@ -176,7 +176,7 @@ class Fields:
         return numbers
 
     def points(self, key: str, least: int) -> list[list[float]]:
-        """At least so many points of two numbers each."""
+        """Return a list of at least so many points of two numbers each."""
         value = self._take(key, None)
         rows = [_numbers(item) for item in value] if isinstance(value, list) else []
         points = [row for row in rows if row is not None and len(row) == 2]
@@ -186,22 +186,22 @@ class Fields:
         return points
 
     def items(self, key: str, least: int, most: int) -> list[object]:
-        """A list of so many values."""
+        """Return a list of so many values."""
         value = self._take(key, None)
         if not isinstance(value, list) or not least <= len(value) <= most:
             self.fail(key, f"must be a list of {least:,} to {most:,} values")
         return value
 
     def table(self, key: str) -> Fields:
-        """A table inside this one; an empty one where it is not given."""
+        """Return a table inside this one, an empty one where it is not given."""
         return Fields(self.file, self.inside(key), self._take(key, {}))
 
     def inside(self, key: str) -> str:
-        """The place of what stands under a key."""
+        """Return the place of a key, for messages."""
         return f"{self.place[:-1]}.{key}]" if self.place.endswith("]") else f"{self.place}, {key}"
 
     def done(self) -> None:
-        """Refuse keys that nobody asked for: most often they are misspelt."""
+        """Refuse keys that were not read: most often they are misspelt."""
         for key in self.values:
             if key not in self.asked:
                 near = get_close_matches(key, self.asked, 1)
@@ -222,7 +222,7 @@ class Fields:
 
 
 def _numbers(value: object) -> list[float] | None:
-    """The list as floats, None where it holds anything else."""
+    """Return the list as floats, None where it holds anything else."""
     if not isinstance(value, list):
         return None
     if any(isinstance(item, bool) or not isinstance(item, int | float) for item in value):
@@ -235,12 +235,12 @@ def _numbers(value: object) -> list[float] | None:
 
 
 def _short(value: float) -> str:
-    """A number as the file has it, one of very many digits by its length."""
+    """Return the text of a number; one of very many digits is only called long."""
     return str(value) if abs(value) < 10**30 else f"{value:g}" if isinstance(value, float) else "a longer one"
 
 
 def _kind(value: object) -> str:
-    """What a TOML user would call the value."""
+    """Return the name of the kind of a value, as a user of TOML knows it."""
     if isinstance(value, bool):
         return "true or false"
     if isinstance(value, str):

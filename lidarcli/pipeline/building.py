@@ -1,4 +1,4 @@
-"""Logs of a scene without objects of interest → its background."""
+"""Background of a scene, learned from logs without objects of interest."""
 
 from __future__ import annotations
 
@@ -72,11 +72,11 @@ class Building:
         return over_logs(sources, self.add, report)
 
     def sensors(self) -> list[Background]:
-        """The background of every sensor so far, by topic and frame."""
+        """Return the background of every sensor so far, by topic and frame."""
         return [self._learning[key].background() for key in sorted(self._learning)]
 
     def notes(self) -> list[str]:
-        """What a user should know, a line each."""
+        """Return a line for each reason for which sweeps were left out."""
         lines = []
         for (topic, frame), learning in sorted(self._learning.items()):
             if learning.left_out:
@@ -124,12 +124,12 @@ def refuse_output(
 
 
 def load(path: Place) -> tuple[list[Background], dict[str, Any]]:
-    """The sensors of a background table, and what its metadata says (`UnreadableError` where it is none)."""
+    """Read the sensors of a background table, and its metadata (`UnreadableError` where it is none)."""
     return read_background(path)
 
 
 def scene_notes(sensors: Sequence[Background]) -> list[str]:
-    """What looks wrong in what was learned, a line each: a sensor that moved, beams whose background was hidden."""
+    """Return a line for each doubt in what was learned: a sensor that moved, beams whose background was hidden."""
     lines = []
     for sensor in sensors:
         name = f"{sensor.topic} ({sensor.frame_id or 'no frame'})"
@@ -150,14 +150,14 @@ def scene_notes(sensors: Sequence[Background]) -> list[str]:
 
 
 def draw_background(path: Place, sensors: Sequence[Background], overwrite: bool) -> list[str]:
-    """Write a picture of it, of the kind that the suffix says; notes as of `NewFiles.publish`."""
+    """Write a picture of a background, of the kind of the suffix; notes as of `NewFiles.publish`."""
     from lidarcli.reports.background_figure import draw
 
     return write_whole(path, draw(sensors, path.suffix.lower()), overwrite)
 
 
 def refuse_nothing(sensors: Sequence[Background]) -> None:
-    """Refuse a background without any sweep, and one that knows nothing."""
+    """Refuse a background without any sweep, and one without any known beam."""
     if not any(len(sensor) for sensor in sensors):
         raise NoScanError("no sweep to learn a background from")
     if all(np.isnan(sensor.r_e).all() for sensor in sensors):
@@ -168,7 +168,7 @@ def refuse_nothing(sensors: Sequence[Background]) -> None:
 
 
 def figures_of(sensor: Background) -> dict[str, Any]:
-    """What a background knows of a sensor, over all stations and beams."""
+    """Return the figures of a background of one sensor, over all stations and beams."""
     r_e = sensor.r_e
     some = np.isfinite(r_e)
     any_range = bool(some.any())

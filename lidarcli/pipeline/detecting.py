@@ -68,7 +68,7 @@ def detect_to_files(
 def detect_to_sinks(
     source: Source, sinks: Mapping[str, RowSink], options: DetectOptions, progress: Progress | None = None
 ) -> tuple[RunSummary, dict[str, Any]]:
-    """Pass the rows of one log to the sink of their table, in its order; also the description of the source."""
+    """Pass the rows of one log to the sinks of their tables; returns the counts and the description of the source."""
     with (
         read_log(source, options, options.purpose) as reading,
         TopicOrder(sinks, reading.first) as order,
@@ -84,11 +84,11 @@ def detect_to_sinks(
 def _rows(
     source: Source, reading: Reading, work: Splitting, options: DetectOptions, progress: Progress | None
 ) -> Iterator[Rows]:
-    """All rows of one log, those of a table and topic in their order; in the end the summary is whole."""
+    """Yield all rows of one log, those of a table and topic in their order; in the end the summary is complete."""
     summary = reading.summary
     following = None
     if options.tracking is not None:
-        # Who does not track does not wait for this import.
+        # Runs that do not track should not wait for this import.
         from lidarcli.pipeline.objects.following import Following
 
         following = Following(source.name, options.tracking, options.parameters, options.catalogue)
@@ -160,9 +160,9 @@ def detect_file(
     options: DetectOptions,
     report: LogProgress | None = None,
 ) -> Iterator[Outcome]:
-    """The same into one file, which appears when it is whole, and only if anything could be read."""
+    """Write the objects of all logs to one file, which appears when it is whole, and only if any log could be read."""
     refuse([path], options.overwrite, options.inputs(sources))
-    # The last log that could be read, and those after it, wait: it also tells what became of the file.
+    # The last log that could be read, and those after it, wait: its outcome also tells of the file.
     waiting: list[Outcome] = []
     with new_files([path], options.overwrite) as new:
         with new.part(path).open("wb") as out:
@@ -178,18 +178,18 @@ def detect_file(
 
 
 class TrackTables(NamedTuple):
-    """What `track` returns: tables with the schemas of `lidarcli.tabular.SCHEMAS`."""
+    """Tables that `track` returns, with the schemas of `lidarcli.tabular.SCHEMAS`."""
 
     objects: pa.Table
-    """One row per object per sweep, with the thing that it belongs to."""
+    """One row per object per sweep, with its track."""
     sweeps: pa.Table
     """One row per sweep."""
     tracks: pa.Table
-    """One row per thing."""
+    """One row per track."""
 
 
 def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOptions) -> dict[str, pa.Table]:
-    """Some tables of all logs; warns of damage, and of logs that cannot be read while others can."""
+    """Return some tables of all logs; warns of damage, and of logs that cannot be read while others can."""
     collected = {table: _Collected() for table in tables}
     described: list[dict[str, Any]] = []
     damage: list[str] = []
@@ -211,7 +211,7 @@ def of_logs(sources: Sequence[Source], tables: Sequence[str], options: DetectOpt
 def of_batches(
     batches: Iterable[SweepBatch], tables: Sequence[str], options: DetectOptions
 ) -> dict[str, pa.Table]:
-    """Some tables of batches that somebody has: as they come, or, where things are followed, by log and topic."""
+    """Return some tables of batches in memory: in their order, or, where things are followed, by log and topic."""
     parameters, background, tracking = options.parameters, options.background, options.tracking
     catalogue = options.catalogue
     # Where things are followed, their names are those of the tracks.
@@ -242,7 +242,7 @@ def _follow(
     catalogue: Catalogue | None,
 ) -> None:
     """Pass the rows of batches to the sinks of their tables, by log and topic."""
-    # Who does not track does not wait for this import.
+    # Runs that do not track should not wait for this import.
     from lidarcli.pipeline.objects.following import Following
 
     tables = [table for table in sinks if table != "tracks"]
@@ -269,7 +269,7 @@ def _table(name: str, collected: _Collected, metadata: dict[bytes, bytes]) -> pa
 
 
 class Failed:
-    """Logs of several that cannot be read: each is warned of, and the first one's error raised where none can."""
+    """Errors of logs that cannot be read: each is a warning, and the first is raised where all logs fail."""
 
     def __init__(self, logs: int) -> None:
         self._logs = logs
@@ -277,7 +277,7 @@ class Failed:
 
     @contextmanager
     def noted(self, source: Source) -> Iterator[None]:
-        """What befalls one log; errors name it."""
+        """Take the errors of one log, and name it in them."""
         try:
             yield
         except LidarcliError as err:
@@ -294,7 +294,7 @@ class Failed:
 
 
 class _Collected:
-    """A sink that keeps its rows."""
+    """A sink that keeps its rows in memory."""
 
     def __init__(self) -> None:
         self.rows: list[pa.RecordBatch] = []

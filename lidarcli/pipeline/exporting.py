@@ -18,7 +18,7 @@ from lidarcli.tabular.stream import FORMATS, CountingOutput
 from lidarcli.tabular.writing import Output
 
 MOST_COLUMNS = 1000
-"""A table of lidarcli has no more than 50; every column of others takes time and memory for each group of rows."""
+"""Most columns that are written: tables of lidarcli have 50; each column of others takes time and memory."""
 APART = "export each kind of table by itself, as '*.objects.parquet'"
 
 
@@ -33,14 +33,14 @@ class Export:
     """Folders that cannot be searched for more."""
 
     def pieces(self) -> Iterator[pa.RecordBatch]:
-        """All rows."""
+        """Yield all rows."""
         for file in self.files:
             for rows in read_as_is(file, self.schema.names):
                 yield rows.cast(self.schema.remove_metadata())
 
 
 def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
-    """What is to be written: of all tables that files, folders and patterns name, these columns, or all.
+    """Choose some columns, or all, of all tables that files, folders and patterns name.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def chosen(tables: Sequence[str], columns: Sequence[str] = ()) -> Export:
 
 
 def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tuple[int, list[str]]:
-    """Write a file of `kind` (parquet, csv, ndjson, arrow); how many rows, and what a user should know of it."""
+    """Write a file of `kind` (parquet, csv, ndjson, arrow); returns the number of rows and notes on them."""
     refuse([path], overwrite, [str(file) for file in export.files])
     with new_files([path], overwrite) as new:
         with new.part(path).open("wb") as out:
@@ -92,7 +92,7 @@ def export_file(export: Export, path: Place, kind: str, overwrite: bool) -> tupl
 def export_stream(
     export: Export, out: Output, kind: str, name: str = "standard output"
 ) -> tuple[int, list[str]]:
-    """The same to a stream."""
+    """Write tables to a stream of `kind`; returns the number of rows and notes on them."""
     metadata = dict(export.schema.metadata or {})
     stream = FORMATS[kind](CountingOutput(out, name), export.schema, metadata)
     count = 0
@@ -104,13 +104,13 @@ def export_stream(
 
 
 def _common(schemas: Sequence[pa.Schema]) -> dict[bytes, bytes]:
-    """What the metadata of all tables say alike: of several logs no one is the source."""
+    """Return the metadata that all tables share: of several logs no one is the source."""
     first, *others = [dict(schema.metadata or {}) for schema in schemas]
     return {key: value for key, value in first.items() if all(each.get(key) == value for each in others)}
 
 
 def _tables(text: str) -> tuple[list[Place], list[UnreadableError]]:
-    """The Parquet files that a name stands for, and the folders that cannot be searched for more."""
+    """Return the Parquet files that a name stands for, and the folders that cannot be searched for more."""
     _, files, denied = files_named(text)
     if not files and not denied:
         raise UnreadableError(f"{text}: no Parquet table there")

@@ -42,7 +42,7 @@ class Span:
     high: float = float("nan")
 
     def with_values(self, values: NDArray[Any]) -> Span:
-        """The span that also covers `values`."""
+        """Return the span that also covers `values`."""
         low, high = np.fmin.reduce(values), np.fmax.reduce(values)
         return Span(float(np.fmin(self.low, low)), float(np.fmax(self.high, high)))
 
@@ -74,7 +74,7 @@ class ScanInfo:
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """Everything that `info` tells of a log."""
+    """Contents of a log, as `info` prints them."""
 
     path: str
     format: str
@@ -84,7 +84,7 @@ class LogInfo:
     scans: tuple[ScanInfo, ...]
     pose_topics: tuple[str, ...]
     pose_sources: tuple[PoseInfo, ...]
-    """What the pose topics hold; nothing for a pipe, which is read only once."""
+    """Contents of the pose topics; empty for a pipe, which is read only once."""
     dropped: tuple[tuple[str, str, int], ...]
     """(topic, cause, messages) that could not be a sweep."""
     notes: tuple[str, ...]
@@ -106,7 +106,7 @@ def inspect_log(
     poses_from: PoseOptions | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> LogInfo:
-    """Read a log from end to end, in bounded memory, and tell what is in it; its poses first, if it has some."""
+    """Read a log from end to end, in bounded memory, and return its contents; its poses are read first."""
     rules = rules or RangeRules()
     wanted = poses_from or PoseOptions()
     found: dict[tuple[str, str], _Scan] = {}
@@ -178,7 +178,7 @@ def _pose(poses: FoundPoses | None, frame_id: str) -> str:
 def _pose_notes(
     poses: FoundPoses | None, delays: DelaySearch | None, found: Mapping[tuple[str, str], _Scan]
 ) -> list[str]:
-    """What a user should know of the poses: frames for which nobody can choose, and what reading them has met."""
+    """Return notes on the poses: frames with several alike, delays that fit better, and notes of reading them."""
     if poses is None:
         return []
     sources = poses.sources
@@ -219,7 +219,7 @@ class _Scan:
         self._statuses += np.bincount(batch.status.ravel(), minlength=len(Status))
 
     def info(self, topic: str, frame_id: str, clock: Clock, pose: str, made_of: str) -> ScanInfo:
-        """The state so far."""
+        """Return the state so far."""
         return ScanInfo(
             topic=topic,
             frame_id=frame_id,
@@ -240,7 +240,7 @@ class _Scan:
 def _with_counts(
     topics: Sequence[Topic], found: Mapping[tuple[str, str], _Scan], only_counted: Counter[str]
 ) -> tuple[Topic, ...]:
-    """The topics by name, with the sweeps that were read where nobody had counted."""
+    """Return the topics by name, with the number of sweeps that were read where the log does not tell it."""
     sweeps = only_counted.copy()
     for (name, _), scan in found.items():
         sweeps[name] += scan.sweeps
@@ -262,7 +262,7 @@ def inspect_logs(
     poses: PoseOptions,
     report: LogProgress | None = None,
 ) -> Iterator[tuple[Source | Nothing, LogInfo | Failure]]:
-    """What is in every log, log after log."""
+    """Yield the contents of each log, or its failure, log after log."""
     for source in sources:
         yield (
             source,
@@ -271,7 +271,7 @@ def inspect_logs(
 
 
 def info_dict(info: LogInfo) -> dict[str, Any]:
-    """Plain values by the keys that docs/info.md lists; null stands for what nobody knows."""
+    """Return plain values by the keys that docs/info.md lists; null stands for what is unknown."""
     return {
         "path": info.path,
         "format": info.format,
@@ -337,5 +337,5 @@ def _pose_json(source: PoseInfo) -> dict[str, Any]:
 
 
 def _pair(span: Span) -> list[float | None]:
-    """JSON has no infinity and no NaN."""
+    """Return both ends, null where they are not finite: JSON has no infinity and no NaN."""
     return [value if math.isfinite(value) else None for value in (span.low, span.high)]

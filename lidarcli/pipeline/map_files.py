@@ -29,16 +29,16 @@ from lidarcli.stores.url import Place, Url
 from lidarcli.tabular.writing import table_metadata
 
 GRIDS = (".yaml", ".png", ".mcap")
-"""Suffixes of outputs that are made of the grid …"""
+"""Suffixes of outputs that are made of the grid."""
 WRITERS: dict[str, type[PlyWriter] | type[PcdWriter] | type[ParquetWriter]] = dict(
     zip(CLOUDS, (PlyWriter, PcdWriter, ParquetWriter), strict=True)
 )
-"""… and of those that are clouds."""
+"""Suffix of a cloud → its writer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """What a run has made."""
+    """Result of a run."""
 
     grid: Occupancy
     worlds: tuple[str, ...]
@@ -119,7 +119,7 @@ class MapRun:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no log could be read."""
+        """True where no log could be read."""
         return not self._mapping.described
 
     def finish(self) -> Mapped:
@@ -171,7 +171,7 @@ class MapRun:
         self._open.append((path, file))
 
     def _write(self, path: Place, grid: Occupancy) -> None:
-        """Write what is made of the grid."""
+        """Write one output that is made of the grid."""
         suffix, part = path.suffix.lower(), self._new[path.parent].part(path)
         try:
             if suffix == ".yaml":
@@ -190,7 +190,7 @@ class MapRun:
             raise unwritable(path, err) from err
 
     def _notes(self, grid: Occupancy) -> list[str]:
-        """What a user should know of the map, a line each."""
+        """Return notes on the map, a line each."""
         mapping = self._mapping
         notes = []
         if len(mapping.worlds) > 1:
@@ -211,7 +211,7 @@ class MapRun:
 
 
 def _files(outputs: Sequence[Place]) -> tuple[Place, ...]:
-    """All files that the outputs stand for."""
+    """Return all files of the outputs."""
     known = (*GRIDS, *WRITERS)
     files: list[Place] = []
     places: dict[Place, Place] = {}
@@ -233,12 +233,12 @@ def _files(outputs: Sequence[Place]) -> tuple[Place, ...]:
 
 
 def _is_text(name: str) -> bool:
-    """Whether a name of a file is UTF-8."""
+    """Tell whether a name of a file is UTF-8."""
     return not any("\ud800" <= char <= "\udfff" for char in name)
 
 
 def _true_map(path: Path, resolution: float) -> Occupancy:
-    """A true map that can be compared with one of this resolution [m]."""
+    """Read a true map that can be compared with one of this resolution [m]."""
     true = read_map(path)
     try:
         refuse_unlike(resolution, true)
@@ -248,7 +248,7 @@ def _true_map(path: Path, resolution: float) -> Occupancy:
 
 
 def _whole(outcome: Outcome) -> Outcome:
-    """End a run in which a log is not as the options want it, or cannot be written: without it, it is another map."""
+    """End the run where a log does not fit the options or cannot be written: without it, it would be another map."""
     if outcome.exit_code == OptionError.exit_code:
         raise OptionError(f"{outcome.label}: {outcome.error}")
     if outcome.exit_code == OutputError.exit_code:
@@ -259,7 +259,7 @@ def _whole(outcome: Outcome) -> Outcome:
 def _map_apart(
     source: Source, options: MapOptions, sets: bool, scratch: str, progress: Progress | None = None
 ) -> RunSummary:
-    """Take one log in a process of its own, and leave what it has given in a file, the summary's output."""
+    """Take one log in a process of its own, and leave its part of the map in a file, the summary's output."""
     mapping = Mapping(options, sets)
     summary = mapping.add(source, progress=progress)
     mapping.counts.close()
@@ -270,6 +270,6 @@ def _map_apart(
 
 
 def _let_go(file: BinaryIO) -> None:
-    """Close a file; what is not in it by now will not be."""
+    """Close a file that is given up."""
     with suppress(OSError):
         file.close()

@@ -1,4 +1,4 @@
-"""Logs → one map: the occupancy grid, the cloud and the paths of their sensors in the world."""
+"""One map of logs: the occupancy grid, the cloud and the paths of their sensors in the world."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class MapOptions:
 
 @dataclass(frozen=True, slots=True)
 class SensorPath:
-    """Where a sensor was at the sweeps that count, in the world."""
+    """Path of a sensor in the world: its positions at the sweeps that count."""
 
     log: str
     topic: str
@@ -88,17 +88,17 @@ class SensorPath:
 
     @property
     def length(self) -> float:
-        """How far it went [m]."""
+        """Length of the way [m]."""
         return float(np.hypot(np.diff(self.x), np.diff(self.y)).sum())
 
 
 @dataclass(slots=True)
 class Mapping:
-    """A fold over logs."""
+    """A map that grows log by log."""
 
     options: MapOptions
     sets: bool = False
-    """Whether it matters what moves."""
+    """True where the set of each beam is needed."""
     counts: Counts = field(init=False)
     worlds: dict[str, None] = field(default_factory=dict)
     """Names of world frames, in the order in which they come."""
@@ -154,17 +154,17 @@ class Mapping:
         self._refuse_several_worlds()
 
     def occupancy(self) -> Occupancy:
-        """The grid of all that was taken."""
+        """Return the grid of all logs so far."""
         options = self.options
         hits = options.hits(self.counts.sweeps)
         return self.counts.occupancy(hits, options.occupied_ratio, next(iter(self.worlds), "map"))
 
     def _with_sets(self, batches: Iterator[SweepBatch]) -> Iterator[tuple[SweepBatch, UInt8 | None]]:
-        """Every batch, and where it matters the set of each of its beams (S, B), by what the whole log tells."""
+        """Yield every batch with the set of each of its beams (S, B), by the whole log; None where not needed."""
         if not self.sets:
             yield from ((batch, None) for batch in batches)
             return
-        # Who need not know what moves does not wait for these imports.
+        # Maps of everything should not wait for these imports.
         from lidarcli.formalism.tracking.tracker import Tracker
         from lidarcli.pipeline.objects.following import TrackOptions
         from lidarcli.pipeline.objects.making import finder
@@ -196,7 +196,7 @@ class Mapping:
         taken: _Taken,
         clouds: Sequence[CloudWriter],
     ) -> None:
-        """Count the sweeps of one sensor that say something new."""
+        """Count the sweeps of one sensor that tell something new."""
         poses = batch.true_poses or batch.poses
         rows = taken.rows(batch.topic, frame, poses, batch.stamp_ns)
         if poses is None or not len(rows):
@@ -215,7 +215,7 @@ class Mapping:
 
     @contextmanager
     def _in_bounds(self) -> Iterator[None]:
-        """Say what to do where the ground is too large."""
+        """Name the way out where the ground is too large."""
         try:
             yield
         except TooLargeError as err:
@@ -238,7 +238,7 @@ class Mapping:
             )
 
     def _use(self, batch: SweepBatch, sets: UInt8 | None) -> tuple[UInt8, Any]:
-        """(S, B) what each beam says, and how far it got [m]."""
+        """Return the use of each beam and its range [m], (S, B) each."""
         use = np.where(batch.status == Status.VALID, HIT, SKIPPED).astype(np.uint8)
         ranges = batch.ranges
         if self.options.without_agents and sets is not None:
@@ -252,7 +252,7 @@ class Mapping:
     def _points(
         self, log: str, batch: SweepBatch, end: Float64, use: UInt8, sets: UInt8 | None
     ) -> CloudPoints:
-        """The points of some sweeps."""
+        """Return the points of some sweeps."""
         row, beam = np.nonzero(use == HIT)
         x, y = end[0][row, beam], end[1][row, beam]
         if self._voxels is not None:
@@ -275,7 +275,7 @@ class Mapping:
     def _conclude(
         self, source: Source, summary: RunSummary, described: dict[str, Any], taken: _Taken
     ) -> None:
-        """Remember what a log has given, and tell what a user should know of it."""
+        """Keep the results of a log, and add notes on it to the summary."""
         worlds = {told["world"]: None for told in described.get("poses", {}).values()}
         if not taken.count:
             told = [note for note in summary.notes if note not in summary.doubts]
@@ -307,16 +307,16 @@ class Mapping:
 
 
 class _Taken:
-    """The sweeps of one log that count, of each of its sensors."""
+    """Sweeps of one log that count, of each of its sensors."""
 
     def __init__(self, min_move: float, all_topics: bool) -> None:
-        """`all_topics`: also those that tell of a frame of which another one does."""
+        """`all_topics`: also take further topics of the same frame."""
         self._min_move = min_move
         self._all_topics = all_topics
         self._topics: dict[str, str] = {}
-        """Frame → the topic that tells of it."""
+        """Frame → its topic."""
         self.twice: dict[str, str] = {}
-        """Topic that is left out → the one that tells the same."""
+        """Topic that is left out → the topic of the same frame."""
         self._filters: dict[tuple[str, str], MotionFilter] = {}
         self._places: dict[tuple[str, str], list[SweepPoses]] = {}
 
@@ -334,7 +334,7 @@ class _Taken:
         return sum(one.unplaced for one in self._filters.values())
 
     def rows(self, topic: str, frame: str, poses: SweepPoses | None, stamp_ns: Int64) -> Int64:
-        """Those (of S) of a sensor."""
+        """Return the rows (of S) of a sensor that count."""
         if poses is None:
             return np.zeros(0, np.int64)
         first = self._topics.setdefault(frame, topic)
@@ -351,7 +351,7 @@ class _Taken:
         return rows
 
     def paths(self, log: str) -> list[SensorPath]:
-        """Where the sensors were."""
+        """Return the paths of the sensors."""
         return [
             SensorPath(
                 log,

@@ -1,4 +1,4 @@
-"""The same standing things in several runs: tracks tables in, one table of matches out."""
+"""Standing things recognised in several runs: tracks tables in, one table of matches out."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ from lidarcli.tabular.writing import table_metadata
 
 POSITION, CONSTELLATION, AUTO = MATCH_BY
 MOST_THINGS = 2000
-"""Standing things of a run: each is weighed against all that are known."""
+"""Most standing things of a run: each is compared with all known ones."""
 MOVED = 0.3
-"""[m] What is no farther from its old place may only have been seen from another side."""
+"""Least distance from its old position at which a thing has moved [m]: less may be another view of it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """The things of one log, topic and frame that never moved within it."""
+    """Things of one log, topic and frame that never moved within it."""
 
     log: str
     topic: str
     world: str
-    """The frame of its places; empty where they are in the sensor's."""
+    """Frame of the positions; empty for the sensor frame."""
     track: Int64
     things: Standing
 
 
 @dataclass(slots=True)
 class RunResult:
-    """What became of the things of a run."""
+    """Matches of the things of one run."""
 
     name: str
     things: int
@@ -72,7 +72,7 @@ class RunResult:
 
 @dataclass(slots=True)
 class MatchResult:
-    """All matches, and what a user should know of them."""
+    """All matches, with a line for each run and notes."""
 
     table: pa.Table
     runs: list[RunResult] = field(default_factory=list)
@@ -118,7 +118,7 @@ def match_tables(inputs: Sequence[str], by: str = AUTO) -> MatchResult:
 
 
 def write_matches(result: MatchResult, path: Place, kind: str, overwrite: bool) -> list[str]:
-    """Write the matches to a file of `kind` (parquet, csv, ndjson, arrow); what a user should know of it."""
+    """Write the matches to a file of `kind` (parquet, csv, ndjson, arrow); returns notes."""
     with new_files([path], overwrite) as new:
         with new.part(path).open("wb") as out:
             guard = CountingOutput(out, str(path))
@@ -136,7 +136,7 @@ def refuse_matches(path: Place, inputs: Sequence[str], overwrite: bool) -> None:
 
 
 def _runs(tables: Sequence[TracksTable]) -> list[Run]:
-    """The standing things of every table, by topic and frame."""
+    """Return the standing things of every table, by topic and frame."""
     shapes: dict[str, int] = {}
     labels: dict[str, int] = {}
     names = Counter(name for table in tables for name in set(table.rows["log"].to_pylist()))
@@ -175,13 +175,13 @@ _MEASURED = ("x", "y", "length", "width", "length_sd", "width_sd")
 
 
 def _way(worlds: Sequence[str]) -> str:
-    """By position where all places are in one world that outlives a run."""
+    """Choose matching by position where all positions are in one world that outlives a run."""
     common = len(worlds) == 1 and worlds[0] and not of_one_run(worlds[0])
     return POSITION if common else CONSTELLATION
 
 
 def _notes(worlds: Sequence[str], chosen: str, by: str) -> list[str]:
-    """On what the matches stand."""
+    """Return a note on how the matches were found."""
     named = ", ".join(world or "the sensor's own" for world in worlds)
     if chosen == CONSTELLATION:
         why = (
@@ -197,7 +197,7 @@ def _notes(worlds: Sequence[str], chosen: str, by: str) -> list[str]:
 
 
 def _table(runs: Sequence[Run], matched: Sequence[Matched], told: dict[bytes, bytes]) -> pa.Table:
-    """The rows of all runs, by thing and run."""
+    """Return the rows of all runs, by thing and run."""
     thing = _joined([found.thing for found in matched], np.int64)
     order = np.argsort(thing, kind="stable")
     columns = {
@@ -216,7 +216,7 @@ def _joined(parts: Sequence[NDArray[Any]], kind: type[np.generic]) -> NDArray[An
 
 
 def _texts(names: Sequence[str], runs: Sequence[Run], order: Int64) -> pa.DictionaryArray:
-    """A name for each run → a column."""
+    """Return a column with the name of the run of each row."""
     known = {name: code for code, name in enumerate(dict.fromkeys(names))}
     each: Int32 = np.array([known[name] for name in names], np.int32)
     lengths = np.array([len(run.track) for run in runs], np.int64)

@@ -25,15 +25,15 @@ from lidarcli.tabular.reading import read_columns, read_pieces
 from lidarcli.tabular.schemas import SCHEMAS
 
 WINDOW = 4096
-"""Messages among which those of several topics are put in order: more than come of one topic at a stretch."""
+"""Messages that are sorted at a time: more than come of one topic at a stretch."""
 _ROS = ("cdr", "ros1")
 SLICED = "sliced"
-"""In the place of an encoding: sweeps that are made of point clouds, which no message of the log holds."""
+"""Stands for an encoding where sweeps are made of point clouds, which no message of the log holds."""
 _OLD_TF = "tf/msg/tfMessage"
 
 
 def scan_encodings(log: Log) -> dict[str, str]:
-    """Topic of sweeps → how its messages are encoded; where the log has no index, by reading it once."""
+    """Return the encoding of each topic of sweeps; a log without an index is read once for it."""
     topics = log.topics()
     if topics is not None:
         return {topic.name: SLICED if topic.sliced else topic.encoding for topic in topics if topic.is_scan}
@@ -41,12 +41,12 @@ def scan_encodings(log: Log) -> dict[str, str]:
 
 
 def is_ros(encoding: str) -> bool:
-    """Whether messages can be copied; what is not is written anew."""
+    """Tell whether messages can be copied; others are written anew."""
     return encoding in _ROS
 
 
 def transform_topics(log: Log, *, of_ros: bool) -> frozenset[str]:
-    """Topics of transforms, all or those that can be copied; a log without an index has them where ROS has them."""
+    """Return the topics of transforms, all or those that can be copied; of a log without an index those that ROS uses."""
     topics = log.topics()
     if topics is None:
         return frozenset({"/tf", "/tf_static"})
@@ -55,7 +55,7 @@ def transform_topics(log: Log, *, of_ros: bool) -> frozenset[str]:
 
 
 def frames_told(log: Log, frames: Collection[str]) -> set[str]:
-    """Those of the frames that transforms of the log speak of."""
+    """Return those of the frames that transforms of the log name."""
     names = {frame: _spelled(frame) for frame in frames}
     told: set[str] = set()
     for message in log.messages(TRANSFORMS, ReadReport()):
@@ -68,13 +68,13 @@ def frames_told(log: Log, frames: Collection[str]) -> set[str]:
 
 
 def _spelled(frame: str) -> tuple[bytes, bytes]:
-    """A frame as it stands in messages of ROS 1 and of ROS 2; old transforms have it without its leading slash."""
+    """Return the bytes of a frame in messages of ROS 1 and of ROS 2; old transforms have no leading slash."""
     name = frame.removeprefix("/").encode()
     return len(name).to_bytes(4, "little") + name, (len(name) + 1).to_bytes(4, "little") + name + b"\0"
 
 
 class Copies:
-    """Messages of a log that are copied, and what could not be."""
+    """Copies messages of a log, and counts those that cannot be copied."""
 
     def __init__(self, topics: Collection[str], is_ros2: bool) -> None:
         """`topics`: those of the sweeps that are wanted; `is_ros2`: whether for ROS 2, else for ROS 1."""
@@ -83,7 +83,7 @@ class Copies:
         self._left_out: Counter[tuple[str, str]] = Counter()
 
     def of(self, log: Log, report: ReadReport) -> Iterator[Outgoing]:
-        """Scans, transforms, odometry and poses in log order."""
+        """Yield scans, transforms, odometry and poses in log order."""
         for message in log.messages({LASERSCAN, MULTI_ECHO} | POSE_TYPES, report):
             if message.type in SCAN_TYPES and message.topic not in self._topics:
                 continue
@@ -101,12 +101,12 @@ class Copies:
             yield Outgoing(message.topic, kind, message.record_ns, message.record_ns, data)
 
     def written_anew(self, raw: RawSweeps) -> Iterator[Outgoing]:
-        """Sweeps of a log that is not of ROS, as LaserScan."""
+        """Yield sweeps of a log that is not of ROS, as LaserScan."""
         data = cdr_scans(raw) if self._is_ros2 else ros1_scans(raw)
         return of_sweeps(topic_name(raw.topic), SCAN, raw, data)
 
     def notes(self) -> list[str]:
-        """What was left out, a line for each topic."""
+        """Return a line for each topic that was left out."""
         return [
             f"{topic} ({kind}) is not copied: {number:,} messages that are not of ROS"
             for (topic, kind), number in sorted(self._left_out.items())
@@ -120,13 +120,13 @@ class Copies:
 
 
 def of_sweeps(topic: str, kind: str, raw: RawSweeps, data: Sequence[bytes]) -> Iterator[Outgoing]:
-    """A message for each of some sweeps, recorded when the sweep was."""
+    """Yield a message for each of some sweeps, recorded when the sweep was."""
     times = zip(raw.record_ns.tolist(), raw.time_ns.tolist(), data, strict=True)
     return (Outgoing(topic, kind, *each) for each in times)
 
 
 def in_order(messages: Iterable[Outgoing]) -> Iterator[Outgoing]:
-    """Messages by record time, as far as a window of `WINDOW` of them reaches; of equal times as they come."""
+    """Yield messages by record time, within a window of `WINDOW` messages; equal times keep their order."""
     heap: list[tuple[int, int, Outgoing]] = []
     for number, message in zip(count(), messages, strict=False):
         entry = (message.record_ns, number, message)
@@ -149,20 +149,20 @@ class Joined:
     raw: RawSweeps
     """S sweeps."""
     poses: Poses
-    """Of each."""
+    """S poses."""
     objects: pa.RecordBatch
     """N rows."""
     row: Int64
-    """(N,) which of the sweeps each belongs to, ascending."""
+    """(N,) index of the sweep of each object, ascending."""
 
     def by_frame(self) -> Iterator[tuple[str, Joined]]:
-        """The sweeps of each frame, and its name."""
+        """Yield each frame with its sweeps."""
         codes = np.unique(self.raw.frame).tolist()
         for code in codes:
             yield self.raw.frame_ids[code], self if len(codes) == 1 else self._of(self.raw.frame == code)
 
     def _of(self, mine: Bool) -> Joined:
-        """Some of the sweeps."""
+        """Return some of the sweeps."""
         poses = Poses(self.poses.x[mine], self.poses.y[mine], self.poses.yaw[mine])
         its = mine[self.row]
         place = np.cumsum(mine) - 1
@@ -185,7 +185,7 @@ class Tables:
         self._counts: dict[str, int] = {}
 
     def join(self, log: Log, report: ReadReport) -> Iterator[Joined]:
-        """All sweeps of the log that the tables know, in log order within each topic.
+        """Yield all sweeps of the log that the tables have, in log order within each topic.
 
         Raises
         ------
@@ -202,7 +202,7 @@ class Tables:
                 yield joined
 
     def left(self) -> int:
-        """Sweeps of the tables that the log had not."""
+        """Count the sweeps of the tables that the log does not have."""
         return sum(
             1 for topic in self.topics for rows in self._cursor(topic)[0].rest() for _ in range(rows.num_rows)
         )
@@ -250,7 +250,7 @@ class _Cursor:
         self._rows: pa.RecordBatch | None = None
 
     def until(self, sweep: int) -> pa.RecordBatch:
-        """The rows that are left of the sweeps before this one."""
+        """Return the rows that are left of the sweeps before this one."""
         taken = []
         while (rows := next(self._pieces, None) if self._rows is None else self._rows) is not None:
             count = int(np.searchsorted(_ints(rows, "sweep"), sweep))
@@ -265,7 +265,7 @@ class _Cursor:
         return whole.to_batches()[0] if taken else pa.RecordBatch.from_pylist([], self._schema)
 
     def rest(self) -> Iterator[pa.RecordBatch]:
-        """All rows that are left."""
+        """Yield all rows that are left."""
         if self._rows is not None:
             yield self._rows
         yield from self._pieces
@@ -289,7 +289,7 @@ class _Cursor:
 
 
 def _ints(rows: pa.RecordBatch, name: str) -> Int64:
-    """A column of whole numbers or stamps [ns]; nulls are -1."""
+    """Return a column of whole numbers or stamps [ns]; nulls are -1."""
     column = rows[name]
     if pa.types.is_timestamp(column.type):
         column = column.view(pa.int64())

@@ -64,13 +64,13 @@ class OverlayOptions:
 
 
 def outputs_of(path: Place, options: OverlayOptions) -> tuple[Place, ...]:
-    """All files that are written."""
+    """Return all files that are written."""
     beside = (LAYOUT, RVIZ) if options.layout else ()
     return (path, *(path.with_suffix(suffix) for suffix in beside))
 
 
 def refuse_overlay(path: Place, source: Source, options: OverlayOptions) -> None:
-    """Refuse outputs that cannot be written, and inputs of which nothing comes, before any work.
+    """Refuse outputs that cannot be written, and inputs that are not there, before any work.
 
     Raises
     ------
@@ -142,19 +142,19 @@ def write_overlay(
 def _found(
     source: Source, options: OverlayOptions, folder: Path, progress: Progress | None
 ) -> tuple[Pair, RunSummary]:
-    """The tables of a log in a folder that is made, and what making them has met."""
+    """Make the tables of a log in a folder; returns them and the summary of the detection."""
     made = replace(options.detect, overwrite=True, layout=None)
     summary = detect_to_files(source, folder, made, _first(progress))
     return Pair(f"{folder / source.name}.", ".parquet"), summary
 
 
 def _first(progress: Progress | None) -> Progress | None:
-    """The progress of the first of two passes."""
+    """Return the progress of the first of two passes."""
     return None if progress is None else lambda position: progress(position // 2)
 
 
 def _second(progress: Progress | None, size: int) -> Progress | None:
-    """The progress of the second."""
+    """Return the progress of the second pass."""
     return None if progress is None else lambda position: progress((size + position) // 2)
 
 
@@ -164,7 +164,7 @@ RECORDED = attrgetter("record_ns")
 
 
 class Overlay:
-    """The messages of one overlay: those of the log that are copied, and the markers of its objects."""
+    """Messages of one overlay: those of the log that are copied, and the markers of its objects."""
 
     def __init__(
         self,
@@ -195,16 +195,16 @@ class Overlay:
         self._frames: dict[str, str] = {}
         """Frames of the sweeps in the order in which they come, as they are written → as the log has them."""
         self._placed: set[str] = set()
-        """Frames of the log of which a viewer is told where they are in the world …"""
+        """Frames of the log whose place in the world a viewer learns."""
         self._to_place: set[str] = set()
-        """… and those of them of which nothing but this file tells it."""
+        """Those of them whose place only this file tells."""
         self._placing: set[str] = set()
-        """Frames of which this file has told where they are."""
+        """Frames whose place this file has told."""
         self._hangs: dict[tuple[str, str], bool] = {}
-        """Topic and frame of a sensor → whether it hangs head down, as far as its objects have shown."""
+        """Topic and frame of a sensor → True where it hangs head down, as far as its objects have shown."""
 
     def messages(self, stack: ExitStack, progress: Progress | None) -> Iterator[Outgoing]:
-        """All messages in the order in which they are to be played."""
+        """Yield all messages in the order in which they are to be played."""
         log = stack.enter_context(open_source(self._source, self._opening))
         self._encodings = scan_encodings(log)
         transforming = transform_topics(log, of_ros=self._with_log)
@@ -230,7 +230,7 @@ class Overlay:
         yield from everything
 
     def scene(self) -> Scene:
-        """What a viewer is to show; known when all messages have been written."""
+        """Return the settings of viewers; known when all messages have been written."""
         frame, told = next(iter(self._frames.items()), (FRAME, FRAME))
         if told in self._placed:
             frame = self._worlds[told]
@@ -240,7 +240,7 @@ class Overlay:
         return Scene(frame, tuple(self._names.values()), scans, None if self._grid is None else MAP)
 
     def summary(self, found: RunSummary | None) -> RunSummary:
-        """What has been done; `found` by the run that has made the tables, if this was one."""
+        """Return the summary of the run; `found`: of the tables, if this run made them."""
         if found is not None:
             summary = replace(found, sweeps=self._sweeps)
         else:
@@ -278,7 +278,7 @@ class Overlay:
         )
 
     def _drawn(self, log: Log, progress: Progress | None) -> Iterator[Outgoing]:
-        """The markers of all sweeps, and what of the log has to be written anew."""
+        """Yield the markers of all sweeps, and scans of the log that have to be written anew."""
         for joined in self._tables.join(log, self._report):
             raw = joined.raw
             self._sweeps += len(raw)
@@ -299,13 +299,13 @@ class Overlay:
                 progress(log.position)
 
     def _markers(self, frame: str, joined: Joined) -> Iterator[Outgoing]:
-        """The markers of some sweeps of one frame."""
+        """Yield the markers of some sweeps of one frame."""
         groups = markers_of(joined.objects, joined.row, joined.poses, COLOURS)
         data = marker_arrays(joined.raw.time_ns, frame, groups, cdr=self._is_ros2)
         return of_sweeps(self._names[joined.raw.topic], TYPE, joined.raw, data)
 
     def _poses(self, frame: str, told: str, joined: Joined) -> Iterator[Outgoing]:
-        """Where the sensor was, for a log that tells it in no way that viewers know."""
+        """Yield the poses of the sensor as transforms, for a log without transforms that viewers know."""
         key = joined.raw.topic, told
         if joined.objects.num_rows:
             self._hangs[key] = bool(np.mean(is_mirrored(joined.objects, joined.row, joined.poses)) > 0.5)
@@ -323,7 +323,7 @@ class Overlay:
         return topic if is_ros(self._encodings.get(topic, "")) else topic_name(topic)
 
     def _map(self, grid: Occupancy, record_ns: int) -> Outgoing:
-        """The map, stamped as the first message: who plays the file gets it at once."""
+        """Return the map, stamped as the first message, so that players show it at once."""
         stamp_ns = min(max(record_ns, 0), LAST_SECOND * SECOND)
         data = occupancy_cdr(replace(grid, frame_id=self._world), stamp_ns)
         if not self._is_ros2:
@@ -332,7 +332,7 @@ class Overlay:
 
 
 def _ways(pair: Pair) -> dict[str, tuple[str, str]]:
-    """Sensor frame → the fixed frame of its poses and the topic that tells them, as the tables have it."""
+    """Return for each sensor frame the fixed frame and the topic of its poses, as the tables have it."""
     poses = _metadata(pair, SOURCE).get("poses")
     found = poses.items() if isinstance(poses, dict) else ()
     return {
@@ -343,7 +343,7 @@ def _ways(pair: Pair) -> dict[str, tuple[str, str]]:
 
 
 def _metadata(pair: Pair, key: str) -> dict[str, Any]:
-    """What the tables tell under a key, which anybody may have written; empty where they do not."""
+    """Return the metadata of the tables under a key, which any program may have written; empty without it."""
     try:
         told = parsed(file_metadata(pair.sweeps).get(key, "null"))
     except ValueError:

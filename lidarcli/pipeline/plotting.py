@@ -38,14 +38,14 @@ from lidarcli.times import SECOND_NS, Instant
 
 BATCH = 64
 NEAR = 1.0
-"""A sweep stands for a time that is no farther from it [s]: most sensors sweep ten times in that, and none skips it."""
+"""Farthest time from a sweep that stands for it [s]: most sensors sweep ten times in a second."""
 MOST_PICTURES = 2_000
 """Most pictures of one call."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlotOptions:
-    """Which sweeps to draw, and how to read them and find their objects."""
+    """Sweeps to draw, and how to read them and find their objects."""
 
     sweeps: tuple[int, ...] | None
     """Indices within the topic; None for all."""
@@ -67,7 +67,7 @@ class PlotOptions:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """The pictures, and what a user should know of the reading."""
+    """Pictures, with the notes and the damage of reading."""
 
     pictures: tuple[Picture, ...]
     notes: tuple[str, ...]
@@ -75,7 +75,7 @@ class Drawn:
 
 
 def take_pictures(source: Source, options: PlotOptions) -> Drawn:
-    """The wanted sweeps of a log with their objects; errors name the log.
+    """Return pictures of the wanted sweeps of a log with their objects; errors name the log.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _take(source: Source, options: PlotOptions, work: _Work) -> Drawn:
 
 
 def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: OpenOptions) -> int:
-    """The index of the sweep that is nearest to a time; the first of several that are equally near.
+    """Return the index of the sweep that is nearest to a time, the first of several that are equally near.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def sweep_at(source: Source, time: float | Instant, topic: str | None, opening: 
 
 
 def _nearest(stamp_ns: Int64, target_ns: int) -> int:
-    """The row whose stamp is nearest; the target may be farther away than int64 can tell."""
+    """Return the row whose stamp is nearest; the target may be farther away than int64 can tell."""
     least, most = np.iinfo(np.int64).min, np.iinfo(np.int64).max
     target = np.int64(min(max(target_ns, least), most))
     # The difference of the greater and the smaller is right in uint64, whatever their signs.
@@ -180,7 +180,7 @@ def _nearest(stamp_ns: Int64, target_ns: int) -> int:
 
 
 def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
-    """One sweep of a batch that somebody has, with its objects (`OptionError` where it is not in the batch)."""
+    """Return the picture of one sweep of a batch with its objects (`OptionError` where it is not in the batch)."""
     rows = np.flatnonzero(batch.sweep == sweep)
     if not len(rows):
         there = f"{batch.sweep[0]} to {batch.sweep[-1]}" if len(batch) else "none"
@@ -190,7 +190,7 @@ def picture_of(batch: SweepBatch, sweep: int, options: PlotOptions) -> Picture:
 
 
 def _topic(choice: TopicChoice) -> tuple[str | None, tuple[str, ...]]:
-    """The topic to draw; of several the first, and a note that names the others."""
+    """Return the topic to draw, the first of several, and a note that names the others."""
     if choice.is_listed and (error := choice.error()) is not None:
         raise error
     others = choice.chosen[1:]
@@ -207,7 +207,7 @@ def _wanted(batch: SweepBatch, sweeps: Sequence[int] | None) -> Iterator[SweepBa
 
 
 def one_sweep(batch: SweepBatch, row: int) -> SweepBatch:
-    """One sweep of a batch, without its padding."""
+    """Return one sweep of a batch, without its padding."""
     one = batch.rows(np.array([row]))
     beams = int(one.beams[0])
     intensities = None if one.intensities is None else one.intensities[:, :beams]
@@ -244,7 +244,7 @@ class _Work:
         self._paths: Paths | None = None
 
     def picture(self, batch: SweepBatch) -> Picture:
-        """One sweep with its objects."""
+        """Return the picture of one sweep with its objects."""
         parameters = self._options.parameters
         threshold = parameters.threshold
         picture = Picture(
@@ -267,7 +267,7 @@ class _Work:
         )
 
     def _tracks(self, batch: SweepBatch) -> tuple[TrackPath, ...] | None:
-        """The tracks up to this sweep; all sweeps are of one topic."""
+        """Return the tracks up to this sweep; all sweeps are of one topic."""
         if (name := self._options.tracks) is None:
             return None
         if self._paths is None:
@@ -285,12 +285,12 @@ class _Work:
         return self._paths.up_to(sweep)
 
     def notes(self) -> list[str]:
-        """What could not be compared."""
+        """Return the notes of the comparison."""
         return [] if self._subtracting is None else self._subtracting.notes()
 
 
 def picture_bytes(picture: Picture, view: str, suffix: str, look: Look = AS_IT_COMES) -> bytes:
-    """The picture as a PNG, SVG or PDF."""
+    """Return the picture as a PNG, SVG or PDF."""
     return draw(picture, view, suffix, look)
 
 
@@ -329,7 +329,7 @@ def write_animation(
 ) -> list[str]:
     """Write one moving picture; it has its name when it is whole. Notes as of `NewFiles.publish`.
 
-    `report` hears how many of its frames are drawn.
+    `report` hears of the number of frames that are drawn.
     """
     with new_files([path], overwrite) as new:
         try:
@@ -341,7 +341,7 @@ def write_animation(
 
 @dataclass(frozen=True, slots=True)
 class DrawnMap:
-    """Pictures, and what a user should know of the reading."""
+    """Pictures of a map, with the notes and the damage of reading."""
 
     pictures: tuple[MapPicture, ...]
     notes: tuple[str, ...]
@@ -351,7 +351,7 @@ class DrawnMap:
 def take_map(
     source: Source, options: MapOptions, sweeps: Sequence[int] | None = None, tracks: str | None = None
 ) -> DrawnMap:
-    """The map of a log with the path of its sensor.
+    """Return pictures of the map of a log with the path of its sensor.
 
     Parameters
     ----------
@@ -386,7 +386,7 @@ def take_map(
 
 
 def map_bytes(picture: MapPicture, suffix: str, look: Look = AS_IT_COMES) -> bytes:
-    """The picture as a PNG, SVG or PDF."""
+    """Return the picture as a PNG, SVG or PDF."""
     return draw_map(picture, suffix, look)
 
 
@@ -401,7 +401,7 @@ def write_maps(
 
 
 def _overview(tracks: str, source: Source) -> MapPicture:
-    """What the tables of this log say of things in the world."""
+    """Return the things and agents of the tables of this log, in the world."""
     pair = one_pair(tracks)
     sweeps, objects, things = (
         Rows.join([read_table(pair, kind, map_picture.COLUMNS[kind])])
@@ -418,7 +418,7 @@ def _overview(tracks: str, source: Source) -> MapPicture:
 
 
 def _snapshots(source: Source, options: MapOptions, sweeps: Sequence[int]) -> dict[int, Snapshot]:
-    """Some sweeps in the world, by their index; of several topics, those of the first that has them."""
+    """Return some sweeps in the world, by their index; of several topics, those of the first that has them."""
     wanted = np.array(sorted(set(sweeps)))
     found: dict[int, Snapshot] = {}
     with read_log(source, options, MAP) as reading:
@@ -437,7 +437,7 @@ def _snapshots(source: Source, options: MapOptions, sweeps: Sequence[int]) -> di
 
 
 def _snapshot(one: SweepBatch, poses: SweepPoses, options: MapOptions) -> Snapshot:
-    """One sweep in the world."""
+    """Return one sweep in the world."""
     use = np.where(one.status == Status.VALID, HIT, 0).astype(np.uint8)
     end = placed(one, poses, use).end
     there = np.isfinite(end[0, 0])

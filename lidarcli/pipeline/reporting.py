@@ -1,4 +1,4 @@
-"""Tables or manifests in, a report out: reads the columns that are needed, sums up, holds the checks, renders."""
+"""Reports of tables and of manifests: reads the columns that are needed, sums up, judges the checks, renders."""
 
 from __future__ import annotations
 
@@ -55,18 +55,18 @@ SUFFIXES = {
     ".xml": "junit",
 }
 VIEWER_COLUMNS = ("topic", "sweep", "object", "theta_i", "theta_f", "box_x", "box_y", "box_yaw", "thing")
-"""Columns of the objects table that only the viewer reads …"""
+"""Columns of the objects table that only the viewer reads."""
 VIEWER_POSES = ("pose_x", "pose_y", "pose_yaw")
-"""… with these of the sweeps table …"""
+"""Columns of the sweeps table that only the viewer reads."""
 TRACKED_VIEW = ("vx", "vy", "moving")
-"""… and these of the objects where things were tracked."""
+"""Columns of the objects table that only the viewer reads, where there are tracks."""
 NAMED = 10
-"""Most tables, logs and baselines that a page names as what it was made from."""
+"""Most tables, logs and baselines that the command of a page names."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReportOptions:
-    """What a user may ask of a report."""
+    """Options of a report."""
 
     tables: tuple[str, ...]
     checks: tuple[str, ...] = ()
@@ -83,11 +83,11 @@ class Made:
     run: Run
     pairs: tuple[Pair, ...]
     page: Page | None = None
-    """What only the HTML shows, where it was asked for."""
+    """Contents of the HTML alone, where it was asked for."""
 
 
 def understand(options: ReportOptions) -> list[Check]:
-    """The checks, or a usage error before any work is done."""
+    """Parse the checks, or raise a usage error before any work is done."""
     return [parse_check(text, bool(options.baseline)) for text in options.checks]
 
 
@@ -130,7 +130,7 @@ def make_report(options: ReportOptions, viewer: bool = False, progress: Progress
 
 
 def _with_page(made: Made, options: ReportOptions) -> Made:
-    """The same with what the HTML shows; a beams table that cannot be read is one problem more."""
+    """Add the contents of the HTML to a report; a beams table that cannot be read is one problem more."""
     from lidarcli.pipeline.viewing import viewer_of
     from lidarcli.reports.html import Page
     from lidarcli.reports.map_picture import overview
@@ -144,7 +144,7 @@ def _with_page(made: Made, options: ReportOptions) -> Made:
 
 
 def _command(options: ReportOptions) -> str:
-    """What makes such a page again, with the names of files alone: where they lie is another matter elsewhere."""
+    """Return the command that makes such a page, with the names of files but not their folders."""
     words = ["lidarcli", "report", *_names(options.tables)]
     for name, values in (("--log", _names(options.logs)), ("--baseline", _names(options.baseline))):
         words += [word for value in values for word in (name, value)]
@@ -153,13 +153,13 @@ def _command(options: ReportOptions) -> str:
 
 
 def _names(paths: Sequence[str]) -> list[str]:
-    """The names of files, of many the first."""
+    """Return the names of files, of many the first."""
     names = [path.rstrip("/").split("/")[-1] or path for path in paths]
     return names if len(names) <= NAMED else [*names[:NAMED], "..."]
 
 
 def _steps(total: int, progress: Progress) -> Callable[[], None]:
-    """What is called once after each of `total` steps."""
+    """Return a function to call once after each of `total` steps."""
     done = count(1)
     return lambda: None if progress is None else progress(next(done), total)
 
@@ -171,11 +171,11 @@ def _load(
     viewer: bool,
     step: Callable[[], None],
 ) -> tuple[Run, tuple[Pair, ...], tuple[str, ...]]:
-    """The rows of all tables that can be read, and one line for each that cannot, after those that are known."""
+    """Read the rows of all tables that can be read; returns them with one line for each problem."""
     problems = [*problems]
     columns = {*OBJECT_COLUMNS, *columns_needed(checks, "objects"), *(VIEWER_COLUMNS if viewer else ())}
     sweep_columns = {*SWEEP_COLUMNS, *columns_needed(checks, "sweeps"), *(VIEWER_POSES if viewer else ())}
-    # Who does not track does not read what belongs to it.
+    # Without tracks their columns are not read.
     if any(pair.tracks.exists() for pair in pairs):
         columns |= {*TRACKED_COLUMNS, *(TRACKED_VIEW if viewer else ())}
     track_columns = {*TRACK_COLUMNS, *columns_needed(checks, "tracks")}
@@ -193,7 +193,7 @@ def _load(
             step()
             objects = read_table(pair, "objects", columns)
             step()
-            # Of a column that is not there a check would hold, whatever it asks.
+            # Any check of a column that is not there would pass.
             for kind in LATER:
                 require(pair, kind, columns_needed(checks, kind) & LATER[kind])
         except UnreadableError as err:
@@ -217,7 +217,7 @@ def _load(
 
 
 def _unseen(checks: Sequence[Check], run: Run) -> tuple[str, ...]:
-    """A line where checks have seen a part of the logs alone, and none of them says how much damage there may be."""
+    """Return a line where checks saw only a part of the logs, and none of them limits the damage."""
     damaged = [source for source in run.sources if source.damage]
     if not checks or not damaged or accepts(checks, "damage"):
         return ()
@@ -241,7 +241,7 @@ def _refuse_untracked(checks: Sequence[Check], pairs: Sequence[Pair]) -> None:
 
 
 def format_of(file: Place) -> str:
-    """The format that the suffix of an output names (`OptionError` where it names none)."""
+    """Return the format that the suffix of an output names (`OptionError` where it names none)."""
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
         raise OptionError(f"{file}: the suffix names no format ({' '.join(SUFFIXES)})")
@@ -296,7 +296,7 @@ class MadeRuns:
 
 
 def is_of_runs(text: str) -> bool:
-    """Whether a name is that of manifests: their folder, files in it, or a pattern of either.
+    """Tell whether a name is that of manifests: their folder, files in it, or a pattern of either.
 
     >>> [is_of_runs(name) for name in ("tables/_lidarcli", "tables/_lidarcli/*.parquet", "tables")]
     [True, True, False]
@@ -308,7 +308,7 @@ def is_of_runs(text: str) -> bool:
 
 
 def manifest_files(inputs: Iterable[str]) -> tuple[list[Place], list[UnreadableError]]:
-    """The manifests that folders, files and patterns name, each once, and what is none."""
+    """Return the manifests that folders, files and patterns name, each once, and errors of other names."""
     found: dict[str, Place] = {}
     problems = []
     for text in inputs:
@@ -320,7 +320,7 @@ def manifest_files(inputs: Iterable[str]) -> tuple[list[Place], list[UnreadableE
 
 
 def understand_runs(checks: Iterable[str]) -> list[Check]:
-    """The checks, or a usage error before any work is done."""
+    """Parse the checks, or raise a usage error before any work is done."""
     return [parse_check(text, only=FIGURES) for text in checks]
 
 
@@ -358,7 +358,7 @@ def report_runs(
 
 
 def _unseen_logs(checks: Sequence[Check], summary: RunsSummary) -> tuple[str, ...]:
-    """A line for logs that are missing where checks judge the others, and none says how many of these there may be."""
+    """Return a line for missing logs where checks judge the others, and none of them limits their number."""
     return tuple(
         f"{counted(count, 'log')} {outcome}: the checks saw what is left; --check '{outcome} <= {count:.0f}' accepts that"
         for outcome in BAD
@@ -367,7 +367,7 @@ def _unseen_logs(checks: Sequence[Check], summary: RunsSummary) -> tuple[str, ..
 
 
 def nothing_read(problems: Sequence[UnreadableError]) -> LidarcliError:
-    """The error where there is nothing to report on."""
+    """Return the error where there is nothing to report on."""
     if not problems:
         return OptionError("no tables to report on")
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
@@ -388,7 +388,7 @@ def _manifest_files(text: str) -> list[Place]:
 
 
 def _manifests(file: Place) -> list[Place]:
-    """A pattern may also name folders."""
+    """Return the manifests of a match of a pattern, which may also be a folder."""
     if isinstance(file, Path) and file.is_dir():
         return all_files(file, MANIFEST_SUFFIX)
     return [file] if file.suffix == MANIFEST_SUFFIX else []

@@ -1,4 +1,4 @@
-"""The path of the sensor of a log as a file: TUM for evo and others, or a table."""
+"""Path of the sensor of a log as a file: TUM for evo and others, or a table."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def write_path(
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """Poses of some sweeps of one sensor, all of them known."""
+    """Known poses of some sweeps of one sensor."""
 
     batch: SweepBatch
     frame: str
@@ -114,13 +114,13 @@ class _Part:
     motion: Motion
 
     def lines(self) -> bytes:
-        """As TUM text."""
+        """Return the poses as TUM text."""
         from lidarcli.poses.tracks import trajectory_lines
 
         return trajectory_lines(self.batch.stamp_ns, self.motion).encode()
 
     def rows(self, log: str) -> pa.RecordBatch:
-        """As rows of the poses table."""
+        """Return the poses as rows of the poses table."""
         from lidarcli.poses.tracks import planar, upright
 
         count = len(self.batch)
@@ -140,20 +140,20 @@ class _Part:
 
 
 class _Written:
-    """What has been written, of which sensors."""
+    """Poses that have been written, by sensor."""
 
     def __init__(self, is_table: bool, is_matched: bool) -> None:
-        """`is_table`: there is room for several sensors; `is_matched`: the sweeps have been asked already."""
+        """`is_table`: the output has room for several sensors; `is_matched`: the poses were matched from the sweeps."""
         self._is_matched = is_matched
         self._is_table = is_table
         self._last: dict[tuple[str, str], int] = {}
         self._count = 0
         self._left_out = 0
         self._twice: dict[str, str] = {}
-        """Topic that is left out → the one that tells of the same frame."""
+        """Topic that is left out → topic of the same frame."""
 
     def take(self, batch: SweepBatch, reading: Reading) -> Iterator[_Part]:
-        """The poses of a batch that are to be written."""
+        """Yield the poses of a batch that are to be written."""
         for frame, rows, motion, world in reading.motions(batch):
             mine = batch.rows(rows)
             kept = np.flatnonzero(~np.isnan(motion.position).any(axis=1))
@@ -170,7 +170,7 @@ class _Written:
             )
 
     def conclude(self, summary: RunSummary) -> None:
-        """Refuse a path without a pose; tell how many there are."""
+        """Refuse a path without a pose, and add notes on the number of poses."""
         if not self._count:
             why = "; ".join(summary.notes) or "nothing in the log tells where the sensor was"
             hint = "" if self._is_matched else "; --pose match finds the path from the sweeps"
@@ -186,7 +186,7 @@ class _Written:
         summary.notes.append(f"{self._count:,} pose{'' if self._count == 1 else 's'}")
 
     def _later(self, key: tuple[str, str], batch: SweepBatch, kept: Any) -> Any:
-        """The poses whose stamps go on; of one sensor alone, from the first topic that tells of it."""
+        """Return the rows whose stamps increase, of one sensor alone, from its first topic."""
         first = next(iter(self._last), key)
         if key != first and key[1] == first[1]:
             self._twice[key[0]] = first[0]

@@ -26,23 +26,23 @@ from lidarcli.sweeps import Float64, Int64, UInt8
 
 BEAM_COLUMNS = ["topic", "sweep", "beam", "theta", "r"]
 MOST_CELLS = 50_000_000
-"""Most beams, those that are not there between two that are included, of the sweeps of a beams table that are shown."""
+"""Most cells (sweeps times beams) of a beams table that are shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Viewed:
-    """What only the HTML report shows of a run."""
+    """Contents of the HTML report alone."""
 
     data: dict[str, Any]
-    """Of the viewer, with a note on what is left out."""
+    """Data of the viewer, with a note on sweeps that are left out."""
     walls: dict[str, Walls]
-    """By frame, where there are beams."""
+    """Walls by frame, where there are beams."""
     problems: tuple[str, ...]
     """A line for each beams table that cannot be read."""
 
 
 def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[str]) -> Viewed:
-    """The sweeps of a run that the viewer shows, with their beams as far as logs or beams tables have them."""
+    """Return the sweeps that the viewer shows, with their beams as far as logs or beams tables have them."""
     choice = choose_sweeps(run, summary)
     wanted = _wanted(run, summary, choice)
     origins = _match(run.sources, logs)
@@ -64,7 +64,7 @@ def viewer_of(run: Run, summary: Summary, pairs: Sequence[Pair], logs: Sequence[
 
 
 def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, Int64]]:
-    """Source → topic → sorted indices of the sweeps to show."""
+    """Return by source and topic the sorted indices of the sweeps to show."""
     index = run.sweeps.integers("sweep")
     found: dict[int, dict[str, Int64]] = {}
     for stream, rows in zip(summary.streams.all, choice.rows, strict=False):
@@ -74,7 +74,7 @@ def _wanted(run: Run, summary: Summary, choice: Choice) -> dict[int, dict[str, I
 
 
 def _match(sources: Sequence[Origin], logs: Sequence[str]) -> dict[int, Source]:
-    """Which log belongs to which pair of tables: by name, or because there is only one of each."""
+    """Return the log of each pair of tables: by name, or because there is only one of each."""
     found: dict[int, Source] = {}
     for named in logs:
         here = find_logs([named])
@@ -105,7 +105,7 @@ class _Gathered:
     ranges: list[NDArray[Any]] = field(default_factory=list)
 
     def raw(self) -> Raw:
-        """All of them in one, sorted."""
+        """Return all sweeps in one, sorted."""
         width = max(part.shape[1] for part in self.ranges)
         ranges = np.concatenate(
             [
@@ -128,7 +128,7 @@ class _Gathered:
 def _from_log(
     number: int, log: Source, source: Origin, topics: dict[str, Int64]
 ) -> dict[tuple[int, str], Raw]:
-    """The ranges as `detect` has judged them, by the parameters in the tables."""
+    """Read the ranges as `detect` did, by the parameters in the tables."""
     gathered: dict[str, _Gathered] = {}
     with open_source(log, opening_of(source.parameters)) as opened:
         options = ReadOptions(topics=frozenset(topics), rules=rules_of(source.parameters))
@@ -169,7 +169,7 @@ def _from_beams(number: int, pair: Pair, topics: dict[str, Int64]) -> dict[tuple
 
 
 def _table(path: Place, sweep: Int64, beam: Int64, theta: Float64, r: Float64) -> Raw:
-    """Rows of the beams table as one row per sweep."""
+    """Turn rows of the beams table into one row per sweep."""
     indices, row, beams = np.unique(sweep, return_inverse=True, return_counts=True)
     width = int(beam.max()) + 1
     if width * len(indices) > MOST_CELLS:

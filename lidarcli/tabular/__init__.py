@@ -1,4 +1,4 @@
-"""Everything written is a table with a declared schema: schemas, rows, atomic streaming writers."""
+"""Tables: their declared schemas, rows, atomic streaming writers, and readers that check them."""
 
 from lidarcli.tabular.schemas import BEAMS, OBJECTS, SCHEMAS, SWEEPS, TRACKS
 

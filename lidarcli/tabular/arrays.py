@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 
 
 def plain(values: NDArray[Any], kind: pa.DataType | None = None) -> pa.Array:
-    """Values without nulls; `kind` may give a type of the same size another meaning (a stamp)."""
+    """Return values without nulls; `kind` may give a type of the same size another meaning (a stamp)."""
     return _array(values, None, kind)
 
 
 def masked(values: NDArray[Any], null: NDArray[np.bool_], kind: pa.DataType | None = None) -> pa.Array:
-    """Values that are null where `null` says so; `kind` as of `plain`."""
+    """Return values that are null where `null` is true; `kind` as of `plain`."""
     return _array(values, ~null, kind)
 
 
 def answers(values: NDArray[np.int8]) -> pa.BooleanArray:
-    """Yes or no, null where a value is negative.
+    """Return yes or no, null where a value is negative.
 
     >>> answers(np.array([1, 0, -1], np.int8)).to_pylist()
     [True, False, None]
@@ -37,7 +37,7 @@ def answers(values: NDArray[np.int8]) -> pa.BooleanArray:
 
 
 def floats(values: NDArray[np.floating[Any]], kind: pa.DataType | None = None) -> pa.Array:
-    """Numbers of double precision, or of another `kind`, null for NaN: what is undefined is no number to compute with.
+    """Return numbers of double precision, or of another `kind`, null for NaN.
 
     >>> floats(np.array([1.5, np.nan])).to_pylist()
     [1.5, None]
@@ -50,7 +50,7 @@ def floats(values: NDArray[np.floating[Any]], kind: pa.DataType | None = None) -
 
 
 def codes(values: NDArray[Any], names: Sequence[str]) -> pa.DictionaryArray:
-    """A column of names from small integers, null where one is negative.
+    """Return a column of names from small integers, null where one is negative.
 
     >>> codes(np.array([1, 0, -1], np.int8), ("O", "S")).to_pylist()
     ['S', 'O', None]
@@ -62,7 +62,7 @@ def codes(values: NDArray[Any], names: Sequence[str]) -> pa.DictionaryArray:
 
 
 def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
-    """The same as plain text, for columns inside lists, where not every reader takes dictionaries.
+    """Return a column of names as plain text, for columns inside lists, where not every reader takes dictionaries.
 
     >>> names_of(np.array([1, 0, 1], np.uint8), ("O", "AS")).to_pylist()
     ['AS', 'O', 'AS']
@@ -72,7 +72,7 @@ def names_of(values: NDArray[np.uint8], names: Sequence[str]) -> pa.StringArray:
 
 
 def any_nan(values: NDArray[np.floating[Any]]) -> bool:
-    """Whether any of the (K,) values is NaN."""
+    """Tell whether any of the (K,) values is NaN."""
     # The minimum is NaN where any value is: one pass, where `isnan(...).any()` takes two.
     return math.isnan(np.minimum.reduce(values, initial=0.0))
 
@@ -80,7 +80,7 @@ def any_nan(values: NDArray[np.floating[Any]]) -> bool:
 def spelled(
     codes: NDArray[np.uint8], names: tuple[bytes, ...]
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Where the names of (K,) codes begin and end, (K + 1,), and their letters."""
+    """Return the offsets of the names of (K,) codes, (K + 1,), and their letters."""
     offsets = np.zeros(len(codes) + 1, np.int32)
     np.cumsum(np.array([*map(len, names)], np.int32)[codes], out=offsets[1:])
     text = codes.tobytes()

@@ -1,4 +1,4 @@
-"""The background table: written when a scene has been learned, read to be subtracted."""
+"""Background table: written when a scene has been learned, read to be subtracted."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from lidarcli.tabular.schemas import BACKGROUND
 from lidarcli.tabular.writing import DAMAGE, PARAMETERS, SOURCE, VERSION, ParquetSink
 
 GEOMETRY = "lidarcli.geometry"
-"""Metadata key: what the columns do not hold of each sensor, as JSON."""
+"""Metadata key of the geometry of each sensor, as JSON."""
 
 _PER_BEAM = ("r_e", "r_near", "spread", "support", "no_return")
 NEAREST = 1e-9
-"""A range of a background is no smaller [m]: no sensor measures that near, and steps of bearings are divided by it."""
+"""Smallest range of a background [m]: no sensor measures that near, and steps of bearings are divided by it."""
 LEAST_STEP = 1e-9
-"""The angle from beam to beam is no smaller [rad]."""
+"""Smallest angle from beam to beam [rad]."""
 MOST_BEAMS_OF_SENSOR = 10_000_000
 """Most beams of a sensor; sweeps have fewer."""
 SINGLE = 1e-6
@@ -47,7 +47,7 @@ def write_background(
 
 
 def background_rows(sensor: Background) -> pa.RecordBatch:
-    """Rows of one sensor: one per station and beam."""
+    """Return the rows of one sensor: one per station and beam."""
     stations, beams = sensor.r_e.shape
     count = stations * beams
     each = np.repeat(np.arange(stations), beams)
@@ -67,7 +67,7 @@ def background_rows(sensor: Background) -> pa.RecordBatch:
 
 
 def read_background(path: Place) -> tuple[list[Background], dict[str, Any]]:
-    """The sensors of a background table, and what its metadata says.
+    """Read the sensors of a background table, and its metadata.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def read_background(path: Place) -> tuple[list[Background], dict[str, Any]]:
 
 
 def _refuse_ranges(path: Place, table: pa.Table) -> None:
-    """Refuse ranges that are none: what is computed from them needs some length."""
+    """Refuse ranges that are too small, and negative figures."""
     for name in _PER_BEAM:
         least = NEAREST if name.startswith("r_") else 0.0
         wrong = (values := _values(table, name)) < least
@@ -101,7 +101,7 @@ def _refuse_ranges(path: Place, table: pa.Table) -> None:
 
 
 def _told(notes: Mapping[str, str]) -> dict[str, Any]:
-    """What the metadata says of the making, as far as it can be understood."""
+    """Return the metadata on the making of a background, as far as it can be read."""
     told: dict[str, Any] = {}
     for key, kind in ((PARAMETERS, dict), (SOURCE, list), (DAMAGE, list)):
         try:
@@ -134,7 +134,7 @@ def _geometry(sensor: Background) -> dict[str, Any]:
 
 
 def _parsed(text: str) -> list[dict[str, Any]]:
-    """The geometry of every sensor (`ValueError` where it is none)."""
+    """Return the geometry of every sensor (`ValueError` where it is none)."""
     entries = parsed(text)
     if not isinstance(entries, list):
         raise ValueError("no geometry")
@@ -142,7 +142,7 @@ def _parsed(text: str) -> list[dict[str, Any]]:
 
 
 def _entry(entry: Any) -> dict[str, Any]:
-    """The geometry of one sensor; the table may come from anybody."""
+    """Return the geometry of one sensor, checked: the table may come from any program."""
     kinds = {
         **dict.fromkeys(("topic", "frame_id"), str),
         **dict.fromkeys(("beams", "period", "stations"), int),
@@ -180,7 +180,7 @@ def _sensors(table: pa.Table, geometries: list[dict[str, Any]]) -> list[Backgrou
 
 
 def _values(table: pa.Table, name: str) -> Float64:
-    """A column as double precision, NaN for null."""
+    """Return a column as double precision, NaN for null."""
     return np.asarray(table[name].to_numpy(), np.float64)
 
 

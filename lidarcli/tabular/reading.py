@@ -21,21 +21,21 @@ from lidarcli.stores.url import Place, Url
 from lidarcli.tabular.schemas import BACKGROUND, INFINITE, LATER, MATCHES, NULLABLE, SCHEMAS
 
 GREATEST_VALUE = 1e12
-"""A number of a table is no larger [m], [rad]: no place on Earth is farther, whatever the origin."""
+"""Greatest number of a table [m], [rad]: no place on Earth is farther, whatever the origin."""
 DEEPEST_METADATA = 20
 """Levels of lists and objects in a value of the metadata; what lidarcli writes has four."""
 ANY = "any"
-"""The kind of a table whose columns nobody judges."""
+"""Kind of a table whose columns are not checked."""
 MAKERS = {"background": "background build", "tracks": "track", "matches": "match"}
 """Kind of table → the command that writes it, where that is not `detect`."""
 KINDS = {**SCHEMAS, "background": BACKGROUND, "matches": MATCHES}
 """Kind of table → the columns by which it is recognised."""
 MOST_WHOLE = 1 << 53
-"""A count or an index is no larger: up to here a double holds every whole number."""
+"""Greatest count or index: up to here a double holds every whole number."""
 
 
 def read_columns(path: Place, kind: str, schema: pa.Schema, names: Iterable[str] | None = None) -> pa.Table:
-    """Columns of a table in their declared types, with the metadata of the file; null what an earlier version had not.
+    """Read columns of a table in their declared types, with its metadata; columns that earlier versions lack are null.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def read_columns(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]
 
 
 def read_pieces(path: Place, kind: str, schema: pa.Schema, names: Iterable[str]) -> Iterator[pa.RecordBatch]:
-    """The same piece by piece, for a table that may be large."""
+    """Yield columns as `read_columns` does, piece by piece, for a table that may be large."""
     wanted = _wanted(schema, names)
     with _opened(path, kind) as file:
         there = _columns_there(path, kind, file.schema_arrow.names, wanted)
@@ -79,32 +79,32 @@ def read_pieces(path: Place, kind: str, schema: pa.Schema, names: Iterable[str])
 
 
 def column_names(path: Place, kind: str) -> list[str]:
-    """The columns that a table has, also those that no schema knows."""
+    """Return the names of all columns of a table."""
     with _opened(path, kind) as file:
         return list(file.schema_arrow.names)
 
 
 def schema_of(path: Place) -> pa.Schema:
-    """The columns of any table, of whatever kind it is, with the metadata of the file."""
+    """Return the columns of any table, with the metadata of the file."""
     with _opened(path, ANY) as file:
         return file.schema_arrow
 
 
 def read_as_is(path: Place, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
-    """Columns of any table piece by piece, as they are."""
+    """Yield columns of any table piece by piece, as they are."""
     with _opened(path, ANY) as file:
         for rows in file.iter_batches(columns=list(names), use_threads=False):
             yield rows.select(list(names))
 
 
 def file_metadata(path: Place) -> dict[str, str]:
-    """The metadata of a table of which nothing else is read, as text."""
+    """Read the metadata of a table alone, as text."""
     with _opened(path, ANY) as file:
         return _as_text(file.schema_arrow.metadata)
 
 
 def notes_of(table: pa.Table) -> dict[str, str]:
-    """The metadata of a table that was read, as text."""
+    """Return the metadata of a table that was read, as text."""
     return _as_text(table.schema.metadata)
 
 
@@ -114,7 +114,7 @@ def _as_text(metadata: dict[bytes, bytes] | None) -> dict[str, str]:
 
 
 def parsed(text: str) -> Any:
-    """A value of the metadata from its JSON; `ValueError` where it is none.
+    """Return a value of the metadata from its JSON; `ValueError` where it is none.
 
     >>> parsed('{"every": 1}')
     {'every': 1}
@@ -137,7 +137,7 @@ def parsed(text: str) -> Any:
 
 
 def _finite(text: str) -> float:
-    """A number of JSON, which has no NaN and nothing infinite."""
+    """Return a number of JSON, which has no NaN and nothing infinite."""
     number = float(text)
     if not math.isfinite(number):
         raise ValueError(f"{text} is no number of JSON")
@@ -146,7 +146,7 @@ def _finite(text: str) -> float:
 
 @contextmanager
 def _opened(path: Place, kind: str) -> Iterator[pq.ParquetFile]:
-    """The file, closed in the end; whatever Arrow says of it is one line."""
+    """Open a file and close it in the end; errors of Arrow become one line."""
     refused = "no background" if kind == "background" else "cannot be read as Parquet"
     if not path.exists():
         raise UnreadableError(f"{path}: no such file")
@@ -172,7 +172,7 @@ def _begins_as_parquet(path: Place) -> bool:
 
 
 def _file(path: Place) -> pa.NativeFile:
-    """The open file, of which parts are read."""
+    """Open a file of which parts are read."""
     if isinstance(path, Url):
         from lidarcli.stores.url import open_object
 
@@ -187,7 +187,7 @@ def _wanted(schema: pa.Schema, names: Iterable[str] | None) -> pa.Schema:
 
 
 def _columns_there(path: Place, kind: str, there: list[str], wanted: pa.Schema) -> list[str]:
-    """Those of the wanted columns that a file has; refused where one is missing that was always there, or there twice."""
+    """Return the wanted columns that a file has; refuse one that is missing, but for `LATER`, or there twice."""
     missing = sorted(name for name in wanted.names if name not in {*there, *LATER.get(kind, ())})
     if missing:
         maker = MAKERS.get(kind, "detect")
@@ -207,7 +207,7 @@ def _columns_there(path: Place, kind: str, there: list[str], wanted: pa.Schema) 
 
 
 def _fitted(path: Place, kind: str, field: pa.Field, column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """The column in its declared type, its values checked."""
+    """Return the column in its declared type, its values checked."""
     place = f"{path}: column {field.name}"
     if not _castable(column.type, field.type):
         raise UnreadableError(f"{place} is {_words(column.type)}, not {_words(field.type)}")
@@ -226,7 +226,7 @@ def _fitted(path: Place, kind: str, field: pa.Field, column: pa.ChunkedArray) ->
 
 
 def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:
-    """Whether values of one type can stand for those of the other, if each of them fits."""
+    """Tell whether values of one type can stand for those of the other, if each of them fits."""
     if pa.types.is_null(found) or found.equals(wanted):
         return True
     if _is_text(wanted):
@@ -247,7 +247,7 @@ def _castable(found: pa.DataType, wanted: pa.DataType) -> bool:
 
 
 def _cast(column: pa.ChunkedArray, wanted: pa.DataType) -> pa.ChunkedArray:
-    """The column in another type, without loss; NaN, which some write for null, is null."""
+    """Return the column in another type, without loss; NaN, which some programs write for null, is null."""
     if pa.types.is_dictionary(wanted):
         if column.type.equals(wanted) and not any(chunk.dictionary.null_count for chunk in column.chunks):
             return column
@@ -267,7 +267,7 @@ def _without_nan(column: pa.ChunkedArray) -> pa.ChunkedArray:
 
 
 def _refuse_values(place: str, field: pa.Field, column: pa.ChunkedArray) -> None:
-    """Refuse numbers that cannot be: a negative count, a length that is not finite."""
+    """Refuse impossible numbers: a negative count, a length that is not finite."""
     whole = pa.types.is_integer(field.type)
     if not whole and not pa.types.is_floating(field.type):
         return
@@ -304,7 +304,7 @@ def _is_list(kind: pa.DataType) -> bool:
 
 
 def _words(kind: pa.DataType) -> str:
-    """What a type is called in a message.
+    """Return the name of a type for a message.
 
     >>> _words(pa.float64()), _words(pa.list_(pa.struct([("theta", pa.float64())])))
     ('double', 'list of struct (theta)')

@@ -1,4 +1,4 @@
-"""The rows of a manifest: what became of each log in one run."""
+"""Rows of a manifest: the outcome of each log in one run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lidarcli.tabular.reading import read_columns
 from lidarcli.tabular.schemas import RUNS
 
 OK, DAMAGED, FAILED = OUTCOMES = ("ok", "damaged", "failed")
-"""What may become of a log: read whole, read as far as it can be, without tables."""
+"""Outcomes of a log: read whole, read as far as possible, without tables."""
 _STAMPS = frozenset({"mtime", "ended"})
 _BYTES = re.compile(r"\\x([89a-f][0-9a-f])")
 _TEXTS = frozenset({"log", "url", "message"})
@@ -27,12 +27,12 @@ _CODES = {OK: {0, 4}, DAMAGED: {3}, FAILED: {2, 3, 4, 5, 70}}
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What became of one log in one run: a row of the manifest."""
+    """Outcome of one log in one run: a row of the manifest."""
 
     log: str
     """Its name, which its tables carry."""
     url: str
-    """Where it is: an absolute path, or a URL."""
+    """Its place: an absolute path, or a URL."""
     size: int | None
     """Bytes."""
     etag: str | None
@@ -57,17 +57,17 @@ class Entry:
 
     @property
     def is_done(self) -> bool:
-        """Whether there is no more to be got out of the log."""
+        """True where doing the log again would give no more."""
         return self.outcome in (OK, DAMAGED)
 
 
 def newest(entries: Iterable[Entry]) -> dict[str, Entry]:
-    """URL → the entry of a log that ended last."""
+    """Return the last entry of each log, by its URL."""
     return {entry.url: entry for entry in sorted(entries, key=lambda entry: entry.ended)}
 
 
 def run_rows(entries: Sequence[Entry]) -> pa.RecordBatch:
-    """The rows of entries. Bytes of a name that are no UTF-8 stand as `\\xe9`."""
+    """Return the rows of entries. Bytes of a name that are no UTF-8 stand as `\\xe9`."""
     columns: dict[str, list[Any]] = {name: [getattr(entry, name) for entry in entries] for name in RUNS.names}
     for name in _TEXTS:
         columns[name] = [value if value is None else _escaped(value) for value in columns[name]]
@@ -76,7 +76,7 @@ def run_rows(entries: Sequence[Entry]) -> pa.RecordBatch:
 
 
 def read_run(file: Place) -> list[Entry]:
-    """The entries of a manifest, or `UnreadableError` with one line."""
+    """Read the entries of a manifest, or raise `UnreadableError` with one line."""
     table = read_columns(file, "runs", RUNS)
     columns: list[list[Any]] = [
         (table[name].cast(pa.int64()) if name in _STAMPS else table[name]).to_pylist() for name in RUNS.names
@@ -100,7 +100,7 @@ def _entry(file: Place, row: dict[str, Any]) -> Entry:
 
 
 def _escaped(name: str) -> str:
-    """A name of a file as text.
+    """Return a name of a file as text.
 
     >>> _escaped("caf\\udce9.mcap")
     'caf\\\\xe9.mcap'
@@ -113,5 +113,5 @@ def _escaped(name: str) -> str:
 
 
 def _unescaped(text: str) -> str:
-    """The name that stands as this text."""
+    """Return the name of a file from its text."""
     return _BYTES.sub(lambda found: os.fsdecode(bytes.fromhex(found[1])), text)

@@ -1,4 +1,4 @@
-"""Objects to standard output: one JSON object per line, CSV, an Arrow stream or Parquet."""
+"""Rows as a stream: one JSON object per line, CSV, an Arrow stream or Parquet."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class RowStream(Protocol):
 
 
 class _Unremarkable:
-    """A stream of which nothing is to be told."""
+    """A stream without notes."""
 
     def notes(self) -> list[str]:
-        """None."""
+        """Return no notes."""
         return []
 
 
@@ -40,7 +40,7 @@ class NdjsonStream(_Unremarkable):
         self._out = out
 
     def write(self, rows: pa.RecordBatch) -> None:
-        """Write the rows at once, for whoever reads along."""
+        """Write the rows at once, for programs that read along."""
         names = rows.schema.names
         lines = [_compact(dict(zip(names, values, strict=True))) for values in _python_rows(rows)]
         if lines:
@@ -52,7 +52,7 @@ class NdjsonStream(_Unremarkable):
 
 
 FORMULA = "^[=+@\t\r-]"
-"""How text begins that spreadsheets take for a formula."""
+"""Beginning of text that spreadsheets take for a formula."""
 
 
 class CsvStream:
@@ -66,7 +66,7 @@ class CsvStream:
         self._lines([schema.names])
 
     def write(self, rows: pa.RecordBatch) -> None:
-        """Write the rows at once, for whoever reads along."""
+        """Write the rows at once, for programs that read along."""
         lines = [list(values) for values in _python_rows(rows)]
         for line in lines:
             for index in self._nested:
@@ -77,7 +77,7 @@ class CsvStream:
                 self._formulas[field.name] = False
 
     def notes(self) -> list[str]:
-        """Columns that a spreadsheet would run."""
+        """Return a note on columns that a spreadsheet would run, once."""
         new = [name for name, told in self._formulas.items() if not told]
         self._formulas |= dict.fromkeys(new, True)
         if not new:
@@ -98,8 +98,8 @@ class CsvStream:
 
 
 def _has_formula(column: pa.Array) -> bool:
-    """Whether there is text that a spreadsheet takes for a formula."""
-    # Who writes no CSV does not wait for this import.
+    """Tell whether a column has text that a spreadsheet takes for a formula."""
+    # Other formats should not wait for this import.
     import pyarrow.compute as pc
 
     texts = column.dictionary if pa.types.is_dictionary(column.type) else column
@@ -115,7 +115,7 @@ class ArrowStream(_Unremarkable):
         self._writer = pa.ipc.new_stream(pa.PythonFile(out, mode="w"), self._schema)
 
     def write(self, rows: pa.RecordBatch) -> None:
-        """Write the rows at once, for whoever reads along."""
+        """Write the rows at once, for programs that read along."""
         self._writer.write_batch(rows.replace_schema_metadata(self._schema.metadata))
         self._out.flush()
 
@@ -134,7 +134,7 @@ class ParquetStream(_Unremarkable):
         self.write = self._sink.write
 
     def finish(self, metadata: dict[bytes, bytes]) -> None:
-        """Write what waits, and the footer without which nobody can read the rest."""
+        """Write the rows that wait, and the footer."""
         self._sink.finish(metadata)
         self._out.flush()
 
@@ -148,7 +148,7 @@ FORMATS: dict[str, Callable[[Output, pa.Schema, dict[bytes, bytes]], RowStream]]
 
 
 class CountingOutput(io.RawIOBase):
-    """A pipe as the writers of Arrow and Parquet want it: it knows its position. Errors become `OutputError`.
+    """A pipe that knows its position, as the writers of Arrow and Parquet need it. Errors become `OutputError`.
 
     A reader that went away (`| head`) is no error of the output: `BrokenPipeError` passes through.
     """
@@ -160,7 +160,7 @@ class CountingOutput(io.RawIOBase):
         self._discarded = False
 
     def writable(self) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def write(self, data: Any) -> int:
@@ -172,16 +172,16 @@ class CountingOutput(io.RawIOBase):
         return size
 
     def tell(self) -> int:
-        """Bytes written so far."""
+        """Return the number of bytes written so far."""
         return self._position
 
     def flush(self) -> None:
-        """Hand on what the system has not got yet."""
+        """Flush the output."""
         if not self._discarded:
             self._guard(self._out.flush)
 
     def discard(self) -> None:
-        """Write nothing more: what follows would only be the end of a stream that is not whole."""
+        """Write nothing more: it would only end a stream that is not whole."""
         self._discarded = True
 
     def close(self) -> None:
@@ -197,7 +197,7 @@ class CountingOutput(io.RawIOBase):
 
 
 def _python_rows(rows: pa.RecordBatch) -> Any:
-    """Tuples of plain values, stamps as text."""
+    """Return tuples of plain values, stamps as text."""
     columns: list[list[Any]] = []
     for field, values in zip(rows.schema, rows.columns, strict=True):
         if pa.types.is_timestamp(field.type):

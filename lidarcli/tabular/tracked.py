@@ -1,4 +1,4 @@
-"""What tracking tells of rows that are there already, and the rows of the tracks table."""
+"""Rows completed by the tracking, and rows of the tracks table."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _TRACKS = Form.of(TRACKS)
 def tracked_objects(
     rows: pa.RecordBatch, followed: Followed, labels: Sequence[str] = (), *, walls: bool, tracks: bool
 ) -> pa.RecordBatch:
-    """Rows of the objects table with what tracking tells of each; `labels` are the names in the catalogue.
+    """Return rows of the objects table, completed by the tracking; `labels` are the names in the catalogue.
 
     Parameters
     ----------
-    walls : whether what is in set S has rows, too
-    tracks : whether the columns that tell of tracks are filled
+    walls : whether bodies in set S have rows, too
+    tracks : whether the columns on tracks are filled
     """
     sets = followed.set
     columns = {
@@ -52,7 +52,7 @@ def tracked_objects(
 
 
 def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) -> pa.RecordBatch:
-    """Rows of the sweeps table with the counts of objects and agents as tracking tells them."""
+    """Return rows of the sweeps table with the counts of objects and agents of the tracking."""
     names = ("objects", "agents", "object_beams", "agent_beams", "noise_beams")
     counts = {name: getattr(followed, name) for name in names}
     if not tracks:
@@ -68,7 +68,7 @@ def tracked_sweeps(rows: pa.RecordBatch, followed: Followed, *, tracks: bool) ->
 def tracked_beams(
     rows: pa.RecordBatch, batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool
 ) -> pa.RecordBatch:
-    """Rows of the beams table with the object and the set of each beam as tracking tells them."""
+    """Return rows of the beams table with the object and the set of each beam of the tracking."""
     sets, number = beam_sets(batch, detection, followed, tracks=tracks)
     row, beam = beams_of(batch)
     owner = number[row, beam]
@@ -78,7 +78,7 @@ def tracked_beams(
 def beam_sets(
     batch: SweepBatch, detection: Detection, followed: Followed, *, tracks: bool = True
 ) -> tuple[UInt8, Int32]:
-    """(S, B) the set of each beam, and the number of its object, 0 for none, as tracking tells them.
+    """Return the set of each beam and the number of its object, 0 for none, (S, B) each, by the tracking.
 
     `tracks`: whether agents are told apart. The detection was made with `per_beam`.
     """
@@ -97,7 +97,7 @@ def beam_sets(
 def tracks_rows(
     log: str, topic: str, tracks: Tracks, frames: Sequence[str], labels: Sequence[str] = ()
 ) -> pa.RecordBatch:
-    """Rows of the tracks table: one per thing of a topic, by its number; `frames` are names of sensor frames."""
+    """Return rows of the tracks table: one per track of a topic, by its number; `frames` are names of sensor frames."""
     count = len(tracks)
     columns = {
         "log": constant(log, count),
@@ -114,12 +114,12 @@ def tracks_rows(
 
 
 def _labelled(found: Followed | Tracks, labels: Sequence[str]) -> dict[str, Any]:
-    """Names in the catalogue; without one there are none, and all is null."""
+    """Return the columns of names in the catalogue; without one all are null."""
     return {"label": codes(found.label, labels), "label_score": floats(found.label_score)}
 
 
 def _with(rows: pa.RecordBatch, columns: dict[str, Any]) -> pa.RecordBatch:
-    """The rows with other columns in the place of some."""
+    """Return the rows with some columns replaced."""
     names = rows.schema.names
     arrays = [columns.get(name, column) for name, column in zip(names, rows.columns, strict=True)]
     return pa.RecordBatch.from_arrays(arrays, schema=rows.schema)

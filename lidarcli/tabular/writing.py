@@ -60,7 +60,7 @@ def table_metadata(
     source: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
     damage: Sequence[str] = (),
 ) -> dict[bytes, bytes]:
-    """Schema metadata: version, parameters, source (name, size, format) and, only when there is any, damage.
+    """Return the schema metadata: version, parameters, source (name, size, format) and, only if there is any, damage.
 
     >>> table_metadata({"b": 1, "a": None})[b"lidarcli.parameters"]
     b'{"a": null, "b": 1}'
@@ -245,7 +245,7 @@ class ParquetSink:
 
 
 def _leaves(schema: pa.Schema) -> tuple[list[str], list[str]]:
-    """Paths of the floating-point and of the text columns, nested ones included, as Parquet names them."""
+    """Return the paths of the floating-point and of the text columns, nested ones included, as Parquet names them."""
     floats: list[str] = []
     texts: list[str] = []
 
@@ -348,14 +348,14 @@ class TopicOrder:
 
 
 def table_suffix(table: str) -> str:
-    """How the names of files of a table end, after the name of their log."""
+    """Return the end of the names of files of a table, after the name of their log."""
     return f".{table}.parquet"
 
 
 def table_path(
     folder: Place, log: str, table: str, layout: str | None = None, date: str | None = None
 ) -> Place:
-    """`DIR/<log>.<table>.parquet`; `log` may hold the folders below the one that was given.
+    """Return `DIR/<log>.<table>.parquet`; `log` may hold the folders below the one that was given.
 
     >>> table_path(Path("out"), "trip/run", "objects", BY_DATE, "2026-11-22").as_posix()
     'out/objects/date=2026-11-22/trip/run.parquet'
@@ -369,7 +369,7 @@ def table_path(
 def table_paths(
     folder: Place, log: str, tables: Sequence[str], layout: str | None = None, date: str | None = None
 ) -> dict[str, Place]:
-    """Table → where that of one log belongs, as of `table_path`."""
+    """Return the path of each table of one log, as of `table_path`."""
     return {table: table_path(folder, log, table, layout, date) for table in tables}
 
 

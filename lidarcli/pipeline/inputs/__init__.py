@@ -1,1 +1,1 @@
-"""What a user names, and what it means: logs, topics, pairs of tables."""
+"""Inputs by their names: logs, tables, catalogues, and the files that they stand for."""

@@ -15,7 +15,7 @@ from lidarcli.stores.url import Place, Url, place
 
 
 class Named(Enum):
-    """What a name turned out to be."""
+    """Kind of input that a name turned out to be."""
 
     FILE = "file"
     FOLDER = "folder"
@@ -23,9 +23,9 @@ class Named(Enum):
 
 
 def files_named(text: str) -> tuple[Named, list[Place], list[UnreadableError]]:
-    """The files by name, and the folders among them that nobody may look into.
+    """Return the kind of a name, its files by name, and the folders that may not be searched.
 
-    Below a folder these are all but those that are hidden (`.`) or nobody's table (`_lidarcli`).
+    Files of a folder that are hidden (`.`), or beside the tables (`_lidarcli`), are left out.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def files_named(text: str) -> tuple[Named, list[Place], list[UnreadableError]]:
 
 
 def _below(folder: Path) -> tuple[list[Path], list[OSError]]:
-    """The tables below a folder, and why others cannot be searched."""
+    """Return the tables below a folder, and the errors of folders that cannot be searched."""
     found: list[Path] = []
     denied: list[OSError] = []
     for here, folders, names in os.walk(folder, onerror=denied.append):
@@ -59,7 +59,7 @@ def _below(folder: Path) -> tuple[list[Path], list[OSError]]:
 
 
 def _entered(files: Sequence[Path], denied: Sequence[OSError]) -> tuple[list[Place], list[UnreadableError]]:
-    """The files that lie where one may go, and a line for each folder that is shut: some show only their names."""
+    """Return the files in folders that may be entered, and an error for each folder that may not."""
     shut = [
         folder for folder in dict.fromkeys(file.parent for file in files) if not os.access(folder, os.X_OK)
     ]
@@ -71,10 +71,10 @@ def _entered(files: Sequence[Path], denied: Sequence[OSError]) -> tuple[list[Pla
 
 
 def matching(pattern: str) -> tuple[list[str], list[OSError]]:
-    """The files and folders that a pattern names, by name, and why folders it leads into cannot be searched.
+    """Return the files and folders that match a pattern, by name, and the errors of folders that cannot be searched.
 
-    It is as `glob` finds them with `recursive`, which passes over such folders; a link in a circle is followed once.
-    Each folder is listed once, and one that vanishes meanwhile is none.
+    Matches are those of `glob` with `recursive`, which says nothing of such folders; a link in a circle is followed once.
+    Each folder is listed once; one that vanishes meanwhile is left out.
     """
     walk = _Walk()
     base = fixed_part(pattern)
@@ -94,7 +94,7 @@ class _Walk:
         self._listed: dict[str, list[tuple[str, bool]]] = {}
 
     def found(self, here: str, wanted: Sequence[str], above: frozenset[tuple[int, int]]) -> Iterator[str]:
-        """What is meant by the `wanted` parts below a folder; `above` are the folders on the way here."""
+        """Yield the paths below a folder that match the `wanted` parts; `above` are the folders on the way here."""
         if not wanted:
             yield here
             return
@@ -111,7 +111,7 @@ class _Walk:
                 yield from self.found(_inside(here, name), rest, above)
 
     def _through(self, here: str, rest: Sequence[str], above: frozenset[tuple[int, int]]) -> Iterator[str]:
-        """The same below a folder and those in it, at any depth."""
+        """Yield the paths that match the parts after `**`, below a folder and those in it at any depth."""
         try:
             known = os.stat(here or ".")  # noqa: PTH116
         except OSError as err:
@@ -138,7 +138,7 @@ class _Walk:
         return True
 
     def _entries(self, here: str) -> list[tuple[str, bool]]:
-        """The names in a folder, and whether each is one of a folder."""
+        """Return the names in a folder, each with whether it is a folder."""
         if here not in self._listed:
             self._listed[here] = []
             try:
@@ -167,7 +167,7 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 
 def fixed_part(pattern: str) -> str:
-    """The folder up to which a pattern says what it means.
+    """Return the folder of a pattern before its first part with signs.
 
     >>> fixed_part("bags/2026-*/run.mcap"), fixed_part("*.mcap")
     ('bags/', '')
@@ -177,7 +177,7 @@ def fixed_part(pattern: str) -> str:
 
 
 def all_files(folder: Place, suffix: str) -> list[Place]:
-    """The files of a folder, by name; none where there is no such folder, `UnreadableError` where nobody may look."""
+    """Return the files of a folder by name; none of a missing folder, `UnreadableError` where it cannot be searched."""
     if isinstance(folder, Url):
         from lidarcli.stores.url import listing
 
@@ -191,7 +191,7 @@ def all_files(folder: Place, suffix: str) -> list[Place]:
 
 
 def read_file(name: str) -> bytes:
-    """A file as a whole; `UnreadableError` where it cannot be read."""
+    """Read a file as a whole; `UnreadableError` where it cannot be read."""
     where = place(name)
     if isinstance(where, Url):
         from lidarcli.stores.url import read_object

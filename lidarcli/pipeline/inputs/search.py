@@ -23,7 +23,7 @@ from lidarcli.pipeline.inputs.sources import STDIN, Nothing, Source, hold_one_sw
 from lidarcli.stores.url import Place, State, Url, is_url, place
 
 SUFFIXES = (".mcap", ".bag", ".active", ".db3", ".csv", ".csv.gz", ".zstd", *TEXT_LOG_SUFFIXES)
-"""What a search of a folder takes for a log; a file that is named is opened whatever its suffix."""
+"""Suffixes of logs in a folder that is searched; a file that is named is opened whatever its suffix."""
 
 _CONTAINER = (
     ".mcap",
@@ -43,7 +43,7 @@ _WRAPPER = (".gz", ".zstd", ".active")
 
 
 def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
-    """The logs that `inputs` mean, in their order; a folder, also of a store, is searched and its logs come sorted."""
+    """Return the logs that `inputs` name, in their order; a folder, also of a store, is searched, its logs sorted."""
     found: list[Source | Nothing] = []
     for text in inputs:
         if is_url(text):
@@ -67,7 +67,7 @@ def find_logs(inputs: Iterable[str]) -> list[Source | Nothing]:
 
 
 def one_log(log: str) -> Source:
-    """The one log that is meant, which may be the only one in a folder.
+    """Return the one log of a name, which may be the only one in a folder.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def one_log(log: str) -> Source:
 
 
 def files_of(sources: Iterable[Source | Nothing]) -> list[str]:
-    """The files that sources are read from: outputs must be none of them."""
+    """Return the files that sources are read from, none of which may be an output."""
     found: list[str] = []
     for source in sources:
         found += source.files if isinstance(source, Source) and source.files else [source.path]
@@ -110,7 +110,7 @@ def refuse_clashes(sources: Sequence[Source | Nothing]) -> None:
 
 
 def log_name(path: Path) -> str:
-    """Name of a log: its file name without container suffixes, or the name of its folder.
+    """Return the name of a log: its file name without container suffixes, or the name of its folder.
 
     >>> [log_name(Path(name)) for name in ("run.mcap", "x.csv.gz", "a.bag.active", "b.v2.db3")]
     ['run', 'x', 'a', 'b.v2']
@@ -120,7 +120,7 @@ def log_name(path: Path) -> str:
 
 
 def stem_of(name: str) -> str:
-    """The name of a file without container suffixes."""
+    """Return the name of a file without container suffixes."""
     known = False
     for suffixes in (_WRAPPER, _CONTAINER):
         stem, suffix = os.path.splitext(name)  # noqa: PTH122 (names, not paths)
@@ -130,7 +130,7 @@ def stem_of(name: str) -> str:
 
 
 def is_one_log(folder: Path) -> bool:
-    """Whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each."""
+    """Tell whether a folder is one log: a ROS 2 bag, or CSV files with one sweep each."""
     try:
         names = sorted(item.name for item in folder.iterdir() if item.is_file())
     except OSError:
@@ -139,7 +139,7 @@ def is_one_log(folder: Path) -> bool:
 
 
 def are_one_log(folder: Place, names: Sequence[str]) -> bool:
-    """The same of a folder whose files are known."""
+    """Tell whether a folder with files of these names is one log, as `is_one_log` does."""
     if is_bag(names):
         return True
     if any(name.lower().endswith(BINARY_SUFFIXES) for name in names):
@@ -148,7 +148,7 @@ def are_one_log(folder: Place, names: Sequence[str]) -> bool:
 
 
 def _search(folder: Path) -> list[Source | Nothing]:
-    """Logs below a folder by path, and what could not be looked into.
+    """Return the logs below a folder by path, and the folders that could not be searched.
 
     Links are followed; a folder that was seen already is not entered again.
     """
@@ -179,7 +179,7 @@ def _search(folder: Path) -> list[Source | Nothing]:
             folders.clear()
             continue
         seen.add((known.st_dev, known.st_ino))
-        # Hidden things are nobody's logs: macOS puts a `._run.bag` beside every `run.bag` on foreign disks.
+        # Hidden files are no logs: macOS puts a `._run.bag` beside every `run.bag` on foreign disks.
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         logs = [at / name for name in folders if is_one_log(at / name)]
         folders[:] = [name for name in folders if at / name not in logs]
@@ -190,7 +190,7 @@ def _search(folder: Path) -> list[Source | Nothing]:
 
 
 def _denied(path: Path) -> str | None:
-    """Why nobody may even ask whether something is there."""
+    """Return the reason for which the system does not even say whether there is something; None where it does."""
     try:
         path.stat()
     except PermissionError as err:
@@ -205,7 +205,7 @@ def _below(folder: Path, log: Path) -> str:
 
 
 def _pattern(text: str) -> Iterator[Source | Nothing]:
-    """The logs that a pattern names which no shell has expanded; one log where they hold one sweep each."""
+    """Yield the logs of a pattern that no shell has expanded; one log where its files hold one sweep each."""
     if Path(text).is_symlink():
         yield Nothing(text, UnreadableError("the link leads to nothing"))
         return
@@ -222,7 +222,7 @@ def _pattern(text: str) -> Iterator[Source | Nothing]:
 
 
 def _keyed(pattern: str, found: Iterable[Source | Nothing]) -> Iterator[Source | Nothing]:
-    """The logs of a pattern, named by their places below its part without signs: equal names in two folders are two."""
+    """Yield the logs of a pattern, named by their places below its part without signs, which keeps names apart."""
     base = fixed_part(pattern)
     seen: set[str] = set()
     for source in found:
@@ -247,7 +247,7 @@ Objects = Mapping[Url, State]
 
 
 def find_stored(text: str) -> list[Source | Nothing]:
-    """The logs that a URL means: an object, all below a folder, or those that match a pattern; sorted by name.
+    """Return the logs of a URL: an object, all below a folder, or those that match a pattern; sorted by name.
 
     In a pattern `*` and `?` stop at a slash and `**/` stands for any folders. Where listing fails, one `Nothing` says why.
     """
@@ -279,7 +279,7 @@ def _why_none(url: Url, objects: Objects) -> str:
 
 
 def _stored_below(base: Url, objects: Objects) -> list[Source | Nothing]:
-    """All logs below a folder: bags and folders of sweeps, each as one log, and objects by their suffix."""
+    """Return all logs below a folder: bags and folders of sweeps, each as one log, and objects by their suffix."""
     folders: dict[str, list[Url]] = {"": []}
     found: dict[PurePosixPath, Source | Nothing] = {}
     for url in objects:
@@ -306,7 +306,7 @@ def _stored_below(base: Url, objects: Objects) -> list[Source | Nothing]:
 
 
 def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
-    """The logs that a pattern names, by their places below its part without signs."""
+    """Return the logs of a pattern, by their places below its part without signs."""
     from lidarcli.stores.url import has_bucket
 
     base, objects = _beside(pattern)
@@ -339,13 +339,13 @@ def _matching(text: str, pattern: Url) -> list[Source | Nothing]:
 
 
 def objects_matching(pattern: Url) -> list[Url]:
-    """The objects that a pattern names, by name."""
+    """Return the objects that match a pattern, by name."""
     matches = _matcher(pattern)
     return [url for url in _beside(pattern)[1] if matches(url.key)]
 
 
 def _beside(pattern: Url) -> tuple[Url, Objects]:
-    """The folder up to which a pattern says what it means, and all that is below it."""
+    """Return the folder of a pattern before its first part with signs, and all that is below it."""
     from lidarcli.stores.url import listing
 
     base = replace(pattern, key=fixed_part(pattern.key).strip("/"))
@@ -358,7 +358,7 @@ def _matcher(pattern: Url) -> Callable[[str], bool]:
 
 
 def _matches(pattern: Sequence[str], key: Sequence[str]) -> bool:
-    """Whether a name is meant by a pattern, part by part as in a shell; no sign stands for the dot of a hidden name."""
+    """Match a name with a pattern, part by part as in a shell; no sign stands for the dot of a hidden name."""
     if not pattern:
         return not key
     first, rest = pattern[0], pattern[1:]
@@ -371,7 +371,7 @@ def _matches(pattern: Sequence[str], key: Sequence[str]) -> bool:
 
 
 def _source(url: Url, name: str, objects: Objects) -> Source | Nothing:
-    """An object that is a log, if its URL is told from a URL with options."""
+    """Return an object as a log, unless its URL reads like one with options."""
     try:
         is_told = place(str(url)) == url
     except OptionError:
@@ -382,12 +382,12 @@ def _source(url: Url, name: str, objects: Objects) -> Source | Nothing:
 
 
 def _odd(url: Url, why: str) -> Nothing:
-    """An object whose name stands for no place."""
+    """Return the error of an object whose name cannot be used."""
     return Nothing(str(url), UnreadableError(f"its name {why}; rename the object"))
 
 
 def _of_objects(path: str, name: str, urls: list[Url], objects: Objects) -> Source:
-    """Several objects that are one log."""
+    """Return several objects as one log."""
     size = sum(objects[url].size for url in urls)
     state = State(size, max(objects[url].mtime_ns for url in urls))
     return Source(path, name, tuple(map(str, urls)), state)
@@ -399,7 +399,7 @@ Shard = tuple[int, int]
 def choose(
     logs: Sequence[str], listed: str | None = None, base: str | None = None, shard: Shard | None = None
 ) -> list[Source | Nothing]:
-    """The logs of a run, in the order in which they are named, those of a list last.
+    """Choose the logs of a run, in the order in which they are named, those of a list last.
 
     Parameters
     ----------
@@ -429,7 +429,7 @@ def choose(
 
 
 def is_in_shard(key: str, shard: Shard) -> bool:
-    """Whether a log of this name belongs to a share, whatever others there are.
+    """Tell whether a log of this name belongs to a share, whatever others there are.
 
     >>> [key for key in ("run", "trip/run", "hall") if is_in_shard(key, (1, 2))]
     ['trip/run']
@@ -444,7 +444,7 @@ def _key(source: Source | Nothing) -> str:
 
 
 def _lines(listed: str) -> list[tuple[int, str]]:
-    """The lines of a list that name something, with their numbers."""
+    """Read the lines of a list that name something, with their numbers."""
     data = sys.stdin.buffer.read() if listed == STDIN else read_file(listed)
     data = data.removeprefix(codecs.BOM_UTF8)
     if b"\0" in data:
@@ -456,7 +456,7 @@ def _lines(listed: str) -> list[tuple[int, str]]:
 
 
 def _listed(line: str) -> list[Source | Nothing]:
-    """The logs that a line of a list means."""
+    """Return the logs that a line of a list names."""
     where = place(line) if is_url(line) else None
     if isinstance(where, Url) and where.options:
         error = UnreadableError(
@@ -468,7 +468,7 @@ def _listed(line: str) -> list[Source | Nothing]:
 
 
 def _is_object(line: str) -> bool:
-    """Whether a line can only be one log in a store: nobody need be asked before it is opened."""
+    """Tell whether a line can only be one log in a store, so that the store need not be asked before it is opened."""
     if not is_url(line) or line.endswith("/"):
         return False
     url = place(line)
@@ -485,7 +485,7 @@ def _object(line: str) -> Source:
 
 
 def _named_below(source: Source, base: str) -> Source:
-    """The same log with its place below `base` in its name."""
+    """Return the log with its place below `base` in its name."""
     where, top = place(source.path), place(base)
     if isinstance(where, Url) and isinstance(top, Url):
         inside = where.bucket == top.bucket and f"{where.key}/".startswith(f"{top.key}/" if top.key else "")

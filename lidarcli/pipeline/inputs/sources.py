@@ -37,13 +37,13 @@ class Source:
 
     @property
     def url(self) -> Url | None:
-        """Where it is, if that is in a store."""
+        """Its URL, if it is in a store."""
         found = place(self.path) if is_url(self.path) else None
         return found if isinstance(found, Url) else None
 
     @property
     def is_pattern(self) -> bool:
-        """Whether it was named by a pattern, which is no file or folder."""
+        """True where it was named by a pattern, which is no file or folder."""
         if not self.files or (url := self.url) is None:
             return bool(self.files)
         return not all(file.startswith(f"{url}/") for file in self.files)
@@ -55,12 +55,12 @@ class Source:
 
     @property
     def label(self) -> str:
-        """How messages call it: as the user wrote it."""
+        """Its name in messages: as the user wrote it."""
         return "standard input" if self.is_stdin else self.path
 
     @property
     def is_stdin(self) -> bool:
-        """Whether it is the standard input of this process."""
+        """True for the standard input of this process."""
         return self.path == STDIN
 
     @property
@@ -92,24 +92,24 @@ class Nothing:
 
     @property
     def label(self) -> str:
-        """How messages call it: as the user wrote it."""
+        """Its name in messages: as the user wrote it."""
         return self.path
 
 
 @dataclass(frozen=True, slots=True)
 class PoseMessages:
-    """What a log tells of poses."""
+    """Poses that the messages of a log tell."""
 
     tracks: tuple[Track, ...]
     notes: tuple[str, ...]
-    """Which of them say nothing, and why."""
+    """A line for each kind of message without a pose."""
     report: ReadReport
-    """What the pass over them has met."""
+    """Damage and refused messages of the pass over them."""
 
 
 def read_pose_messages(log: Log) -> PoseMessages:
-    """All poses of a log that can be read twice, in one pass."""
-    # Most logs have no poses and need not wait for the import.
+    """Read all poses of a log that can be read twice, in one pass."""
+    # Most logs have no poses and should not wait for this import.
     from lidarcli.poses.tracks import Tracks
 
     tracks = Tracks()
@@ -125,17 +125,17 @@ def read_pose_messages(log: Log) -> PoseMessages:
 
 
 _TRIED = 3
-"""A folder may hold a file or two that are no sweep (a README)."""
+"""Files of a folder that are tried: one or two may be no sweep (a README)."""
 
 _IN_METRES = ("mcap", "ros1 bag", "ros2 bag", "json lines")
-"""How the formats begin whose ranges are metres unless an option says otherwise; readers of text know their units."""
+"""Beginnings of formats whose ranges are metres unless an option says otherwise; readers of text know their units."""
 
 
 @contextmanager
 def open_source(source: Source, opening: OpenOptions | None = None) -> Iterator[Log]:
-    """The open log of a source, closed in the end; many CSV files with one sweep each are one log.
+    """Open the log of a source and close it in the end; many CSV files with one sweep each are one log.
 
-    Where it is said which points of clouds are sweeps, it has these, too.
+    With a slice of point clouds, the log has the sweeps of these, too.
     """
     with _opened_source(source, opening) as log:
         scaled = opening is not None and opening.range_scale != 1.0 and log.format.startswith(_IN_METRES)
@@ -165,7 +165,7 @@ def _of_files(files: Sequence[str], opening: OpenOptions | None) -> Log:
 
 
 def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
-    """Whether several text files are the sweeps of one log, as far as the first readable one shows."""
+    """Tell whether several text files are the sweeps of one log, as far as the first readable one shows."""
     from lidarcli.logs.csv.layouts import PER_SWEEP
 
     if len(files) < 2:
@@ -178,7 +178,7 @@ def hold_one_sweep_each(files: Sequence[Path | Url]) -> bool:
 
 @contextmanager
 def _opened_file(file: Path | Url) -> Iterator[Log]:
-    """One file as a log."""
+    """Open one file as a log."""
     if isinstance(file, Url):
         with open_stored(file, (), None) as log:
             yield log
@@ -189,7 +189,7 @@ def _opened_file(file: Path | Url) -> Iterator[Log]:
 
 @contextmanager
 def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> Iterator[Log]:
-    """The open log of an object, or of the `files` that are one log together; nothing of it is left here afterwards.
+    """Open an object, or the `files` that are one log together, as a log; copies on this machine are removed in the end.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def open_stored(url: Url, files: Sequence[Url], opening: OpenOptions | None) -> 
 
 
 def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
-    """An object that is a log by itself."""
+    """Open an object that is a log by itself."""
     from lidarcli.logs.registry import HEAD, MCAP, ROS1
     from lidarcli.stores.reading import StoreFile
     from lidarcli.stores.url import PIECE
@@ -233,7 +233,7 @@ def _opened(url: Url, opening: OpenOptions | None, stack: ExitStack) -> Log:
 
 
 def _fetched(url: Url, files: Sequence[Url], opening: OpenOptions | None, stack: ExitStack) -> Log:
-    """A log of several objects, which are copied to this machine first."""
+    """Open a log of several objects, which are copied to this machine first."""
     from lidarcli.stores.reading import fetch
 
     folder = _scratch(stack) / "log"
@@ -258,7 +258,7 @@ def _scratch(stack: ExitStack) -> Path:
 
 
 def _common_folder(files: Sequence[Url]) -> str:
-    """What the names of all files begin with, up to a slash."""
+    """Return the common beginning of the names of all files, up to a slash."""
     folders = [file.key.split("/")[:-1] for file in files]
     shared = []
     for parts in zip(*folders, strict=False):
@@ -270,7 +270,7 @@ def _common_folder(files: Sequence[Url]) -> str:
 
 @contextmanager
 def _named(url: Url, *names: str) -> Iterator[None]:
-    """Put the name of the object where errors name the copy of it."""
+    """Name the object in errors that name its copy."""
     try:
         yield
     except UnreadableError as err:
@@ -289,11 +289,11 @@ _PIPED = "mcap"
 """The one format with clouds that may be read without knowing its topics: others list them, or hold no clouds."""
 _NONE = "no point cloud in this log: --slice changes nothing"
 MOST_WAITING = 256 << 20
-"""After so many bytes of clouds none of them waits for others of its topic."""
+"""Bytes of clouds after which none of them waits for others of its topic."""
 
 
 class ChangedLog:
-    """A `Log` that changes the sweeps of another one, and is else as that one."""
+    """A `Log` that changes the sweeps of another one and passes everything else on."""
 
     def __init__(self, log: Log) -> None:
         self._log = log
@@ -301,29 +301,29 @@ class ChangedLog:
 
     @property
     def compression(self) -> str:
-        """As of the log itself."""
+        """Delegate to the log."""
         return self._log.compression
 
     @property
     def size(self) -> int | None:
-        """As of the log itself."""
+        """Delegate to the log."""
         return self._log.size
 
     @property
     def position(self) -> int:
-        """As of the log itself."""
+        """Delegate to the log."""
         return self._log.position
 
     def topics(self) -> list[Topic] | None:
-        """As of the log itself."""
+        """Delegate to the log."""
         return self._log.topics()
 
     def messages(self, types: Collection[str], report: ReadReport) -> Iterator[Message]:
-        """As of the log itself."""
+        """Delegate to the log."""
         return self._log.messages(types, report)
 
     def close(self) -> None:
-        """Close the log itself."""
+        """Close the log."""
         self._log.close()
 
     def __enter__(self) -> Self:
@@ -341,7 +341,7 @@ class ScaledLog(ChangedLog):
         self._scale = scale
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """The sweeps in metres."""
+        """Yield the sweeps in metres."""
         from lidarcli.logs.blocks import as_singles, limits_in_metres
 
         for block in self._log.scans(topics, report):
@@ -352,7 +352,7 @@ class ScaledLog(ChangedLog):
 
 
 class SlicedLog(ChangedLog):
-    """A `Log` that makes sweeps of another one's point clouds as well; what is level is found before the first."""
+    """A `Log` that also makes sweeps of another one's point clouds; the level of each is found before the first sweep."""
 
     def __init__(self, log: Log, options: OpenOptions, part: Slice) -> None:
         from lidarcli.logs.slicing import Bins
@@ -364,18 +364,18 @@ class SlicedLog(ChangedLog):
         self._levels: TreeLevels | None = None
 
     def topics(self) -> list[Topic] | None:
-        """All topics; those of point clouds hold sweeps."""
+        """Return all topics; those of point clouds hold sweeps."""
         topics = self._log.topics()
         return topics and [replace(topic, sliced=topic.type in CLOUD_TYPES) for topic in topics]
 
     def poses(self) -> PoseMessages:
-        """What the log tells of poses, read once."""
+        """Return the poses that the log tells, read once."""
         if self._poses is None:
             self._poses = read_pose_messages(self._log)
         return self._poses
 
     def scans(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
-        """Sweeps of LaserScan topics, then those of clouds, in log order within each topic."""
+        """Yield sweeps of LaserScan topics, then those of clouds, in log order within each topic."""
         listed = self.topics()
         if listed is None and self.format == _PIPED:
             report.notes.append(_PIPE)
@@ -402,7 +402,7 @@ class SlicedLog(ChangedLog):
                 # The list of a log that is cut off may lack topics.
                 yield from self._of_clouds(None if topics is None else clouds, own)
             finally:
-                # Who wants no more sweeps still wants to know what was lost so far.
+                # A caller that wants no more sweeps still wants to know of the damage so far.
                 report.add_new(own)
 
     def _of_clouds(self, topics: Collection[str] | None, report: ReadReport) -> Iterator[RawSweeps]:
@@ -432,5 +432,5 @@ class SlicedLog(ChangedLog):
 
 
 def made_of_clouds(log: Log) -> dict[str, str]:
-    """Topics whose sweeps are made of point clouds → the type of their messages."""
+    """Return the topics whose sweeps are made of point clouds, each with the type of its messages."""
     return {topic.name: topic.type for topic in log.topics() or () if topic.sliced}

@@ -24,9 +24,9 @@ class Pair:
     """The tables of one log."""
 
     before: str
-    """What their paths begin with, up to the name of the table …"""
+    """Beginning of their paths, up to the name of the table: `tables/run.` or `tables/`."""
     after: str
-    """… and what follows it: `tables/run.` and `.parquet`, or `tables/` and `/run.parquet`."""
+    """Rest of their paths after the name of the table: `.parquet` or `/run.parquet`."""
 
     @property
     def objects(self) -> Place:
@@ -59,7 +59,7 @@ class Pair:
 
 
 def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]]:
-    """The pairs that files, folders and patterns name, each once, in their order, and what is no table."""
+    """Return the pairs that files, folders and patterns name, each once, in their order, and errors of other names."""
     found: dict[Pair, None] = {}
     problems = []
     for text in inputs:
@@ -74,7 +74,7 @@ def find_pairs(inputs: Iterable[str]) -> tuple[list[Pair], list[UnreadableError]
 
 
 def one_pair(text: str) -> Pair:
-    """The tables of the one log that a file, folder or pattern names.
+    """Return the tables of the one log that a file, folder or pattern names.
 
     Raises
     ------
@@ -92,17 +92,17 @@ def one_pair(text: str) -> Pair:
 
 
 def table_files(inputs: Iterable[str]) -> list[Place]:
-    """The files of all pairs that `inputs` name."""
+    """Return the files of all pairs that `inputs` name."""
     pairs, _ = find_pairs(inputs)
     return [path for pair in pairs for path in (pair.objects, pair.sweeps, pair.tracks, pair.beams)]
 
 
 def _pairs(text: str) -> tuple[list[Pair], list[UnreadableError]]:
-    """The tables by log, and the folders that cannot be searched for more."""
+    """Return the tables by log, and the errors of folders that cannot be searched."""
     named, files, denied = files_named(text)
     tables = [(file, *known) for file in files if (known := _table_of(file)) is not None]
     if named is Named.FOLDER:
-        # A log whose objects are gone is one that cannot be read, not one that is not there.
+        # A log whose objects are gone cannot be read; it is not absent.
         tables = sorted(
             (each for each in tables if each[1] == "objects" or _is_named_below(text, each[0])),
             key=lambda each: each[1] != "objects",
@@ -119,13 +119,13 @@ def _pairs(text: str) -> tuple[list[Pair], list[UnreadableError]]:
 
 
 def is_table(file: Place, table: str) -> bool:
-    """Whether a file is such a table, by its name or by a folder above it."""
+    """Tell whether a file is such a table, by its name or by a folder above it."""
     found = _table_of(file)
     return found is not None and found[0] == table
 
 
 def _is_named_below(folder: str, file: Place) -> bool:
-    """Whether a file is a table by what it is called below a folder, not by the folders above that."""
+    """Tell whether a file is a table by its path below a folder, whatever the folders above that are called."""
     root = str(place(folder)).rstrip("/")
     below = str(file).removeprefix(f"{root}/").split("/")
     return file.name.endswith(tuple(map(table_suffix, SCHEMAS))) or any(
@@ -134,7 +134,7 @@ def _is_named_below(folder: str, file: Place) -> bool:
 
 
 def _table_of(file: Place) -> tuple[str, Pair] | None:
-    """Which table a file is, by its name or by a folder above it, and the tables of its log; None where it is none."""
+    """Return the name of the table that a file is, by its path, and the tables of its log; None for other files."""
     query = f"?{file.options}" if isinstance(file, Url) and file.options else ""
     for table in SCHEMAS:
         if file.name.endswith(table_suffix(table)):
@@ -151,7 +151,7 @@ def _table_of(file: Place) -> tuple[str, Pair] | None:
 
 
 def read_table(pair: Pair, kind: str, columns: Iterable[str]) -> pa.Table:
-    """Columns of one of the tables of a log, or `UnreadableError` with one line."""
+    """Read columns of one of the tables of a log, or raise `UnreadableError` with one line."""
     path = getattr(pair, kind)
     if not path.exists():
         raise UnreadableError(
@@ -172,7 +172,7 @@ def require(pair: Pair, kind: str, columns: Collection[str]) -> None:
 
 
 def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Table | None:
-    """Columns of the tracks table of a log, None where it has none.
+    """Read columns of the tracks table of a log; None where it has none.
 
     Raises
     ------
@@ -194,7 +194,7 @@ def read_tracks(pair: Pair, objects: pa.Table, columns: Iterable[str]) -> pa.Tab
 
 
 def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
-    """What the sweeps table says of the log; another program that wrote it may have left that out."""
+    """Return the origin of a log as its sweeps table tells it; other programs that write tables may leave it out."""
     notes = notes_of(sweeps)
     origin = _value(notes, SOURCE, dict)
     size = origin.get("size")
@@ -212,7 +212,7 @@ def origin_of(pair: Pair, sweeps: pa.Table) -> Origin:
 
 
 def batches(pair: Pair, columns: list[str]) -> Iterator[pa.RecordBatch]:
-    """Columns of the beams table piece by piece: it may be large."""
+    """Yield columns of the beams table piece by piece: it may be large."""
     return read_pieces(pair.beams, "beams", SCHEMAS["beams"], columns)
 
 
@@ -233,16 +233,16 @@ COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class TracksTable:
-    """The things of one log."""
+    """The tracks of one log."""
 
     path: Place
     rows: pa.Table
     worlds: dict[str, str]
-    """Sensor frame → the world frame that its places are in; those of other frames are the sensor's."""
+    """Sensor frame → world frame of its positions; positions of other frames are in the sensor frame."""
 
 
 def find_tracks(inputs: Iterable[str]) -> list[Place]:
-    """The tracks tables that files, folders and patterns name, each once, in their order.
+    """Return the tracks tables that files, folders and patterns name, each once, in their order.
 
     Raises
     ------

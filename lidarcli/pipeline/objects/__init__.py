@@ -1,1 +1,1 @@
-"""What is made of a batch of sweeps: its objects, and the rows of the tables."""
+"""Objects of batches of sweeps, their tracks, and the rows of the tables."""

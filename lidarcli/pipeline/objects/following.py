@@ -1,4 +1,4 @@
-"""The fold over a log: things are followed from batch to batch, and rows wait until it is settled what they belong to."""
+"""Follows objects from batch to batch; rows wait until their tracks are settled."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class TrackOptions:
         return Tracker(self.parameters, catalogue, found.min_thing)
 
     def found_with(self, parameters: Parameters) -> Parameters:
-        """What the objects are to be found with so that memory can decide: every body, whatever one sweep says of it."""
+        """Return the parameters of the detection: memory decides on every body, whatever one sweep says of it."""
         if not self.parameters.memory:
             return parameters
         return replace(parameters, min_thing=0.0)
@@ -45,12 +45,12 @@ class TrackOptions:
 
 
 class Following:
-    """Follows the things of one log, each topic by itself, in the order of the log, and completes its rows."""
+    """Follows the objects of one log, each topic by itself, in the order of the log, and completes its rows."""
 
     def __init__(
         self, log: str, options: TrackOptions, parameters: Parameters, catalogue: Catalogue | None = None
     ) -> None:
-        """`parameters`: what the user asked the objects to be."""
+        """`parameters`: those of the objects that the user asked for."""
         self._log = log
         self._parameters = parameters
         self._options = options
@@ -58,12 +58,12 @@ class Following:
         self._labels = names_in(catalogue)
         self._topics: dict[str, _Topic] = {}
         self.summary = RunSummary(things=0)
-        """The objects and agents of the rows that are complete; in the end the things, too."""
+        """Counts of the objects and agents in complete rows; in the end also of the tracks."""
         self.notes: list[str] = []
-        """What a user should know, a line each; whole when `finish` has come to its end."""
+        """Notes, a line each; complete when `finish` has ended."""
 
     def take(self, batches: Iterable[Made]) -> Iterator[Rows]:
-        """The rows that are complete once these batches have been seen, those of a topic in their order."""
+        """Yield the rows that are complete once these batches have been seen, those of a topic in their order."""
         for made in batches:
             assert made.seen is not None
             batch, detection = made.seen
@@ -76,7 +76,7 @@ class Following:
             yield from self._complete(topic, topic.tracker.add(batch, detection))
 
     def finish(self) -> Iterator[Rows]:
-        """The rows that are left, and those of the tracks table."""
+        """Yield the rows that are left, and those of the tracks table."""
         for name in sorted(self._topics):
             topic = self._topics.pop(name)
             followed, tracks = topic.tracker.finish()
@@ -96,7 +96,7 @@ class Following:
                 yield table, name, self._completed(table, rows, made, one)
 
     def _completed(self, table: str, rows: pa.RecordBatch, made: Made, one: Followed) -> pa.RecordBatch:
-        """The rows of one table with what tracking tells."""
+        """Return the rows of one table, completed by the tracking."""
         tracks = self._options.tracks
         if table == "objects":
             return tracked_objects(rows, one, self._labels, walls=self._parameters.walls, tracks=tracks)
@@ -111,12 +111,12 @@ class Following:
 
 @dataclass(slots=True)
 class _Topic:
-    """The tracker of a topic, and what waits for its answers."""
+    """Tracker of a topic, and the rows that wait for its answers."""
 
     tracker: Tracker
     waiting: deque[Made] = field(default_factory=deque)
 
 
 def _waiting(made: Made) -> Made:
-    """What has to wait of a batch: the rows, and only for the sets of its beams more than these."""
+    """Return the part of a batch that waits: its rows, and for the beams table also the batch and its detection."""
     return made if any(table == "beams" for table, _, _ in made.rows) else Made(made.rows)

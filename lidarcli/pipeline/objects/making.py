@@ -1,4 +1,8 @@
-"""Batches in, rows of the tables out: finds objects, fills rows, and shares the work among threads."""
+"""From batches to rows of the tables: finds objects, fills rows, and shares the work among threads.
+
+The compiled core releases the interpreter, so that threads work side by side. The batches and their order do not depend on
+the number of threads, and neither does any byte that is written.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +29,15 @@ if TYPE_CHECKING:
 
 
 class Finder(Protocol):
-    """Finds the objects of batches, in any order and in several threads at once; counts what a user should know."""
+    """Finds the objects of batches, in any order and in several threads at once, and counts for its notes."""
 
     def admit(self, batch: SweepBatch) -> None:
-        """Refuse a batch for which it cannot be used; asked in the order of the log, before anything is found in it."""
+        """Refuse a batch for which it cannot be used; called in the order of the log, before anything is found in it."""
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection: ...
 
     def notes(self) -> list[str]:
-        """What a user should know of it in the end, a line each."""
+        """Return notes in the end, a line each."""
 
 
 def finder(
@@ -43,9 +47,9 @@ def finder(
     *,
     explain: bool = False,
 ) -> Finder:
-    """Each sweep by itself, or what differs from a background; with a catalogue its objects have labels.
+    """Return the finder of objects in each sweep alone, or of differences from a background; a catalogue adds labels.
 
-    `explain`: also tell why a body is a thing, where that is decided by the sweep alone.
+    `explain`: also keep the features, for the column `why`; only without a background.
     """
     if catalogue is not None:
         return Naming(finder(parameters, background, explain=explain), catalogue)
@@ -64,13 +68,13 @@ class _Alone:
         self._explain = explain
 
     def admit(self, batch: SweepBatch) -> None:
-        """Every batch will do."""
+        """Accept every batch."""
 
     def __call__(self, batch: SweepBatch, per_beam: bool) -> Detection:
         return detect(batch, self._parameters, per_beam=per_beam, explain=self._explain)
 
     def notes(self) -> list[str]:
-        """Nothing."""
+        """Return no notes."""
         return []
 
 
@@ -101,7 +105,7 @@ _ROWS = {"sweeps": sweeps_rows, "beams": beams_rows}
 def rows_of(
     log: str, tables: Sequence[str], batch: SweepBatch, detection: Detection, labels: Sequence[str] = ()
 ) -> list[Rows]:
-    """The rows that a batch of a log gives, of each of the tables; `labels` are the names in the catalogue."""
+    """Return the rows of a batch of a log, of each of the tables; `labels` are the names in the catalogue."""
     return [(table, batch.topic, _rows(table, log, batch, detection, labels)) for table in tables]
 
 
@@ -115,7 +119,7 @@ def _rows(
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """What is to be made of every batch."""
+    """Instructions for every batch of a log."""
 
     log: str
     """Its name, as the tables have it."""
@@ -124,32 +128,32 @@ class Recipe:
     background: BackgroundOptions | None = None
     catalogue: Catalogue | None = None
     followed: bool = False
-    """Whether the objects are followed afterwards, which needs more than rows."""
+    """True where the objects are followed afterwards, which needs more than rows."""
     explain: bool = False
-    """Whether to tell why a body is a thing."""
+    """True to fill the column `why`."""
 
 
 @dataclass(slots=True)
 class Made:
-    """What was made of one batch."""
+    """Rows of one batch."""
 
     rows: list[Rows]
     seen: tuple[SweepBatch, Detection] | None = None
-    """What it was made of, where the objects are followed afterwards."""
+    """The batch and its detection, where the objects are followed afterwards."""
 
 
 @dataclass(slots=True)
 class Part:
-    """What was made of some batches."""
+    """Rows of some batches."""
 
     batches: list[Made] = field(default_factory=list)
     """In the order of the log."""
     found: RunSummary = field(default_factory=RunSummary)
-    """Its objects, counted, unless they are followed afterwards."""
+    """Counts of its objects, unless they are followed afterwards."""
 
     @property
     def rows(self) -> Iterator[Rows]:
-        """The rows of all batches, for each table in the order of the log."""
+        """Rows of all batches, for each table in the order of the log."""
         return (rows for made in self.batches for rows in made.rows)
 
 
@@ -162,7 +166,7 @@ class Maker:
         self.find = finder(recipe.parameters, recipe.background, recipe.catalogue, explain=recipe.explain)
 
     def make(self, batches: Sequence[SweepBatch]) -> Part:
-        """The rows of some batches."""
+        """Make the rows of some batches."""
         part = Part()
         tables, followed = self._recipe.tables, self._recipe.followed
         for batch in batches:
@@ -175,17 +179,17 @@ class Maker:
 
 
 BLOCK = 160_000
-"""Ranges that are handed out together at least, some milliseconds of work: less is not worth the handing over."""
+"""Least ranges of a block, some milliseconds of work: less is not worth handing over."""
 ALONE = 2_000_000
-"""Work of fewer ranges than these, a tenth of a second's, needs no help."""
+"""Ranges ahead from which on other threads help: a tenth of a second of work."""
 DEPTH = 2
 """Blocks that a thread has at once: one at work, one waiting, as this thread is busy in between."""
 MOST_WAITING = 4
-"""Finished blocks per thread that may wait for an earlier one; where every beam is a row, one."""
+"""Finished blocks per thread that may wait for an earlier one; one where every beam is a row."""
 MAX_THREADS = 8
-"""More are of no use to one log: what holds the interpreter, and the encoding of tables, take their share of the time."""
+"""Most threads of one log: the interpreter and the encoding of tables limit the use of more."""
 PATIENCE = 0.5
-"""[s] A source that lets one wait longer for a batch is live: what there is goes out at once."""
+"""Wait for a batch after which a source is taken as live [s]: finished parts go out at once."""
 
 
 @dataclass(eq=False, slots=True)
@@ -198,11 +202,11 @@ class _Block:
 
     @property
     def busy(self) -> bool:
-        """Whether another thread has still to do with it."""
+        """True while another thread has it."""
         return self.part is None and self.future is not None and not self.future.done()
 
     def take_back(self) -> bool:
-        """Whether nobody has begun with it; then nobody else will."""
+        """Take a block back that no thread has begun; returns whether that was so."""
         return self.busy and self.future is not None and self.future.cancel()
 
     def result(self) -> Part:
@@ -217,7 +221,7 @@ class Splitting:
     """Makes the parts of a log; leaving waits for the threads that help."""
 
     def __init__(self, reading: Reading, recipe: Recipe, threads: int = 1) -> None:
-        """`threads`: so many at work at most, this one included."""
+        """`threads`: most threads at work, this one included."""
         self._reading = reading
         self._maker = Maker(recipe)
         self._helping = min(threads, MAX_THREADS) - 1
@@ -229,7 +233,7 @@ class Splitting:
         self._worked = 0.0
 
     def parts(self, progress: Progress | None) -> Iterator[Part]:
-        """What is made of the log, in its order."""
+        """Yield the parts of the log, in its order."""
         batches: list[SweepBatch] = []
         for batch, waited in self._timed(self._reading.batches(progress)):
             self._maker.find.admit(batch)
@@ -253,11 +257,11 @@ class Splitting:
         yield from self._rest()
 
     def notes(self) -> list[str]:
-        """What a user should know, a line each."""
+        """Return the notes of the finder, a line each."""
         return self._maker.find.notes()
 
     def _timed(self, batches: Iterator[SweepBatch]) -> Iterator[tuple[SweepBatch, float]]:
-        """Every batch, and how long nothing was done because it had not come."""
+        """Yield every batch with the time that was spent waiting for it [s]."""
         while True:
             started, busy = time.perf_counter(), time.thread_time()
             batch = next(batches, None)
@@ -274,7 +278,7 @@ class Splitting:
         return part
 
     def _call_for_help(self) -> None:
-        """Start threads once what lies ahead is long enough; of a pipe nobody knows, and what lies behind must be."""
+        """Start threads once enough work lies ahead, or, for a pipe of unknown length, once enough lies behind."""
         if self._helping < 1:
             return
         ahead = self._reading.ahead()
@@ -287,25 +291,25 @@ class Splitting:
             try:
                 self._helpers = Beside("detect", self._helping)
             except RuntimeError:
-                # The system has no thread to give; it goes without.
+                # The system starts no more threads: this one does all.
                 self._helping = 0
 
     def _handed_out(self, batches: list[SweepBatch]) -> _Block:
-        """A block in the hands of another thread, or made here where all have enough to do."""
+        """Hand a block to another thread, or make it here where all have enough to do."""
         assert self._helpers is not None
         if sum(block.busy for block in self._line) < DEPTH * self._helping:
             return _Block(batches, future=self._helpers.submit(self._maker.make, batches))
         return _Block(batches, self._make(batches))
 
     def _finished(self, most: int) -> Iterator[Part]:
-        """The parts that are next and there; also those that are not, while more than `most` stand in line."""
+        """Yield the parts that are next and finished, and wait for parts while more than `most` stand in line."""
         while self._line and (len(self._line) > most or not self._line[0].busy):
             part = self._line[0].result()
             self._line.popleft()
             yield part
 
     def _rest(self) -> Iterator[Part]:
-        """All parts that are still to come; rather than wait for the last ones, this thread makes them, too."""
+        """Yield all parts that are left; this thread makes those that no other has begun, rather than wait."""
         for block in reversed([*self._line]):
             if block.take_back():
                 block.part = self._make(block.batches)

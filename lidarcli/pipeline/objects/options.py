@@ -1,4 +1,4 @@
-"""Everything that `detect` and `track` let a user choose."""
+"""Options of `detect` and `track`."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class DetectOptions:
         return TRACKS if self.tracking is not None else ""
 
     def recipe(self, source: Source, tables: tuple[str, ...]) -> Recipe:
-        """What is to be made of every batch of a log."""
+        """Return the instructions for every batch of a log."""
         of_batches = tuple(table for table in tables if table != "tracks")
         followed = self.tracking is not None
         # Where things are followed, their names are those of the tracks.

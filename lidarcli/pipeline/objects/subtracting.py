@@ -1,4 +1,4 @@
-"""Sweeps of a log against a background: which of its sensors is theirs, and what a user should know of the comparison."""
+"""Comparison of the sweeps of a log with a background: the sensor that fits, the differences, and notes."""
 
 from __future__ import annotations
 
@@ -70,25 +70,25 @@ class BackgroundOptions:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """What became of the sweeps of one frame."""
+    """Counts of the comparison for one frame."""
 
     sweeps: int = 0
     without_pose: int = 0
     without_station: int = 0
     nearest: float = np.inf
-    """Of the sweeps without a station the least distance from one [m]."""
+    """Least distance of a sweep without a station from one [m]."""
     ranges: int = 0
     without_background: int = 0
-    """Ranges in directions of which the background knows nothing."""
+    """Ranges in directions without a background."""
     differing: int = 0
-    """Ranges before the background, and behind it by `SEEN_THROUGH`."""
+    """Ranges before the background, or behind it by `SEEN_THROUGH`."""
     apart: int = 0
-    """Sweeps that are far from the background …"""
+    """Sweeps that differ from the background in most ranges."""
     first_apart: float = np.inf
-    """… and the first of them."""
+    """Index of the first of them."""
 
     def plus(self, other: _Seen) -> _Seen:
-        """Both together."""
+        """Return both together."""
         return _Seen(
             self.sweeps + other.sweeps,
             self.without_pose + other.without_pose,
@@ -131,7 +131,7 @@ class Subtracting:
         self._changes = np.zeros(2, np.int64)
 
     def admit(self, batch: SweepBatch) -> None:
-        """Refuse the first batch of a frame that the background does not know or that looks elsewhere."""
+        """Refuse the first batch of a frame that the background does not have or that looks elsewhere."""
         if not all((batch.topic, frame) in self._chosen for frame in batch.frame_ids):
             for frame, _, mine in batch.by_frame():
                 self._subtraction(mine, frame)
@@ -147,7 +147,7 @@ class Subtracting:
         return found
 
     def difference(self, batch: SweepBatch, sigma: np.ndarray[Any, np.dtype[np.float64]]) -> Difference:
-        """r_w - r_e of a batch, whose sweeps may come from several frames."""
+        """Return r_w - r_e of a batch, whose sweeps may come from several frames."""
         parts: list[tuple[Int64, Difference]] = []
         for frame, rows, mine in batch.by_frame():
             part = self._subtraction(mine, frame).difference(mine, sigma[rows])
@@ -158,7 +158,7 @@ class Subtracting:
         return assemble(nothing_known(batch), parts)
 
     def notes(self) -> list[str]:
-        """What was found, and what could not be compared, a line each."""
+        """Return notes on the changes that were found and on sweeps that could not be compared, a line each."""
         parts = [f"{self._changes[APPEARED]:,} appeared"]
         if self._options.removed:
             parts.append(f"{self._changes[REMOVED]:,} removed")
@@ -220,12 +220,12 @@ class Subtracting:
 
 
 def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
-    """Which of the sensors of a background took sweeps of this topic and frame.
+    """Return the index of the sensor of a background that took sweeps of this topic and frame.
 
     Raises
     ------
     OptionError
-        None, or nobody can tell.
+        None fits, or several do.
     """
     sensors = options.sensors
     fitting = [i for i, sensor in enumerate(sensors) if _same(sensor.frame_id, frame)]
@@ -248,7 +248,7 @@ def choose_sensor(options: BackgroundOptions, topic: str, frame: str) -> int:
 
 
 def _same(name: str, other: str) -> bool:
-    """Old logs have names without a leading slash, and some drivers add one."""
+    """Compare names of frames or topics without leading slashes: old logs have none, and some drivers add one."""
     return name.lstrip("/") == other.lstrip("/")
 
 

@@ -1,4 +1,4 @@
-"""The sweeps of one log with their poses, the counts of a run, and the parameters of reading in the metadata."""
+"""Reading one log: its sweeps with their poses, the counts of the run, and the metadata of tables on it."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class RunSummary:
-    """Counts of one run of `detect` over one log."""
+    """Counts and notes of one run over one log."""
 
     sweeps: int = 0
     objects: int = 0
     agents: int = 0
     things: int | None = None
-    """What the objects belong to; None where nothing was followed."""
+    """Number of tracks; None where nothing was followed."""
     moved: int = 0
-    """Things that moved."""
+    """Tracks of agents."""
     by_status: Counter[str] = field(default_factory=Counter)
     """`valid`, `no_return`, `too_close`, `invalid` → beams."""
     by_set: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(SETS, 0)))
@@ -54,9 +54,9 @@ class RunSummary:
     damage: list[str] = field(default_factory=list)
     """One line per loss, the dropped messages included."""
     notes: list[str] = field(default_factory=list)
-    """What a user should know, the doubts included."""
+    """Notes for the user, the doubts included."""
     doubts: list[str] = field(default_factory=list)
-    """How ranges are judged, and what looks wrong in the sweeps."""
+    """Notes on the rules for ranges, and on sweeps that look wrong."""
     outputs: list[str] = field(default_factory=list)
     output_sizes: list[int] = field(default_factory=list)
     """Bytes of each output."""
@@ -65,7 +65,7 @@ class RunSummary:
     seconds: float = 0.0
 
     def __setstate__(self, state: tuple[None, dict[str, Any]]) -> None:
-        """As any object with slots is read from a pickle; but a class cannot be changed so, which others may ask for."""
+        """Set the attributes from a pickle; without this method a pickle of others could change the class itself."""
         for name, value in state[1].items():
             setattr(self, name, value)
 
@@ -76,7 +76,7 @@ class RunSummary:
 
     @property
     def exit_code(self) -> int:
-        """3 when some of the log could not be read, 4 when a topic was not there, else 0."""
+        """3 where some of the log could not be read, 4 where a topic was not there, else 0."""
         if self.damage:
             return UnreadableError.exit_code
         return NoScanError.exit_code if self.missing_topics else 0
@@ -98,12 +98,12 @@ class RunSummary:
             self.by_set[letter] += int(beams.sum())
 
     def add_things(self, things: int, moved: int) -> None:
-        """Count the things of one topic."""
+        """Count the tracks of one topic."""
         self.things = (self.things or 0) + things
         self.moved += moved
 
     def add_found(self, other: RunSummary) -> None:
-        """Count what was counted elsewhere."""
+        """Add the counts of objects and tracks of another summary."""
         self.objects += other.objects
         self.agents += other.agents
         self.by_set.update(other.by_set)
@@ -111,7 +111,7 @@ class RunSummary:
             self.add_things(other.things, other.moved)
 
     def close(self, report: ReadReport, posing: Posing) -> None:
-        """Take over what reading has met, the sweeps and their poses."""
+        """Take over the damage and the notes of reading sweeps and poses."""
         report = posing.together(report)
         self.dropped = [(topic, cause, count) for (topic, cause), count in sorted(report.refused.items())]
         self.damage = damage_lines(report)
@@ -120,7 +120,7 @@ class RunSummary:
 
 
 def damage_lines(report: ReadReport) -> list[str]:
-    """One line per damaged part and per kind of refused message, and one for those that are not shown."""
+    """Return a line per damaged part and per kind of refused message, and one for those that are not shown."""
     lines = [f"{part.place}: {part.cause}" for part in report.damage]
     if report.damage_more:
         lines.append(f"and {report.damage_more} more damaged parts")
@@ -134,12 +134,12 @@ def damage_lines(report: ReadReport) -> list[str]:
 
 
 AHEAD = 2
-"""Batches that are read before they are asked for."""
+"""Batches that are read ahead."""
 WORTH_A_THREAD = 4 << 20
-"""Bytes of a file whose reading outweighs a thread for it."""
+"""Bytes of a file from which on a thread reads ahead."""
 
 GEOMETRY = ("angle_min", "angle_increment", "fov", "range_max", "range_scale")
-"""What of `OpenOptions` a log of text may lack."""
+"""Fields of `OpenOptions` that a log of text may lack."""
 _AS_IT_IS = OpenOptions()
 
 Progress = Callable[[int], None]
@@ -147,7 +147,7 @@ Progress = Callable[[int], None]
 
 
 def reading_as_dict(read: ReadOptions, opening: OpenOptions, poses: PoseOptions) -> dict[str, Any]:
-    """What of a log is read and how, as plain values, for the tables' metadata."""
+    """Return the options of reading as plain values, for the tables' metadata."""
     rules = read.rules
     told = {name: value for name in GEOMETRY if (value := getattr(opening, name)) != getattr(_AS_IT_IS, name)}
     part = opening.slice
@@ -170,29 +170,35 @@ def _plain(time: float | Instant | None) -> float | str | None:
 
 
 def describe_source(source: Source, log: Log) -> dict[str, Any]:
-    """What the tables' metadata says of the source: nothing that depends on where it lay."""
+    """Return the description of a source for the tables' metadata: nothing that depends on its place."""
     name = source.name if source.is_stdin or source.is_pattern else source.file_name
     return {"name": name, "size": log.size, "format": log.format}
 
 
 class Reading:
-    """The sweeps of one log with their poses, counted: opens topics, remembers damage, judges what is missing.
+    """The sweeps of one log with their poses, counted: opens topics, remembers damage, reports missing topics.
 
-    Poses without a `delay` are those at the header stamps; where it is said what for (`delays.TRACKS`), batches then also
-    have `true_poses` if others fit better.
-    A file is read ahead by a thread of its own, which has gone when this context is left; until then the log is its alone.
+    A file is read ahead by a thread of its own, which has ended when this context is left; until then no other thread may
+    use the log.
+
+    Parameters
+    ----------
+    log : open log
+    options, poses : sweeps to read, and the poses for them
+    purpose : use of poses at a delay that fits better (`TRACKS`, `MAP`): without a `delay` of the user, batches then also
+        have `true_poses`; empty for none
     """
 
     def __init__(self, log: Log, options: ReadOptions, poses: PoseOptions, purpose: str = "") -> None:
         self._log = log
         self._report = ReadReport()
         self.summary = RunSummary()
-        """What has been counted so far."""
+        """Counts so far."""
         self._read = options
         topics = log.topics()
         self._choice = choice = TopicChoice(options.topics, topics)
         self.first = choice.first
-        """The topic that comes first in the tables, where that is known before reading."""
+        """Topic that comes first in the tables, where that is known before reading."""
         self.date: str | None = None
         """Day of the first sweep that was read (UTC, YYYY-MM-DD); None before it."""
         self._expected: int | None = None
@@ -218,7 +224,7 @@ class Reading:
         self._thread: Beside | None = None
 
     def batches(self, progress: Progress | None) -> Iterator[SweepBatch]:
-        """Every batch with its poses."""
+        """Yield every batch with its poses."""
         for batch, position in self._read_ahead():
             self._position = position
             if self.date is None and len(batch):
@@ -229,20 +235,20 @@ class Reading:
                 progress(position)
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
-        """As `Posing.motions`: the poses of a batch in space."""
+        """Yield the poses of a batch in space, as `Posing.motions`."""
         return self._posing.motions(batch)
 
     def _read_ahead(self) -> Iterator[tuple[SweepBatch, int]]:
-        """Every batch and where in the source its reading stood [bytes]."""
+        """Yield every batch and the position in the source after it [bytes]."""
         batches = self._read_now()
-        # What a pipe has to offer is wanted at once, and reading one cannot be broken off.
+        # Sweeps of a pipe are wanted at once, and reading one cannot be broken off.
         if self._log.size is None or self._log.size < WORTH_A_THREAD:
             yield from batches
             return
         try:
             self._thread = Beside("read")
         except RuntimeError:
-            # The system has no thread to give; it goes without.
+            # The system starts no more threads.
             yield from batches
             return
         waiting = deque(self._thread.submit(next, batches, None) for _ in range(AHEAD))
@@ -255,18 +261,18 @@ class Reading:
             yield self._posing.attach(batch), self._log.position
 
     def leave_out(self, topics: Collection[str]) -> None:
-        """As `Posing.leave_out`."""
+        """Forget the delays of topics, as `Posing.leave_out`."""
         self._posing.leave_out(topics)
 
     def ahead(self) -> int | None:
-        """Sweeps still to come, as far as the index or else the file's size tells; None where nothing does."""
+        """Return the number of sweeps still to come, by the index or the file's size; None where neither tells."""
         done, position, size = self.summary.sweeps, self._position, self._log.size
         if self._expected is not None:
             return max(0, self._expected - done)
         return done * max(0, size - position) // position if size is not None and position else None
 
     def close(self) -> RunSummary:
-        """The counts, or the error of a log that turned out to have no LaserScan."""
+        """Return the counts, or raise the error of a log that turned out to have no LaserScan."""
         summary = self.summary
         summary.close(self._report, self._posing)
         summary.seconds = time.perf_counter() - self._started
@@ -275,7 +281,7 @@ class Reading:
         return summary
 
     def describe(self, source: Source) -> dict[str, Any]:
-        """What the tables' metadata says of the source, its poses, and from where on [m] a pile of ranges is no return."""
+        """Return the description of the source, its poses and its ranges of no return, for the tables' metadata."""
         told = {
             "poses": self._posing.described(),
             "made_of_clouds": made_of_clouds(self._log),
@@ -292,13 +298,13 @@ class Reading:
             self._thread.close()
 
     def _damage(self) -> list[str]:
-        """The damage of a log that lists nothing to read: reading meets it on its way past all that is not wanted."""
+        """Return the damage of a log that lists nothing to read, by reading past all that is not wanted."""
         for _ in self._log.scans(frozenset(self._choice.wanted) or None, self._report):
             pass
         return damage_lines(self._report)
 
     def _judge_topics(self) -> None:
-        """A log without an index shows its topics only in the end, those of refused messages too."""
+        """Report missing topics of a log without an index, whose topics are known only in the end."""
         for topic, _ in self._report.refused:
             self._choice.takes(topic)
         if (error := self._choice.error()) is not None:
@@ -330,7 +336,7 @@ def read_log(source: Source, options: ReadingOptions, purpose: str = "") -> Iter
 
 
 def rules_of(parameters: dict[str, Any]) -> RangeRules:
-    """How the run has judged ranges."""
+    """Return the rules for ranges of a run, by the parameters in the metadata of its tables."""
     limits = parameters.get("range")
     no_return = parameters.get("no_return")
     if not isinstance(no_return, list):
@@ -344,7 +350,7 @@ def rules_of(parameters: dict[str, Any]) -> RangeRules:
 
 
 def opening_of(parameters: dict[str, Any]) -> OpenOptions:
-    """What the run has been told of its log."""
+    """Return the options of opening a log of a run, by the parameters in the metadata of its tables."""
     told, echo = parameters.get("csv"), parameters.get("echo")
     told = told if isinstance(told, dict) else {}
     known: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""The poses of a log: what a user may say of them, the first pass that finds them, and their delay."""
+"""Poses of a log: the options for them, the first pass that finds them, and their delay."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from lidarcli.poses.sources import PoseSources, Told
 
 NONE = "none"
-"""What `--pose` takes for no poses at all."""
+"""Value of `--pose` for no poses at all."""
 MOST_DELAY = 3600.0
 """Greatest `--pose-delay` [s], either way: what is more is another clock."""
 
 _ODOMETRY = "odom"
-"""A world whose name holds this begins anew in every run …"""
+"""Part of the names of worlds that begin anew in every run."""
 
 
 def of_one_run(world: str) -> bool:
-    """Whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
+    """Tell whether a world frame begins anew in every run: that of odometry, or of a path that was matched.
 
     >>> [of_one_run(name) for name in ("odom", "robot_0/odom", "match", "map")]
     [True, True, True, False]
@@ -85,32 +85,32 @@ NO_POSES = PoseOptions(NONE)
 
 
 MAX_DELAYS = 4
-"""Topics and frames of which the delay of the poses is looked for: 0.1 s and a megabyte each."""
+"""Most topics and frames whose delay is looked for: each takes 0.1 s and a megabyte."""
 MOST_SWEEPS = 10_000
-"""Sweeps that are read for it before those that are followed: a sensor that has hardly moved by then is left alone."""
+"""Sweeps that are read for the delay beforehand: a sensor that has hardly moved by then has none."""
 SECOND = 1e-9
 TRACKS, MAP = "tracks", "the map"
-"""What a delay that fits better may be used for unasked."""
+"""Purposes for which a delay that fits better is used unasked."""
 
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """The delay that fits the sweeps of a topic and frame best."""
+    """Delay of poses that fits the sweeps of a topic and frame best."""
 
     seconds: float
     """The pose of a sweep is that at its header stamp and this much later."""
     saved: float
-    """Share of the cells of the world that its points fill less."""
+    """Share of the cells of the world that the points no longer fill, 0 to 1."""
 
     def note(self, topic: str) -> str:
-        """What a user should know who looks at the log."""
+        """Return the note on a delay that fits better."""
         return (
             f"{self._fits(topic)}: its points fill {self.saved:.0%} fewer cells of the world "
             f"(--pose-delay {self.seconds:.2f})"
         )
 
     def note_of_use(self, topic: str, purpose: str) -> str:
-        """What a user should know who gets it unasked, for a purpose as `tracks`."""
+        """Return the note on the unasked use of a delay, for a purpose such as `TRACKS`."""
         also = " also for the world columns" if purpose == TRACKS else "; 0 takes them as they are"
         return f"{self._fits(topic)}: used for {purpose} (--pose-delay {self.seconds:.2f}{also})"
 
@@ -120,7 +120,7 @@ class Delay:
 
 
 class DelaySearch:
-    """Looks for the delay of the first topics and frames that come; a fold over the blocks of a log."""
+    """Looks for the delays of the first topics and frames of a log, block by block."""
 
     def __init__(self, sources: PoseSources | Told, deskew: bool = True) -> None:
         self._sources = sources
@@ -138,29 +138,29 @@ class DelaySearch:
                 sample.add_raw(block.rows(block.frame == code), rules)
 
     def whole(self, topics: set[str]) -> bool:
-        """Whether nothing more is to be learned of a log with these topics."""
+        """Tell whether all delays of a log with these topics are settled."""
         seen = {topic for topic, _ in self._samples}
         all_there = len(self._samples) == MAX_DELAYS or seen >= topics
         return all_there and all(sample is None or sample.full for sample in self._samples.values())
 
     def best(self) -> dict[tuple[str, str], Delay]:
-        """Topic and frame → its delay, where one is clearly better than none."""
+        """Return the delay of each topic and frame where one is clearly better than none."""
         found = {key: sample.best() for key, sample in sorted(self._samples.items()) if sample is not None}
         return {key: Delay(*best) for key, best in found.items() if best is not None}
 
     def _sample(self, frame: str) -> DelaySample | None:
-        """What finds the delay of a frame that has a moving pose."""
+        """Return the search for the delay of a frame with moving poses; None for other frames."""
         way = self._sources.way(frame)
         if way is None or way.span_ns is None:
             return None
-        # Most logs have no poses and need not wait for the import.
+        # Most logs have no poses and should not wait for this import.
         from lidarcli.poses.delay import DelaySample
 
         return DelaySample(way, self._deskew)
 
 
 def later(stamp_ns: Int64, delay: float) -> Int64:
-    """The stamps and a delay [s]; one at the end of its type stays there."""
+    """Add a delay [s] to stamps (N,) [ns], limited to the range of int64."""
     by = round(delay / SECOND)
     most = np.iinfo(np.int64).max - abs(by)
     moved: Int64 = np.clip(stamp_ns, -most, most) + by if by else stamp_ns
@@ -170,14 +170,14 @@ def later(stamp_ns: Int64, delay: float) -> Int64:
 def first_delays(
     log: Log, sources: PoseSources | Told, choice: TopicChoice, rules: RangeRules, deskew: bool = True
 ) -> Mapping[tuple[str, str], Delay]:
-    """Topic and frame → the delay of its poses, by the first sweeps of a log that can be read twice.
+    """Return the delay of the poses of each topic and frame, by the first sweeps of a log that can be read twice.
 
-    `--start`, `--end` and `--every` do not matter here: the clocks are the same all along, and the way is needed whole.
+    `--start`, `--end` and `--every` do not matter here: the clocks do not change, and the whole way is needed.
     """
     search = DelaySearch(sources, deskew)
     empty = {topic.name for topic in log.topics() or () if topic.messages == 0}
     topics, sweeps = set(choice.chosen) - empty, 0
-    # The damage that this pass meets is told by the one over all sweeps.
+    # The pass over all sweeps reports the damage.
     report = ReadReport()
     for block, judging in Settling(rules, report).blocks(log.scans(choice.asked, report)):
         search.add(block, judging)
@@ -188,20 +188,20 @@ def first_delays(
 
 
 MOST_MATCHED = 16
-"""Sensors of a log whose paths are found from their sweeps: each has a map of what it saw in memory."""
+"""Most sensors of a log whose paths are matched: each has a map in memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class FoundPoses:
-    """The pose sources of a log, and what reading them has met."""
+    """Pose sources of a log, with the notes and the report of reading them."""
 
     sources: PoseSources | Told
     notes: tuple[str, ...] = ()
     report: ReadReport = field(default_factory=ReadReport)
-    """What the pass over their messages has met."""
+    """Damage and refused messages of the pass over their messages."""
 
     def together(self, sweeps: ReadReport) -> ReadReport:
-        """What the passes over poses and sweeps have met, each damaged part once: the sweeps may have met it, too."""
+        """Return the report of both passes, over poses and sweeps, with each damaged part once."""
         both = ReadReport()
         both.add(sweeps)
         both.add_new(self.report)
@@ -214,7 +214,7 @@ def find_poses(
     topics: Collection[str] | None = None,
     rules: RangeRules | None = None,
 ) -> FoundPoses | None:
-    """Read the poses of a log that has some and can be read twice, or those that are told in their place.
+    """Read the poses of a log that has some and can be read twice, or those of a file or of matching.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def find_poses(
         raise NoScanError(_absent(wanted, listed, there))
     if not any(topic.messages != 0 for topic in there):
         return None
-    # Most logs have no poses and need not wait for the import.
+    # Most logs have no poses and should not wait for this import.
     from lidarcli.poses.sources import PoseSources
 
     told = log.poses() if isinstance(log, SlicedLog) else read_pose_messages(log)
@@ -256,7 +256,7 @@ def find_poses(
 
 
 def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> FoundPoses:
-    """The path of every sensor of a log from its own sweeps: of each frame, from the first topic that has it."""
+    """Match the path of every sensor of a log from its own sweeps: of each frame, from the first topic that has it."""
     from lidarcli.logs.batches import ReadOptions, read_batches
     from lidarcli.poses.matched import Matching
     from lidarcli.poses.sources import Told
@@ -301,18 +301,18 @@ def _matched(log: Log, topics: Collection[str] | None, rules: RangeRules) -> Fou
 
 @dataclass(frozen=True, slots=True)
 class PoseInfo:
-    """One topic with poses."""
+    """Contents of one topic with poses."""
 
     topic: str
     type: str
     poses: int
-    """Poses (transforms) told."""
+    """Number of poses (transforms)."""
     rate: float | None
-    """Of its fastest pair of frames, on average [Hz]; None for single poses."""
+    """Mean rate of its fastest pair of frames [Hz]; None for single poses."""
     start_ns: int
     end_ns: int
     frames: tuple[tuple[str, str], ...]
-    """(frame in which, frame that is told of), the most told first; the latter empty where messages do not name it."""
+    """Pairs (parent, child), the most frequent first; the child is empty where messages do not name it."""
 
     @property
     def span(self) -> float:
@@ -321,7 +321,7 @@ class PoseInfo:
 
 
 def pose_infos(found: FoundPoses) -> tuple[PoseInfo, ...]:
-    """What every pose topic of a log holds."""
+    """Return the contents of every pose topic of a log."""
     infos = []
     for topic in found.sources.topics:
         mine = [track for track in found.sources.tracks if track.topic == topic]

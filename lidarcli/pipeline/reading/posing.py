@@ -1,4 +1,4 @@
-"""Gives every sweep its pose: a first pass over the pose messages of the log, then batch by batch."""
+"""Attaches poses to the sweeps of a log, batch by batch, after a first pass over its pose messages."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from lidarcli.poses.tracks import Motion
 
 TILTED = np.deg2rad(10.0)
-"""A sensor that leans more than this is worth a note."""
+"""Lean of a sensor from which on there is a note [rad]."""
 _WITHOUT_POSES = ("csv", "json lines")
-"""How the formats begin that tell no poses, also from a file."""
+"""Beginnings of formats that tell no poses, also from a file."""
 _PIPE = "poses, if there are any, are not used: a pipe is read only once; give the file's name for them"
 _SHOWN = 4
 
 
 @dataclass(slots=True)
 class _Seen:
-    """What became of the sweeps of one frame."""
+    """Counts and times of the sweeps of one frame."""
 
     sweeps: int = 0
     without: int = 0
@@ -48,7 +48,7 @@ class _Seen:
     record_ns: tuple[int, int] = (np.iinfo(np.int64).max, np.iinfo(np.int64).min)
 
     def add(self, stamps: Int64, records: Int64) -> None:
-        """Take the times of some sweeps: those of their poses, and those of the recording."""
+        """Add the times of some sweeps: those of their poses, and those of the recording."""
         self.sweeps += len(stamps)
         self.first_ns, self.last_ns = (
             min(self.first_ns, int(stamps.min())),
@@ -60,23 +60,23 @@ class _Seen:
 
 @dataclass(slots=True)
 class Posing:
-    """Attaches poses to batches and remembers what a user should know of it."""
+    """Attaches poses to batches, and counts for its notes."""
 
     found: FoundPoses | None
     missed: str = ""
-    """Why there are no poses though there may be some in the log."""
+    """Reason for which there are no poses though the log may have some."""
     file: str = ""
-    """Name of the file that poses were told by, where they were."""
+    """Name of the file of the poses, if they are from one."""
     delay: float = 0.0
     """The pose of a sweep is that at its header stamp and this much later [s]."""
     deskew: bool = True
-    """Whether batches also tell how far the sensor goes during a sweep."""
+    """True where batches also tell the way of the sensor during a sweep."""
     delays: Mapping[tuple[str, str], Delay] = field(default_factory=dict)
-    """Topic and frame → the delay that fits better, where it is another one …"""
+    """Topic and frame → delay that fits better, where it is another one."""
     purpose: str = TRACKS
-    """… and what for it is used unasked."""
+    """Purpose for which these delays are used unasked."""
     levelled: Collection[str] = ()
-    """Topics whose sweeps are level however their sensor leans: those that are made of point clouds."""
+    """Topics of point clouds, whose sweeps are level however their sensor leans."""
     seen: dict[str, _Seen] = field(default_factory=dict)
 
     @classmethod
@@ -87,7 +87,7 @@ class Posing:
         topics: Collection[str] | None = None,
         rules: RangeRules | None = None,
     ) -> Posing:
-        """The poses of a log, as far as it has some and can be read twice; parameters as of `find_poses`."""
+        """Find the poses of a log, as far as it has some and can be read twice; parameters as of `find_poses`."""
         options = options or PoseOptions()
         found = find_poses(log, options, topics, rules)
         is_pipe = log.size is None and log.topics() is None and not log.format.startswith(_WITHOUT_POSES)
@@ -102,7 +102,7 @@ class Posing:
         )
 
     def together(self, report: ReadReport) -> ReadReport:
-        """What reading the log has met: the pass over its sweeps, the one over its poses, and poses of another time."""
+        """Return the report of both passes, over sweeps and poses, with poses of another time as damage."""
         if self.found is None:
             return report
         both = self.found.together(report)
@@ -117,7 +117,7 @@ class Posing:
         return both
 
     def attach(self, batch: SweepBatch) -> SweepBatch:
-        """The batch with its poses, if the log has some for its sensor: what nothing tells of is taken as standing."""
+        """Return the batch with its poses, if the log has some for its sensor."""
         if self.found is None or not len(batch):
             return batch
         from lidarcli.poses.tracks import planar, tilt
@@ -154,7 +154,7 @@ class Posing:
         return replace(batch, poses=poses, true_poses=true)
 
     def motions(self, batch: SweepBatch) -> Iterator[tuple[str, Int64, Motion, str]]:
-        """Of each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
+        """Yield for each frame of a batch that has poses: its name, its rows, their poses in space, and the world frame."""
         if self.found is None:
             return
         for frame, rows, mine in batch.by_frame():
@@ -162,13 +162,13 @@ class Posing:
                 yield frame, rows, way.at(later(mine.stamp_ns, self.delay)), way.world
 
     def _lasts_ns(self, batch: SweepBatch, rows: Int64) -> Int64 | None:
-        """How long some sweeps take [ns]; None where that does not matter."""
+        """Return the durations of some sweeps [ns]; None where they do not matter."""
         if not self.deskew or batch.duration is None:
             return None
         return np.rint(batch.duration[rows] / SECOND).astype(np.int64)
 
     def notes(self) -> list[str]:
-        """The choice, its alternatives and its gaps, a line each."""
+        """Return notes on the choice of poses, its alternatives and its gaps, a line each."""
         if self.found is None:
             unused = "no poses in this log: --pose-delay changes nothing" if self.delay else ""
             return [line for line in (self.missed or unused,) if line]
@@ -179,11 +179,11 @@ class Posing:
         return [*dict.fromkeys(lines), *self.found.notes]
 
     def leave_out(self, topics: Collection[str]) -> None:
-        """Forget the delays of topics whose sweeps turned out to be used for nothing."""
+        """Forget the delays of topics whose sweeps turned out to be unused."""
         self.delays = {key: delay for key, delay in self.delays.items() if key[0] not in topics}
 
     def described(self) -> dict[str, dict[str, Any]]:
-        """Sensor frame → where its poses come from, for the tables' metadata."""
+        """Return the source of the poses of each sensor frame, for the tables' metadata."""
         if self.found is None:
             return {}
         ways = {frame: self.found.sources.way(frame) for frame in sorted(self.seen)}
@@ -194,7 +194,7 @@ class Posing:
         }
 
     def _delays_of(self, frame: str) -> dict[str, dict[str, float]]:
-        """The delays that are used unasked in a frame, for the tables' metadata."""
+        """Return the delays that are used unasked in a frame, for the tables' metadata."""
         mine = {topic: best.seconds for (topic, name), best in sorted(self.delays.items()) if name == frame}
         return {"track_delay" if self.purpose == TRACKS else "map_delay": mine} if mine else {}
 
@@ -227,7 +227,7 @@ class Posing:
 
 
 def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
-    """Why no pose is taken for a frame, though several topics may be the right one."""
+    """Return the note on a frame without poses for which several topics are alike."""
     also = f"; also available: {_some(others)}" if others else ""
     return (
         f"no pose for frame {frame or 'without a name'}: {_some(alike)} are alike, and nothing tells which is that of the "
@@ -236,13 +236,13 @@ def alike_note(frame: str, alike: Sequence[str], others: Sequence[str]) -> str:
 
 
 def _nowhere(sweeps: int, moving: bool) -> SweepPoses:
-    """So many poses that nobody knows, to put others in their place; `moving`: with the way during each sweep."""
+    """Return so many unknown poses, to be filled in; `moving`: with the way during each sweep."""
     x, y, yaw = (np.full(sweeps, np.nan) for _ in range(3))
     return SweepPoses(x, y, yaw, np.zeros(sweeps, bool), np.zeros((sweeps, 3)) if moving else None)
 
 
 def _put(poses: SweepPoses, rows: Int64, here: SweepPoses) -> None:
-    """Put poses in the place of those of some sweeps."""
+    """Fill in the poses of some sweeps."""
     poses.x[rows], poses.y[rows], poses.yaw[rows] = here.x, here.y, here.yaw
     poses.upside_down[rows] = here.upside_down
     if here.way is not None and poses.way is not None:

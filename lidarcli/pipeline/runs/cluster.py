@@ -54,29 +54,29 @@ LOCAL = "local"
 WINDOW = 2
 """Tasks that are submitted at a time for each thread of the cluster: one at work, one waiting."""
 TOGETHER, TOGETHER_BYTES = 16, 8 << 20
-"""Most logs of one task, and their size: a task takes the scheduler some milliseconds, as a small log takes a worker."""
+"""Most logs of one task, and their bytes: a task takes the scheduler some milliseconds, as a small log takes a worker."""
 HERE = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.log-length": 100,
     "distributed.admin.low-level-log-length": 100,
 }
-"""Settings of a cluster of our own: nobody looks at its profiles and logs, which take time and memory."""
+"""Settings of a cluster of our own: its profiles and logs are not used, and take time and memory."""
 NO_WORKER_S = 120.0
-"""[s] A cluster without a worker for so long is given up."""
+"""Time without a worker after which a cluster is given up [s]."""
 FIRST_WORKER_S = 30.0
 STARTS = 3
-"""Times that a cluster of our own is started: a worker may be ended on its way up, as where memory is short."""
+"""Attempts to start a cluster of our own: a worker may be killed while it starts, as where memory is short."""
 CONNECT_S = 10.0
 UNWIND_S = 5.0
-"""[s] So long logs at work may take to remove their unfinished files, before their workers are ended."""
+"""Time for logs at work to remove their unfinished files before their workers are ended [s]."""
 LOOK_S = 5.0
-"""[s] How often the size of the cluster is looked at."""
+"""Time between looks at the size of the cluster [s]."""
 LOST_TIMES = 3
-"""A log whose task the cluster forgets (a restart of it) is submitted again so many times."""
+"""Times that a task is submitted again which the cluster has lost, as by a restart."""
 
 
 class _Stopped(BaseException):
-    """Nobody waits for this log any more: unwinds through the writers, which remove their unfinished files."""
+    """The run no longer needs this log: unwinds through the writers, which remove their unfinished files."""
 
 
 class _OtherBuildError(Exception):
@@ -84,7 +84,7 @@ class _OtherBuildError(Exception):
 
 
 class _Setup(distributed.WorkerPlugin):
-    """What every worker is told once: the work, with all its options, and which build is asked for."""
+    """Setup of every worker, sent once: the work, with all its options, and the build that is required."""
 
     def __init__(self, name: str, work: Work, told: dict[str, str]) -> None:
         self.name = name
@@ -132,7 +132,7 @@ class Cluster:
 
     @property
     def is_local(self) -> bool:
-        """Whether it is one of our own on this machine."""
+        """True for a cluster of our own on this machine."""
         return self._address.partition(":")[0] == LOCAL
 
     @property
@@ -144,11 +144,11 @@ class Cluster:
 
     @property
     def warning(self) -> str | None:
-        """What is dangerous about it; None where nothing is."""
+        """Danger of this cluster; None where there is none."""
         return danger(self._client.scheduler.address)
 
     def outcomes(self, sources: Sequence[Source | Nothing], work: Work) -> Iterator[Outcome]:
-        """What becomes of `work` for each of `sources`, in the order in which they come to an end.
+        """Do `work` for each of `sources`, and yield the outcomes in the order in which they end.
 
         Raises
         ------
@@ -164,12 +164,12 @@ class Cluster:
                 self._client.unregister_worker_plugin(name)
 
     def submit(self, sources: tuple[Source | Nothing, ...], name: str) -> Any:
-        """Some logs to whichever worker is free."""
+        """Submit some logs to the next free worker."""
         sent = tuple(map(_sent, sources))
         return self._client.submit(_do, name, sent, pure=False, key=f"{name}-{os.urandom(8).hex()}")
 
     def cancel(self, futures: list[Any]) -> None:
-        """Let go of logs that nobody waits for any more, also of those at work."""
+        """Cancel logs that are no longer needed, also those at work."""
         with suppress(Exception):
             self._client.cancel(futures, force=True)
             # Workers of our own are ended soon, and should not be in the middle of a file then.
@@ -178,7 +178,7 @@ class Cluster:
                 time.sleep(0.05)
 
     def window(self) -> int:
-        """Logs that may be submitted at a time."""
+        """Return the number of tasks that may be submitted at a time."""
         now = time.monotonic()
         if now - self._looked > LOOK_S:
             self._looked = now
@@ -240,7 +240,7 @@ class Cluster:
                     distributed.Client(self._address, set_as_default=False, timeout=CONNECT_S)
                 )
             except Exception as err:
-                # Whoever answers there may say anything.
+                # The program that answers there may be any.
                 raise OptionError(f"--cluster {self._address}: cannot be reached: {_words(err)}") from err
         try:
             self._client.wait_for_workers(1, timeout=FIRST_WORKER_S)
@@ -265,7 +265,7 @@ class Cluster:
         )
 
     def _started(self, count: int, folder: str) -> Any:
-        """A client of workers that have just been started."""
+        """Start workers and return a client of them."""
         # Ctrl-C is for this process, which ends the workers.
         with signals_held():
             self._own = self._stack.enter_context(
@@ -273,7 +273,7 @@ class Cluster:
                     n_workers=count,
                     threads_per_worker=1,
                     processes=True,
-                    # Nobody looks at it.
+                    # It is not used.
                     dashboard_address=None,
                     local_directory=folder,
                     silence_logs=logging.CRITICAL,
@@ -291,7 +291,7 @@ class Cluster:
 
 
 def refuse_address(address: str) -> None:
-    """Refuse what is no address of a scheduler: a client of it would wait for a minute, and say more than one line.
+    """Refuse a wrong address of a scheduler: its client would wait for a minute, and print more than one line.
 
     Raises
     ------
@@ -319,7 +319,7 @@ def refuse_address(address: str) -> None:
 
 
 def danger(address: str) -> str | None:
-    """What is dangerous about a scheduler at an address; None where nothing is."""
+    """Return the danger of a scheduler at an address; None where there is none."""
     url = urlsplit(address)
     if url.scheme != "tcp" or url.hostname in ("127.0.0.1", "::1", "localhost"):
         return None
@@ -335,13 +335,13 @@ class _Task:
 
     sources: tuple[Source | Nothing, ...]
     lost: int = 0
-    """How often the cluster has forgotten it."""
+    """Times that the cluster has lost it."""
     alone: bool = False
-    """Whether nothing else is submitted beside it."""
+    """True where nothing else is submitted beside it."""
 
 
 class _Submitting:
-    """One run over a cluster: what waits, what was submitted, and what seems to kill workers."""
+    """One run over a cluster: logs that wait, tasks that were submitted, and logs that seem to kill workers."""
 
     def __init__(self, cluster: Cluster, sources: Sequence[Source | Nothing], name: str) -> None:
         self._cluster = cluster
@@ -349,7 +349,7 @@ class _Submitting:
         self._waiting = deque(sources)
         self._suspects: deque[Source | Nothing] = deque()
         self._running: dict[Any, _Task] = {}
-        """Future → what it is the result of."""
+        """Future → its task."""
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def outcomes(self) -> Iterator[Outcome]:
@@ -374,7 +374,7 @@ class _Submitting:
             self._submit(_Task((self._suspects.popleft(),), alone=True))
 
     def _next(self, window: int) -> tuple[Source | Nothing, ...]:
-        """The next logs for one task: the fewer the less is left, so that all workers end at the same time."""
+        """Take the next logs for one task, fewer towards the end, so that all workers end at the same time."""
         most = min(TOGETHER, len(self._waiting) // (2 * window))
         found = [self._waiting.popleft()]
         size = _size(found[0])
@@ -388,7 +388,7 @@ class _Submitting:
         future.add_done_callback(self._ended.put)
 
     def _take(self, future: Any) -> list[Outcome]:
-        """The outcomes of logs that have come to an end; none where they have to be done again."""
+        """Return the outcomes of a task that has ended; none where its logs have to be done again."""
         task = self._running.pop(future)
         status = future.status
         if status == "finished":
@@ -425,19 +425,19 @@ def _failed(task: _Task, code: int, error: str) -> list[Outcome]:
 
 
 def _size(source: Source | Nothing) -> int:
-    """Bytes; as good as endless where nobody knows."""
+    """Return the bytes of a log; of an unknown size enough for a task."""
     return 0 if isinstance(source, Nothing) else source.size or TOGETHER_BYTES
 
 
 def _sent(source: Source | Nothing) -> Source | Nothing:
-    """The same log for a worker, whose working directory is another."""
+    """Return a log for a worker, whose working directory is another."""
     if isinstance(source, Nothing) or is_url(source.path):
         return source
     return replace(source, path=absolute(source.path), files=tuple(map(absolute, source.files)))
 
 
 def _do(name: str, sources: tuple[Source | Nothing, ...]) -> list[Outcome]:
-    """Some logs, on a worker."""
+    """Do some logs, on a worker."""
     worker: Any = distributed.get_worker()
     key, setup = worker.get_current_task(), worker.plugins[name]
     if setup.told != build():
@@ -457,7 +457,7 @@ def _do(name: str, sources: tuple[Source | Nothing, ...]) -> list[Outcome]:
 
 
 def _told() -> str:
-    """Which build a worker has, as JSON; runs where lidarcli may not be installed."""
+    """Return the build of a worker as JSON; runs there, where lidarcli may not be installed."""
     import json
 
     try:
@@ -468,7 +468,7 @@ def _told() -> str:
 
 
 def _parsed(answer: object) -> dict[str, str]:
-    """Which build an answer tells; whatever is none of `_told` tells that it is none."""
+    """Return the build of an answer of `_told`; any other answer is told as the build."""
     try:
         found = json.loads(answer) if isinstance(answer, str) else None
     except (ValueError, RecursionError):
@@ -480,7 +480,7 @@ def _parsed(answer: object) -> dict[str, str]:
 
 @contextmanager
 def _nothing_run() -> Iterator[None]:
-    """Read what comes from a cluster elsewhere as data alone, wherever distributed reads a pickle in this process."""
+    """Read answers of a cluster elsewhere as data alone, wherever distributed reads a pickle in this process."""
     from distributed import client
     from distributed.protocol import pickle as pickles
 
@@ -497,24 +497,24 @@ def _nothing_run() -> Iterator[None]:
 
 
 def _words(err: Exception) -> str:
-    """What is wrong, as one line."""
+    """Return an error as one line."""
     return str(err).splitlines()[0] if str(err) else type(err).__name__
 
 
 def _at_work(dask_worker: Any) -> int:
-    """Logs that a worker is busy with."""
+    """Return the number of tasks that a worker is busy with."""
     return len(dask_worker.active_threads)
 
 
 def _by_value(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function that is sent as such and not as the name of one, which a worker without lidarcli could not look up."""
+    """Mark a function to be sent by value: a worker without lidarcli could not look up its name."""
     function.__module__ = "__main__"
     return function
 
 
 @cache
 def build() -> dict[str, str]:
-    """What the bytes of tables may depend on beside the log and the parameters."""
+    """Return everything that bytes of tables may depend on beside the log and the parameters."""
     import numpy as np
     import pyarrow as pa
 
@@ -535,42 +535,42 @@ _KNOWN = {(kind.__module__, kind.__name__): kind for kind in (Outcome, RunSummar
 """Classes of results. Each has a `__setstate__`: without one a pickle could set attributes of the class itself."""
 
 
-class StandIn(Exception):  # noqa: N818 (it stands for whatever it is named like)
-    """An object of a class that is not made; errors of a cluster can be told by the name of it, and by their words."""
+class StandIn(Exception):  # noqa: N818 (it stands for any class of its name)
+    """Stands for an object of a class that is not made: keeps its name and its values."""
 
     def __new__(cls, *values: Any, **named: Any) -> StandIn:
-        """Take whatever there is."""
+        """Accept any values."""
         return super().__new__(cls, *values)
 
     def __init__(self, *values: Any, **named: Any) -> None:
         super().__init__(*values)
 
     def __setstate__(self, state: Any) -> None:
-        """Nothing is set."""
+        """Set nothing."""
 
 
 class _Reader(pickle.Unpickler):
     def find_class(self, module: str, name: str, /) -> Any:
-        """One of our own classes, or one that does nothing; for what others use, too, a new object that stands for it."""
+        """Return a class of results, or a class of stand-ins; shared callables get a new object, which may be changed."""
         if (module, name) == ("collections", "Counter"):
             return partial(Counter)
         if module == "tblib.pickling_support":
-            # By it workers pickle exceptions and tracebacks; whoever asks for one of these takes none as well.
+            # Workers pickle exceptions and tracebacks by it; None does in the place of a traceback.
             return partial(_exception if name.startswith("unpickle_exception") else _none)
         return _KNOWN.get((module, name)) or type(name, (StandIn,), {})
 
 
 def load_data(data: Any, *, buffers: Iterable[Any] = ()) -> Any:
-    """What a pickle says; distributed calls it like the function of this name in the standard library."""
+    """Read a pickle as data; distributed calls it in the place of `pickle.loads`."""
     return _Reader(io.BytesIO(data), buffers=buffers).load()
 
 
 def _exception(kind: Any, values: Any, *more: Any) -> StandIn:
-    """An exception of this kind, which makes a stand-in; its words are values or among its attributes."""
+    """Return a stand-in for an exception of this kind; its words are values or among its attributes."""
     words = values.get("args") if isinstance(values, dict) else values
     is_kind = isinstance(kind, type) and issubclass(kind, StandIn)
     return (kind if is_kind else StandIn)(*(words if isinstance(words, tuple) else ()))
 
 
 def _none(*values: Any) -> None:
-    """Nothing."""
+    """Return None."""

@@ -36,28 +36,28 @@ from lidarcli.tabular.writing import BY_DATE, DAMAGE, PARAMETERS, SOURCE, VERSIO
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What a run does with one input."""
+    """Step of a run: one input, and whether it is done already."""
 
     source: Source | Nothing
     done: Entry | None = None
-    """What says that it was done already; then nothing is read."""
+    """Entry of an earlier run that did it; then nothing is read."""
 
 
 @dataclass(slots=True)
 class Plan:
-    """What a run does, and what a user should know of how that was found out."""
+    """Steps of a run, and notes on the plan."""
 
     steps: list[Step]
     notes: list[str] = field(default_factory=list)
 
     @property
     def left(self) -> list[Source | Nothing]:
-        """What is still to be done."""
+        """Inputs that are still to be done."""
         return [step.source for step in self.steps if step.done is None]
 
     @property
     def skipped(self) -> list[Outcome]:
-        """What was done before, with the exit code that it had then."""
+        """Outcomes of inputs that were done before, with their exit codes."""
         return [_as_before(step.source, step.done) for step in self.steps if step.done is not None]
 
 
@@ -68,7 +68,7 @@ class FolderRun:
     ----------
     folder : where the tables go
     options : of the detection
-    keeps_manifest : whether what becomes of each log is written down
+    keeps_manifest : whether outcomes are written to a manifest
     """
 
     def __init__(self, folder: Place, options: DetectOptions, keeps_manifest: bool) -> None:
@@ -76,21 +76,21 @@ class FolderRun:
         self._options = options
         self._manifest = Manifest(folder) if keeps_manifest else None
         self._parameters = ""
-        """As of `parameters_hash`, once there is a plan."""
+        """Hash of the parameters, once there is a plan."""
         self._days: dict[str, list[str]] = {}
-        """Log → its tables of any day that are to be replaced."""
+        """Log → its tables of any day, which are to be replaced."""
         self._before: dict[str, list[str]] = {}
-        """Log → what an earlier run has written of it."""
+        """Log → its tables of an earlier run."""
 
     def plan(self, sources: Sources, resume: bool, overwrite: bool) -> Plan:
-        """What to do with each log; with `resume`, those that were done with the same parameters and version are left out.
+        """Plan the run; `resume` leaves out logs that were done with the same parameters and version.
 
-        Whether a log was done is told by the manifests, or, where these are lost, by the tables themselves. What is done
-        again may replace its own tables, and others only with `overwrite`.
+        Manifests tell which logs were done, or, where these are lost, the tables themselves. A log that is done again may
+        replace its own tables, and those of others only with `overwrite`.
         """
         if resume or self._manifest is not None:
             sources = known(sources)
-            # What its files lack is told before any work, once.
+            # An error of the files of options comes before any work, once.
             self._parameters = parameters_hash(self._options)
         there = There(self._folder) if resume or self._options.layout == BY_DATE else None
         if there is not None and self._options.layout == BY_DATE:
@@ -102,7 +102,7 @@ class FolderRun:
         if not resume or there is None:
             return Plan([Step(source) for source in sources])
         entries, problems = read_entries(self._folder)
-        # What failed later, as for tables that were there, leaves these as they are.
+        # A later failure, as for tables that were there, has left these as they are.
         by_url = newest(entry for entry in entries if entry.is_done)
         self._before = {
             url: [output for output in entry.outputs if _is_below(self._folder, output)]
@@ -135,9 +135,9 @@ class FolderRun:
         return plan
 
     def refuse_existing(self, plan: Plan) -> None:
-        """Refuse logs whose tables are there already, as each log does for itself where nobody else works on it.
+        """Refuse logs whose tables are there already, before any is sent to a worker.
 
-        On a cluster a log may be done twice: what its first worker has written before it died is no reason to refuse it.
+        On a cluster a log may be done twice: tables that its first worker wrote before it died must not refuse it.
         """
         there = There(self._folder)
         for index, step in enumerate(plan.steps):
@@ -147,7 +147,7 @@ class FolderRun:
                     plan.steps[index] = Step(Nothing(step.source.path, exists_already(existing)))
 
     def dry(self, plan: Plan) -> Iterator[tuple[Step, list[tuple[str, bool]]]]:
-        """The steps of a plan, each with its files as far as they are known before reading, and whether these exist."""
+        """Yield the steps of a plan with their files, as far as they are known before reading, and whether these exist."""
         there = There(self._folder)
         for step in plan.steps:
             outputs = (
@@ -156,7 +156,7 @@ class FolderRun:
             yield step, [(output, there(absolute(output))) for output in outputs]
 
     def record(self, outcome: Outcome) -> list[str]:
-        """Write down what became of one log; a line for each of its earlier tables that stays and is not of this run."""
+        """Add the outcome of one log to the manifest; returns a line for each of its earlier tables that stays."""
         source = outcome.source
         if self._manifest is None or outcome.skipped or source is None:
             return []
@@ -209,17 +209,17 @@ class FolderRun:
 
     @property
     def manifest(self) -> Place | None:
-        """Where it is, if there is one."""
+        """Path of the manifest, if there is one."""
         return None if self._manifest is None else self._manifest.path
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        """Write the manifest, also of a run that was broken off."""
+        """Write the manifest, also of a run that was interrupted."""
         if self._manifest is None:
             return
-        # What broke the run off is told, not what that does to the manifest.
+        # The error that ended the run is reported, not one of the manifest.
         with suppress(*([LidarcliError] if kind is not None else [])):
             self._manifest.write()
 
@@ -229,21 +229,21 @@ class FolderRun:
         return tuple(str(path) for path in self._options.outputs(source, self._folder).values())
 
     def _existing(self, source: Source, there: There) -> list[str]:
-        """The tables of a log that are there already."""
+        """Return the tables of a log that are there already."""
         if self._options.layout == BY_DATE:
             folders = [self._folder / table for table in self._options.tables]
             return [found for folder in folders for found in there.of_any_day(folder, source.name)]
         return [*filter(there, map(absolute, self._outputs(source)))]
 
     def _counts(self, done: Entry, source: Source, there: There) -> bool:
-        """Whether what was done is what would be done now, and is still there."""
+        """Tell whether an entry counts: the same log, parameters and version, and its tables are still there."""
         if (
             done.parameters != self._parameters
             or done.version != __version__
             or not is_unchanged(source, done)
         ):
             return False
-        # A manifest may name whatever it likes: the tables of this log in this folder count, and all of them.
+        # A manifest may name any files: the tables of this log in this folder count, and all of them.
         existing = self._days[done.url] if self._options.layout == BY_DATE else self._existing(source, there)
         if len(existing) != len(self._options.tables) or sorted(done.outputs) != sorted(existing):
             return False
@@ -256,22 +256,22 @@ class FolderRun:
         return self._is_by_parameters(_notes(done.outputs[0]))
 
     def _is_by_parameters(self, notes: dict[str, str]) -> bool:
-        """Whether a table was written with the same parameters and version, as far as its metadata tell."""
+        """Tell whether a table was written with the same parameters and version, by its metadata."""
         told = _parsed(notes, PARAMETERS)
         same = told == json.loads(json.dumps(self._options.as_dict())) and not self._options.explain
         return same and notes.get(VERSION) == __version__
 
     def _told_by_tables(self, source: Source, outputs: tuple[str, ...], there: There) -> Entry | None:
-        """That tables without a manifest are of this log as it is now, and of these parameters."""
+        """Return an entry for tables without a manifest that are of this log as it is, and of these parameters; or None."""
         notes, state = _notes(outputs[0]), source.state()
         told = _parsed(notes, SOURCE)
         if state is None or not isinstance(told, dict) or not self._is_by_parameters(notes):
             return None
-        # The reader of a folder counts some of its files alone.
+        # The reader of a folder does not count all of its files.
         is_one_file = not source.files and (source.url is not None or not Path(source.path).is_dir())
         if told.get("name") != source.file_name or (is_one_file and told.get("size") != state.size):
             return None
-        # As make does it: what the tables depend on is older than they are.
+        # As make does: the inputs of the tables are older than these.
         written = [found.mtime_ns for output in outputs if (found := there.state(output)) is not None]
         depends = [
             found.mtime_ns for file in self._options.inputs([]) if (found := state_of(file)) is not None
@@ -297,7 +297,7 @@ class FolderRun:
 
 
 def _is_below(folder: Place, name: str) -> bool:
-    """Whether a name that a manifest holds is that of a file below the folder it is about."""
+    """Tell whether a name in a manifest is that of a file below its folder."""
     try:
         where = place(name)
     except OptionError:
@@ -311,12 +311,12 @@ def _is_below(folder: Place, name: str) -> bool:
 
 
 def _url(source: Source | Nothing) -> str:
-    """Where an input is, whatever the working directory."""
+    """Return the place of an input, independent of the working directory."""
     return absolute(source.path)
 
 
 def parameters_hash(options: DetectOptions) -> str:
-    """One word for everything that the tables of a log depend on, beside the log and the version."""
+    """Hash everything that the tables of a log depend on, beside the log and the version."""
     digest = blake2b(digest_size=16)
     told = {
         **options.as_dict(),
@@ -325,14 +325,14 @@ def parameters_hash(options: DetectOptions) -> str:
         "layout": options.layout,
     }
     digest.update(json.dumps(told, sort_keys=True, default=str).encode())
-    # Of files only names stand there.
+    # The options hold only the names of files.
     for file in options.inputs([]):
         digest.update(read_file(file))
     return digest.hexdigest()
 
 
 def _as_before(source: Source | Nothing, done: Entry) -> Outcome:
-    """What became of a log in an earlier run."""
+    """Return the outcome of a log in an earlier run."""
     return Outcome(
         source.label,
         done.exit_code,
@@ -350,7 +350,7 @@ def _notes(name: str) -> dict[str, str]:
 
 
 def _is_of(name: str, source: Source) -> bool:
-    """Whether a file is a table of a log of this name, whose place it may take."""
+    """Tell whether a file is a table of a log of this name, which may be replaced."""
     told = _parsed(_notes(name), SOURCE)
     return isinstance(told, dict) and told.get("name") == source.file_name
 

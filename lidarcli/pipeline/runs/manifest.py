@@ -25,14 +25,14 @@ from lidarcli.tabular.runs import Entry, read_run, run_rows
 from lidarcli.tabular.schemas import RUNS
 
 ASKED_AT_ONCE = 16
-"""Requests for what a store knows of an object: each takes tens of milliseconds."""
+"""Requests for the state of an object at a time: each takes tens of milliseconds."""
 _DAY = re.compile(r"/date=[^/]*/")
 
 Sources = Sequence[Source | Nothing]
 
 
 def known(sources: Sources) -> list[Source | Nothing]:
-    """The same inputs with their states before anything is read: what a log becomes meanwhile is another log."""
+    """Return the inputs with their states before anything is read: a log that changes meanwhile is another log."""
     asked = [source for source in sources if isinstance(source, Source) and source.found is None]
     with ThreadPoolExecutor(ASKED_AT_ONCE, "ask") as pool:
         found = dict(zip(asked, pool.map(_known, asked), strict=True))
@@ -43,12 +43,12 @@ def _known(source: Source) -> Source:
     try:
         return replace(source, found=state_of(source.path) if source.url is not None else source.state())
     except LidarcliError:
-        # Reading it says what is wrong.
+        # Reading it raises the error.
         return source
 
 
 def state_of(name: str) -> State | None:
-    """What is known of a file; None where there is none."""
+    """Return size and time of a file; None where there is none."""
     where = place(name)
     if isinstance(where, Url):
         from lidarcli.stores.url import head
@@ -72,7 +72,7 @@ def remove_file(name: str) -> None:
 
 
 def is_unchanged(source: Source, done: Entry) -> bool:
-    """Whether a log is what it was: of the same size, and of the same time or the same mark of its content."""
+    """Tell whether a log has not changed: the same size, and the same time or the same mark of its content."""
     state = source.state()
     if state is None or state.size != done.size:
         return False
@@ -86,7 +86,7 @@ def is_unchanged(source: Source, done: Entry) -> bool:
 
 
 class There:
-    """Which files are there; of a store all names below the folder are asked for at once."""
+    """Files that are there; of a store all names below the folder are listed at once."""
 
     def __init__(self, folder: Place) -> None:
         self._states: dict[str, State] | None = None
@@ -98,15 +98,15 @@ class There:
             self._dated = {_DAY.sub("/", name): name for name in self._states}
 
     def __call__(self, name: str) -> bool:
-        """Whether there is a file of this name."""
+        """Tell whether there is a file of this name."""
         return name in self._states if self._states is not None else os.path.exists(name)  # noqa: PTH110 (never raises)
 
     def state(self, name: str) -> State | None:
-        """What is known of a file; None where there is none of this name."""
+        """Return size and time of a file; None where there is none of this name."""
         return state_of(name) if self._states is None else self._states.get(name)
 
     def of_any_day(self, path: Place, log: str) -> list[str]:
-        """Files of a log below the folder of a table, whichever the day is that they are filed under."""
+        """Return the files of a log below the folder of a table, of whatever day."""
         if isinstance(path, Url):
             name = self._dated.get(absolute(path / f"{log}.parquet"))
             return [name] if name is not None else []
@@ -117,13 +117,13 @@ class There:
 
 
 FOLDER = "_lidarcli"
-"""Readers of folders of tables skip what begins with an underscore."""
+"""Folder of the manifests: readers of folders of tables skip names that begin with an underscore."""
 PACKED = 250
-"""Entries that are kept as such: as columns they take a tenth of the memory."""
+"""Most entries that are kept as objects: as columns they take a tenth of the memory."""
 EVERY_S = 30.0
-"""[s] So often the manifest is written anew while a run goes on, for the day that it is killed …"""
+"""Time between writes of the manifest while a run goes on [s], in case the run is killed."""
 SHARE = 0.05
-"""… but writing it takes no more than this share of the time."""
+"""Greatest share of the time that these writes take."""
 
 
 class Manifest:
@@ -137,7 +137,7 @@ class Manifest:
         self._due = time.monotonic() + EVERY_S
 
     def add(self, entry: Entry) -> None:
-        """Take what became of one log."""
+        """Add the entry of one log."""
         self._entries.append(entry)
         if len(self._entries) >= PACKED:
             self._pack()
@@ -150,7 +150,7 @@ class Manifest:
             self._entries = []
 
     def write(self) -> None:
-        """Write all that is known by now; nothing where there is nothing."""
+        """Write all entries so far; no file without any."""
         self._pack()
         if not self._batches:
             return
@@ -182,7 +182,7 @@ def refuse_folder(folder: Place) -> None:
 
 
 def read_entries(folder: Place) -> tuple[list[Entry], list[str]]:
-    """The rows of all manifests below a folder of tables, and a line for each that cannot be read."""
+    """Read the entries of all manifests below a folder of tables; also a line for each that cannot be read."""
     entries: list[Entry] = []
     problems = []
     for file in all_files(folder / FOLDER, ".parquet"):

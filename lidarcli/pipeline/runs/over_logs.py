@@ -13,10 +13,10 @@ from lidarcli.pipeline.reading.one_log import Progress, RunSummary
 
 INTERNAL_ERROR = 70
 WORTH_A_PROCESS = 16 << 20
-"""Bytes of logs whose work outweighs the start of processes; beside a large log, small ones are no reason for it."""
+"""Bytes of logs beside the largest one from which on worker processes pay."""
 
 STORED = 2 << 20
-"""Bytes of a log here whose work takes as long as a small log in a store waits for its requests."""
+"""Bytes that a log in a store counts at least: its requests take time however small it is."""
 
 LogProgress = Callable[[Source, int], None]
 """Progress: the log, and the position in it [bytes]."""
@@ -33,7 +33,7 @@ class LogWork(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one input."""
+    """Outcome of one input."""
 
     label: str
     """The input as the user wrote it, or the log found below it."""
@@ -43,16 +43,16 @@ class Outcome:
     trace: str | None = None
     """Traceback of an internal error."""
     remark: str | None = None
-    """What happened on the way and was mended."""
+    """Note on trouble that was overcome."""
     source: Source | Nothing | None = field(default=None, compare=False)
     """The input it is about."""
     skipped: bool = False
-    """Whether it was done before, and nothing was read now."""
+    """True where it was done before, and nothing was read now."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why there is no result for one input."""
+    """Reason for which there is no result for one input."""
 
     error: str
     exit_code: int
@@ -60,7 +60,7 @@ class Failure:
 
 
 def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failure:
-    """Do the work for one input, and turn what goes wrong into a `Failure` so that the others go on."""
+    """Do the work for one input, and turn its errors into a `Failure`, so that the other inputs are done."""
     if isinstance(source, Nothing):
         return Failure(str(source.error), source.error.exit_code)
     try:
@@ -78,7 +78,7 @@ def attempt(source: Source | Nothing, work: Callable[[Source], T]) -> T | Failur
 
 
 def outcome_of(source: Source | Nothing, work: Work) -> Outcome:
-    """The outcome of the work for one input."""
+    """Do the work for one input and return its outcome."""
     result = attempt(source, work)
     if isinstance(result, Failure):
         return Outcome(source.label, result.exit_code, error=result.error, trace=result.trace, source=source)
@@ -118,12 +118,12 @@ def over_logs(
 
 
 def progress_of(source: Source, report: LogProgress | None) -> Callable[[int], None] | None:
-    """What is told of the progress of one log."""
+    """Return the progress of one log, for the work on it."""
     return None if report is None else lambda position: report(source, position)
 
 
 def logs_at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
-    """How many logs to process at the same time, so that it pays and `jobs` processes are enough."""
+    """Return the number of logs to process at the same time: more than one only where it pays, and at most `jobs`."""
     logs = [source for source in sources if isinstance(source, Source)]
     # Standard input belongs to this process and cannot be handed to another.
     if any(source.is_stdin for source in logs):
@@ -134,5 +134,5 @@ def logs_at_once(sources: Sequence[Source | Nothing], jobs: int) -> int:
 
 
 def exit_code(codes: Iterable[int]) -> int:
-    """The exit code of a run over several logs: the first that is not zero."""
+    """Return the exit code of a run over several logs: the first that is not zero."""
     return next((code for code in codes if code), 0)

@@ -21,7 +21,7 @@ from lidarcli.pipeline.runs.over_logs import INTERNAL_ERROR, Outcome, Work, outc
 
 
 def start_workers(count: int, initializer: Callable[[], object]) -> ProcessPoolExecutor:
-    """A pool of `count` processes that are on their way up."""
+    """Start a pool of `count` processes."""
     # A fork of a process with threads (progress bar, Arrow) may hang; a spawned process cannot.
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=initializer)
@@ -52,13 +52,13 @@ def stop_workers(pool: ProcessPoolExecutor) -> None:
 
 
 def obey_the_parent() -> None:
-    """In a worker: ctrl-C is for the parent, which says when to stop. So does its end."""
+    """Prepare a worker: it ignores ctrl-C, which is for the parent, and ends with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_follow, daemon=True).start()
 
 
 def _up() -> None:
-    """What a worker does first."""
+    """Do nothing: the first task of a worker."""
 
 
 def _follow() -> None:
@@ -70,8 +70,7 @@ def _follow() -> None:
 
 @contextmanager
 def signals_held() -> Iterator[None]:
-    """Keep ctrl-C and SIGTERM waiting: half a start leaves a child that complains, and so does a child that they meet
-    half started."""
+    """Hold ctrl-C and SIGTERM back: a child that they meet half started would print an error."""
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -100,15 +99,15 @@ def signals_held() -> Iterator[None]:
 
 
 _working = False
-"""Whether this worker process is busy with a log (set in workers only)."""
+"""True while this worker process is busy with a log (set in workers only)."""
 
 
 class _Stopped(BaseException):
-    """The parent wants this worker to end: unwinds through the writers, which remove their unfinished files."""
+    """The parent ends this worker: unwinds through the writers, which remove their unfinished files."""
 
 
 def side_by_side(sources: Sequence[Source | Nothing], work: Work, jobs: int) -> Iterator[Outcome]:
-    """What becomes of `work` for each of `sources`, in their order, from `jobs` worker processes.
+    """Do `work` for each of `sources` in `jobs` worker processes, and yield the outcomes in their order.
 
     No more logs are handed out than there are workers, so that only these are done again when a worker dies.
     """
@@ -175,7 +174,7 @@ def _pool(jobs: int) -> ProcessPoolExecutor:
 
 
 def _be_a_worker() -> None:
-    """The parent says when to stop."""
+    """Prepare this process as a worker, which the parent ends by SIGTERM."""
     signal.signal(signal.SIGTERM, _leave)
     obey_the_parent()
     keep_freed_memory()
