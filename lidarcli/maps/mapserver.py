@@ -357,7 +357,7 @@ def write_occupancy_mcap(file: BinaryIO, grid: Occupancy, stamp_ns: int, topic: 
     A stamp [ns] that ROS 2 cannot hold, before 1970 or after 2038, becomes the nearest one that it can.
     """
     # Those who only read maps do not wait for the definitions of all messages.
-    from lidarcli.ros.definitions import ros2_definition
+    from lidarcli.ros.messages import ros2_definition
 
     stamp_ns = min(max(stamp_ns, 0), _LAST_STAMP_NS)
     writer = start_ros2(file)
