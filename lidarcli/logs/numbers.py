@@ -94,6 +94,17 @@ class Cells:
         except ValueError:
             return parse_rows(self.spans(rows, first, count), count, self.separator, dtype)
 
+    def codes(self, rows: Int64, index: int) -> tuple[Int64, list[bytes]]:
+        """Return cell `index` of each of `rows` (ascending) as an index into the distinct cells, and these."""
+        import pyarrow as pa
+
+        starts, ends = self._bounds(rows, index, np.ones(len(rows), np.int64))
+        if not len(rows):
+            return np.empty(0, np.int64), []
+        coded = _between(self.text, starts, ends, None, pa.binary()).dictionary_encode()
+        codes = coded.indices.fill_null(0).to_numpy()[::2].astype(np.int64)
+        return codes, coded.dictionary.to_pylist()
+
     def _bounds(self, rows: Int64, first: int | Int64, count: Int64) -> tuple[Int32, Int32]:
         """Start and end of each of these cells, in their order."""
         if isinstance(first, int) and self._regular and len(count) and (count == count[0]).all():
@@ -162,13 +173,11 @@ def not_a_number(cell: bytes) -> str:
     return f"{say(cell)} is not a number"
 
 
-def _cast(
-    text: bytes, starts: Int32, ends: Int32, dtype: type[np.floating]
-) -> tuple[NDArray[Any], Bool | None]:
-    """Numbers of the cells that lie between `starts` and `ends`; ValueError where one is spelled unusually.
+def _between(text: bytes, starts: Int32, ends: Int32, null: Bool | None, kind: Any) -> Any:
+    """Return an Arrow array of type `kind` whose even entries are the cells between `starts` and `ends`.
 
-    The text itself becomes the data of an Arrow string array in which every second string is null: a cell, what
-    stands between it and the next cell, the next cell, ... So nothing is copied or tokenised a second time.
+    The text itself is the data of the array: a cell, the text between it and the next cell, which is null, the next
+    cell, ... So nothing is copied or tokenised a second time. Cells that are `null` are null as well.
     """
     import pyarrow as pa
 
@@ -178,17 +187,24 @@ def _cast(
     offsets[1::2] = ends
     offsets[-1] = ends[-1]
     valid = np.full(-(-slots // 8), 0b01010101, np.uint8)
+    if null is not None:
+        bits = np.zeros(slots, np.bool_)
+        bits[::2] = ~null
+        valid = np.packbits(bits, bitorder="little")
+    return pa.Array.from_buffers(kind, slots, [*map(pa.py_buffer, (valid, offsets, text))])
+
+
+def _cast(
+    text: bytes, starts: Int32, ends: Int32, dtype: type[np.floating]
+) -> tuple[NDArray[Any], Bool | None]:
+    """Return the numbers of the cells between `starts` and `ends`; ValueError where one is spelled unusually."""
+    import pyarrow as pa
+
     empty = starts == ends
     none = not empty.any()
-    if not none:
-        bits = np.zeros(slots, np.bool_)
-        bits[::2] = ~empty
-        valid = np.packbits(bits, bitorder="little")
-    strings = pa.StringArray.from_buffers(
-        slots, pa.py_buffer(offsets), pa.py_buffer(text), pa.py_buffer(valid)
-    )
+    strings = _between(text, starts, ends, None if none else empty, pa.string())
     numbers = strings.cast(pa.float32() if dtype is np.float32 else pa.float64())
-    values = np.frombuffer(numbers.buffers()[1], dtype, slots)[::2].copy()
+    values = np.frombuffer(numbers.buffers()[1], dtype, 2 * len(starts))[::2].copy()
     if none:
         return values, None
     values[empty] = np.nan

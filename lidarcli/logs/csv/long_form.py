@@ -15,7 +15,7 @@ from lidarcli.logs.csv.dialect import Lines, read_lines
 from lidarcli.logs.csv.layouts import Columns, Layout
 from lidarcli.logs.csv.row_forms import NO_TIME, Decoder, read_frames, read_times
 from lidarcli.logs.csv.rplidar import read_rows
-from lidarcli.logs.numbers import Cells, parse_rows
+from lidarcli.logs.numbers import Cells
 from lidarcli.logs.text import TextBlock
 from lidarcli.sweeps import TURN, Bool, Float64, Int64, RawSweeps
 
@@ -126,72 +126,22 @@ class LongDecoder(Decoder):
     def _parse(self, cells: Cells, whole: Int64, numbers: Int64) -> tuple[_Rows, NDArray[np.intp]]:
         """The columns of `whole` rows, and which of these could be parsed."""
         layout = self._layout
-        texts = {*self._scan.fields.values(), *([] if layout.key is None else [layout.key])}
-        texts |= {layout.flag} if layout.flag >= 0 else set()
-        wanted = [column for column in sorted(texts) if column not in (layout.angle, self._scan.first)]
-        try:
-            return self._parse_fast(cells, whole, wanted), np.arange(len(whole))
-        except ValueError:
-            return self._parse_slowly(cells, whole, numbers, wanted)
-
-    def _parse_fast(self, cells: Cells, whole: Int64, wanted: list[int]) -> _Rows:
-        import pyarrow as pa
-        from pyarrow import csv
-
-        layout = self._layout
-        text = cells.text
-        if len(whole) != len(cells.count):
-            text = b"".join(line + b"\n" for line in cells.spans(whole, 0, layout.width))
-        number = pa.float32() if self._number is np.float32 else pa.float64()
-        kinds = {str(column): pa.dictionary(pa.int32(), pa.binary()) for column in wanted}
-        kinds |= {str(layout.angle): pa.float64(), str(self._scan.first): number}
-        table = csv.read_csv(
-            pa.py_buffer(text),
-            read_options=csv.ReadOptions(
-                column_names=[str(c) for c in range(layout.width)], block_size=1 << 20
-            ),
-            parse_options=csv.ParseOptions(delimiter=layout.dialect.separator.decode(), quote_char=False),
-            convert_options=csv.ConvertOptions(
-                column_types=kinds,
-                include_columns=list(kinds),
-                null_values=["", "null", "None"],
-                strings_can_be_null=False,
-                check_utf8=False,
-            ),
-        )
-        if len(table) != len(whole):
-            raise ValueError("rows were skipped")
-        texts = {}
-        for column in wanted:
-            coded = table.column(str(column)).unify_dictionaries().combine_chunks()
-            coded = coded.chunk(0) if isinstance(coded, pa.ChunkedArray) else coded
-            texts[column] = (np.asarray(coded.indices, np.int64), coded.dictionary.to_pylist())
-        angle = table.column(str(layout.angle)).to_numpy()
-        ranges = table.column(str(self._scan.first)).to_numpy()
-        return self._in_radians(_Rows(angle, ranges, texts))
-
-    def _parse_slowly(
-        self, cells: Cells, whole: Int64, numbers: Int64, wanted: list[int]
-    ) -> tuple[_Rows, NDArray[np.intp]]:
-        """The same where a cell is no number: its row is damage."""
-        separator, ones = cells.separator, np.ones(len(whole), np.int64)
-        angle = parse_rows(cells.column(whole, self._layout.angle), ones, separator, np.float64)
-        ranges = parse_rows(cells.column(whole, self._scan.first), ones, separator, self._number)
+        wanted = {*self._scan.fields.values(), *([] if layout.key is None else [layout.key])}
+        wanted |= {layout.flag} if layout.flag >= 0 else set()
+        wanted -= {layout.angle, self._scan.first}
+        ones = np.ones(len(whole), np.int64)
+        angle = cells.numbers(whole, layout.angle, ones, np.float64)
+        ranges = cells.numbers(whole, self._scan.first, ones, self._number)
         bad = angle.bad | ranges.bad
         self._bad_cells(bad, numbers[whole])
         good = np.delete(np.arange(len(whole)), list(bad))
-        texts = {}
-        for column in wanted:
-            values = cells.column(whole[good], column)
-            distinct = {value: code for code, value in enumerate(dict.fromkeys(values))}
-            texts[column] = (np.array([distinct[value] for value in values], np.int64), list(distinct))
-        return self._in_radians(_Rows(angle.values[good], ranges.values[good], texts)), good
-
-    def _in_radians(self, rows: _Rows) -> _Rows:
-        if not self._layout.degrees:
-            return rows
-        angle = np.deg2rad(rows.angle)
-        return _Rows(0.0 - angle if self._layout.spelling else angle, rows.ranges, rows.texts)
+        texts = {column: cells.codes(whole[good], column) for column in sorted(wanted)}
+        bearing = angle.values[good]
+        if layout.degrees:
+            bearing = np.deg2rad(bearing)
+            # Bearings of an RPLIDAR run clockwise.
+            bearing = 0.0 - bearing if layout.spelling else bearing
+        return _Rows(bearing, ranges.values[good], texts), good
 
     def _starts(self, rows: _Rows) -> Int64:
         """The first row of each sweep."""
