@@ -1,4 +1,4 @@
-"""From the points of a sweep back to its ranges: in whose frame they are, and which beam each belongs to.
+"""Ranges of sweeps that a log holds as points: the frame of the points, and the beam of each.
 
 The documentation of ARIA says that points are in the frame of the robot. Its loggers write them from the laser on: in the
 laser's frame since version 4, along the axes of the robot before. Bearings tell which of them holds for a log.
@@ -16,49 +16,50 @@ from lidarcli.logs.planar import wrapped
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 _FAR_ENOUGH = 0.2
-"""Points nearer than this [m] tell no bearing: they are whole millimetres."""
+"""Least range of a point whose bearing counts [m]: points are whole millimetres."""
 _ENOUGH = 20
-"""So many points are needed to tell by."""
+"""Least points by which the frame is found."""
 _LEAST_MISS = 0.02
-"""A frame that makes bearings miss by less [rad] fits."""
+"""Greatest error of bearings in the right frame [rad]."""
 _LASERS_AXES = 4
-"""Since this version points have the axes of the laser."""
+"""First version whose points have the axes of the laser."""
 
 
 class Reading(NamedTuple):
-    """How the points of a laser are to be read."""
+    """Frame and order of the points of a laser."""
 
     robot: bool
-    """Whether they are told from the robot on, not from the laser."""
+    """True where they start at the robot, not at the laser."""
     turned: bool
-    """Whether along the axes of the robot, not of the laser."""
+    """True where they have the axes of the robot, not of the laser."""
     backwards: bool
-    """Whether the last beam comes first."""
+    """True where the last beam comes first."""
     in_order: bool = True
-    """Whether the place in a line tells the beam; else the bearing does."""
+    """True where the place in a line is that of the beam; otherwise the bearing gives the beam."""
 
 
 class Points(NamedTuple):
     """The points of S sweeps, one after the other."""
 
     x: Float64
-    """(P,) [m]"""
+    """(P,) Coordinate ahead [m]."""
     y: Float64
+    """(P,) Coordinate to the left [m]."""
     row: Int64
-    """(P,) the sweep of each."""
+    """(P,) Sweep of each."""
     place: Int64
-    """(P,) its place among those of its sweep."""
+    """(P,) Place among those of its sweep."""
     mount: Float64
     """(S, 3) x, y [m] and yaw [rad] of the laser on the robot."""
 
     @property
     def there(self) -> Bool:
-        """(P,) which are any: a beam without a return is 0 0."""
+        """(P,) False for a beam without a return, which is 0 0."""
         there: Bool = (self.x != 0) | (self.y != 0)
         return there
 
     def seen(self, how: Reading) -> tuple[Float64, Float64]:
-        """Range and bearing (P,) of each point from the laser on."""
+        """Return range and bearing (P,) of each point from the laser on."""
         x, y, yaw = (self.mount[self.row, column] for column in range(3))
         ahead, left = (self.x - x, self.y - y) if how.robot else (self.x, self.y)
         bearing = np.arctan2(left, ahead) - (yaw if how.turned else 0.0)
@@ -67,13 +68,13 @@ class Points(NamedTuple):
 
 @dataclass(slots=True)
 class Readings:
-    """How the points of each laser are read: decided by the first block that can tell, and kept."""
+    """Reading of each laser: decided by the first block that shows it, and kept."""
 
     report: ReadReport
     _known: dict[str, Reading] = field(default_factory=dict)
 
     def of(self, topic: str, version: int, points: Points, expected: Float64, mirrored: Float64) -> Reading:
-        """How to read points whose bearings should be `expected` (P,), or `mirrored` where the last beam comes first."""
+        """Decide by bearings: they should be `expected` (P,), or `mirrored` where the last beam comes first."""
         usual = Reading(False, version < _LASERS_AXES, False)
         if topic in self._known:
             return self._known[topic]
@@ -102,9 +103,9 @@ class Readings:
 def by_bearing(
     ranges: Float64, bearing: Float64, points: Points, first: Float64, step: Float64, beams: Int64
 ) -> tuple[Float64, Int64]:
-    """Ranges of S sweeps of `beams` each, one after the other, by the bearings of points; and how many (S,) are left over.
+    """Return ranges of S sweeps of `beams` each, one after the other, by the bearings of points.
 
-    Of several points on one beam the nearest counts. What is beside the view is left over.
+    Of several points on one beam the nearest counts. Also returns the number (S,) of points beside the view.
     """
     off = bearing - first[points.row]
     step_of = step[points.row]

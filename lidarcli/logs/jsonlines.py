@@ -1,4 +1,4 @@
-"""What `mcap cat --json` (or `--format=ndjson`) prints: one message per line, of any topics."""
+"""Messages as `mcap cat --json` (or `--format=ndjson`) prints them: one per line, of any topics."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from lidarcli.logs.times import DATE, S, time_unit, to_ns
 from lidarcli.sweeps import RawSweeps
 
 _SAMPLE = 100
-"""Lines by whose times their unit is told."""
+"""Lines by whose times the unit is found."""
 _MOST_NAMES = 4096
-"""Topics that are remembered."""
+"""Most topics that are remembered."""
 _NO_MESSAGE = "no message of `mcap cat --json`"
 _CUT = "the file ends within this line: its message is dropped"
 
@@ -32,7 +32,7 @@ class JsonLinesLog(TextLog):
     format = "json lines"
 
     def topics(self) -> list[Topic] | None:
-        """Nothing lists them."""
+        """Return None: nothing lists the topics."""
         return None
 
     def _sweeps(
@@ -44,7 +44,7 @@ class JsonLinesLog(TextLog):
 
 
 class _Decoder:
-    """Lines in, sweeps out; scans of each topic wait until they are a block, or until that of the text ends."""
+    """Decodes lines; scans of each topic wait until they fill a block, or until the block of text ends."""
 
     def __init__(self, topics: Collection[str] | None, report: ReadReport, echo: str) -> None:
         self._topics = topics
@@ -53,14 +53,14 @@ class _Decoder:
         self._unit: int | None = None
         self._names: dict[bytes, str] = {}
         self._others: set[str] = set()
-        """Topics whose first message is no scan ..."""
+        """Topics whose first message is no scan."""
         self._scanned: set[str] = set()
-        """... and those of which one was."""
+        """Topics of which a message was a scan."""
         self._waiting: dict[str, list[Scan]] = {}
         self._rows = self._values = 0
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
-        """The sweeps of a block, in blocks of each topic."""
+        """Yield the sweeps of a block, in blocks of each topic."""
         lines = block.text.split(b"\n")[:-1]
         if self._unit is None:
             times = [match[2] for line in lines[:_SAMPLE] if (match := JSON_LINE.match(line))]
@@ -76,7 +76,7 @@ class _Decoder:
         yield from self._flush()
 
     def _flush(self) -> Iterator[RawSweeps]:
-        """What waits."""
+        """Yield the waiting scans as blocks."""
         for topic, scans in self._waiting.items():
             counts = np.array([len(scan.sweep.ranges) for scan in scans], np.int32)
             for rows in split_rows(counts):
@@ -85,7 +85,7 @@ class _Decoder:
         self._waiting, self._rows, self._values = {}, 0, 0
 
     def _take(self, line: bytes) -> str | None:
-        """Keep the scan of a line; why it is no message, where it is none."""
+        """Keep the scan of a line; return the cause where the line is no message."""
         match = JSON_LINE.match(line)
         if match is None or self._unit is None:
             return _NO_MESSAGE
@@ -126,7 +126,7 @@ class _Decoder:
         self._values += len(scan.sweep.ranges)
 
     def _name(self, text: bytes) -> str | None:
-        """The topic that a piece of JSON names; None where it names none."""
+        """Return the topic that a piece of JSON names; None where it names none."""
         if text not in self._names:
             if len(self._names) >= _MOST_NAMES:
                 self._names.clear()
@@ -140,7 +140,7 @@ class _Decoder:
 NOT_SCAN = "not a LaserScan"
 _BILLION = 1_000_000_000
 _CAMEL = {"startAngle": "start_angle", "endAngle": "end_angle", "frameId": "frame_id"}
-"""Names as protobuf has them in JSON."""
+"""Names of protobuf in JSON → names of the fields."""
 _DECIMAL_STAMP = re.compile(rb'"stamp"\s*:\s*(\d{1,12}\.\d{1,9})')
 
 
@@ -155,18 +155,18 @@ class Scan(NamedTuple):
     time_increment: float = 0.0
     scan_time: float = 0.0
     angle_max: float = np.nan
-    """As told beside the increment."""
+    """Last bearing of the message, beside the increment."""
 
 
 def is_scan(message: Any) -> bool:
-    """Whether a parsed message has the fields of a LaserScan, of ROS or of foxglove."""
+    """Tell whether a parsed message has the fields of a LaserScan, of ROS or of foxglove."""
     if not isinstance(message, dict) or "ranges" not in message:
         return False
     return "angle_increment" in message or "start_angle" in message or "startAngle" in message
 
 
 def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str = ECHOES[0]) -> Scan:
-    """The sweep of a message for which `is_scan` holds; `line` is its text. RefusedError where it can be none."""
+    """Return the sweep of a message for which `is_scan` holds; `line` is its text. RefusedError where it can be none."""
     if "angle_increment" not in message:
         fields = {_CAMEL.get(name, name): value for name, value in message.items()}
         if isinstance(time := fields.get("timestamp"), str):
@@ -205,7 +205,7 @@ def scan_of(message: Mapping[str, Any], line: bytes, record_ns: int, echo: str =
 
 
 def _chosen(ranges: Any, intensities: Any, echo: str) -> tuple[list[Any], Any]:
-    """Ranges and intensities of the beams; of a MultiEchoLaserScan those of one echo each."""
+    """Return ranges and intensities of the beams; of a MultiEchoLaserScan those of one echo each."""
     if not any(isinstance(value, dict) for value in ranges):
         return list(ranges), intensities
     echoes = [_echoes(value) for value in ranges]
@@ -225,7 +225,7 @@ def _echoes(value: Any) -> list[Any]:
 
 
 def _which(ranges: Sequence[Any], intensities: Sequence[Any], echo: str) -> int:
-    """Which of the echoes of a beam counts."""
+    """Return the index of the echo that counts."""
     if echo == "last":
         return max(len(ranges) - 1, 0)
     if echo == "strongest":
@@ -235,7 +235,7 @@ def _which(ranges: Sequence[Any], intensities: Sequence[Any], echo: str) -> int:
 
 
 def _strength(value: Any) -> float:
-    """An intensity, NaN where it is none: that costs no sweep."""
+    """Return an intensity, NaN where it is none: that costs no sweep."""
     try:
         return np.nan if value is None else float(value)
     except (TypeError, ValueError, OverflowError):
@@ -243,7 +243,7 @@ def _strength(value: Any) -> float:
 
 
 def _header_stamp(stamp: Any, line: bytes) -> dict[str, int]:
-    """A stamp as foxglove has it: of ROS 2, of ROS 1, or as one number, which JSON would round."""
+    """Return a stamp as foxglove has it: of ROS 2, of ROS 1, or as one number, which JSON would round."""
     if isinstance(stamp, dict):
         whole: Any = stamp.get("sec", stamp.get("secs", 0))
         rest: Any = stamp.get("nanosec", stamp.get("nsecs", stamp.get("nsec", 0)))
@@ -268,7 +268,7 @@ def _stamp(time_ns: int) -> dict[str, int]:
 
 
 def block_of(topic: str, scans: Sequence[Scan], report: ReadReport) -> RawSweeps | None:
-    """Scans of one topic as a block; those that can be no sweep are counted."""
+    """Make a block of scans of one topic; those that can be no sweep are counted."""
     kept = [scan for scan in scans if -(2**63) <= scan.sweep.stamp_ns < 2**63]
     if len(kept) < len(scans):
         report.refused[(topic, STAMP)] += len(scans) - len(kept)

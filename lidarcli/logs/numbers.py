@@ -1,4 +1,4 @@
-"""The cells of a block of lines: where they are, and their numbers in bulk.
+"""The cells of a block of lines: their places, and their numbers in bulk.
 
 All numbers of a block are parsed as ONE column, whatever the number of beams. So a block of few long rows costs what
 one of many short rows costs, ragged rows are no special case, and the result is row-major already. Where some cell
@@ -31,7 +31,7 @@ _WORDS = {
     b"-1.#inf": -np.inf,
 }
 _ONE_BY_ONE = 64
-"""Below this many rows the search for a bad row stops halving."""
+"""Rows from which on the search for a bad row halves them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +39,15 @@ class Numbers:
     """Numbers of rows of cells, one after the other."""
 
     values: NDArray[Any]
-    """NaN where a cell holds none."""
+    """Values; NaN where a cell holds none."""
     empty: Bool | None
-    """True for cells without a value (empty, null); None: there are no such cells."""
+    """True for cells without a value (empty, null); None without such cells."""
     bad: dict[int, bytes]
-    """Row → a cell that is no number; the values of such a row are NaN."""
+    """Row → cell that is no number; all values of such a row are NaN."""
 
 
 class Cells:
-    """Where each cell of each row lies in a text of lines without quotes."""
+    """Places of the cells in a text of lines without quotes."""
 
     def __init__(self, text: bytes, separator: bytes) -> None:
         self.text = text
@@ -63,13 +63,13 @@ class Cells:
         self._first[:1] = 0
         self._first[1:] = last[:-1] + 1
         self.count: Int64 = last - self._first + 1
-        """(R,) cells of each row; an empty line has one."""
+        """(R,) Cells of each row; an empty line has one."""
         self.length = ends[last] - self._starts[self._first]
-        """(R,) bytes of each row."""
+        """(R,) Bytes of each row."""
         self._regular = bool((self.count == self.count[:1]).all())
 
     def spans(self, rows: Int64, first: int | Int64, count: int | Int64) -> list[bytes]:
-        """The text of `count` cells from cell `first` on, of each of `rows`; b'' for a count of 0."""
+        """Return the text of `count` cells from cell `first` on, of each of `rows`; b'' for a count of 0."""
         most = len(self._ends) - 1
         begin = np.minimum(self._first[rows] + first, most)
         end = self._ends[np.minimum(begin + np.maximum(count, 1) - 1, most)]
@@ -80,11 +80,11 @@ class Cells:
         return [text[i:j] for i, j in zip(start.tolist(), end.tolist(), strict=True)]
 
     def column(self, rows: Int64, index: int) -> list[bytes]:
-        """Cell `index` of each of `rows`, which all have it."""
+        """Return cell `index` of each of `rows`, which all have it."""
         return self.spans(rows, index, 1)
 
     def numbers(self, rows: Int64, first: int | Int64, count: Int64, dtype: type[np.floating]) -> Numbers:
-        """The numbers in `count` cells from cell `first` on, of each of `rows` (ascending)."""
+        """Return the numbers in `count` cells from cell `first` on, of each of `rows` (ascending)."""
         starts, ends = self._bounds(rows, first, count)
         if not len(starts):
             return Numbers(np.empty(0, dtype), None, {})
@@ -106,7 +106,7 @@ class Cells:
         return codes, coded.dictionary.to_pylist()
 
     def _bounds(self, rows: Int64, first: int | Int64, count: Int64) -> tuple[Int32, Int32]:
-        """Start and end of each of these cells, in their order."""
+        """Return start and end of each of these cells, in their order."""
         if isinstance(first, int) and self._regular and len(count) and (count == count[0]).all():
             columns = slice(first, first + int(count[0]))
             shape = (len(self.count), int(self.count[0]))
@@ -142,7 +142,7 @@ def parse_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: t
 
 
 def parse_number(cell: bytes) -> float | None:
-    """One cell, with every spelling that logs use; None for an empty one, ValueError for a text.
+    """Return the number in a cell, in any spelling of logs; None for an empty one, ValueError for a text.
 
     >>> parse_number(b" -.inf "), parse_number(b"null")
     (-inf, None)
@@ -156,7 +156,7 @@ def parse_number(cell: bytes) -> float | None:
 
 
 def say(cell: bytes, most: int = 24) -> str:
-    """A cell as an error message shows it: short, printable.
+    """Return a cell for a message: short, printable.
 
     >>> say(b"abc")
     "'abc'"
@@ -167,7 +167,7 @@ def say(cell: bytes, most: int = 24) -> str:
 
 
 def not_a_number(cell: bytes) -> str:
-    """Why a row with this cell is no sweep."""
+    """Return the cause for a row with this cell, which is no number."""
     if cell.strip(b" \"'") in (b"...", b"\xe2\x80\xa6"):
         return "the array was abbreviated ('...') when the log was written (ros2 topic echo: --full-length)"
     return f"{say(cell)} is not a number"
@@ -212,7 +212,7 @@ def _cast(
 
 
 def _parse_flat(text: bytes, total: int, dtype: type[np.floating]) -> tuple[NDArray[Any], Bool | None]:
-    """One cell per line → numbers and empties; ValueError where any cell is no number."""
+    """Parse one cell per line; ValueError where any is no number."""
     bare = text.replace(b" ", b"")
     ends = np.flatnonzero(np.frombuffer(bare, np.uint8) == NEWLINE).astype(np.int32)
     if len(ends) == total:
@@ -240,7 +240,7 @@ def _parse_flat(text: bytes, total: int, dtype: type[np.floating]) -> tuple[NDAr
 
 
 def _slow_rows(parts: Sequence[bytes], counts: Int64, separator: bytes, dtype: type[np.floating]) -> Numbers:
-    """Cell by cell: the few rows among which one is bad, or in which numbers are spelled oddly."""
+    """Parse rows cell by cell: the few among which one is bad, or spells its numbers oddly."""
     values: list[float] = []
     empty: list[bool] = []
     bad = {}

@@ -1,4 +1,4 @@
-"""Times as people write them into CSV, to int64 nanoseconds without a detour over floats."""
+"""Times in text as int64 nanoseconds, without a detour over floats."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from lidarcli.sweeps import Bool, Int64
 
 NS, US, MS, S = 1, 1_000, 1_000_000, 1_000_000_000
 DATE = 0
-"""Stands for a date and time of day in place of a unit."""
+"""Stands in place of a unit for a date and time of day."""
 S_UNPADDED, DATE_UNPADDED = -1, -2
-"""The same, but behind the point stand nanoseconds without leading zeros: `1.5` is 1 s 5 ns."""
+"""Stand for seconds, and dates, with nanoseconds without leading zeros behind the point: `1.5` is 1 s 5 ns."""
 _NOTES = {
     (DATE, DATE_UNPADDED): "times without a zone are read as UTC",
     (MS,): "times are milliseconds",
@@ -24,11 +24,11 @@ _NOTES = {
 }
 
 _STEPS = ((NS, 5_000_000), (US, 5_000), (MS, 10))
-"""Unit → the least step from sweep to sweep in it, of a clock whose unit nobody names: 5 ms, 5 ms, 10 ms."""
+"""Unit → least step from sweep to sweep in it, of a clock without a named unit: 5 ms, 5 ms, 10 ms."""
 _SINCE_1970 = 10**9
-"""Whole seconds as large are those since 1970, however rare the sweeps ..."""
+"""Least count that is whole seconds since 1970, whatever its steps."""
 _HOUR = 3600
-"""... unless they come less often than this [s]."""
+"""Bound of the steps of such seconds [s]."""
 
 _UNITS = {"ns": NS, "nsec": NS, "nsecs": NS, "nanosec": NS, "nanoseconds": NS, "us": US, "usec": US, "µs": US}
 _UNITS |= {"ms": MS, "msec": MS, "s": S, "sec": S, "secs": S, "seconds": S}
@@ -44,7 +44,7 @@ _MIN, _MAX = -(1 << 63), (1 << 63) - 1
 
 
 def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
-    """Nanoseconds per unit of a time column (`DATE` for dates), from its name or the size of its values.
+    """Return nanoseconds per unit of a time column (`DATE` for dates), from its name or the size of its values.
 
     None where most samples are no times. Seconds since 1970 have 10 digits before the point, milliseconds 13,
     microseconds 16, nanoseconds 19: no clock that a robot carries comes near the next unit. Whole numbers of a clock
@@ -72,7 +72,7 @@ def time_unit(name: str, samples: Sequence[bytes]) -> int | None:
 
 
 def _unit_of_steps(counts: Sequence[int]) -> int:
-    """The unit of whole numbers below 1e11, in which the usual step from sweep to sweep is a likely one."""
+    """Return the unit of whole numbers below 1e11, in which the usual step from sweep to sweep is a likely one."""
     steps = np.diff(np.array(counts, np.int64))
     steps = steps[steps > 0]
     step = np.median(steps) if len(steps) else 0
@@ -82,7 +82,7 @@ def _unit_of_steps(counts: Sequence[int]) -> int:
 
 
 def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:
-    """Whether times only rise if what stands behind the point is a count of nanoseconds (`{secs}.{nsecs}`)."""
+    """Tell whether times rise only if the digits behind the point count nanoseconds (`{secs}.{nsecs}`)."""
     fractions = [cell.partition(b".")[2].strip() for cell in samples]
     sizes = set(map(len, fractions))
     if (
@@ -99,13 +99,13 @@ def _is_unpadded(samples: Sequence[bytes], padded: int, unpadded: int) -> bool:
 
 
 def time_notes(units: Iterable[int]) -> list[str]:
-    """What a user should know of times in these units."""
+    """Return notes for the user on times in these units."""
     found = set(units)
     return [note for some, note in _NOTES.items() if found.intersection(some)]
 
 
 def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool | None]:
-    """Nanoseconds of each cell, and which cells are no times (their value is 0); None: all are."""
+    """Return nanoseconds of each cell, and True for cells that are no times (their value is 0); None without such."""
     convert = _CONVERTERS[unit]
     try:
         return np.fromiter(map(convert, cells), np.int64, len(cells)), None
@@ -122,7 +122,7 @@ def to_ns(cells: Sequence[bytes], unit: int) -> tuple[Int64, Bool | None]:
 
 
 def seconds_and_nanoseconds(seconds: Sequence[bytes], rest: Sequence[bytes]) -> tuple[Int64, Bool | None]:
-    """Nanoseconds from a column of whole seconds and one of nanoseconds."""
+    """Return nanoseconds from a column of whole seconds and one of nanoseconds."""
     high, bad_high = to_ns(seconds, S)
     low, bad_low = to_ns(rest, NS)
     total = high + low
@@ -143,7 +143,7 @@ def _checked(value: int) -> int:
 
 
 def _decimal(cell: bytes, unit: int) -> int:
-    """Any decimal spelling, exact."""
+    """Convert any decimal spelling, exactly."""
     text = cell.decode("ascii").strip()
     number = Decimal(text)
     if not number.is_finite() or abs(number.adjusted()) > 30:

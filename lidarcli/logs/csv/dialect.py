@@ -1,4 +1,4 @@
-"""How the cells of a text are set apart, and lines made plain: no comments, quotes, repeated headers, blanks."""
+"""The dialect of a CSV and its plain lines; formats of text that are no CSV."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _LISTS = re.compile(rb"\[[^\]]*(?:\]|\Z)")
 _LISTS_AND_QUOTED = re.compile(rb'\[[^\]]*(?:\]|\Z)|"[^"]*"')
 _DECIMAL_COMMA = re.compile(rb"\s*-?\d+,\d+(?:[eE][-+]?\d+)?\s*")
 _ENOUGH = 64 << 10
-"""Bytes of a line that show how its cells are set apart."""
+"""Bytes of a line by which its separator is guessed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a file separates its cells."""
+    """Separators of a file."""
 
     separator: bytes
     decimal_comma: bool = False
     trailing: bool = False
-    """Every line ends with a separator, behind which there is no cell."""
+    """True where every line ends with a separator, behind which there is no cell."""
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for messages."""
         return {b",": "comma", b";": "semicolon", b"\t": "tab"}.get(self.separator, "space")
 
 
@@ -45,11 +45,11 @@ class Lines:
     """Each line ended by one newline."""
     numbers: Int64
     cut: bool
-    """The last line had no line end."""
+    """True where the last line had no line end."""
 
 
 def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
-    """The separator that most lines hold, outside quotes and lists; None for text that is no table."""
+    """Return the separator that most lines hold, outside quotes and lists; None for text that is no table."""
     # The head counts for more than what follows: damage must not hide what the file is.
     lines = lines[:12]
     if max(map(len, lines)) <= _ENOUGH:
@@ -83,12 +83,12 @@ def guess_dialect(lines: Sequence[bytes]) -> Dialect | None:
 
 
 def empty_lists(text: bytes) -> bytes:
-    """The text with `[]` in place of each list in brackets."""
+    """Return the text with `[]` in place of each list in brackets."""
     return _LISTS.sub(lambda match: b"[]" if match[0].endswith(b"]") else match[0], text)
 
 
 def _unlisted(text: bytes) -> bytes:
-    """The text with a mark in place of each list in brackets and each quoted cell."""
+    """Return the text with a mark in place of each list in brackets and each quoted cell."""
 
     def mark(match: re.Match[bytes]) -> bytes:
         whole = match[0].startswith(b'"') or match[0].endswith(b"]")
@@ -98,13 +98,13 @@ def _unlisted(text: bytes) -> bytes:
 
 
 def split_line(line: bytes, dialect: Dialect) -> list[bytes]:
-    """The cells of one line, quotes taken off."""
+    """Return the cells of one line, quotes taken off."""
     plain = plain_text(line + b"\n", dialect)[:-1]
     return [cell.strip() for cell in plain.split(dialect.separator)]
 
 
 def plain_text(text: bytes, dialect: Dialect) -> bytes:
-    """Lines without quotes, runs of spaces, decimal commas and trailing separators."""
+    """Remove quotes, runs of spaces, decimal commas and trailing separators from lines."""
     separator = dialect.separator
     if b'"' in text:
         text = _unquote(text, separator)
@@ -120,7 +120,7 @@ def plain_text(text: bytes, dialect: Dialect) -> bytes:
 def read_lines(
     block: TextBlock, dialect: Dialect | None, skip: bytes, start: int, report: ReadReport
 ) -> Lines:
-    """The lines of a block that can be rows, made plain where a dialect is given.
+    """Return the lines of a block that can be rows, made plain where a dialect is given.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def read_lines(
 
 
 def csv_cells(line: str, separator: str) -> list[str]:
-    """The cells of a record with quotes, the first one of `line`; ValueError where the quotes do not match."""
+    """Return the cells of a record with quotes, the first one of `line`; ValueError where the quotes do not match."""
     try:
         return next(csv.reader(line.split("\n"), delimiter=separator, skipinitialspace=True), [])
     except csv.Error as err:
@@ -187,11 +187,11 @@ class Other:
     name: str
     way_out: str
     marks: re.Pattern[bytes]
-    """Matches at the beginning of a text of this format."""
+    """Pattern of the beginning of such a text."""
 
     @property
     def refusal(self) -> str:
-        """For people: what a file is, and what to do."""
+        """Message that names the format and the way out."""
         return f"{self.name}, which lidarcli does not read: {self.way_out}"
 
 
@@ -239,7 +239,7 @@ OTHERS = (
 
 
 def other_format(text: bytes) -> Other | None:
-    """The format, where a text is plainly none of CSV.
+    """Return the format of a text that is plainly no CSV; None for all others.
 
     >>> other_format(b"VERTEX_SE2 0 0.0 0.0 0.0").name
     'a pose graph (g2o)'

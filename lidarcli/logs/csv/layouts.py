@@ -1,4 +1,4 @@
-"""The CSV layouts, and what a reader must know of a file that has one of them."""
+"""The layouts of CSV, and the head of a file by which its layout is recognised."""
 
 from __future__ import annotations
 
@@ -32,75 +32,75 @@ LAYOUTS = (ROSTOPIC, ROS2, PLOTJUGGLER, BAGPY, MCAP_CAT, LIST, WIDE, LONG, PER_S
 
 MILLIMETRE = 0.001
 TITLES = "above those of an RPLIDAR write `#RPLIDAR SCAN DATA` and `#Quality Angle Distance`"
-"""How a table without names can be told to be of this sensor."""
+"""Advice for tables of this sensor without names."""
 
 DEFAULT_TOPIC = "/scan"
-"""That of a file which names none."""
+"""Topic of a file that names none."""
 
 ABBREVIATED = "the arrays are abbreviated ('...'): record again with `ros2 topic echo --csv --full-length`"
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Where the fields of one scan stand, and the units of its times."""
+    """Columns of one scan, and the units of its times."""
 
     topic: str
     fields: dict[str, int]
     units: dict[str, int] = field(default_factory=dict)
     """`record` and `stamp` → nanoseconds per unit, see `times.time_unit`."""
     ranges: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
-    """(B,) the column of each beam; empty where `first` says it all."""
+    """(B,) Column of each beam; empty where `first` is enough."""
     first: int = 0
-    """The first column of ranges."""
+    """First column of ranges."""
     doubled: bool = False
-    """As many intensities follow the ranges, up to the end of the row."""
+    """True where as many intensities follow the ranges, up to the end of the row."""
     intensities: Int64 = field(default_factory=lambda: np.empty(0, np.int64))
-    """(B,) the column of the intensity of each beam where they stand elsewhere; in a list form, that of the list."""
+    """(B,) Column of each intensity where they stand elsewhere; of a list of ranges, the column of their list."""
     open_end: bool = False
-    """Nothing but ranges (and intensities) stands from `first` to the end of the row: rows may be ragged."""
+    """True where only ranges (and intensities) stand from `first` to the end of a row: rows may be ragged."""
     geometry: tuple[float, float] | None = None
-    """angle_min and angle_increment where column names or options give them."""
+    """angle_min and angle_increment [rad] by the names of columns."""
     nearest: float = 0.0
-    """The least range, where no column tells it, in the unit of ranges."""
+    """Least range without a column of it, in the unit of ranges."""
     to_last: bool = False
-    """`angle_max` is the bearing of the last beam, and tells the increment (foxglove.LaserScan)."""
+    """True where `angle_max` is the bearing of the last beam and gives the increment (foxglove.LaserScan)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What a CSV is, as far as its first lines say."""
+    """Layout of a CSV, as far as its first lines show it."""
 
     name: str
     dialect: Dialect
     start: int
     """Number of the first line of data."""
     header: bytes = b""
-    """The header line as it stands, to be left out wherever it is repeated."""
+    """Header line as it stands; it is left out wherever it is repeated."""
     width: int = 0
-    """Cells of a regular row; 0: rows are what they are."""
+    """Cells of a regular row; 0 where rows differ."""
     scans: tuple[Columns, ...] = ()
     sparse: bool = False
-    """Rows hold one topic or another: a row without any range of a topic is no sweep of it."""
+    """True where rows hold one topic or another: a row without any range of a topic is no sweep of it."""
     angle: int = -1
-    """Long form: the column of the bearing."""
+    """Long form: column of the bearing; -1 in other forms."""
     key: int | None = None
-    """Long form: the column that changes from sweep to sweep."""
+    """Long form: column that changes from sweep to sweep."""
     degrees: bool = False
     flag: int = -1
-    """Long form: the column that is 1 where a sweep begins."""
+    """Long form: column that is 1 at the start of a sweep; -1 without."""
     spelling: str = ""
-    """Long form: how tools for RPLIDAR sensors have written it (`rplidar`); bearings run clockwise."""
+    """Long form: format of a tool for RPLIDAR sensors (`rplidar`), whose bearings run clockwise; empty otherwise."""
     scale: float | None = None
-    """The unit of ranges in metres, where it is known."""
+    """Unit of ranges [m], where it is known."""
     listed: bool = False
-    """One cell holds all ranges of a sweep."""
+    """True where one cell holds all ranges of a sweep."""
     brackets: bytes = b"["
-    """How such a list begins."""
+    """First character of such a list."""
     notes: tuple[str, ...] = ()
 
 
 def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -> Int64:
-    """(K,) beams that the view and the increment make; -1 where they make none."""
+    """Return the beams (K,) of views and increments; -1 where these make none."""
     with np.errstate(all="ignore"):
         steps = (angle_max - angle_min) / increment
     sane = np.isfinite(steps) & (steps > -0.5) & (steps < 1e7)
@@ -109,12 +109,12 @@ def expected_beams(angle_min: Float64, angle_max: Float64, increment: Float64) -
 
 SAMPLE_LINES = 3000
 SAMPLE_BYTES = 256 << 10
-"""How much is looked at to recognise a layout; two lines at least."""
+"""Most lines and bytes by which a layout is recognised; two lines at least."""
 
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """The first lines: names where there are any, rows as text and as cells."""
+    """First lines of a file: names of columns, if any, and rows as text and as cells."""
 
     path: str
     dialect: Dialect
@@ -126,7 +126,7 @@ class Head:
     options: OpenOptions
 
     def column(self, index: int) -> list[bytes]:
-        """The cells of a column that are not empty, in rows as long as the header where there is one."""
+        """Return the cells of a column that are not empty, in rows as long as the header where there is one."""
         least = len(self.names) or index + 1
         cells = [row[index] for row in self.rows if len(row) >= least and row[index]]
         return cells or [row[index] for row in self.rows if len(row) > index and row[index]]
@@ -178,13 +178,13 @@ def _sample(numbered: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
 
 
 def is_header(cells: Sequence[bytes]) -> bool:
-    """Names: the first cell that is not blank is neither a number nor a time."""
+    """Tell whether cells are names: the first one that is not blank is neither a number nor a time."""
     named = [cell for cell in cells if cell]
     return bool(named) and not numeric(named[0]) and time_unit("", [named[0]]) is None
 
 
 def units(head: Head, fields: dict[str, int]) -> dict[str, int]:
-    """The units of the time columns among `fields`; a column that holds no times has none."""
+    """Return the units of the time columns among `fields`; a column that holds no times has none."""
     found: dict[str, int] = {}
     for name in ("record", "stamp"):
         if name not in fields:
@@ -200,7 +200,7 @@ def units(head: Head, fields: dict[str, int]) -> dict[str, int]:
 
 
 def need_geometry(head: Head, name: str) -> None:
-    """UnreadableError, naming the options, where neither file nor options tell the bearings."""
+    """Raise UnreadableError, with the options that help, where neither file nor options give the bearings."""
     if given_geometry(head.options, 2) is None:
         raise UnreadableError(
             f"{head.path}: CSV ({name}) without geometry: give --angle-min and --angle-increment, or --fov"
@@ -209,12 +209,12 @@ def need_geometry(head: Head, name: str) -> None:
 
 
 def repeats(cells: Sequence[bytes]) -> bool:
-    """Whether neighbours share a value, as the beams of one sweep do."""
+    """Tell whether neighbours share a value, as the beams of one sweep do."""
     return sum(a == b for a, b in pairwise(cells)) > len(cells) // 3
 
 
 def value_of(cell: bytes) -> float | None:
-    """The number of a cell; None where it holds none."""
+    """Return the number of a cell; None where it holds none."""
     try:
         return parse_number(cell)
     except ValueError:
@@ -222,7 +222,7 @@ def value_of(cell: bytes) -> float | None:
 
 
 def numeric(cell: bytes, empty: bool = True) -> bool:
-    """Whether a cell can stand for a number; an empty one counts where `empty` says so."""
+    """Tell whether a cell can stand for a number; an empty one counts where `empty` says so."""
     try:
         return parse_number(cell) is not None or empty
     except ValueError:
@@ -230,20 +230,20 @@ def numeric(cell: bytes, empty: bool = True) -> bool:
 
 
 def shown(text: bytes, most: int = 60) -> str:
-    """A piece of text as a message quotes it: one line, printable, short."""
+    """Return a piece of text for a message: one line, printable, short."""
     plain = "".join(c if c.isprintable() else "?" for c in text.decode("utf-8", "replace").strip())
     return f"'{plain[:most]}…'" if len(plain) > most else f"'{plain}'"
 
 
 def unknown(head: Head, found: str) -> UnreadableError:
-    """The error for a table that no layout fits."""
+    """Return the error for a table that no layout fits."""
     return UnreadableError(f"{head.path}: {found} is none of the CSV layouts: {'; '.join(LAYOUTS)}")
 
 
 def long_layout(
     head: Head, angle: int, distance: int, key: int | None, degrees: bool | None, fields: dict[str, int]
 ) -> Layout:
-    """The layout of one beam per row; bearings are degrees where the name says so or radians cannot be that large."""
+    """Return the layout of one beam per row; bearings are degrees by their name, or where radians are never as large."""
     notes = []
     if degrees is None:
         numbers = [abs(value) for cell in head.column(angle) if (value := value_of(cell)) is not None]

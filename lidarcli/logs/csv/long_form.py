@@ -1,4 +1,4 @@
-"""One beam per row: sweeps are runs of rows with one key, or what lies between two restarts of the bearing."""
+"""One beam per row: rows with one key, or between two restarts of the bearing, are a sweep on an even grid."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class LongDecoder(Decoder):
         self._noted = False
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
-        """The sweeps of one block that are known to be whole."""
+        """Yield the sweeps of a block that must be whole."""
         layout = self._layout
         if layout.spelling:
             lines = read_rows(block, layout, self._report)
@@ -64,7 +64,7 @@ class LongDecoder(Decoder):
         yield from self._take(Lines(text, numbers, lines.cut), last=False)
 
     def finish(self) -> Iterator[RawSweeps]:
-        """The last sweep."""
+        """Yield the last sweep."""
         lines = Lines(self._carry, self._carry_numbers, self._cut)
         self._carry, self._carry_numbers = b"", np.empty(0, np.int64)
         yield from self._take(lines, last=True)
@@ -95,7 +95,7 @@ class LongDecoder(Decoder):
             yield from self._sweeps(rows, starts, ends, lines.numbers[whole])
 
     def _whole_rows(self, lines: Lines) -> tuple[Cells, Int64]:
-        """Rows with the right number of cells; the others are damage."""
+        """Find the rows with the right number of cells; the others are damage."""
         cells = Cells(lines.text, self._layout.dialect.separator)
         fits = cells.count == self._layout.width
         if lines.cut and len(fits) and fits[-1]:
@@ -114,7 +114,7 @@ class LongDecoder(Decoder):
         return cells, np.flatnonzero(fits)
 
     def _is_cut(self, beams: int) -> bool:
-        """Whether the last sweep has lost its end: the text stops well before the usual end, or in a row of it."""
+        """Tell whether the last sweep has lost its end: the text stops well before the usual end, or within a row."""
         if self._layout.spelling:
             # Who stops a recording does so within a turn, and beams without a return may not be written.
             return False
@@ -124,7 +124,7 @@ class LongDecoder(Decoder):
         return beams < 0.9 * self._usual
 
     def _parse(self, cells: Cells, whole: Int64, numbers: Int64) -> tuple[_Rows, NDArray[np.intp]]:
-        """The columns of `whole` rows, and which of these could be parsed."""
+        """Return the columns of `whole` rows, and which of these could be parsed."""
         layout = self._layout
         wanted = {*self._scan.fields.values(), *([] if layout.key is None else [layout.key])}
         wanted |= {layout.flag} if layout.flag >= 0 else set()
@@ -144,7 +144,7 @@ class LongDecoder(Decoder):
         return _Rows(bearing, ranges.values[good], texts), good
 
     def _starts(self, rows: _Rows) -> Int64:
-        """The first row of each sweep."""
+        """Return the first row of each sweep."""
         if self._layout.flag >= 0:
             codes, distinct = rows.texts[self._layout.flag]
             return cut_turns(rows.angle, np.array([cell == b"1" for cell in distinct], np.bool_)[codes])
@@ -203,13 +203,13 @@ TURNS = "bearings over more than a turn in one sweep: several layers or sweeps u
 BACK = "bearings start over within one sweep: several layers or sweeps under one key"
 DOUBLED = "several ranges for most bearings of one sweep: layers or echoes under one key"
 MOST_VIEW = 1.1 * TURN
-"""Bearings of one sweep span no more than this [rad]; a turn whose start and end overlap does not reach it."""
+"""Greatest view of a sweep [rad]; a turn whose start and end overlap stays below it."""
 MOST_DOUBLED = 0.25
-"""Share of beams that may have the bearing of another."""
+"""Greatest share of beams that have the bearing of another."""
 _USUAL = 1.5
-"""A step of more than so many usual ones is a jump."""
+"""Least jump of the bearing, in usual steps."""
 JITTER = 0.25
-"""Bearings may leave the even grid by this part of a step."""
+"""Greatest error of a bearing on an even grid, in steps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,9 +217,9 @@ class BeamRuns:
     """Rows of many sweeps, one after the other."""
 
     angle: Float64
-    """(K,) bearings [rad]"""
+    """(K,) Bearings [rad]."""
     values: NDArray[np.floating]
-    """(K,) ranges in the file's unit"""
+    """(K,) Ranges in the file's unit."""
     starts: Int64
     lengths: Int64
 
@@ -235,7 +235,7 @@ class EvenRuns:
 
 
 def cut_restarts(angle: Float64) -> Int64:
-    """Where a new sweep begins in rows without a key: the bearing jumps back by most of the view.
+    """Return the first row of each sweep without a key: the bearing jumps back by most of the view.
 
     A single jump between two parts of the turn that do not overlap is the seam of one sweep.
 
@@ -261,7 +261,7 @@ def cut_restarts(angle: Float64) -> Int64:
 
 
 def cut_turns(angle: Float64, begins: Bool) -> Int64:
-    """Where a new sweep begins in rows of which some are flagged as the first of a sweep.
+    """Return the first row of each sweep in rows of which some are flagged as such.
 
     A flag may stand on the last beam before the bearing starts over, where beams were sorted by bearing. Where flags
     are missing, and sweeps would go on for more than a turn, these are cut by their bearings.
@@ -291,7 +291,7 @@ def cut_turns(angle: Float64, begins: Bool) -> Int64:
 
 
 def within_turns(angle: Float64, starts: Int64) -> Float64:
-    """(K,) bearings that begin within half a turn to either side in each sweep, and go on from there without a jump."""
+    """Return bearings (K,) that begin within half a turn to either side in each sweep, and go on without a jump."""
     with np.errstate(invalid="ignore", over="ignore"):
         turned = np.unwrap(angle)
         offset = TURN * np.rint(turned[starts] / TURN)
@@ -300,7 +300,7 @@ def within_turns(angle: Float64, starts: Int64) -> Float64:
 
 
 def even_runs(runs: BeamRuns) -> tuple[EvenRuns, list[str], bool]:
-    """Sweeps of even step from rows of bearings; per run why it is none (or ''), and whether a grid was needed."""
+    """Return sweeps of even step, the reason for each run that is none (or ''), and whether a grid was needed."""
     starts, lengths = runs.starts, runs.lengths
     if not len(starts):
         none = np.empty(0)
@@ -337,7 +337,7 @@ def even_runs(runs: BeamRuns) -> tuple[EvenRuns, list[str], bool]:
 
 
 def snap(values: Float64, angles: Float64, steps: NDArray[np.floating]) -> Float64:
-    """Angles that are a float32 but for the rounding of decimal text, as that float32: what the sensor's message held."""
+    """Return angles as the float32 of the sensor's message, where they differ from it by the rounding of decimals alone."""
     with np.errstate(over="ignore", invalid="ignore"):
         single = values.astype(np.float32).astype(np.float64)
         slack = 16 * np.finfo(np.float64).eps * np.maximum(np.abs(angles), np.pi) / steps
@@ -345,9 +345,9 @@ def snap(values: Float64, angles: Float64, steps: NDArray[np.floating]) -> Float
 
 
 def _on_grid(angle: Float64, values: NDArray[np.floating]) -> tuple[NDArray[np.floating], float, float] | str:
-    """One sweep of uneven bearings on a grid of their median step; beams that nothing falls on are NaN.
+    """Put a sweep of uneven bearings on a grid of their median step; beams that nothing falls on are NaN.
 
-    Why it is none where there is no such grid.
+    Returns ranges, first bearing and step, or the reason why there is no such grid.
     """
     known = np.isfinite(angle)
     if known.sum() < 2:

@@ -1,4 +1,4 @@
-"""What the columns of a CSV header mean: beams, geometry, times, frames."""
+"""Layouts of tables with column names: beams, geometry, times and frames by their names."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _DECIMAL = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|[-+]?\.\d+")
 _LIST = re.compile(r"(?:\w[\w.]*\s*\()?\s*[\[(]|\w*array\(")
 _INDEX = re.compile(r"(\d{1,7})\]?(?:[._/]echoes[\[._]?0\]?)?\Z")
 _BEFORE_INDEX = "[._/-" + whitespace
-"""What may stand between a word and its index."""
+"""Characters between a word and its index."""
 _RANGE_WORD = re.compile(
     r"(?:.*(?:range|scan|dist|beam|laser|lidar|ray|bin|point|value).*|r|d|b|m|l|v|rho|col(?:umn)?|)$"
 )
@@ -68,7 +68,7 @@ _FIELDS = {
 }
 _ANY_FIELD = re.compile("|".join(pattern.pattern for pattern in _FIELDS.values()))
 _LONGEST_FIELD = 40
-"""Characters that no name of a field exceeds, what stands before it left out."""
+"""Most characters of the name of a field, without its prefix."""
 _ANGLE = re.compile(
     r"(?:.*_)?(?:angle|theta|bearing|azimuth|phi)s?(?:_?\(?(?P<unit>deg|degrees?|°|rad|radians?)\)?)?"
     r"|(?P<bare>deg|degrees?|rad|radians?)"
@@ -91,13 +91,13 @@ class Family:
     """Columns that hold the beams of one scan."""
 
     prefix: str
-    """What stands before the word for ranges: `field.`, `/scan/`, or nothing."""
+    """Prefix of the word for ranges: `field.`, `/scan/`, or nothing."""
     columns: Int64
-    """(B,) the column of each beam."""
+    """(B,) Column of each beam."""
 
     @property
     def topic(self) -> str:
-        """The topic the prefix names; `/scan` where it names none."""
+        """Topic by the prefix; `/scan` without one."""
         name = self.prefix.rstrip("._/ ")
         return DEFAULT_TOPIC if name.lower() in ("", "field", "msg", "data") else name
 
@@ -110,11 +110,11 @@ class LongColumns:
     range: int
     sweep: int | None
     degrees: bool | None
-    """None: the name does not say."""
+    """None where the name says nothing."""
 
 
 def canonical(name: str) -> str:
-    """One spelling for a column name: `/scan/header.stamp` → `scan_header_stamp`.
+    """Return one spelling for a column name: `/scan/header.stamp` → `scan_header_stamp`.
 
     >>> canonical("%time"), canonical("field.header.frame_id"), canonical("Angle Min")
     ('time', 'field_header_frame_id', 'angle_min')
@@ -123,11 +123,11 @@ def canonical(name: str) -> str:
 
 
 class FieldIndex:
-    """Where the fields of a scan may stand in a header: one look at each name serves every scan in it."""
+    """Columns that may be fields of a scan; each name is parsed once for all scans of a header."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self._starts: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
-        """What stands before a field's name → column and the fields it may be, in the order of the columns."""
+        """Prefix → column and the fields it may be, in the order of the columns."""
         seen: Counter[tuple[str, tuple[str, ...]]] = Counter()
         again: Counter[str] = Counter()
         for column, name in enumerate(names):
@@ -141,7 +141,7 @@ class FieldIndex:
                     self._starts.setdefault(start, []).append((column, fields))
 
     def find(self, prefix: str) -> dict[str, int]:
-        """The columns of the fields of one scan: those with its prefix first, then those without any."""
+        """Return the columns of the fields of one scan: those with its prefix first, then those without any."""
         found: dict[str, int] = {}
         start = canonical(prefix) + "_" if canonical(prefix) else ""
         for begin in dict.fromkeys((start, "")):
@@ -158,7 +158,7 @@ class FieldIndex:
 
 
 def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Every way to read a canonical name as a prefix and a field: the prefix, and the fields it may be."""
+    """Yield every way to read a canonical name as a prefix and a field: the prefix, and the fields it may be."""
     for place in range(max(len(name) - _LONGEST_FIELD, 0), len(name)):
         if (not place or name[place - 1] == "_") and _ANY_FIELD.fullmatch(name, place):
             yield (
@@ -168,7 +168,7 @@ def _endings(name: str) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def find_families(names: Sequence[str]) -> list[Family]:
-    """The groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
+    """Return the groups of columns `ranges[0]`, `ranges_1`, `r2`, ... that are the beams of a scan."""
     found: dict[str, dict[int, int]] = {}
     for column, name in enumerate(names):
         name = name.strip()
@@ -195,7 +195,7 @@ def find_families(names: Sequence[str]) -> list[Family]:
 
 
 def find_intensities(names: Sequence[str]) -> dict[str, Int64]:
-    """The columns `intensities[0]`, `intensities_1`, ... of each scan, by what stands before the word, in lower case."""
+    """Return the columns `intensities[0]`, `intensities_1`, ... of each scan by their prefix in lower case."""
     found: dict[str, dict[int, int]] = {}
     for column, name in enumerate(names):
         stem = name.strip().lower()
@@ -211,7 +211,7 @@ def find_intensities(names: Sequence[str]) -> dict[str, Int64]:
 
 
 def find_bearings(names: Sequence[str]) -> tuple[Family, float, float] | None:
-    """Columns that are named by their bearing: the columns, the first bearing and the step, as written."""
+    """Return columns that are named by their bearing, the first bearing and the step, as written."""
     numbers: dict[int, float] = {}
     for column, name in enumerate(names):
         text = name.strip().rstrip("°")
@@ -230,7 +230,7 @@ def find_bearings(names: Sequence[str]) -> tuple[Family, float, float] | None:
 
 
 def _first_columns(names: Sequence[str]) -> dict[str, int]:
-    """Each canonical name once, and the first column that has it."""
+    """Return each canonical name once, and the first column that has it."""
     columns: dict[str, int] = {}
     for name, column in {name: column for column, name in reversed(list(enumerate(names)))}.items():
         plain = canonical(name)
@@ -239,7 +239,7 @@ def _first_columns(names: Sequence[str]) -> dict[str, int]:
 
 
 def find_long(names: Sequence[str]) -> LongColumns | None:
-    """The columns of a table with one beam per row; None where it is none."""
+    """Return the columns of a table with one beam per row; None where it is none."""
     columns = _first_columns(names)
     angle = next(
         (
@@ -258,7 +258,7 @@ def find_long(names: Sequence[str]) -> LongColumns | None:
 
 
 def find_layers(names: Sequence[str]) -> list[int]:
-    """The columns that may tell the layers of a scan in space: an elevation, a ring, one of the angles of a sphere."""
+    """Return the columns that may hold the layer of a beam: an elevation, a ring, one of the angles of a sphere."""
     columns = _first_columns(names)
     sphere = {match[1]: column for name, column in columns.items() if (match := _SPHERE.fullmatch(name))}
     layers = [column for name, column in columns.items() if _LAYER.fullmatch(name)]
@@ -266,7 +266,7 @@ def find_layers(names: Sequence[str]) -> list[int]:
 
 
 def list_column(names: Sequence[str], cells: Mapping[int, str]) -> tuple[int, str] | None:
-    """The column whose cell is a list of ranges, and the prefix of its name."""
+    """Return the column whose cell is a list of ranges, and the prefix of its name."""
     for column, cell in cells.items():
         text = cell.strip()
         if not _LIST.match(text):
@@ -280,7 +280,7 @@ def list_column(names: Sequence[str], cells: Mapping[int, str]) -> tuple[int, st
 
 
 def ros_name(names: Sequence[str]) -> str:
-    """The layout that a tool of ROS names its columns by; plain wide where it is none of them."""
+    """Return the layout of the tool of ROS that has named the columns; plain wide for other names."""
     plain = [name.strip().lower() for name in names]
     if plain[0] == "%time":
         return ROSTOPIC
@@ -294,7 +294,7 @@ def ros_name(names: Sequence[str]) -> str:
 
 
 def has_ros_header(names: Sequence[str]) -> bool:
-    """Columns of a ROS header: a log of something else than ranges."""
+    """Tell whether there are columns of a ROS header: without ranges, a log of something else."""
     plain = {canonical(name) for name in names}
     return bool(
         plain & {"header", "header_stamp", "header_frame_id", "header_stamp_secs", "header_stamp_sec"}
@@ -302,13 +302,13 @@ def has_ros_header(names: Sequence[str]) -> bool:
 
 
 _SHOWN = 3
-"""Values of a column that a message names."""
+"""Most values of a column in a message."""
 _RECORD = 1 << 20
 """Bytes within which the first record with a list must end, the list itself not counted."""
 
 
 def with_header(head: Head) -> Layout:
-    """The layout of rows below names; UnreadableError where none fits or geometry is missing."""
+    """Return the layout of rows below names; UnreadableError where none fits or geometry is missing."""
     names = head.names
     if listed := _list_layout(head):
         return listed
@@ -362,7 +362,7 @@ def _columns(
     family: Family,
     geometry: tuple[float, float] | None = None,
 ) -> Columns:
-    """The fields around a family of range columns, and whether rows may be ragged."""
+    """Return the fields around a family of range columns, and whether rows may be ragged."""
     fields = index.find(family.prefix)
     first, last = int(family.columns[0]), int(family.columns[-1])
     in_order = bool((np.diff(family.columns) == 1).all())
@@ -389,7 +389,7 @@ def _columns(
 
 
 def _of_mcap(head: Head, scan: Columns) -> Columns:
-    """The same with what a foxglove.LaserScan has in place of a header and of the increment."""
+    """Return a scan with the fields of a foxglove.LaserScan, which has no header and no increment."""
     fields = dict(scan.fields)
     plain = [canonical(name) for name in head.names]
     if not {"stamp", "seconds"} & fields.keys() and "timestamp" in plain:
@@ -399,7 +399,7 @@ def _of_mcap(head: Head, scan: Columns) -> Columns:
 
 
 def _list_layout(head: Head) -> Layout | None:
-    """One cell holds all ranges of a sweep, as a list."""
+    """Return the layout of a list of ranges in one cell; None for other tables."""
     if not head.lines:
         plain = [canonical(name) for name in head.names]
         return Layout(LIST, head.dialect, head.start) if "ranges" in plain else None
@@ -438,7 +438,7 @@ def _list_layout(head: Head) -> Layout | None:
 
 
 def _list_units(head: Head, fields: dict[str, int], first: list[str]) -> dict[str, int]:
-    """The units of time columns, from the first record and all others that stand in one line."""
+    """Return the units of time columns, from the first record and all others that stand in one line."""
     records = [first]
     for line in head.lines[1:]:
         with suppress(ValueError):
@@ -456,7 +456,7 @@ def _list_units(head: Head, fields: dict[str, int], first: list[str]) -> dict[st
 
 
 def _named_long_layout(head: Head, columns: LongColumns) -> Layout:
-    """One beam per row, by the names of the columns; UnreadableError where the beams lie in several layers."""
+    """Return the layout of one beam per row by its columns; UnreadableError where beams lie in several layers."""
     for column in find_layers(head.names):
         values = list(dict.fromkeys(head.column(column)))
         if len(values) > 1:

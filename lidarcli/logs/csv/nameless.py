@@ -1,4 +1,9 @@
-"""Which layout the rows of a CSV without column names have, by their numbers alone."""
+"""Layouts of tables without column names, by their numbers alone.
+
+Numbers do not say what they are, so a table is refused where something speaks against one sweep per row. The beams of a
+scan are of one kind: none goes below zero time and again, none counts, none is far beyond all others, and neighbours are
+mostly alike.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +44,13 @@ from lidarcli.logs.times import DATE, DATE_UNPADDED, US, S, time_unit
 from lidarcli.sweeps import TURN, Bool, Float64, Int64
 
 _SEQ_STEP = 10
-"""A sequence number rises by less from row to row ..."""
+"""Bound of the step of sequence numbers."""
 _SEQ_STEP_MOST = 1000
-"""... or by less than this, where what follows is a time for sure."""
+"""Bound of the step of sequence numbers before a column that must be a time."""
 
 
 def without_header(head: Head) -> Layout:
-    """The layout of rows without names; UnreadableError where none fits or geometry is missing."""
+    """Return the layout of rows without names; UnreadableError where none fits or geometry is missing."""
     for row in head.rows:
         if _is_ros2(row):
             return _ros2_layout(head, row)
@@ -79,7 +84,7 @@ def without_header(head: Head) -> Layout:
 
 
 def _is_ros2(row: Sequence[bytes]) -> bool:
-    """seconds, nanoseconds, frame, ...: how `ros2 topic echo --csv` begins a message with a header."""
+    """Tell whether a row begins like those of `ros2 topic echo --csv`: seconds, nanoseconds, frame."""
     return (
         len(row) >= 4
         and re.fullmatch(rb"-?\d{1,10}", row[0]) is not None
@@ -112,7 +117,7 @@ def _ros2_layout(head: Head, row: Sequence[bytes]) -> Layout:
 
 
 def _bare_long(head: Head, width: int) -> Layout | None:
-    """Two columns (bearing, range) or three (sweep or stamp first) without names."""
+    """Return the layout of two columns (bearing, range) or three (sweep or stamp first); None for other tables."""
     if width < 2:
         return None
     values = np.array([value_of(row[width - 2]) for row in head.rows], np.float64)
@@ -139,36 +144,36 @@ def _bare_long(head: Head, width: int) -> Layout | None:
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """A column of a table without names, by which it is told what it holds."""
+    """A column whose meaning is guessed by its values."""
 
     cells: list[bytes]
     values: list[float | None]
 
     @classmethod
     def of(cls, rows: Sequence[Sequence[bytes]], index: int) -> _Column:
-        """Column `index` of rows."""
+        """Take column `index` of rows."""
         cells = [row[index] for row in rows]
         return cls(cells, [value_of(cell) for cell in cells])
 
     @property
     def is_date(self) -> bool:
-        """Whether its cells are dates."""
+        """True where all cells are dates."""
         return time_unit("", self.cells) in (DATE, DATE_UNPADDED)
 
     @property
     def is_whole(self) -> bool:
-        """Whether its cells are whole numbers."""
+        """True where all cells are whole numbers."""
         return all(re.fullmatch(rb"-?\d+", cell) for cell in self.cells)
 
     @property
     def rises(self) -> bool:
-        """Whether its numbers never fall, and rise somewhere."""
+        """True where the numbers never fall, and rise somewhere."""
         values = [value for value in self.values if value is not None]
         return len(values) == len(self.cells) and values == sorted(values) and values[-1] > values[0]
 
 
 def _leading(rows: Sequence[Sequence[bytes]]) -> tuple[dict[str, int], int]:
-    """What stands before the ranges in rows without a header: fields, and the first column of ranges."""
+    """Return the fields before the ranges, and the first column of ranges."""
     first, second = (_Column.of(rows, index) for index in range(2))
     if first.is_date:
         return {"record": 0}, 1
@@ -182,7 +187,7 @@ def _leading(rows: Sequence[Sequence[bytes]]) -> tuple[dict[str, int], int]:
 
 
 def _are_seconds(first: _Column, second: _Column) -> bool:
-    """Whether two columns are the whole seconds of times and their nanoseconds."""
+    """Tell whether two columns are the whole seconds of times and their nanoseconds."""
     return (
         first.is_whole
         and second.is_whole
@@ -193,13 +198,13 @@ def _are_seconds(first: _Column, second: _Column) -> bool:
 
 
 def _is_counter(column: _Column) -> bool:
-    """Whether a column may hold sequence numbers."""
+    """Tell whether a column may hold sequence numbers."""
     small = column.is_whole and all(value is not None and abs(value) < 1e8 for value in column.values)
     return small and (column.rises or len(column.cells) == 1)
 
 
 def _is_time_behind_counter(rows: Sequence[Sequence[bytes]], counter: _Column, column: _Column) -> bool:
-    """Whether the column behind what may be sequence numbers holds times."""
+    """Tell whether the column behind possible sequence numbers holds times."""
     others = [abs(value) for cell in rows[0][2:] if (value := value_of(cell)) is not None]
     beyond = column.values[0] is not None and column.values[0] > 10 * max(others, default=0)
     if column.is_date or len(rows) == 1:
@@ -214,14 +219,17 @@ _STATE = 24
 """Cells before the ranges: a time [µs], wheel ticks, and what else the robot has measured."""
 _BEAMS = 682
 _STEP = np.pi / 512
-"""Between beams; the middle one looks ahead [rad]."""
+"""Angle between beams [rad]; the middle one looks ahead."""
 _NEAREST, _FARTHEST = 20.0, 6000.0
-"""Smaller numbers are codes of errors, larger ones no ranges of this sensor [mm]."""
+"""Limits of the sensor [mm]; smaller numbers are codes of errors."""
 _ROWS = 2
 
 
 def find_coreslam(head: Head) -> Layout | None:
-    """The layout, where rows can be nothing else: by their length, a time that rises, ticks, and whole millimetres."""
+    """Return the layout of CoreSLAM's and BreezySLAM's `.dat` logs: time, state of the robot, ranges of a URG-04LX.
+
+    None unless rows can be nothing else: by their length, a time that rises, ticks, and whole millimetres.
+    """
     width = len(head.rows[0])
     rows = [row for row in head.rows if len(row) == width]
     if (
@@ -253,35 +261,35 @@ def find_coreslam(head: Head) -> Layout | None:
 
 AS_RPLIDAR = "write `#RPLIDAR SCAN DATA` and `#{}` as the first lines"
 LEAST_NUMBERS = 8
-"""Numbers in a row; with fewer, a table without column names is no sweep per row."""
+"""Least numbers in a row that is a sweep."""
 LEAST_ROWS = 5
-"""Rows; with fewer, nothing is concluded from the numbers in the columns."""
+"""Least rows by which columns are judged."""
 COUNTER_ROWS = 30
-"""Rows without a step back that make a column a counter; rows that show a bearing that starts over."""
+"""Least rows that show a counter without a step back, or a bearing that starts over."""
 FAR_BEYOND = 100.0
-"""A column before a scan whose median exceeds those of all other columns by this factor holds no ranges ..."""
+"""Factor by which the median of a column before a scan exceeds all others where it holds no ranges."""
 FAR_COLUMNS = 32
-"""... where there are so many columns; a scan of fewer may see far in one direction alone."""
+"""Least columns for that: a scan of fewer may see far in one direction alone."""
 UNLIKE = 10.0
-"""Neighbouring columns whose medians differ by more than this factor are unlike each other."""
+"""Factor between the medians of neighbours that are unlike."""
 MOST_UNLIKE = 0.6
 """Share of unlike neighbours that no scan has."""
 _FEW = 4
-"""Columns side by side that may be something else; more of them are a part of the scan that differs."""
+"""Most columns side by side that may be no ranges; more of them are a part of the scan that differs."""
 _DISTINCT = 3
-"""Distinct values that make a column vary, or go below zero; fewer may be markers of missing ranges."""
+"""Least distinct values of a column that varies, or goes below zero; fewer may be markers of missing ranges."""
 _BELOW_ALONE = 10
-"""Distinct values below zero of a column that alone goes there."""
+"""Least distinct values below zero of a single column."""
 _MANY = 4
-"""Columns of whole numbers that vary, for each of decimals, that make it another kind."""
+"""Least ratio of varying whole columns to decimal ones that are of another kind."""
 _COUNTS = 10
-"""Distinct values of a counter."""
+"""Least distinct values of a counter."""
 _WHOLE = 5
-"""Distinct values of a column of whole numbers among decimals."""
+"""Least distinct values of a column of whole numbers among decimals."""
 _DECIMAL = 0.1
-"""Where this share of all numbers is whole, or less, the ranges are decimals."""
+"""Greatest share of whole numbers in a table of decimals."""
 _LEAST_PAIRS = 5
-"""Neighbours that are compared; of fewer nothing is concluded."""
+"""Least columns whose neighbours are compared."""
 
 
 def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int) -> None:
@@ -311,19 +319,19 @@ def refuse_other_tables(head: Head, rows: Sequence[Sequence[bytes]], first: int)
 
 
 def _numbers(rows: Sequence[Sequence[bytes]], columns: int) -> Float64:
-    """(R, C) the numbers in the first columns; NaN where there is none."""
+    """Return the numbers (R, C) in the first columns; NaN where a cell has none."""
     return np.array([[value_of(cell) for cell in row[:columns]] for row in rows], np.float64)
 
 
 def is_trajectory(table: Float64) -> bool:
-    """Whether rows of 8 are a time, a place and a unit quaternion, as trajectories of TUM are."""
+    """Tell whether rows of 8 are a time, a place and a unit quaternion, as trajectories of TUM are."""
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.sqrt((table[:, 4:] ** 2).sum(axis=1))
     return bool((np.abs(length - 1) < 0.01).all())
 
 
 def restarts(values: Float64) -> bool:
-    """Whether a column climbs (or falls) nearly always, and starts over by more than half of all it covers."""
+    """Tell whether a column climbs (or falls) nearly always, and starts over by more than half of its span."""
     with np.errstate(invalid="ignore", over="ignore"):
         steps = np.diff(values[np.isfinite(values)])
         if len(steps) < 2 or not (middle := np.median(steps)):
@@ -334,7 +342,7 @@ def restarts(values: Float64) -> bool:
 
 
 def is_turn(values: Float64) -> bool:
-    """Whether a column covers a turn, in degrees or radians."""
+    """Tell whether a column covers a turn, in degrees or radians."""
     known = values[np.isfinite(values)]
     if not len(known):
         return False
@@ -344,13 +352,13 @@ def is_turn(values: Float64) -> bool:
 
 
 def _is_quality(values: Float64) -> bool:
-    """Whether a column may hold the quality of returns: small whole numbers that are no counter."""
+    """Tell whether a column may hold the quality of returns: small whole numbers that are no counter."""
     whole = np.isfinite(values) & (values == np.rint(values)) & (values >= 0) & (values <= 255)
     return bool(whole.all() and ((np.diff(values) < 0).any() or np.ptp(values) == 0))
 
 
 def refuse_numbered(head: Head) -> None:
-    """Refuse rows that are the number of a beam and its range: neither tells where the beam points to."""
+    """Raise UnreadableError where rows are the number of a beam and its range: its bearing is unknown."""
     if len(head.rows) < COUNTER_ROWS or any(len(row) != 2 for row in head.rows):
         return
     numbers = _numbers(head.rows, 2)[:, 0]
@@ -364,7 +372,7 @@ def refuse_numbered(head: Head) -> None:
 
 
 def _behind(table: Float64, column: int) -> list[str]:
-    """The names of what stands behind bearings and ranges: the quality of returns, and times."""
+    """Return the names of the columns behind bearings and ranges: quality of returns, and time."""
     rest = [table[:, place] for place in range(column + 2, table.shape[1])]
     if len(rest) == 1:
         return ["quality"]
@@ -379,7 +387,7 @@ def _behind(table: Float64, column: int) -> list[str]:
 
 
 def _one_beam_per_row(table: Float64, column: int, width: int, rated: bool) -> str:
-    """What such a table is, and the names that tell it; `rated`: the quality of returns comes first."""
+    """Return the message for a table of one beam per row; `rated`: the quality of returns comes first."""
     values = table[:, column]
     low, high = np.nanmin(values), np.nanmax(values)
     before, behind = (["quality"], []) if rated else (["time", "sweep"][:column], _behind(table, column))
@@ -399,7 +407,7 @@ def _one_beam_per_row(table: Float64, column: int, width: int, rated: bool) -> s
 
 
 def no_ranges(table: Float64, first: int) -> str:
-    """Which columns of an (R, C) table hold no ranges and why, in words; empty where nothing speaks against it.
+    """Return which columns of a table (R, C) hold no ranges and why, in words; empty where nothing speaks against it.
 
     `first` is the number of columns before the table.
     """
@@ -425,7 +433,7 @@ def _columns(chosen: Bool, first: int) -> str:
 
 
 def _distinct(table: Float64) -> Int64:
-    """(C,) distinct finite values of each column."""
+    """Return the number of distinct finite values of each column (C,)."""
     ordered = np.sort(np.where(np.isfinite(table), table, np.nan), axis=0)
     with np.errstate(invalid="ignore", over="ignore"):
         changes = np.diff(ordered, axis=0) > 0
@@ -434,7 +442,7 @@ def _distinct(table: Float64) -> Int64:
 
 
 def _in_few(columns: Bool) -> Bool:
-    """(C,) those of the chosen columns that stand side by side with few others of them."""
+    """Return the chosen columns (C,) that stand side by side with few others of them."""
     edges = np.diff(np.concatenate([[False], columns, [False]]).astype(np.int8))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     few: Bool = np.zeros(len(columns), np.bool_)
@@ -444,7 +452,7 @@ def _in_few(columns: Bool) -> Bool:
 
 
 def _counters(table: Float64, varying: Bool) -> Bool:
-    """(C,) whole numbers that never fall, between columns that hardly change: wheel ticks, sequence numbers, times.
+    """Return the columns (C,) that count between columns that hardly change: wheel ticks, sequence numbers, times.
 
     What moves away from a sensor is seen by beams whose neighbours change, too.
     """
@@ -464,7 +472,7 @@ def _counters(table: Float64, varying: Bool) -> Bool:
 
 
 def _medians(table: Float64, chosen: Bool) -> Float64:
-    """(C,) the median of what is above zero in the chosen columns; NaN in others."""
+    """Return the medians (C,) of the numbers above zero in the chosen columns; NaN in others."""
     medians = np.full(table.shape[1], np.nan)
     for column in np.flatnonzero(chosen).tolist():
         values = table[:, column]
@@ -476,7 +484,7 @@ def _medians(table: Float64, chosen: Bool) -> Float64:
 
 
 def _far_beyond(table: Float64, varying: Bool) -> Bool:
-    """(C,) few columns before the scan whose medians are far beyond all of the scan."""
+    """Return the few columns (C,) before the scan whose medians are far beyond all of the scan."""
     if table.shape[1] < FAR_COLUMNS:
         return np.zeros(table.shape[1], np.bool_)
     medians = _medians(table, np.ones(table.shape[1], np.bool_))
@@ -489,7 +497,7 @@ def _far_beyond(table: Float64, varying: Bool) -> Bool:
 
 
 def _other_digits(table: Float64, varying: Bool) -> Bool:
-    """(C,) few columns of decimals among whole numbers, or of whole numbers among decimals."""
+    """Return the few columns (C,) of decimals among whole numbers, or of whole numbers among decimals."""
     known = np.isfinite(table) & (table != 0)
     whole = known & (table == np.rint(table))
     decimals = np.where(known & ~whole, table, np.nan)
@@ -510,7 +518,7 @@ def _other_digits(table: Float64, varying: Bool) -> Bool:
 
 
 def _unlike(table: Float64, varying: Bool) -> bool:
-    """Whether most neighbours among the columns that vary differ by far."""
+    """Tell whether most neighbours among the columns that vary differ by far."""
     medians = _medians(table, varying)
     pairs: NDArray[np.float64] = medians[np.isfinite(medians)]
     if len(pairs) <= _LEAST_PAIRS:

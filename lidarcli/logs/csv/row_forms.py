@@ -1,4 +1,4 @@
-"""What all CSV layouts share on the way from cells to `RawSweeps`."""
+"""One sweep per row, with a column for each beam or all ranges in one cell; and the common base of all forms."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ class WideDecoder(Decoder):
         self._usual = layout.width
 
     def feed(self, block: TextBlock) -> Iterator[RawSweeps]:
-        """The sweeps of one block."""
+        """Yield the sweeps of one block."""
         layout = self._layout
         lines = read_lines(block, layout.dialect, layout.header, layout.start, self._report)
         if not len(lines.numbers):
@@ -264,7 +264,7 @@ class WideDecoder(Decoder):
         beams: Int64,
         view: Int64,
     ) -> RawSweeps | None:
-        """Rows of known beam counts → one block, without the rows that turn out to be none."""
+        """Decode rows of known beam counts, which may be padded to one width."""
         given = beams
         ranges, beams, good, bad = self._ranges(scan, cells, rows, beams, view)
         intensities = _intensity_columns(scan, cells, rows, given, ranges.shape[1])
@@ -280,7 +280,7 @@ class WideDecoder(Decoder):
     def _ranges(
         self, scan: Columns, cells: Cells, rows: Int64, beams: Int64, view: Int64
     ) -> tuple[Float32, Int64, Bool, dict[int, bytes]]:
-        """Ranges, beam counts, which rows are sweeps, and what the others have in place of a number."""
+        """Return ranges, beam counts, True for rows that are sweeps, and the bad cells of the others."""
         first, span, order = scan.first, beams, None
         if len(scan.ranges) and not scan.open_end:
             first = int(scan.ranges.min())
@@ -315,7 +315,7 @@ class WideDecoder(Decoder):
     def _geometry(
         self, scan: Columns, cells: Cells, rows: Int64
     ) -> tuple[dict[str, Float64], dict[int, bytes]]:
-        """The geometry of each row, as exact as its message has it, and rows whose geometry is no number."""
+        """Return the geometry of each row, as exact as its message has it, and the bad cells of rows without."""
         columns = {name: scan.fields[name] for name in _GEOMETRY if name in scan.fields}
         number = np.float64 if scan.to_last else np.float32
         if not columns:
@@ -334,7 +334,7 @@ class WideDecoder(Decoder):
         return values, bad
 
     def _beams(self, scan: Columns, cells: Cells, rows: Int64, view: Int64) -> Int64:
-        """The number of ranges of each row; -1 where its cells fit no number of beams."""
+        """Return the number of ranges of each row; -1 where its cells fit no number of beams."""
         count = cells.count[rows]
         named = len(scan.ranges)
         if not scan.open_end:
@@ -363,7 +363,7 @@ class WideDecoder(Decoder):
 
 
 def _intensity_columns(scan: Columns, cells: Cells, rows: Int64, beams: Int64, width: int) -> Float32 | None:
-    """(S, `width`) the intensities of rows of so many ranges, NaN for a row without; None where no row has any."""
+    """Return intensities (S, `width`) of rows of so many ranges, NaN for a row without; None where no row has any."""
     count = cells.count[rows]
     if scan.doubled:
         return pad_cells(
@@ -379,7 +379,7 @@ def _intensity_columns(scan: Columns, cells: Cells, rows: Int64, beams: Int64, w
 
 
 def _without_trailing(empty: Bool, beams: Int64, view: Int64) -> Int64:
-    """Beam counts without trailing empty cells, where the row's own view says that no beam stood there.
+    """Return beam counts without trailing empty cells, where the view of the row has no beam there.
 
     A view of 0 has as many beams as cells are filled.
     """
@@ -427,14 +427,14 @@ class ListDecoder(Decoder):
         yield from self._sweeps(self._scans[0], records)
 
     def finish(self) -> Iterator[RawSweeps]:
-        """What is still open at the end is a record that was cut off."""
+        """Report a record that is still open at the end."""
         if self._open:
             self._damage(self._open_line, "the file ends within this record")
             self._open = []
         return iter(())
 
     def _whole(self, number: int, line: bytes) -> Iterator[tuple[int, bytes]]:
-        """Records that are whole once `line` is read: lists may span lines while a quote is open."""
+        """Yield the records that `line` completes, with their first lines: lists may span lines while a quote is open."""
         odd = line.count(b'"') % 2 == 1
         if not self._open:
             if odd:
@@ -462,7 +462,7 @@ class ListDecoder(Decoder):
         return line.count(b"[") + line.count(b"(") > 0 and self._split(line) is not None
 
     def _split(self, text: bytes) -> tuple[list[bytes], list[str]] | None:
-        """The lists of a record, and its cells with the number of a list in place of each."""
+        """Return the lists of a record, and its cells with the number of a list in place of each."""
         if self._layout.brackets not in text and text.count(self._layout.dialect.separator) < 2:
             return None
         lists: list[bytes] = []
@@ -549,7 +549,7 @@ class ListDecoder(Decoder):
 
 
 def _list_of(cell: str, lists: list[bytes]) -> bytes | None:
-    """The text of the list that a cell stands for, empty where it is an empty one; None where it is no list."""
+    """Return the text of the list in a cell, empty for an empty list; None where it is no list."""
     _, mark, number = cell.partition("\x01")
     digits = re.match(r"\d+", number)
     if digits is not None and int(digits[0]) < len(lists):
@@ -559,7 +559,7 @@ def _list_of(cell: str, lists: list[bytes]) -> bytes | None:
 
 
 def _intensity_lists(records: list[_Record], width: int) -> Float32 | None:
-    """(S, `width`) the intensities beside the ranges, padded with NaN; None where no record has any."""
+    """Return intensities (S, `width`) beside the ranges, padded with NaN; None where no record has any."""
     parts = [_plain_list(record.intensities) for record in records]
     counts = np.array([part.count(b",") + 1 if part else 0 for part in parts], np.int64)
     found = parse_rows(parts, counts, b",", np.float32)
@@ -567,7 +567,7 @@ def _intensity_lists(records: list[_Record], width: int) -> Float32 | None:
 
 
 def _plain_list(text: bytes) -> bytes:
-    """The numbers of a list, set apart by commas: numpy's spelling has spaces, `np.float32(1.0)` has calls."""
+    """Return the numbers of a list, set apart by commas: numpy's spelling has spaces, `np.float32(1.0)` has calls."""
     if b"(" in text:
         text = _CALLS.sub(rb"\1", text)
     text = text.strip().removesuffix(b",")
@@ -575,7 +575,7 @@ def _plain_list(text: bytes) -> bytes:
 
 
 def _numbers(cells: list[str]) -> tuple[np.ndarray, list[int]]:
-    """Each cell as the float32 a LaserScan holds, and the rows where it is none."""
+    """Return each cell as the float32 a LaserScan holds, and the rows where it is none."""
     values = np.full(len(cells), np.nan)
     wrong = []
     seen: dict[str, float] = {}
@@ -593,7 +593,7 @@ def _numbers(cells: list[str]) -> tuple[np.ndarray, list[int]]:
 
 
 def _header_stamps(headers: list[str], otherwise: np.ndarray) -> np.ndarray:
-    """The stamp inside each printed header; the other time where it holds none."""
+    """Return the stamp inside each printed header; the other time where it holds none."""
     stamps = otherwise.copy()
     for row, header in enumerate(headers):
         seconds, rest = _SECONDS.search(header), _NANOSECONDS.search(header)

@@ -1,4 +1,4 @@
-"""What tools for RPLIDAR sensors write, as rows of the long form: does a sweep begin, quality, bearing, distance.
+"""Text of tools for RPLIDAR sensors as rows of the long form: start of a sweep, quality, bearing, distance.
 
 The sensor counts its bearings in degrees clockwise, seen from above, and its distances in millimetres; 0 is no return.
 """
@@ -44,22 +44,22 @@ _NAMES = {
 }
 _WORD = re.compile(rb"[A-Za-z]+")
 _MOST_BEFORE = 100
-"""Lines of other text that a program may print before the first beam."""
+"""Most lines of other text before the first beam."""
 _BARE_ROWS = 30
-"""Fewer rows without names are no turn of a sensor."""
+"""Least rows without names that are a turn of a sensor."""
 _ANGLES, _DISTANCES = 64.0, 4.0
-"""The sensor counts its bearings in 64ths of a degree and its distances in quarters of a millimetre."""
+"""Steps of the sensor in a degree, and in a millimetre."""
 _LEAST_MEDIAN = 100.0
-"""Half of the distances to things are beyond this [mm], in any place where a sensor can see."""
+"""Least median of the distances of returns [mm]."""
 _MOST = 0.9
-"""Share of the beams of a text that may be damaged which are as a sensor measures them."""
+"""Least share of beams that a sensor can have measured; the others are damaged."""
 _ENOUGH = 64 << 10
-"""Bytes of a line that show what it holds."""
+"""Bytes of a line by which it is recognised."""
 _PUNCTUATION = bytes.maketrans(b"(),;\t", b"     ")
 
 
 def recognise(lines: Sequence[bytes]) -> Layout | None:
-    """The layout of a text that begins with `lines`, where a tool for RPLIDAR sensors has written it; else None."""
+    """Return the layout of a text that begins with `lines`, where a tool for RPLIDAR sensors has written it; else None."""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
     for number, line in numbered[:_MOST_BEFORE]:
         if _PRINTED.fullmatch(line):
@@ -104,7 +104,7 @@ def _layout(spelling: str, start: int, angle: int, distance: int, width: int = 4
 
 
 def _saved(numbered: Sequence[tuple[int, bytes]]) -> Layout | None:
-    """The comments above the rows name the columns."""
+    """Return the layout of saved turns, whose comments name the columns; None where they do not."""
     names: list[str] = []
     for number, line in numbered:
         if line.lstrip()[:1] != b"#":
@@ -119,7 +119,7 @@ def _saved(numbered: Sequence[tuple[int, bytes]]) -> Layout | None:
 
 
 def _is_bare(lines: Sequence[bytes]) -> bool:
-    """Whether rows of three numbers without names can be nothing else than quality, angle and distance of an RPLIDAR."""
+    """Tell whether rows of three numbers must be quality, angle and distance of an RPLIDAR."""
     if len(lines) <= _BARE_ROWS or len(lines[0].translate(_PUNCTUATION).split(None, 3)) != 3:
         return False
     try:
@@ -142,7 +142,7 @@ def _is_bare(lines: Sequence[bytes]) -> bool:
 
 
 def _are_beams(lines: Sequence[bytes]) -> bool:
-    """Whether triples of numbers may be quality, angle and millimetres, as but few lists of other programs may."""
+    """Tell whether triples of numbers may be quality, angle and millimetres."""
     beams = [map(float, beam) for line in lines for beam in _BEAM.findall(line[:_ENOUGH])]
     quality, angle, distance = np.array([[*beam] for beam in beams], np.float64).T
     returns = distance[distance > 0]
@@ -153,13 +153,13 @@ def _are_beams(lines: Sequence[bytes]) -> bool:
 
 
 def _counts(values: Float64, steps: float, most: float) -> bool:
-    """Whether values are whole multiples of a step, of which there are `steps` in 1, from 0 to `most`."""
+    """Tell whether values lie between 0 and `most`, in whole steps of 1 / `steps`."""
     inside = np.isfinite(values) & (values >= 0) & (values <= most)
     return bool(inside.all() and (values * steps == np.rint(values * steps)).all())
 
 
 def read_rows(block: TextBlock, layout: Layout, report: ReadReport) -> Lines:
-    """The rows of a block: 1 where a sweep begins, else 0, and the numbers of a beam, set apart by spaces."""
+    """Return the rows of a block: 1 where a sweep begins, else 0, and the numbers of a beam, set apart by spaces."""
     lines = read_lines(block, None, b"", layout.start, report)
     if layout.spelling == LISTED:
         return _listed(lines, report)
@@ -173,7 +173,7 @@ def read_rows(block: TextBlock, layout: Layout, report: ReadReport) -> Lines:
 
 
 def _plain(text: bytes) -> bytes:
-    """Numbers set apart by one space each."""
+    """Return numbers set apart by one space each."""
     text = text.translate(_PUNCTUATION)
     if b"  " in text or b" \n" in text or b"\n " in text or text[:1] == b" ":
         text = b"".join(b" ".join(line.split()) + b"\n" for line in text.split(b"\n")[:-1])
@@ -195,7 +195,7 @@ def _printed(text: bytes) -> bytes:
 
 
 def _begun(block: TextBlock, lines: Lines, text: bytes) -> bytes:
-    """Rows that begin with 1 below a title, which stands before each sweep, else with 0."""
+    """Begin rows with 1 below a title, which stands before each sweep, else with 0."""
     rows = text.split(b"\n")[:-1]
     flags = [b"0 "] * len(rows)
     if b"#" in block.text:
@@ -207,7 +207,7 @@ def _begun(block: TextBlock, lines: Lines, text: bytes) -> bytes:
 
 
 def _listed(lines: Lines, report: ReadReport) -> Lines:
-    """One row for each beam of each list."""
+    """Make a row of each beam of each list."""
     rows: list[bytes] = []
     counts = np.zeros(len(lines.numbers), np.int64)
     for at, (number, raw) in enumerate(zip(lines.numbers.tolist(), lines.text.split(b"\n"), strict=False)):
