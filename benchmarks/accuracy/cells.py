@@ -20,7 +20,6 @@ from benchmarks.scenes.random import (
     sensor_with,
 )
 from lidarcli.range_rules import RangeRules, normalise
-from lidarcli.simulate.entities import legs_of
 from lidarcli.simulate.generate import simulate_sweep_arrays
 from lidarcli.simulate.scene import Entity, Scene, Sensor
 from lidarcli.sweeps import Float64, Int32, RawSweeps, SweepBatch, UInt8, concatenate
@@ -134,3 +133,42 @@ def points_xy(batch: SweepBatch) -> tuple[Float64, Float64]:
     """(S, B) positions in the sensor frame [m], NaN without a range."""
     bearings, ranges = batch.bearings(), batch.ranges.astype(np.float64)
     return ranges * np.cos(bearings), ranges * np.sin(bearings)
+
+
+def legs_of(entity: Entity) -> list[Entity]:
+    """The legs of a legged thing as entities of their own (kind `leg`); anything else, and what has a route, as it is."""
+    if entity.kind not in ("ladder", "chair", "table", "person") or entity.motion.route:
+        return [entity]
+    cos, sin = np.cos(entity.yaw), np.sin(entity.yaw)
+    legs = []
+    for number, (cx, cy, radius) in enumerate(entity.circles):
+        ring = np.array([[0.0, 0.0, radius]])
+        swing = (1 - 2 * (number % 2)) * entity.motion.stride
+        legs.append(
+            replace(
+                entity,
+                kind="leg",
+                x=entity.x + cos * cx - sin * cy,
+                y=entity.y + sin * cx + cos * cy,
+                length=2 * radius,
+                width=2 * radius,
+                circles=ring,
+                motion=replace(entity.motion, stride=swing),
+            )
+        )
+    for sides in entity.segments.reshape(-1, 4, 4):
+        middle = sides[:, :2].mean(axis=0)
+        local = sides - np.tile(middle, 2)
+        extent = 2 * np.abs(local).max(axis=0)
+        legs.append(
+            replace(
+                entity,
+                kind="leg",
+                x=entity.x + cos * middle[0] - sin * middle[1],
+                y=entity.y + sin * middle[0] + cos * middle[1],
+                length=float(extent[0]),
+                width=float(extent[1]),
+                segments=local,
+            )
+        )
+    return legs

@@ -260,12 +260,7 @@ def _frames(buffer: UInt8, heads: _Heads) -> tuple[Int32, tuple[str, ...]]:
 
 
 def _block(
-    topic: str,
-    buffer: UInt8,
-    heads: _Heads,
-    record_ns: Int64,
-    ranges: Float32,
-    intensities: Float32 | None,
+    topic: str, buffer: UInt8, heads: _Heads, record_ns: Int64, ranges: Float32, intensities: Float32 | None
 ) -> RawSweeps:
     frame, frame_ids = _frames(buffer, heads)
     # What is no number may be one of those that signal.
@@ -476,10 +471,7 @@ _SCALARS = (
     "range_min",
     "range_max",
 )
-_EXPECTED = {
-    LASERSCAN: ("Header", "float32[]"),
-    MULTI_ECHO: ("Header", "LaserEcho[]"),
-}
+_EXPECTED = {LASERSCAN: ("Header", "float32[]"), MULTI_ECHO: ("Header", "LaserEcho[]")}
 # What is left open goes on to the end, and nothing is gone back over: a schema may be a megabyte of anything.
 _NO_CODE = re.compile(r'"(?:[^"\\]|\\.)*+"?|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+(?:\*/)?', re.DOTALL)
 _ANNOTATION = re.compile(r"@\w++\s*+\([^)]*+\)?")

@@ -114,13 +114,7 @@ def has_file(folder: Path, endings: Iterable[str]) -> bool:
 
 
 FORMATS: tuple[Format, ...] = (
-    Format(
-        "MCAP",
-        "lidarcli.logs.mcap.log",
-        "McapLog",
-        lambda head: head.startswith(MCAP),
-        streams=True,
-    ),
+    Format("MCAP", "lidarcli.logs.mcap.log", "McapLog", lambda head: head.startswith(MCAP), streams=True),
     Format(
         "ROS 1 bag",
         "lidarcli.logs.rosbag1.log",
@@ -136,25 +130,11 @@ FORMATS: tuple[Format, ...] = (
         _is_rosbag2_folder,
     ),
     Format(
-        "CARMEN log (also .gz)",
-        "lidarcli.logs.carmen",
-        "CarmenLog",
-        _text_begins(is_carmen),
-        streams=True,
+        "CARMEN log (also .gz)", "lidarcli.logs.carmen", "CarmenLog", _text_begins(is_carmen), streams=True
     ),
+    Format("ARIA log (.2d, also .gz)", "lidarcli.logs.aria", "AriaLog", _text_begins(is_aria), streams=True),
     Format(
-        "ARIA log (.2d, also .gz)",
-        "lidarcli.logs.aria",
-        "AriaLog",
-        _text_begins(is_aria),
-        streams=True,
-    ),
-    Format(
-        "Player log (also .gz)",
-        "lidarcli.logs.player",
-        "PlayerLog",
-        _text_begins(is_player),
-        streams=True,
+        "Player log (also .gz)", "lidarcli.logs.player", "PlayerLog", _text_begins(is_player), streams=True
     ),
     Format(
         "JSON lines of `mcap cat` (also .gz)",

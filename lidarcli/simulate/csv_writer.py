@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,27 +48,28 @@ def write_csv(path: Path, blocks: Iterable[RawSweeps], layout: str = "rostopic")
         write_lines(path, LAYOUTS[layout](blocks))
 
 
+def _sweeps(blocks: Iterable[RawSweeps]) -> Iterator[tuple[int, RawSweeps, int, list[str]]]:
+    """Yield the number of each sweep, its block, its row there, and its ranges as text."""
+    rows = ((block, row, ranges) for block in blocks for row, ranges in enumerate(texts(block)))
+    for number, (block, row, ranges) in enumerate(rows):
+        yield number, block, row, ranges
+
+
 def _rostopic(blocks: Iterable[RawSweeps]) -> Iterator[str]:
-    first = True
-    for block in blocks:
-        for row, ranges in enumerate(texts(block)):
-            if first:
-                names = ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"]
-                names += [f"field.{name}" for name in _GEOMETRY]
-                names += [f"field.ranges{i}" for i in range(len(ranges))]
-                yield ",".join(names + [f"field.intensities{i}" for i in range(len(ranges))])
-                seq, first = 0, False
-            head = [str(block.record_ns[row]), str(seq), str(block.stamp_ns[row]), _frame(block, row)]
-            yield ",".join(head + _geometry(block, row) + ranges + intensity_texts(block, row, "0.0"))
-            seq += 1
+    for number, block, row, ranges in _sweeps(blocks):
+        if not number:
+            names = ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"]
+            names += [f"field.{name}" for name in _GEOMETRY]
+            names += [f"field.ranges{i}" for i in range(len(ranges))]
+            yield ",".join(names + [f"field.intensities{i}" for i in range(len(ranges))])
+        head = [str(block.record_ns[row]), str(number), str(block.stamp_ns[row]), _frame(block, row)]
+        yield ",".join(head + _geometry(block, row) + ranges + intensity_texts(block, row, "0.0"))
 
 
 def _ros2(blocks: Iterable[RawSweeps]) -> Iterator[str]:
-    for block in blocks:
-        for row, ranges in enumerate(texts(block)):
-            whole, rest = divmod(int(block.stamp_ns[row]), _S)
-            head = [str(whole), str(rest), _frame(block, row)]
-            yield ",".join(head + _geometry(block, row) + ranges + intensity_texts(block, row, "0.0"))
+    for _, block, row, ranges in _sweeps(blocks):
+        head = [*_stamp(block, row), _frame(block, row)]
+        yield ",".join(head + _geometry(block, row) + ranges + intensity_texts(block, row, "0.0"))
 
 
 def _plotjuggler(blocks: Iterable[RawSweeps]) -> Iterator[str]:
@@ -85,17 +86,14 @@ def _plotjuggler(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     sizes = {
         topic: len(_GEOMETRY) + 1 + width * len(_arrays(topic in bright)) for topic, width in widths.items()
     }
-    for block in kept:
-        for row, ranges in enumerate(texts(block)):
-            cells = [seconds(int(block.record_ns[row]))]
-            for topic, size in sizes.items():
-                own = [*_geometry(block, row), seconds(int(block.stamp_ns[row]))]
-                if topic == block.topic and topic in bright:
-                    # In the order of their names, as the program writes them.
-                    own += _filled(intensity_texts(block, row), widths[topic])
-                own += ranges
-                cells += own + [""] * (size - len(own)) if topic == block.topic else [""] * size
-            yield ",".join(cells)
+    for _, block, row, ranges in _sweeps(kept):
+        own = [*_geometry(block, row), seconds(int(block.stamp_ns[row]))]
+        if block.topic in bright:
+            # In the order of their names, as the program writes them.
+            own += _filled(intensity_texts(block, row), widths[block.topic])
+        own += ranges
+        cells = [_filled(own if topic == block.topic else [], size) for topic, size in sizes.items()]
+        yield ",".join([seconds(int(block.record_ns[row])), *chain.from_iterable(cells)])
 
 
 def _arrays(is_bright: bool) -> list[str]:
@@ -113,20 +111,10 @@ def _bagpy(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     names = ["Time", "header.seq", "header.stamp.secs", "header.stamp.nsecs", "header.frame_id", *_GEOMETRY]
     arrays = ["ranges", *(["intensities"] if is_bright else [])]
     yield ",".join(names + [f"{name}_{i}" for name in arrays for i in range(width)])
-    seq = 0
-    for block in kept:
-        for row, ranges in enumerate(texts(block)):
-            whole, rest = divmod(int(block.stamp_ns[row]), _S)
-            head = [
-                seconds(int(block.record_ns[row])),
-                str(seq),
-                str(whole),
-                str(rest),
-                _frame(block, row),
-            ]
-            cells = head + _geometry(block, row) + _filled(ranges, width)
-            yield ",".join(cells + (_filled(intensity_texts(block, row), width) if is_bright else []))
-            seq += 1
+    for number, block, row, ranges in _sweeps(kept):
+        head = [seconds(int(block.record_ns[row])), str(number), *_stamp(block, row), _frame(block, row)]
+        cells = head + _geometry(block, row) + _filled(ranges, width)
+        yield ",".join(cells + (_filled(intensity_texts(block, row), width) if is_bright else []))
 
 
 def _mcap(blocks: Iterable[RawSweeps]) -> Iterator[str]:
@@ -141,31 +129,26 @@ def _mcap(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     for name in sorted_names:
         names += [f"{name}.{i}" for i in range(width)] if name in arrays else [name]
     yield ",".join(names)
-    sequence = 0
-    for block in kept:
-        for row, beams in enumerate(block.beams.tolist()):
-            whole, rest = divmod(int(block.stamp_ns[row]), _S)
-            told = {"ranges": block.ranges, "intensities": block.intensities}
-            cells = dict(zip(_GEOMETRY, _geometry(block, row), strict=True))
-            cells |= {"header.frame_id": _frame(block, row), "header.stamp.sec": str(whole)}
-            cells["header.stamp.nanosec"] = str(rest)
-            for name in arrays:
-                values = () if (all_rows := told[name]) is None else all_rows[row, :beams].tolist()
-                cells[name] = ",".join(_filled([str(number_or_word(value)) for value in values], width))
-            times = [f"{np.datetime64(int(block.record_ns[row]), 'ns')}Z"] * 2
-            yield ",".join([*times, str(sequence), *(cells[name] for name in sorted_names)])
-            sequence += 1
+    for number, block, row, _ in _sweeps(kept):
+        beams = int(block.beams[row])
+        lists = {"ranges": block.ranges, "intensities": block.intensities}
+        cells = dict(zip(_GEOMETRY, _geometry(block, row), strict=True))
+        cells["header.frame_id"] = _frame(block, row)
+        cells["header.stamp.sec"], cells["header.stamp.nanosec"] = _stamp(block, row)
+        for name in arrays:
+            values = () if (rows := lists[name]) is None else rows[row, :beams].tolist()
+            cells[name] = ",".join(_filled([str(number_or_word(value)) for value in values], width))
+        times = [f"{np.datetime64(int(block.record_ns[row]), 'ns')}Z"] * 2
+        yield ",".join([*times, str(number), *(cells[name] for name in sorted_names)])
 
 
 def _list(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     yield ",".join(["time", "header", *_GEOMETRY, "ranges", "intensities"])
-    for block in blocks:
-        for row, ranges in enumerate(texts(block)):
-            whole, rest = divmod(int(block.stamp_ns[row]), _S)
-            date = str(np.datetime64(int(block.record_ns[row]), "ns")).replace("-", "/").replace("T", " ")
-            header = f"{{'stamp': {{'secs': {whole}, 'nsecs': {rest}}}, 'frame_id': '{_frame(block, row)}'}}"
-            cells = [date, f'"{header}"', *_geometry(block, row), *_quoted(block, row, ranges)]
-            yield ",".join(cells)
+    for _, block, row, ranges in _sweeps(blocks):
+        whole, rest = _stamp(block, row)
+        date = str(np.datetime64(int(block.record_ns[row]), "ns")).replace("-", "/").replace("T", " ")
+        header = f"{{'stamp': {{'secs': {whole}, 'nsecs': {rest}}}, 'frame_id': '{_frame(block, row)}'}}"
+        yield ",".join([date, f'"{header}"', *_geometry(block, row), *_quoted(block, row, ranges)])
 
 
 def _quoted(block: RawSweeps, row: int, ranges: list[str]) -> list[str]:
@@ -174,32 +157,23 @@ def _quoted(block: RawSweeps, row: int, ranges: list[str]) -> list[str]:
 
 
 def _wide(blocks: Iterable[RawSweeps]) -> Iterator[str]:
-    first = True
-    for block in blocks:
-        for row, ranges in enumerate(texts(block)):
-            if first:
-                yield ",".join(["time"] + [f"r{i}" for i in range(len(ranges))])
-                first = False
-            yield ",".join([seconds(int(block.stamp_ns[row])), *ranges])
+    for number, block, row, ranges in _sweeps(blocks):
+        if not number:
+            yield ",".join(["time"] + [f"r{i}" for i in range(len(ranges))])
+        yield ",".join([seconds(int(block.stamp_ns[row])), *ranges])
 
 
 def _drow(blocks: Iterable[RawSweeps]) -> Iterator[str]:
-    seq = 0
-    for block in blocks:
-        for row, ranges in enumerate(texts(block)):
-            yield ",".join([str(seq), seconds(int(block.stamp_ns[row])), *ranges])
-            seq += 1
+    for number, block, row, ranges in _sweeps(blocks):
+        yield ",".join([str(number), seconds(int(block.stamp_ns[row])), *ranges])
 
 
 def _long(blocks: Iterable[RawSweeps]) -> Iterator[str]:
     yield "sweep,stamp,angle,range"
-    sweep = 0
-    for block in blocks:
-        for row, ranges in enumerate(texts(block)):
-            head = f"{sweep},{block.stamp_ns[row]}"
-            for angle, value in zip(_bearings(block, row), ranges, strict=True):
-                yield f"{head},{angle},{value}"
-            sweep += 1
+    for number, block, row, ranges in _sweeps(blocks):
+        head = f"{number},{block.stamp_ns[row]}"
+        for angle, value in zip(_bearings(block, row), ranges, strict=True):
+            yield f"{head},{angle},{value}"
 
 
 def _write_files(folder: Path, blocks: Iterable[RawSweeps]) -> None:
@@ -208,13 +182,10 @@ def _write_files(folder: Path, blocks: Iterable[RawSweeps]) -> None:
     kept = list(blocks)
     stamps = [int(stamp) for block in kept for stamp in block.stamp_ns]
     distinct = all(a < b for a, b in pairwise(stamps))
-    number = 0
-    for block in kept:
-        for row, ranges in enumerate(texts(block)):
-            name = seconds(stamps[number]) if distinct else f"sweep_{number:06d}"
-            rows = [f"{a},{r}" for a, r in zip(_bearings(block, row), ranges, strict=True)]
-            (folder / f"{name}.csv").write_text("\n".join(["theta,r", *rows]) + "\n")
-            number += 1
+    for number, block, row, ranges in _sweeps(kept):
+        name = seconds(stamps[number]) if distinct else f"sweep_{number:06d}"
+        rows = [f"{a},{r}" for a, r in zip(_bearings(block, row), ranges, strict=True)]
+        (folder / f"{name}.csv").write_text("\n".join(["theta,r", *rows]) + "\n")
 
 
 LAYOUTS: dict[str, Callable[[Iterable[RawSweeps]], Iterator[str]]] = {
@@ -249,3 +220,8 @@ def _bearings(block: RawSweeps, row: int) -> list[float]:
 
 def _frame(block: RawSweeps, row: int) -> str:
     return block.frame_ids[int(block.frame[row])]
+
+
+def _stamp(block: RawSweeps, row: int) -> list[str]:
+    """Seconds and nanoseconds of the stamp of a sweep."""
+    return [str(part) for part in divmod(int(block.stamp_ns[row]), _S)]

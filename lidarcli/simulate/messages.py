@@ -29,10 +29,18 @@ class Encoding:
     tf_type: str
     scans: Callable[[RawSweeps], list[bytes]]
     odometry: Callable[[SimulatedPoses, int], bytes]
-    transform: Callable[[SimulatedPoses, int], bytes]
-    """Pose of the robot in the odometry frame."""
-    mounting: Callable[[SimulatedPoses], bytes]
-    """Pose of the laser on the robot."""
+    link: Callable[[int, str, str, tuple[float, float, float]], bytes]
+    """Encodes a transform, by its stamp [ns], the parent and child frames, and x, y, yaw."""
+
+    def transform(self, rows: SimulatedPoses, row: int) -> bytes:
+        """Encode a pose of the robot in the odometry frame."""
+        x, y, yaw = rows.poses[row].tolist()
+        frames = rows.odometry.frame_id, rows.odometry.child_frame_id
+        return self.link(int(rows.stamp_ns[row]), *frames, (x, y, yaw))
+
+    def mounting(self, rows: SimulatedPoses) -> bytes:
+        """Encode the pose of the laser on the robot."""
+        return self.link(int(rows.stamp_ns[0]), rows.odometry.child_frame_id, rows.laser_frame, rows.mount)
 
 
 def _ros(name: str, store: Any, serialize: Callable[[Any, str], Any], ros1: bool) -> Encoding:
@@ -43,8 +51,7 @@ def _ros(name: str, store: Any, serialize: Callable[[Any, str], Any], ros1: bool
         stamp = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
         return types["std_msgs/msg/Header"](*([0] if ros1 else []), stamp, frame)
 
-    def vector(x: float, y: float, z: float) -> Any:
-        return types["geometry_msgs/msg/Vector3"](x, y, z)
+    vector = types["geometry_msgs/msg/Vector3"]
 
     def turn(yaw: float) -> Any:
         return types["geometry_msgs/msg/Quaternion"](0.0, 0.0, sin(yaw / 2), cos(yaw / 2))
@@ -63,21 +70,12 @@ def _ros(name: str, store: Any, serialize: Callable[[Any, str], Any], ros1: bool
         )
         return bytes(serialize(message, ODOMETRY))
 
-    def stamped(stamp_ns: int, parent: str, child: str, pose: tuple[float, float, float]) -> bytes:
+    def link(stamp_ns: int, parent: str, child: str, pose: tuple[float, float, float]) -> bytes:
         transform = types["geometry_msgs/msg/Transform"](vector(pose[0], pose[1], 0.0), turn(pose[2]))
         entry = types["geometry_msgs/msg/TransformStamped"](header(stamp_ns, parent), child, transform)
         return bytes(serialize(types[TF]([entry]), TF))
 
-    def transform(rows: SimulatedPoses, row: int) -> bytes:
-        x, y, yaw = rows.poses[row].tolist()
-        frames = rows.odometry.frame_id, rows.odometry.child_frame_id
-        return stamped(int(rows.stamp_ns[row]), *frames, (x, y, yaw))
-
-    def mounting(rows: SimulatedPoses) -> bytes:
-        return stamped(int(rows.stamp_ns[0]), rows.odometry.child_frame_id, rows.laser_frame, rows.mount)
-
-    scans = ros1_scans if ros1 else cdr_scans
-    return Encoding(name, SCAN, ODOMETRY, TF, scans, odometry, transform, mounting)
+    return Encoding(name, SCAN, ODOMETRY, TF, ros1_scans if ros1 else cdr_scans, odometry, link)
 
 
 CDR = _ros("cdr", ROS2, ROS2.serialize_cdr, ros1=False)
@@ -124,23 +122,19 @@ def _foxglove(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
 
     def scans(raw: RawSweeps) -> list[bytes]:
         last = raw.angle_min + (raw.beams - 1) * raw.angle_increment
-        return [
-            pack(
-                foxglove.SCAN,
-                {
-                    "timestamp": stamp_of(int(raw.stamp_ns[row])),
-                    "frame_id": raw.frame_ids[raw.frame[row]],
-                    "pose": standing(),
-                    "start_angle": float(raw.angle_min[row]),
-                    "end_angle": float(last[row]),
-                    "ranges": raw.ranges[row, : raw.beams[row]].tolist(),
-                    "intensities": []
-                    if raw.intensities is None
-                    else raw.intensities[row, : raw.beams[row]].tolist(),
-                },
-            )
-            for row in range(len(raw))
-        ]
+        return [pack(foxglove.SCAN, sweep(raw, row, float(last[row]))) for row in range(len(raw))]
+
+    def sweep(raw: RawSweeps, row: int, last: float) -> dict[str, Any]:
+        beams = raw.beams[row]
+        return {
+            "timestamp": stamp_of(int(raw.stamp_ns[row])),
+            "frame_id": raw.frame_ids[raw.frame[row]],
+            "pose": standing(),
+            "start_angle": float(raw.angle_min[row]),
+            "end_angle": last,
+            "ranges": raw.ranges[row, :beams].tolist(),
+            "intensities": [] if raw.intensities is None else raw.intensities[row, :beams].tolist(),
+        }
 
     def odometry(rows: SimulatedPoses, row: int) -> bytes:
         x, y, yaw = rows.poses[row].tolist()
@@ -148,30 +142,12 @@ def _foxglove(name: str, pack: Callable[[str, dict[str, Any]], bytes]) -> Encodi
         stamp = stamp_of(int(rows.stamp_ns[row]))
         return pack(foxglove.POSE, {"timestamp": stamp, "frame_id": rows.odometry.frame_id, "pose": pose})
 
-    def frame_transform(stamp_ns: int, parent: str, child: str, pose: tuple[float, float, float]) -> bytes:
-        return pack(
-            foxglove.TRANSFORM,
-            {
-                "timestamp": stamp_of(stamp_ns),
-                "parent_frame_id": parent,
-                "child_frame_id": child,
-                "translation": _vector(pose[0], pose[1]),
-                "rotation": _quaternion(pose[2]),
-            },
-        )
+    def link(stamp_ns: int, parent: str, child: str, pose: tuple[float, float, float]) -> bytes:
+        frames = {"parent_frame_id": parent, "child_frame_id": child}
+        motion = {"translation": _vector(pose[0], pose[1]), "rotation": _quaternion(pose[2])}
+        return pack(foxglove.TRANSFORM, {"timestamp": stamp_of(stamp_ns), **frames, **motion})
 
-    def transform(rows: SimulatedPoses, row: int) -> bytes:
-        x, y, yaw = rows.poses[row].tolist()
-        frames = rows.odometry.frame_id, rows.odometry.child_frame_id
-        return frame_transform(int(rows.stamp_ns[row]), *frames, (x, y, yaw))
-
-    def mounting(rows: SimulatedPoses) -> bytes:
-        frames = rows.odometry.child_frame_id, rows.laser_frame
-        return frame_transform(int(rows.stamp_ns[0]), *frames, rows.mount)
-
-    return Encoding(
-        name, foxglove.SCAN, foxglove.POSE, foxglove.TRANSFORM, scans, odometry, transform, mounting
-    )
+    return Encoding(name, foxglove.SCAN, foxglove.POSE, foxglove.TRANSFORM, scans, odometry, link)
 
 
 JSON = _foxglove("json", json_bytes)
@@ -253,19 +229,15 @@ def _foxglove_clouds(raw: RawSweeps, encoding: Encoding) -> list[bytes]:
     clouds = []
     for row in range(len(raw)):
         points = _points(raw, row).tobytes()
-        clouds.append(
-            pack(
-                foxglove.CLOUD,
-                {
-                    "timestamp": stamp_of(int(raw.stamp_ns[row])),
-                    "frame_id": raw.frame_ids[raw.frame[row]],
-                    "pose": standing(),
-                    "point_stride": _POINT.itemsize,
-                    "fields": fields,
-                    "data": base64.b64encode(points).decode() if encoding is JSON else points,
-                },
-            )
-        )
+        message = {
+            "timestamp": stamp_of(int(raw.stamp_ns[row])),
+            "frame_id": raw.frame_ids[raw.frame[row]],
+            "pose": standing(),
+            "point_stride": _POINT.itemsize,
+            "fields": fields,
+            "data": base64.b64encode(points).decode() if encoding is JSON else points,
+        }
+        clouds.append(pack(foxglove.CLOUD, message))
     return clouds
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
-from rosbags import rosbag2
+from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.typesys.store import Typestore
 
 from lidarcli.choices import CONTAINER_BY_SUFFIX, CONTAINERS, TEXT_CONTAINERS
 from lidarcli.errors import OptionError, OutputError
@@ -154,11 +156,19 @@ def write_bag(
     """Write a ROS 1 bag; with `clouds` its sweeps are point clouds."""
     encode = as_clouds(ROS1_BYTES) if clouds else ROS1_BYTES
     with bag_writer(path, compression) as writer:
-        channels: dict[str, Connection] = {}
-        for message in outgoing(blocks, poses, encode):
-            if message.topic not in channels:
-                channels[message.topic] = writer.add_connection(message.topic, message.type, typestore=ROS1)
-            writer.write(channels[message.topic], message.record_ns, message.data)
+        _write_messages(writer, ROS1, outgoing(blocks, poses, encode))
+
+
+def _write_messages(
+    writer: rosbag1.Writer | rosbag2.Writer, definitions: Typestore, messages: Iterable[Outgoing]
+) -> None:
+    channels: dict[str, Connection] = {}
+    for message in messages:
+        if message.topic not in channels:
+            channels[message.topic] = writer.add_connection(
+                message.topic, message.type, typestore=definitions
+            )
+        writer.write(channels[message.topic], message.record_ns, message.data)
 
 
 def write_folder(
@@ -181,13 +191,7 @@ def write_folder(
         writer.set_compression(mode, CompressionFormat.ZSTD)
     try:
         with writer:
-            channels: dict[str, Connection] = {}
-            for message in outgoing(blocks, poses, encode):
-                if message.topic not in channels:
-                    channels[message.topic] = writer.add_connection(
-                        message.topic, message.type, typestore=ROS2
-                    )
-                writer.write(channels[message.topic], message.record_ns, message.data)
+            _write_messages(writer, ROS2, outgoing(blocks, poses, encode))
     except DATABASE_ERRORS as err:
         raise OutputError(f"{path}: cannot write the database: {err}") from err
 
@@ -202,6 +206,13 @@ def write_db3(
         next(folder.glob("*.db3")).replace(path)
 
 
+_COMPRESSIONS: dict[str, tuple[Iterable[str], str]] = {
+    "mcap": (MCAP_COMPRESSIONS, "zstd"),
+    "bag": (BAG_COMPRESSIONS, "none"),
+    "ros2": (FOLDER_COMPRESSIONS, "none"),
+    "ros2-mcap": (FOLDER_COMPRESSIONS, "none"),
+}
+"""Container → its compressions and the default; the others are not compressed."""
 _WITH_POSES = {"carmen": write_carmen, "aria": write_aria, "player": write_player}
 _WITHOUT_POSES = {"rplidar": write_rplidar, "jsonl": write_jsonlines}
 """Containers of text that has one way to be written → what writes them; some have a place for poses."""
@@ -287,40 +298,25 @@ def _writer(
         one_of("layout", layout, (), "")
     if clouds and container in TEXT_CONTAINERS:
         raise OptionError(f"{path}: clouds do not apply to the container '{container}'")
+    if container not in CONTAINERS:
+        raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")
+    compressions, default = _COMPRESSIONS.get(container, (("none",), "none"))
+    packed = one_of("compression", compression, tuple(compressions), default)
     if container == "mcap":
-        packed = one_of("compression", compression, tuple(MCAP_COMPRESSIONS), "zstd")
-        return lambda target, blocks: write_mcap(
-            target,
-            blocks,
-            encoding=encode,
-            compression=packed,
-            chunk_size=chunk_size,
-            poses=poses,
-            clouds=clouds,
+        return partial(
+            write_mcap, encoding=encode, compression=packed, chunk_size=chunk_size, poses=poses, clouds=clouds
         )
     if container == "bag":
-        packed = one_of("compression", compression, tuple(BAG_COMPRESSIONS), "none")
-        return lambda target, blocks: write_bag(
-            target, blocks, compression=packed, poses=poses, clouds=clouds
-        )
+        return partial(write_bag, compression=packed, poses=poses, clouds=clouds)
     if container in ("ros2", "ros2-mcap"):
-        packed = one_of("compression", compression, tuple(FOLDER_COMPRESSIONS), "none")
         storage = "mcap" if container == "ros2-mcap" else "sqlite3"
-        return lambda target, blocks: write_folder(
-            target, blocks, storage=storage, compression=packed, poses=poses, clouds=clouds
-        )
+        return partial(write_folder, storage=storage, compression=packed, poses=poses, clouds=clouds)
     if container == "db3":
-        one_of("compression", compression, ("none",), "none")
-        return lambda target, blocks: write_db3(target, blocks, poses=poses, clouds=clouds)
+        return partial(write_db3, poses=poses, clouds=clouds)
     if container == "csv":
         from lidarcli.simulate.csv_writer import LAYOUTS, write_csv
 
-        one_of("compression", compression, ("none",), "none")
-        arranged = one_of("layout", layout, tuple(LAYOUTS), next(iter(LAYOUTS)))
-        return lambda target, blocks: write_csv(target, blocks, arranged)
-    if container in TEXT_CONTAINERS:
-        one_of("compression", compression, ("none",), "none")
-        if container in _WITH_POSES:
-            return lambda target, blocks: _WITH_POSES[container](target, blocks, poses)
-        return _WITHOUT_POSES[container]
-    raise OptionError(f"{path}: container '{container}' is not one of {', '.join(CONTAINERS)}")
+        return partial(write_csv, layout=one_of("layout", layout, tuple(LAYOUTS), next(iter(LAYOUTS))))
+    if container in _WITH_POSES:
+        return partial(_WITH_POSES[container], poses=poses)
+    return _WITHOUT_POSES[container]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lidarcli.ros.messages import ros2_definition
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
@@ -16,6 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from lidarcli.formalism.mapping.occupancy import Occupancy
 from lidarcli.maps.mapserver import TYPE, occupancy_cdr, write_occupancy_mcap
+from lidarcli.ros.messages import ros2_definition
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 STAMP_NS = 1_700_000_000_123_456_789

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.accuracy.cells import legs_of
 from lidarcli.simulate import entities as make
 from lidarcli.simulate.generate import cast, place, simulate_sweep_arrays
 from lidarcli.simulate.scene import Course, Motion, Scene, Sensor, super_ellipse
@@ -118,7 +119,7 @@ def test_legs_as_entities_of_their_own_cast_the_same():
         make.legged("chair", -1, -2, 0.5, 0.5, 0.03, 0.2),
         make.box(0, 3, 1, 1),
     ]
-    legs = [leg for thing in things for leg in make.legs_of(thing)]
+    legs = [leg for thing in things for leg in legs_of(thing)]
     assert [leg.kind for leg in legs] == ["leg"] * 10 + ["box"]
     seconds, bearings = np.linspace(0, 2, 9), np.linspace(-np.pi, np.pi, 2000)
     whole, owner = look(things, bearings, seconds=seconds)

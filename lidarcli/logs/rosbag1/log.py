@@ -406,11 +406,7 @@ class Pass:
             self._file, record.data_start, record.end if sane else self._size, codec, min(size, room)
         )
         run = RecordRun(
-            feed,
-            self._search,
-            lambda _, cause: self._damaged(place, cause),
-            others_end=False,
-            expected=size,
+            feed, self._search, lambda _, cause: self._damaged(place, cause), others_end=False, expected=size
         )
         before = self.counts.total()
         for block in run.blocks():

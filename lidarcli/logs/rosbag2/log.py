@@ -9,15 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lidarcli.errors import LidarcliError, UnreadableError
-from lidarcli.logs.base import (
-    LASERSCAN,
-    MULTI_ECHO,
-    Message,
-    OpenOptions,
-    ReadReport,
-    Topic,
-    ros_type,
-)
+from lidarcli.logs.base import LASERSCAN, MULTI_ECHO, Message, OpenOptions, ReadReport, Topic, ros_type
 from lidarcli.logs.laserscan import Gather
 from lidarcli.logs.rosbag2.database import Known, Row, SqliteBag, has_type
 from lidarcli.logs.rosbag2.folder import METADATA, Folder, read_folder
