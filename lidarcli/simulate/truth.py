@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from lidarcli._version import __version__
+from lidarcli.columns import Column
 from lidarcli.errors import OptionError
 from lidarcli.formalism.mapping.counts import Beams, Counts, TooLargeError
 from lidarcli.formalism.mapping.occupancy import HIT, SKIPPED, Occupancy
@@ -20,58 +21,55 @@ from lidarcli.range_rules import RangeRules, normalise
 from lidarcli.simulate.generate import SimulatedBlock, relative, simulate_blocks
 from lidarcli.simulate.scene import Scene
 from lidarcli.sweeps import TURN, Float64, Status
+from lidarcli.tabular.schemas import BEAM_OF_SENSOR, field_of
 
 _Index = NDArray[np.intp]
 
 _ROW_GROUP = 1 << 20
 
 
-def _column(name: str, kind: pa.DataType, meaning: str, unit: str = "") -> pa.Field:
-    metadata = {"description": meaning, **({"unit": unit} if unit else {})}
-    return pa.field(name, kind, metadata=metadata)
+def _schema(*columns: Column) -> pa.Schema:
+    """Return the schema of a truth table: of its columns the meaning comes first, and only what is measured has a unit."""
+
+    def noted(one: Column) -> pa.Field:
+        unit = {"unit": one.unit} if one.unit else {}
+        return field_of(one).with_metadata({"description": one.meaning, **unit})
+
+    return pa.schema([noted(one) for one in columns])
 
 
-TRUTH = pa.schema(
-    [
-        _column("sweep", pa.int64(), "index of the sweep, from 0"),
-        _column("stamp", pa.timestamp("ns", tz="UTC"), "header stamp of the sweep"),
-        _column("entity", pa.int32(), "index of the entity in the scene, from 0"),
-        _column("kind", pa.dictionary(pa.int8(), pa.string()), "box, cylinder, ladder, plant, wall, ..."),
-        _column("wall", pa.bool_(), "true for what is part of the building"),
-        _column("beams", pa.int32(), "beams of the sweep that hit it"),
-        _column(
-            "theta_i", pa.float64(), "bearing of the first of them, counter-clockwise; null for walls", "rad"
-        ),
-        _column("theta_f", pa.float64(), "bearing of the last of them, above theta_i; null for walls", "rad"),
-        _column("x", pa.float64(), "centre in the sensor frame", "m"),
-        _column("y", pa.float64(), "centre in the sensor frame", "m"),
-        _column("yaw", pa.float64(), "orientation in the sensor frame", "rad"),
-        _column("length", pa.float64(), "extent along its own x axis", "m"),
-        _column("width", pa.float64(), "extent along its own y axis", "m"),
-        _column("world_x", pa.float64(), "centre in the world", "m"),
-        _column("world_y", pa.float64(), "centre in the world", "m"),
-        _column("world_yaw", pa.float64(), "orientation in the world", "rad"),
-        _column(
-            "vx",
-            pa.float64(),
-            "velocity of the centre over ground, world frame; of a person, of the body",
-            "m/s",
-        ),
-        _column("vy", pa.float64(), "velocity of the centre over ground, world frame", "m/s"),
-        _column("yaw_rate", pa.float64(), "how fast it turns, counter-clockwise", "rad/s"),
-        _column(
-            "moving",
-            pa.bool_(),
-            "whether it moves by itself in this sweep: its centre goes somewhere or it turns",
-        ),
-    ]
+_SWEEP = Column("sweep", "int64", "", "index of the sweep, from 0")
+TRUTH = _schema(
+    _SWEEP,
+    Column("stamp", "stamp", "", "header stamp of the sweep"),
+    Column("entity", "int32", "", "index of the entity in the scene, from 0"),
+    Column("kind", pa.dictionary(pa.int8(), pa.string()), "", "box, cylinder, ladder, plant, wall, ..."),
+    Column("wall", "bool", "", "true for what is part of the building"),
+    Column("beams", "int32", "", "beams of the sweep that hit it"),
+    Column("theta_i", "float64", "rad", "bearing of the first of them, counter-clockwise; null for walls"),
+    Column("theta_f", "float64", "rad", "bearing of the last of them, above theta_i; null for walls"),
+    *(Column(axis, "float64", "m", "centre in the sensor frame") for axis in "xy"),
+    Column("yaw", "float64", "rad", "orientation in the sensor frame"),
+    Column("length", "float64", "m", "extent along its own x axis"),
+    Column("width", "float64", "m", "extent along its own y axis"),
+    *(Column(f"world_{axis}", "float64", "m", "centre in the world") for axis in "xy"),
+    Column("world_yaw", "float64", "rad", "orientation in the world"),
+    Column(
+        "vx", "float64", "m/s", "velocity of the centre over ground, world frame; of a person, of the body"
+    ),
+    Column("vy", "float64", "m/s", "velocity of the centre over ground, world frame"),
+    Column("yaw_rate", "float64", "rad/s", "how fast it turns, counter-clockwise"),
+    Column(
+        "moving",
+        "bool",
+        "",
+        "whether it moves by itself in this sweep: its centre goes somewhere or it turns",
+    ),
 )
-TRUTH_BEAMS = pa.schema(
-    [
-        _column("sweep", pa.int64(), "index of the sweep, from 0"),
-        _column("beam", pa.int32(), "index of the beam, from 0"),
-        _column("entity", pa.int32(), "index of the entity it hit, -1 for none"),
-    ]
+TRUTH_BEAMS = _schema(
+    _SWEEP,
+    BEAM_OF_SENSOR._replace(unit=""),
+    Column("entity", "int32", "", "index of the entity it hit, -1 for none"),
 )
 
 

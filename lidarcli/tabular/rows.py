@@ -3,59 +3,54 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from lidarcli.formalism import SETS, SHAPES, VERTEX_KINDS, VISIBILITIES, Detection
-from lidarcli.formalism.detection import CHANGES
+from lidarcli.columns import Column, Per
+from lidarcli.formalism.detection import COLUMNS, SETS, Detection, fields_per
+from lidarcli.formalism.tracking.results import Tracks
 from lidarcli.range_rules import count_statuses
 from lidarcli.sweeps import STATUSES, SweepBatch
 from lidarcli.tabular.arrays import codes, floats, masked, names_of, plain
-from lidarcli.tabular.schemas import BEAMS, FACE, FLOAT, OBJECTS, STAMP, SWEEPS, VERTEX
-
-if TYPE_CHECKING:
-    from lidarcli.formalism.tracking.results import Tracks
+from lidarcli.tabular.schemas import FACES, KINDS, STAMP, TABLES, VERTICES, schema_of
 
 
-@dataclass(frozen=True, slots=True)
 class Form:
-    """A schema as its rows are filled in: asking Arrow for it again and again takes longer than the work."""
+    """A table as its rows are filled in: asking Arrow for the schema again and again takes longer than the work."""
 
-    schema: pa.Schema
-    fields: tuple[tuple[str, pa.DataType, bool], ...]
-    """Name and type of each column, and whether it holds floating-point numbers."""
-
-    @classmethod
-    def of(cls, schema: pa.Schema) -> Form:
-        """The form of a schema."""
-        return cls(schema, tuple((each.name, each.type, pa.types.is_floating(each.type)) for each in schema))
+    def __init__(self, table: str) -> None:
+        self.schema = schema_of(TABLES[table])
+        self._columns = [(one, field.type) for one, field in zip(TABLES[table], self.schema, strict=True)]
 
     def fill(self, columns: dict[str, Any], found: Detection | Tracks, count: int) -> pa.RecordBatch:
-        """Complete `columns` by arrays of the same name in what was found, and by nulls for what is not known."""
-        for name, kind, is_float in self.fields:
-            if name in columns:
-                continue
-            values = getattr(found, name, None)
-            if values is None:
-                columns[name] = pa.nulls(count, kind)
-            else:
-                columns[name] = floats(values, kind) if is_float else plain(values)
-        return pa.RecordBatch.from_arrays([columns[name] for name, _, _ in self.fields], schema=self.schema)
+        """Return rows: of `columns`, then of the arrays that `found` has, and of nulls for what is not known."""
+        for one, kind in self._columns:
+            if one.name not in columns:
+                values = getattr(found, one.field, None)
+                columns[one.name] = pa.nulls(count, kind) if values is None else as_column(values, one)
+        return pa.RecordBatch.from_arrays([columns[one.name] for one, _ in self._columns], schema=self.schema)
 
 
-_OBJECTS, _SWEEPS, _BEAMS = map(Form.of, (OBJECTS, SWEEPS, BEAMS))
+def as_column(values: NDArray[Any], one: Column) -> pa.Array:
+    """Return the array of a record as the column that it declares."""
+    if one.words:
+        return names_of(values, one.words) if one.kind == "string" else codes(values, one.words)
+    kind = KINDS[one.kind]
+    return floats(values, kind) if pa.types.is_floating(kind) else plain(values, kind)
+
+
+_OBJECTS, _SWEEPS, _BEAMS = map(Form, ("objects", "sweeps", "beams"))
 
 
 def objects_rows(
     log: str, batch: SweepBatch, detection: Detection, labels: Sequence[str] = ()
 ) -> pa.RecordBatch:
-    """Rows of the objects table: one per object, in the order of the detection (sweep, object).
+    """Return rows of the objects table: one per object, in the order of the detection (sweep, object).
 
-    `labels` are the names that the labels of the detection point into, where it has some.
+    `labels` are the names that the labels of the detection, if any, are indices of.
     """
     row = detection.row
     count = len(row)
@@ -66,18 +61,13 @@ def objects_rows(
         "sweep": plain(batch.sweep[row]),
         "stamp": plain(batch.stamp_ns[row], STAMP),
         "t": plain(batch.seconds()[row]),
-        "set": codes(detection.set, SETS),
-        "shape": codes(detection.shape, SHAPES),
-        "visibility": codes(detection.visibility, VISIBILITIES),
-        "vertices": _vertices(detection),
-        "faces": _faces(detection),
+        "vertices": _lists(detection, VERTICES, detection.vertex_offsets, "vertex"),
+        "faces": _lists(detection, FACES, detection.face_offsets, "face"),
     }
-    if detection.change is not None:
-        columns["change"] = codes(detection.change, CHANGES)
     if detection.label is not None:
         columns["label"] = codes(detection.label, labels)
     if detection.features is not None:
-        # Who asks for no reasons does not wait for this import.
+        # Imported here, as few ask for reasons.
         from lidarcli.formalism.explanation import reasons
 
         columns["why"] = pa.array(reasons(detection.features, detection.thing), pa.string())
@@ -90,7 +80,7 @@ def objects_rows(
 
 
 def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
-    """Rows of the sweeps table: one per sweep of the batch."""
+    """Return rows of the sweeps table: one per sweep of the batch."""
     count = len(batch)
     columns = {
         "log": constant(log, count),
@@ -100,7 +90,6 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
         "stamp": plain(batch.stamp_ns, STAMP),
         "t": plain(batch.seconds()),
         "beams": plain(batch.beams),
-        "d_th": floats(detection.sweep_d_th),
     }
     columns |= zip(STATUSES, map(plain, count_statuses(batch.status)), strict=False)
     if detection.station is not None:
@@ -111,7 +100,7 @@ def sweeps_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordB
 
 
 def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBatch:
-    """Rows of the beams table: one per beam of the batch, padding left out.
+    """Return rows of the beams table: one per beam of the batch, without padding.
 
     Raises
     ------
@@ -123,7 +112,6 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
     row, beam = beams_of(batch)
     count = len(row)
     owner = detection.beam_object[row, beam]
-    difference = detection.beam_difference
     columns = {
         "log": constant(log, count),
         "topic": constant(batch.topic, count),
@@ -135,39 +123,25 @@ def beams_rows(log: str, batch: SweepBatch, detection: Detection) -> pa.RecordBa
         "s": floats(detection.beam_s[row, beam]),
         "set": codes(detection.beam_set[row, beam], SETS),
         "object": masked(owner, owner == 0),
-        "difference": pa.nulls(count, FLOAT) if difference is None else floats(difference[row, beam]),
     }
+    if detection.beam_difference is not None:
+        columns["difference"] = floats(detection.beam_difference[row, beam])
     return _BEAMS.fill(columns, detection, count)
 
 
 def beams_of(batch: SweepBatch) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Row and column of every beam of a batch, padding left out, in the order of the beams table."""
+    """Return row and column of every beam of a batch, without padding, in the order of the beams table."""
     row, beam = np.nonzero(np.arange(batch.width) < batch.beams[:, None])
     return row, beam
 
 
 def constant(text: str, count: int) -> pa.DictionaryArray:
-    """A column of one name."""
+    """Return a column of one name."""
     return codes(np.zeros(count, np.uint8), (text,))
 
 
-def _vertices(detection: Detection) -> pa.ListArray:
-    kinds = names_of(detection.vertex_kind, VERTEX_KINDS)
-    values = [floats(detection.vertex_theta), floats(detection.vertex_r), kinds]
-    return _lists(
-        "vertices", detection.vertex_offsets, pa.StructArray.from_arrays(values, fields=list(VERTEX))
-    )
-
-
-def _faces(detection: Detection) -> pa.ListArray:
-    values = [
-        floats(detection.face_theta_i),
-        floats(detection.face_theta_f),
-        floats(detection.face_length),
-        floats(detection.face_rms),
-    ]
-    return _lists("faces", detection.face_offsets, pa.StructArray.from_arrays(values, fields=list(FACE)))
-
-
-def _lists(name: str, offsets: NDArray[np.int32], values: pa.StructArray) -> pa.ListArray:
-    return pa.ListArray.from_arrays(plain(offsets), values, type=OBJECTS.field(name).type)
+def _lists(detection: Detection, kind: pa.ListType, offsets: NDArray[np.int32], per: Per) -> pa.ListArray:
+    """Return a list for each object, of the fields that have one entry per vertex or face."""
+    values = [as_column(getattr(detection, field), COLUMNS[field]) for field in fields_per(per)]
+    items = pa.StructArray.from_arrays(values, fields=list(kind.value_type))
+    return pa.ListArray.from_arrays(plain(offsets), items, type=kind)

@@ -1,34 +1,41 @@
-"""The declared schema of every table: columns, types, and the unit and meaning of each column."""
+"""The schema of every table, made of declared columns: those of records, and those that only tables have."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 import pyarrow as pa
+
+from lidarcli.columns import Column, columns_of
+from lidarcli.formalism.detection import COLUMNS, fields_per
+from lidarcli.formalism.tracking.results import Followed, Tracks
+from lidarcli.sweeps import STATUSES
 
 TEXT = pa.dictionary(pa.int32(), pa.string())
 STAMP = pa.timestamp("ns", tz="UTC")
-INT32, INT64, FLOAT, SINGLE, BOOL = pa.int32(), pa.int64(), pa.float64(), pa.float32(), pa.bool_()
+FLOAT = pa.float64()
+KINDS = {
+    "text": TEXT,
+    "string": pa.string(),
+    "stamp": STAMP,
+    "bool": pa.bool_(),
+    "int32": pa.int32(),
+    "int64": pa.int64(),
+    "float32": pa.float32(),
+    "float64": FLOAT,
+}
+"""Type of a declared column → its type in Arrow."""
 
 
-def column(name: str, kind: pa.DataType, unit: str, description: str) -> pa.Field:
-    """A column with its unit (`1` for a count or an index, empty for text) and one line of meaning."""
-    return pa.field(name, kind, metadata={b"unit": unit.encode(), b"description": description.encode()})
+def field_of(one: Column) -> pa.Field:
+    """Return a column as Arrow has it, with unit and meaning as its metadata."""
+    metadata = {b"unit": one.unit.encode(), b"description": one.meaning.encode()}
+    return pa.field(one.name, KINDS.get(one.kind, one.kind), metadata=metadata)
 
 
-VERTEX = pa.struct(
-    [
-        column("theta", FLOAT, "rad", "bearing of the vertex"),
-        column("r", FLOAT, "m", "range of the vertex"),
-        column("kind", pa.string(), "", "start, end, corner or extremum"),
-    ]
-)
-FACE = pa.struct(
-    [
-        column("theta_i", FLOAT, "rad", "bearing where the face begins"),
-        column("theta_f", FLOAT, "rad", "bearing where the face ends"),
-        column("length", FLOAT, "m", "length of the face"),
-        column("rms", FLOAT, "m", "rms distance of its points from a straight face"),
-    ]
-)
+def schema_of(columns: Iterable[Column]) -> pa.Schema:
+    """Return the schema of a table that has these columns."""
+    return pa.schema([field_of(one) for one in columns])
 
 
 def _list(item: pa.DataType) -> pa.DataType:
@@ -36,294 +43,181 @@ def _list(item: pa.DataType) -> pa.DataType:
     return pa.list_(pa.field("element", item))
 
 
-_LOG = column("log", TEXT, "", "log the sweep comes from")
-_TOPIC = column("topic", TEXT, "", "LaserScan topic")
-_FRAME = column("frame_id", TEXT, "", "sensor frame of the sweep")
-_SWEEP = column("sweep", INT64, "1", "index of the sweep within its topic, in log order, from 0")
-_STAMP = column("stamp", STAMP, "ns", "header stamp, or the log's record time where the header has none")
-_SECONDS = column("t", FLOAT, "s", "seconds since the first sweep of the topic in the log")
-_LABEL = column(
-    "label", TEXT, "", "name in the catalogue; null without a catalogue, or where nothing in it fits"
-)
-_LABEL_SCORE = column("label_score", FLOAT, "1", "how well the label fits, 0 to 1; null without one")
+def _between(columns: Mapping[str, Column], first: str, last: str) -> list[Column]:
+    """Return the columns of a record from one field to another, both included."""
+    names = [*columns]
+    return [columns[name] for name in names[names.index(first) : names.index(last) + 1]]
 
-OBJECTS = pa.schema(
-    [
-        _LOG,
-        _TOPIC,
-        _FRAME,
-        _SWEEP,
-        _STAMP,
-        _SECONDS,
-        column("object", INT32, "1", "number of the object in its sweep, 1, 2, ... by increasing theta_i"),
-        column("set", TEXT, "", "O object, A agent (moves by itself), S wall (with --walls)"),
-        column("shape", TEXT, "", "prismatic, round, legged, irregular, unknown or wall"),
-        column("visibility", TEXT, "", "full, start_hidden, end_hidden, both_hidden or cut"),
-        column(
-            "beam_i", INT32, "1", "first beam, from 0; greater than beam_f when the object crosses the seam"
+
+VERTICES, FACES = (
+    _list(pa.struct([field_of(COLUMNS[name]) for name in fields_per(each)])) for each in ("vertex", "face")
+)
+
+_FOLLOWED, _TRACKS = columns_of(Followed), columns_of(Tracks)
+
+_LOG = Column("log", "text", "", "log the sweep comes from")
+_TOPIC = Column("topic", "text", "", "LaserScan topic")
+_FRAME = Column("frame_id", "text", "", "sensor frame of the sweep")
+_SWEEP = Column("sweep", "int64", "1", "index of the sweep within its topic, in log order, from 0")
+_STAMP = Column("stamp", "stamp", "ns", "header stamp, or the log's record time where the header has none")
+_SECONDS = Column("t", "float64", "s", "seconds since the first sweep of the topic in the log", later=True)
+_BEAM = Column("beam", "int32", "1", "index of the beam in its sweep, from 0")
+BEAM_OF_SENSOR = Column("beam", "int32", "1", "index of the beam, from 0")
+_THETA = Column("theta", "float64", "rad", "bearing of the beam")
+_POSE = (
+    *(
+        Column(f"pose_{axis}", "float64", "m", "sensor position in the world frame; null without a pose")
+        for axis in "xy"
+    ),
+    Column("pose_yaw", "float64", "rad", "sensor yaw in the world frame; null without a pose"),
+)
+_LABEL, _LABEL_SCORE = COLUMNS["label"], COLUMNS["label_score"]
+_STATUSES = {
+    "valid": "beams with a range",
+    "no_return": "beams without a return",
+    "too_close": "beams below the range limit",
+    "invalid": "beams without a usable value",
+}
+"""Status of a beam → meaning of the column that counts such beams."""
+
+TABLES: dict[str, tuple[Column, ...]] = {
+    "objects": (
+        *(_LOG, _TOPIC, _FRAME, _SWEEP, _STAMP, _SECONDS),
+        *_between(COLUMNS, "object", "box_yaw"),
+        COLUMNS["intensity"],
+        Column("vertices", VERTICES, "", "vertices in order of bearing"),
+        Column("faces", FACES, "", "faces between the vertices"),
+        *(COLUMNS["difference"], COLUMNS["change"]),
+        *_between(_FOLLOWED, "track", "moving"),
+        *(COLUMNS["thing"], _LABEL, _LABEL_SCORE),
+        *(
+            Column(f"world_{axis}", "float64", "m", "box centre in the world frame; null without a pose")
+            for axis in "xy"
         ),
-        column("beam_f", INT32, "1", "last beam, inclusive"),
-        column("beams", INT32, "1", "number of valid beams of the object"),
-        column("theta_i", FLOAT, "rad", "bearing of the first point P_i"),
-        column("theta_f", FLOAT, "rad", "bearing of the last point P_f; may pass pi, never below theta_i"),
-        column("r_i", FLOAT, "m", "range of P_i"),
-        column("r_f", FLOAT, "m", "range of P_f"),
-        column("s_i", FLOAT, "m", "signed difference on entering the object; null where undefined"),
-        column("s_f", FLOAT, "m", "signed difference on leaving the object; null where undefined"),
-        column("d_th", FLOAT, "m", "threshold of a discontinuity that was used"),
-        column("theta_min", FLOAT, "rad", "bearing of the point nearest to the scanner"),
-        column("r_min", FLOAT, "m", "range of the point nearest to the scanner"),
-        column("x", FLOAT, "m", "centroid of the points, sensor frame, forward"),
-        column("y", FLOAT, "m", "centroid of the points, sensor frame, left"),
-        column("width", FLOAT, "m", "chord from P_i to P_f"),
-        column("box_x", FLOAT, "m", "centre of the oriented bounding box, sensor frame, forward"),
-        column("box_y", FLOAT, "m", "centre of the oriented bounding box, sensor frame, left"),
-        column("box_length", FLOAT, "m", "longer side of the box"),
-        column("box_width", FLOAT, "m", "shorter side of the box"),
-        column("box_yaw", FLOAT, "rad", "direction of the longer side, sensor frame"),
-        column(
-            "intensity",
-            SINGLE,
-            "1",
-            "median intensity of its beams, in the sensor's own unit; null where the log has none",
-        ),
-        column("vertices", _list(VERTEX), "", "vertices in order of bearing"),
-        column("faces", _list(FACE), "", "faces between the vertices"),
-        column("difference", FLOAT, "m", "median of r_w - r_e over its beams; null without a background"),
-        column("change", TEXT, "", "appeared or removed; null without a background"),
-        column(
-            "track",
-            INT64,
-            "1",
-            "thing that the object belongs to, 1, 2, ... by first sight; null until tracked",
-        ),
-        column(
-            "vx",
-            FLOAT,
-            "m/s",
-            "velocity of the thing over ground, world frame or else sensor frame; null until tracked",
-        ),
-        column("vy", FLOAT, "m/s", "velocity of the thing over ground; null until tracked"),
-        column("moving", BOOL, "", "whether the thing moves in this sweep; null until tracked"),
-        column(
-            "thing",
-            FLOAT,
-            "1",
-            "how likely it is a thing and not a piece of building, 0 to 1; null with a background or profile paper",
-        ),
-        _LABEL,
-        _LABEL_SCORE,
-        column("world_x", FLOAT, "m", "box centre in the world frame; null without a pose"),
-        column("world_y", FLOAT, "m", "box centre in the world frame; null without a pose"),
-        column("world_yaw", FLOAT, "rad", "box yaw in the world frame; null without a pose"),
-        column(
+        Column("world_yaw", "float64", "rad", "box yaw in the world frame; null without a pose"),
+        Column(
             "why",
-            pa.string(),
+            "string",
             "",
             "what each kind of evidence of this sweep adds to the log-odds of a thing; null without --explain",
+            nullable=True,
+            later=True,
         ),
-    ]
-)
-
-SWEEPS = pa.schema(
-    [
-        _LOG,
-        _TOPIC,
-        _FRAME,
-        _SWEEP,
-        _STAMP,
-        _SECONDS,
-        column("beams", INT32, "1", "beams of the sweep"),
-        column("valid", INT32, "1", "beams with a range"),
-        column("no_return", INT32, "1", "beams without a return"),
-        column("too_close", INT32, "1", "beams below the range limit"),
-        column("invalid", INT32, "1", "beams without a usable value"),
-        column(
-            "nearest",
-            FLOAT,
+    ),
+    "sweeps": (
+        *(_LOG, _TOPIC, _FRAME, _SWEEP, _STAMP, _SECONDS),
+        Column("beams", "int32", "1", "beams of the sweep"),
+        *(Column(name, "int32", "1", _STATUSES[name]) for name in STATUSES),
+        *_between(COLUMNS, "nearest", "noise_beams"),
+        *_POSE,
+        COLUMNS["station"],
+    ),
+    "tracks": (
+        *(_LOG, _TOPIC, _FRAME),
+        *_between(_TRACKS, "track", "shape"),
+        *(one._replace(later=False) for one in (_LABEL, _LABEL_SCORE)),
+        *_between(_TRACKS, "first_sweep", "end"),
+    ),
+    "beams": (
+        *(_LOG, _TOPIC, _SWEEP, _BEAM, _THETA),
+        Column("r", "float64", "m", "range; null where the beam has none"),
+        Column("status", "text", "", "valid, no_return, too_close or invalid", words=STATUSES),
+        *(COLUMNS[name] for name in ("beam_s", "beam_set", "beam_object", "beam_difference")),
+    ),
+    "background": (
+        *(_TOPIC, _FRAME),
+        Column("station", "int32", "1", "place and heading of the sensor, from 0 for each topic and frame"),
+        BEAM_OF_SENSOR,
+        _THETA,
+        Column(
+            "r_e",
+            "float64",
             "m",
-            "least range of the sweep, be it of an object or a wall; null without a range",
+            "range of the background; inf: open, nothing returns; null: nothing known",
+            infinite=True,
         ),
-        column("nearest_theta", FLOAT, "rad", "bearing of the beam with that range; null without one"),
-        column("d_mean", FLOAT, "m", "mean of |s|, the threshold of Def. 3; null without a difference"),
-        column("d_th", FLOAT, "m", "threshold of a discontinuity that was used"),
-        column("noise", FLOAT, "m", "noise of the ranges: their estimated standard deviation sigma"),
-        column("objects", INT32, "1", "objects in the sweep (set O)"),
-        column("agents", INT32, "1", "agents in the sweep (set A)"),
-        column("object_beams", INT32, "1", "beams on objects (set O)"),
-        column("agent_beams", INT32, "1", "beams on agents (set A)"),
-        column(
-            "noise_beams",
-            INT32,
-            "1",
-            "beams on walls and the rest (set S): in no object; the three sets sum to beams (Def. 4)",
+        Column(
+            "r_near",
+            "float64",
+            "m",
+            "nearest surface with as much support as r_e needs; r_e but for depth edges",
+            infinite=True,
         ),
-        column("pose_x", FLOAT, "m", "sensor position in the world frame; null without a pose"),
-        column("pose_y", FLOAT, "m", "sensor position in the world frame; null without a pose"),
-        column("pose_yaw", FLOAT, "rad", "sensor yaw in the world frame; null without a pose"),
-        column(
-            "station", INT32, "1", "station of the background that it was compared with; null without one"
+        Column("spread", "float64", "m", "robust standard deviation of the ranges that back r_e"),
+        Column("support", "float64", "1", "share of the observations that back r_e"),
+        Column("no_return", "float64", "1", "share of the observations without a return"),
+        Column("sweeps", "int64", "1", "sweeps of the station"),
+        *_POSE,
+        Column("upside_down", "bool", "", "whether the sensor hangs head down"),
+    ),
+    "matches": (
+        Column(
+            "thing", "int64", "1", "number of the thing, 1, 2, ... by first sight in the order of the runs"
         ),
-    ]
-)
-
-TRACKS = pa.schema(
-    [
-        _LOG,
+        _LOG._replace(meaning="log in which it was seen; its table where several logs have one name"),
         _TOPIC,
-        _FRAME,
-        column("track", INT64, "1", "number of the thing, 1, 2, ... by first sight within its topic"),
-        column("set", TEXT, "", "A agent: it has moved by itself; O object: it has not"),
-        column(
-            "shape", TEXT, "", "prismatic, round, legged, irregular or unknown, by all that was seen of it"
+        Column("track", "int64", "1", "its number in the tracks table of that log"),
+        Column("x", "float64", "m", "where it stands, in the coordinates of the first run that is matched"),
+        Column("y", "float64", "m", "where it stands"),
+        Column(
+            "moved",
+            "float64",
+            "m",
+            "how far from where it was in the run before that has it; null in the first",
         ),
-        _LABEL,
-        _LABEL_SCORE,
-        column("first_sweep", INT64, "1", "sweep in which it was first seen"),
-        column("last_sweep", INT64, "1", "sweep in which it was last seen"),
-        column("first_stamp", STAMP, "ns", "stamp of the first of these sweeps"),
-        column("last_stamp", STAMP, "ns", "stamp of the last"),
-        column("duration", FLOAT, "s", "from the first sight to the last"),
-        column("sweeps", INT64, "1", "sweeps in which it was seen"),
-        column("hidden", FLOAT, "s", "time between first and last sight in which it was not seen"),
-        column("x", FLOAT, "m", "centre, world frame or else sensor frame; of an agent where it was last"),
-        column("y", FLOAT, "m", "centre, world frame or else sensor frame"),
-        column("yaw", FLOAT, "rad", "direction of the longer side"),
-        column("length", FLOAT, "m", "longer side by all that was seen of it; null where unknown"),
-        column("width", FLOAT, "m", "shorter side by all that was seen of it; null where unknown"),
-        column("length_sd", FLOAT, "m", "standard deviation of the length"),
-        column("width_sd", FLOAT, "m", "standard deviation of the width"),
-        column("distance", FLOAT, "m", "way travelled over ground, in the sweeps in which it moves"),
-        column("speed_mean", FLOAT, "m/s", "mean speed from the first sight to the last"),
-        column("speed_max", FLOAT, "m/s", "greatest speed"),
-        column("moved_at", STAMP, "ns", "stamp at which it began to move; null for what never moved"),
-        column("end", TEXT, "", "left view, free, lost or end of log: why it ends"),
-    ]
-)
-
-BEAMS = pa.schema(
-    [
-        _LOG,
-        _TOPIC,
-        _SWEEP,
-        column("beam", INT32, "1", "index of the beam in its sweep, from 0"),
-        column("theta", FLOAT, "rad", "bearing of the beam"),
-        column("r", FLOAT, "m", "range; null where the beam has none"),
-        column("status", TEXT, "", "valid, no_return, too_close or invalid"),
-        column("s", FLOAT, "m", "signed difference to the beam before; null where undefined"),
-        column("set", TEXT, "", "O, A or S (Def. 4)"),
-        column("object", INT32, "1", "number of the object the beam belongs to; null in S"),
-        column("difference", FLOAT, "m", "r_w - r_e; null without a background"),
-    ]
-)
-
-BACKGROUND = pa.schema(
-    [
-        _TOPIC,
-        _FRAME,
-        column("station", INT32, "1", "place and heading of the sensor, from 0 for each topic and frame"),
-        column("beam", INT32, "1", "index of the beam, from 0"),
-        column("theta", FLOAT, "rad", "bearing of the beam"),
-        column("r_e", FLOAT, "m", "range of the background; inf: open, nothing returns; null: nothing known"),
-        column(
-            "r_near", FLOAT, "m", "nearest surface with as much support as r_e needs; r_e but for depth edges"
+        Column(
+            "score", "float64", "1", "how likely it is that thing and no other, 0 to 1; null in the first"
         ),
-        column("spread", FLOAT, "m", "robust standard deviation of the ranges that back r_e"),
-        column("support", FLOAT, "1", "share of the observations that back r_e"),
-        column("no_return", FLOAT, "1", "share of the observations without a return"),
-        column("sweeps", INT64, "1", "sweeps of the station"),
-        column("pose_x", FLOAT, "m", "sensor position in the world frame; null without a pose"),
-        column("pose_y", FLOAT, "m", "sensor position in the world frame; null without a pose"),
-        column("pose_yaw", FLOAT, "rad", "sensor yaw in the world frame; null without a pose"),
-        column("upside_down", BOOL, "", "whether the sensor hangs head down"),
-    ]
-)
-
-MATCHES = pa.schema(
-    [
-        column("thing", INT64, "1", "number of the thing, 1, 2, ... by first sight in the order of the runs"),
-        column("log", TEXT, "", "log in which it was seen; its table where several logs have one name"),
-        _TOPIC,
-        column("track", INT64, "1", "its number in the tracks table of that log"),
-        column("x", FLOAT, "m", "where it stands, in the coordinates of the first run that is matched"),
-        column("y", FLOAT, "m", "where it stands"),
-        column(
-            "moved", FLOAT, "m", "how far from where it was in the run before that has it; null in the first"
+    ),
+    "cloud": (
+        *(_LOG, _TOPIC, _SWEEP, _BEAM),
+        Column("stamp", "stamp", "ns", "time of the beam"),
+        *(Column(axis, "float64", "m", "point in the world frame") for axis in "xy"),
+        COLUMNS["beam_set"]._replace(
+            meaning=f"{COLUMNS['beam_set'].meaning}; null where the beams were not told apart"
         ),
-        column("score", FLOAT, "1", "how likely it is that thing and no other, 0 to 1; null in the first"),
-    ]
-)
+    ),
+    "poses": (
+        *(_LOG, _TOPIC, _FRAME),
+        Column("world", "text", "", "the fixed frame"),
+        *(_SWEEP, _STAMP),
+        Column("x", "float64", "m", "where the sensor was at the stamp of the sweep"),
+        *(Column(axis, "float64", "m", "where it was") for axis in "yz"),
+        Column("qx", "float64", "1", "its rotation, a unit quaternion"),
+        *(Column(axis, "float64", "1", "its rotation") for axis in ("qy", "qz")),
+        Column("qw", "float64", "1", "its rotation, 0 or more"),
+        Column("yaw", "float64", "rad", "direction of its x axis, seen from above"),
+    ),
+    "runs": (
+        Column("log", "string", "", "name of the log, which its tables carry"),
+        Column("url", "string", "", "where it is: an absolute path, or the URL of an object"),
+        Column("size", "int64", "byte", "its size; null where unknown", nullable=True),
+        Column(
+            "etag", "string", "", "the store's mark of its content; null outside of stores", nullable=True
+        ),
+        Column("mtime", "stamp", "ns", "its last change; null where unknown", nullable=True),
+        Column("parameters", "string", "", "hash of all that the tables depend on beside the log"),
+        Column("version", "string", "", "version of lidarcli"),
+        Column("outcome", "text", "", "ok, damaged (read as far as it can be) or failed (no tables)"),
+        Column("exit_code", "int32", "1", "that of a run over this log alone"),
+        Column("message", "string", "", "why, where the outcome is not ok", nullable=True),
+        Column("outputs", _list(pa.string()), "", "files that were written", nullable=True),
+        Column("output_sizes", _list(pa.int64()), "byte", "size of each of them", nullable=True),
+        Column("sweeps", "int64", "1", "sweeps that were read; null where the log failed", nullable=True),
+        Column("rows", "int64", "1", "rows of all its tables; null where the log failed", nullable=True),
+        Column("seconds", "float64", "s", "how long it took; null where the log failed"),
+        Column("ended", "stamp", "ns", "when it was done"),
+    ),
+}
+"""Table → its columns, in order."""
 
-CLOUD = pa.schema(
-    [
-        _LOG,
-        _TOPIC,
-        _SWEEP,
-        column("beam", INT32, "1", "index of the beam in its sweep, from 0"),
-        column("stamp", STAMP, "ns", "time of the beam"),
-        column("x", FLOAT, "m", "point in the world frame"),
-        column("y", FLOAT, "m", "point in the world frame"),
-        column("set", TEXT, "", "O, A or S (Def. 4); null where the beams were not told apart"),
-    ]
-)
-
-POSES = pa.schema(
-    [
-        _LOG,
-        _TOPIC,
-        _FRAME,
-        column("world", TEXT, "", "the fixed frame"),
-        _SWEEP,
-        _STAMP,
-        column("x", FLOAT, "m", "where the sensor was at the stamp of the sweep"),
-        column("y", FLOAT, "m", "where it was"),
-        column("z", FLOAT, "m", "where it was"),
-        column("qx", FLOAT, "1", "its rotation, a unit quaternion"),
-        column("qy", FLOAT, "1", "its rotation"),
-        column("qz", FLOAT, "1", "its rotation"),
-        column("qw", FLOAT, "1", "its rotation, 0 or more"),
-        column("yaw", FLOAT, "rad", "direction of its x axis, seen from above"),
-    ]
-)
-
-RUNS = pa.schema(
-    [
-        column("log", pa.string(), "", "name of the log, which its tables carry"),
-        column("url", pa.string(), "", "where it is: an absolute path, or the URL of an object"),
-        column("size", INT64, "byte", "its size; null where unknown"),
-        column("etag", pa.string(), "", "the store's mark of its content; null outside of stores"),
-        column("mtime", STAMP, "ns", "its last change; null where unknown"),
-        column("parameters", pa.string(), "", "hash of all that the tables depend on beside the log"),
-        column("version", pa.string(), "", "version of lidarcli"),
-        column("outcome", TEXT, "", "ok, damaged (read as far as it can be) or failed (no tables)"),
-        column("exit_code", INT32, "1", "that of a run over this log alone"),
-        column("message", pa.string(), "", "why, where the outcome is not ok"),
-        column("outputs", _list(pa.string()), "", "files that were written"),
-        column("output_sizes", _list(INT64), "byte", "size of each of them"),
-        column("sweeps", INT64, "1", "sweeps that were read; null where the log failed"),
-        column("rows", INT64, "1", "rows of all its tables; null where the log failed"),
-        column("seconds", FLOAT, "s", "how long it took; null where the log failed"),
-        column("ended", STAMP, "ns", "when it was done"),
-    ]
-)
-
+OBJECTS, SWEEPS, TRACKS, BEAMS, BACKGROUND, MATCHES, CLOUD, POSES, RUNS = map(schema_of, TABLES.values())
 SCHEMAS = {"objects": OBJECTS, "sweeps": SWEEPS, "tracks": TRACKS, "beams": BEAMS}
 """Table name, as in the file name `<log>.<table>.parquet` → schema."""
 
-NULLABLE = {
-    "objects": frozenset({"change", "track", "moving", "label", "why"}),
-    "sweeps": frozenset({"station"}),
-    "tracks": frozenset({"label", "moved_at"}),
-    "beams": frozenset({"object"}),
-    "background": frozenset[str](),
-    "matches": frozenset[str](),
-    "runs": frozenset({"size", "etag", "mtime", "message", "outputs", "output_sizes", "sweeps", "rows"}),
-}
+NULLABLE = {name: frozenset(one.name for one in table if one.nullable) for name, table in TABLES.items()}
 """Table → columns that may be null beside those of floating point, which all may: null is what was not measured."""
-LATER = {
-    "objects": frozenset({"t", "vx", "vy", "moving", "thing", "label", "label_score", "why", "intensity"}),
-    "sweeps": frozenset({"t", "nearest", "nearest_theta"}),
-}
+LATER = {name: frozenset(one.name for one in TABLES[name] if one.later) for name in ("objects", "sweeps")}
 """Table → columns that tables of earlier versions do not have: read as null."""
-INFINITE = frozenset({"r_e", "r_near"})
+INFINITE = frozenset(one.name for table in TABLES.values() for one in table if one.infinite)
 """Columns that may be infinite: in these directions the scene is open."""

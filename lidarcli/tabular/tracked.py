@@ -10,13 +10,13 @@ import pyarrow as pa
 
 from lidarcli.formalism import SETS, SHAPES, Detection
 from lidarcli.formalism.detection import AGENT, NOISE, OBJECT
-from lidarcli.formalism.tracking.results import ENDS, Followed, Tracks
+from lidarcli.formalism.tracking.results import Followed, Tracks
 from lidarcli.sweeps import Int32, SweepBatch, UInt8
 from lidarcli.tabular.arrays import answers, codes, floats, masked, plain
 from lidarcli.tabular.rows import Form, beams_of, constant
-from lidarcli.tabular.schemas import STAMP, TRACKS
+from lidarcli.tabular.schemas import STAMP
 
-_TRACKS = Form.of(TRACKS)
+_TRACKS = Form("tracks")
 
 
 def tracked_objects(
@@ -80,7 +80,7 @@ def beam_sets(
 ) -> tuple[UInt8, Int32]:
     """Return the set of each beam and the number of its object, 0 for none, (S, B) each, by the tracking.
 
-    `tracks`: whether agents are told apart. The detection was made with `per_beam`.
+    `tracks`: tell agents from objects. The detection was made with `per_beam`.
     """
     assert detection.beam_object is not None
     most = int(detection.object.max(initial=0))
@@ -103,12 +103,7 @@ def tracks_rows(
         "log": constant(log, count),
         "topic": constant(topic, count),
         "frame_id": codes(tracks.frame, frames),
-        "set": codes(tracks.set, SETS),
-        "shape": codes(tracks.shape, SHAPES),
-        "first_stamp": plain(tracks.first_stamp_ns, STAMP),
-        "last_stamp": plain(tracks.last_stamp_ns, STAMP),
         "moved_at": masked(tracks.moved_at_ns, ~tracks.moved, STAMP),
-        "end": codes(tracks.end, ENDS),
     }
     return _TRACKS.fill(columns | _labelled(tracks, labels), tracks, count)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from lidarcli.columns import column
+from lidarcli.formalism.detection import SETS, SHAPES
 from lidarcli.sweeps import Bool, Float64, Int8, Int32, Int64, UInt8, record
 
 ENDS = ("left view", "free", "lost", "end of log")
@@ -22,15 +24,31 @@ SIZE_OUTLIER = 9e-4
 
 @record
 class Followed:
-    """Tracks of the objects of one batch: K objects in the order of the detection, S sweeps."""
+    """What tracking adds to the detection of one batch: K objects in the order of the detection, S sweeps.
 
-    track: Int64
-    """(K,) number of the track, 1, 2, ... by first sight; 0 without a track."""
-    vx: Float64
-    """(K,) velocity of the track over ground [m/s]; NaN without a track."""
-    vy: Float64
-    moving: Int8
-    """(K,) 1 where the track moves in this sweep, 0 where it stands, -1 without a track."""
+    The fields that a `Detection` has as well take the place of its own.
+    """
+
+    track: Int64 = column(
+        "1",
+        "thing that the object belongs to, 1, 2, ... by first sight; null until tracked",
+        nullable=True,
+    )
+    """0 without a track."""
+    vx: Float64 = column(
+        "m/s",
+        "velocity of the thing over ground, world frame or else sensor frame; null until tracked",
+        later=True,
+    )
+    vy: Float64 = column("m/s", "velocity of the thing over ground; null until tracked", later=True)
+    moving: Int8 = column(
+        "",
+        "whether the thing moves in this sweep; null until tracked",
+        kind="bool",
+        nullable=True,
+        later=True,
+    )
+    """-1 without a track."""
     set: UInt8
     """(K,) set of each object (Def. 4): agents are in A, and what all sweeps together take for building is in S."""
     shape: UInt8
@@ -61,36 +79,45 @@ class Tracks:
 
     frame: Int32
     """(M,) index into the frame names of the tracker."""
-    track: Int64
-    set: UInt8
-    shape: UInt8
+    track: Int64 = column("1", "number of the thing, 1, 2, ... by first sight within its topic", per="track")
+    set: UInt8 = column("", "A agent: it has moved by itself; O object: it has not", per="track", words=SETS)
+    shape: UInt8 = column(
+        "",
+        "prismatic, round, legged, irregular or unknown, by all that was seen of it",
+        per="track",
+        words=SHAPES,
+    )
     label: Int32
     """(M,) index into the catalogue, -1 for none."""
     label_score: Float64
-    first_sweep: Int64
-    last_sweep: Int64
-    first_stamp_ns: Int64
-    last_stamp_ns: Int64
-    duration: Float64
-    sweeps: Int64
-    """(M,) number of sweeps that saw it."""
-    hidden: Float64
-    """(M,) time in which it was not seen [s]."""
-    x: Float64
-    y: Float64
-    yaw: Float64
-    length: Float64
-    width: Float64
-    length_sd: Float64
-    width_sd: Float64
-    distance: Float64
-    speed_mean: Float64
-    speed_max: Float64
+    first_sweep: Int64 = column("1", "sweep in which it was first seen", per="track")
+    last_sweep: Int64 = column("1", "sweep in which it was last seen", per="track")
+    first_stamp_ns: Int64 = column("ns", "stamp of the first of these sweeps", per="track")
+    last_stamp_ns: Int64 = column("ns", "stamp of the last", per="track")
+    duration: Float64 = column("s", "from the first sight to the last", per="track")
+    sweeps: Int64 = column("1", "sweeps in which it was seen", per="track")
+    hidden: Float64 = column("s", "time between first and last sight in which it was not seen", per="track")
+    x: Float64 = column(
+        "m", "centre, world frame or else sensor frame; of an agent where it was last", per="track"
+    )
+    y: Float64 = column("m", "centre, world frame or else sensor frame", per="track")
+    yaw: Float64 = column("rad", "direction of the longer side", per="track")
+    length: Float64 = column("m", "longer side by all that was seen of it; null where unknown", per="track")
+    width: Float64 = column("m", "shorter side by all that was seen of it; null where unknown", per="track")
+    length_sd: Float64 = column("m", "standard deviation of the length", per="track")
+    width_sd: Float64 = column("m", "standard deviation of the width", per="track")
+    distance: Float64 = column("m", "way travelled over ground, in the sweeps in which it moves", per="track")
+    speed_mean: Float64 = column("m/s", "mean speed from the first sight to the last", per="track")
+    speed_max: Float64 = column("m/s", "greatest speed", per="track")
+    moved_at_ns: Int64 = column(
+        "ns",
+        "stamp at which it began to move; null for what never moved",
+        per="track",
+        nullable=True,
+    )
+    end: UInt8 = column("", "left view, free, lost or end of log: why it ends", per="track", words=ENDS)
     moved: Bool
     """(M,) True if it ever moved, from `moved_at_ns` on."""
-    moved_at_ns: Int64
-    end: UInt8
-    """(M,) index into `ENDS`."""
 
     def __len__(self) -> int:
         return len(self.track)
